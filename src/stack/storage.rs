@@ -190,13 +190,7 @@ impl<D: Declares> Services<D> {
     }
 
     /// Ends loading, and reports the result.
-    fn loaded(
-        &mut self,
-        cx: &mut Cx<'_, D>,
-        index: u8,
-        result: Result<bool, RestoreError>,
-        storage: &mut Storage,
-    ) {
+    fn loaded(&mut self, cx: &mut Cx<'_, D>, index: u8, result: Result<bool, RestoreError>, storage: &mut Storage) {
         self.set_loaded(cx, index, result, storage);
         if let Some(kind) = Self::KINDS.get(usize::from(index)) {
             kind.report(cx, result, storage.is_late);

@@ -202,7 +202,11 @@ fn items(plan: MavMissionType, len: u16, variant: u16) -> Vec<MissionItemInt> {
 }
 
 /// Uploads a plan while storage runs, and returns the answer.
-fn upload<const ERASE: usize>(world: &mut PaceWorld, store: &mut Store<ERASE>, items: &[MissionItemInt]) -> MavMissionResult {
+fn upload<const ERASE: usize>(
+    world: &mut PaceWorld,
+    store: &mut Store<ERASE>,
+    items: &[MissionItemInt],
+) -> MavMissionResult {
     let mut upload = Upload::new(&world.gcs[0], items);
     while upload.result().is_none() {
         world.step();

@@ -4,12 +4,12 @@
 use crate::support::flash::{Fault, RamFlash, Torn};
 use crate::support::*;
 use crate::{of_plans, setup};
+use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 use mavstack::dialect::{
     MavCmd, MavFrame, MavMissionResult, MavMissionType, MavSeverity, MissionAck, MissionItemInt, Statustext,
 };
 use mavstack::plan::Durability;
 use mavstack::plan::PlanView;
-use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 use mavstack::storage::{Job, Page, Region, RestoreError};
 use mavstack::{Duration, Item};
 

@@ -112,7 +112,10 @@ fn an_old_key_is_erased() {
         rig.receive(0, &setup(key, initial_timestamp));
         settle(&mut rig, &mut store);
         settle(&mut rig, &mut store);
-        assert!(!flash.bytes.windows(8).any(|bytes| KEY.windows(8).any(|part| part == bytes)), "the old key is still stored");
+        assert!(
+            !flash.bytes.windows(8).any(|bytes| KEY.windows(8).any(|part| part == bytes)),
+            "the old key is still stored"
+        );
         let (found, _) = restarted(&flash);
         assert_eq!(found, (initial_timestamp != 0).then_some(key));
     }
@@ -440,7 +443,8 @@ fn the_layout_is_as_documented() {
     let timestamp = u64::from_le_bytes(page.payload[32..40].try_into().unwrap());
     assert!((NOW + MINUTE..NOW + MINUTE + 1_000).contains(&timestamp));
     assert_eq!(page.payload[40], 1);
-    let expected = LogPage { segment: 1, schema: 1, kind: 3, flags: LAST, payload: page.payload.clone(), ..LogPage::default() };
+    let expected =
+        LogPage { segment: 1, schema: 1, kind: 3, flags: LAST, payload: page.payload.clone(), ..LogPage::default() };
     assert_eq!(*page, expected);
     assert!(flash.bytes[256..].iter().all(|byte| *byte == 0xFF));
 
