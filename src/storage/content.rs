@@ -1,4 +1,4 @@
-//! What a service does to have its content stored, and the state of storage.
+//! What a service does to have its content stored, and the state of storage (G-18).
 
 use super::log::{Entry, Log};
 use super::plans;

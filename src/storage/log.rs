@@ -1,4 +1,4 @@
-//! The log: records of kinds, in the two halves of a region of erase units.
+//! The log: records of kinds, in the two halves of a region of erase units (D-5, G-18, SEC-11, SEC-12, SEC-15).
 //!
 //! `format.md` in this folder documents the format, and says why no cut of the power loses a record. The log calls no
 //! driver. It hands out one [`Job`] at a time, and is told its result:

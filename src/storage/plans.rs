@@ -1,4 +1,4 @@
-//! Storage of the three plans: one record, so that they are replaced together.
+//! Storage of the three plans: one record, so that they are replaced together (M-5, SEC-11).
 //!
 //! `format.md` in this folder documents the format: the structs below in the encoding of postcard, with integers of
 //! fixed width. If you change a struct, increment the schema version, and keep reading the old one.

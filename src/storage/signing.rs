@@ -1,4 +1,4 @@
-//! Storage of the signing key and its timestamp: a record of one page (G-13, G-15).
+//! Storage of the signing key and its timestamp: a record of one page (G-13, G-15, SEC-8, SEC-15).
 //!
 //! `format.md` in this folder documents the format.
 

@@ -1,4 +1,4 @@
-//! The service for parameters that live elsewhere: a [`ParamBackend`] has them, and the stack the marks of pending values.
+//! The service for parameters that live elsewhere (P-1): a [`ParamBackend`] has them, and the stack the marks of pending values.
 //!
 //! PREFLIGHT_STORAGE is passed on to the backend, at the rate at which peers may cause writes (C-15).
 

@@ -1,4 +1,4 @@
-//! The table of parameters: for each parameter its declaration, its value, and the links on which the value is pending (P-1).
+//! The table of parameters: for each parameter its declaration, its value, and the links on which the value is pending (P-1, P-12).
 //!
 //! The declarations are a constant, or part of a [`RuntimeTable`](super::RuntimeTable); values and marks are part of the stack.
 //! Only the outermost type, [`ParamValues`], is generic over the number of parameters. The logic works on [`Table`], which is

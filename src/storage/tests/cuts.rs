@@ -141,7 +141,7 @@ fn second_cut<const W: usize, const E: usize>(
     again.cost() - cut.cost()
 }
 
-/// SEC-11, GOAL-8: 2 KiB × 8, write unit 8: a second cut at every write unit of the save after each first cut.
+/// SEC-11: 2 KiB × 8, write unit 8: a second cut at every write unit of the save after each first cut.
 #[test]
 #[ignore = "takes minutes; `cargo measure nightly` runs it"]
 fn second_cuts_at_every_write_unit() {
@@ -180,7 +180,7 @@ fn seeded_cuts<const W: usize, const E: usize>(units: u32, appends: u32, rounds:
     }
 }
 
-/// SEC-11, GOAL-8: second cuts at seeded places.
+/// SEC-11: second cuts at seeded places.
 #[test]
 fn second_cuts() {
     seeded_cuts::<4, 4096>(4, 26, 60);
@@ -189,7 +189,7 @@ fn second_cuts() {
     seeded_cuts::<1, 256>(33, 10, 120);
 }
 
-/// SEC-11, GOAL-8: 10^6 second cuts at seeded places, for the larger geometries.
+/// SEC-11: 10^6 second cuts at seeded places, for the larger geometries.
 #[test]
 #[ignore = "takes hours; `cargo measure nightly` runs it"]
 fn a_million_second_cuts() {
