@@ -3,6 +3,7 @@
 //! | guide | |
 //! |---|---|
 //! | [`porting`] | from a board to a vehicle that a ground station finds: UARTs, clock, pulse, flash |
+//! | [`storage`](mod@storage) | choosing a region, who runs the erases, wear, recipes for families of flash |
 //! | [`ground_stations`] | connecting to the demo vehicle; peculiarities of each client |
 //! | [`features`] | what is supported, service by service |
 //! | [`sizing`] | flash and RAM, option by option |
@@ -26,6 +27,7 @@ macro_rules! labels {
 [porting]: crate::guides::porting
 [safety]: crate::guides::safety
 [sizing]: crate::guides::sizing
+[storage]: crate::guides::storage
 "
     };
 }
@@ -65,3 +67,8 @@ pub mod safety {}
 #[doc = labels!()]
 #[doc = include_str!("../docs/sizing.md")]
 pub mod sizing {}
+
+#[doc = labels!()]
+#[cfg_attr(feature = "storage", doc = include_str!("../docs/storage.md"))]
+#[cfg_attr(not(feature = "storage"), doc = "This guide needs the feature `storage`.")]
+pub mod storage {}

@@ -121,6 +121,7 @@
 //!
 //! - [Porting](guides::porting): from a UART and a clock to a vehicle that a ground station flies, step by step, and which HAL needs
 //!   what.
+//! - [Storage](guides::storage): choosing a region, who runs the erases, wear, and recipes for families of flash.
 //! - [Ground stations](guides::ground_stations): connecting them to the demo vehicle, and the peculiarities of each.
 //! - [Features](guides::features): what is supported, service by service.
 //! - [Sizing](guides::sizing): bytes of flash and RAM, option by option; [figures](guides::figures): speed, work, stack, bad lines.
