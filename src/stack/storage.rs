@@ -415,6 +415,15 @@ impl<F: NorFlash> Store<F> {
     }
 }
 
+#[cfg(feature = "embedded-storage-async")]
+impl<F: embedded_storage_async::nor_flash::NorFlash> storage::AsyncStore<F> {
+    /// Returns the least length of the region for everything that the firmware declares, in bytes, like
+    /// [`Store::region_len`].
+    pub const fn region_len<D: Declares>() -> u32 {
+        Self::region_len_for(Services::<D>::pages().0)
+    }
+}
+
 /// With `storage`.
 impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     /// Attaches a region of storage: from now on, [`storage_job`](Self::storage_job) reads what is stored, and then writes

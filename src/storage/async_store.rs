@@ -6,7 +6,7 @@ use embedded_storage_async::nor_flash::NorFlash;
 
 use super::log::{Job, Region};
 use super::slot::JobSlot;
-use super::store::units;
+use super::store::{region_len, units};
 
 /// A region of a storage with an async driver, for everything that a firmware stores. Needs the feature
 /// `embedded-storage-async`.
@@ -59,6 +59,8 @@ use super::store::units;
 ///     struct Mavlink for Rover { links: 1, parameters: Tuning, storage }
 /// }
 ///
+/// const _: () = assert!(AsyncStore::<Flash>::region_len::<Mavlink>() <= 0x4000);
+///
 /// /// Before the tasks start, nothing shares the stack.
 /// async fn start(stack: &mut Mavlink, rover: &mut Rover) -> AsyncStore<Flash> {
 ///     let mut store = AsyncStore::new(Flash, 0x8000..0xC000);
@@ -90,9 +92,9 @@ use super::store::units;
 /// # Cancellation
 ///
 /// The future of [`run`](Self::run) may be dropped at any time. The next [`exchange_job`](crate::Stack::exchange_job)
-/// counts its job as failed, and the stack handles it as any failure of the driver: it writes the record again at
-/// another place, or repeats the read. Nothing that was stored is lost. The driver must cope with its own dropped
-/// futures: its next call waits until the flash has finished.
+/// counts its job as failed, like an error of the driver: a durable upload ends with ERROR, other content is written again
+/// at another place, and a read is repeated. Nothing that was stored is lost. The driver must cope with its own dropped
+/// futures: its next call must wait until the flash has finished.
 ///
 /// A task that was aborted may go on with the same store. If the store was dropped too, restore a new one.
 pub struct AsyncStore<F> {
@@ -116,13 +118,18 @@ impl<F> defmt::Format for AsyncStore<F> {
 }
 
 impl<F: NorFlash> AsyncStore<F> {
-    pub(crate) const UNITS: (u32, u32) = units(F::READ_SIZE, F::WRITE_SIZE, F::ERASE_SIZE);
+    const UNITS: (u32, u32) = units(F::READ_SIZE, F::WRITE_SIZE, F::ERASE_SIZE);
 
     /// Returns a store in this region of the storage, in bytes. Bytes at its ends that do not fill an erase unit are not
     /// used. Content that does not fit a region is not stored, which a text reports. Reads nothing yet.
     pub const fn new(flash: F, region: Range<u32>) -> Self {
         let (write_size, erase_size) = Self::UNITS;
         Self { flash, region: Region::new(region, write_size, erase_size), slot: JobSlot::new() }
+    }
+
+    /// Returns the length of two segments for this many pages, in bytes.
+    pub(crate) const fn region_len_for(pages: u32) -> u32 {
+        region_len(Self::UNITS.1, pages)
     }
 
     /// Runs the job in the [slot](Self::slot), and keeps its result there. Returns at once if there is none.

@@ -36,8 +36,10 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashEr
 /// ```
 ///
 /// A [`RefCell`] is for users in one context: one loop, or the tasks of one executor. Each call borrows the flash and
-/// gives it back. If an interrupt uses the flash too, share it by the means of the HAL or of `embassy-sync`, or run the
-/// jobs yourself: a [`Job`](super::Job) has addresses of the whole flash, so that whoever owns the driver can run it.
+/// gives it back. If an interrupt uses the flash too, share it by the means of the HAL or of `embassy-sync`.
+///
+/// A firmware that runs the [jobs](super::Job) itself needs no partition: their addresses are those of the whole flash, so
+/// the owner of the driver runs them between its other calls.
 #[derive(Debug)]
 pub struct Partition<'a, F> {
     flash: &'a RefCell<F>,

@@ -77,6 +77,14 @@ pub(super) const fn units(read_size: usize, write_size: usize, erase_size: usize
     (write_size as u32, erase_size as u32)
 }
 
+/// Returns the length of two segments for this many pages, in bytes, with this erase unit.
+pub(super) const fn region_len(erase_size: u32, pages: u32) -> u32 {
+    match pages.saturating_mul(256).checked_next_multiple_of(Region::unit_of(erase_size)) {
+        Some(len) => len.saturating_mul(2),
+        None => u32::MAX,
+    }
+}
+
 /// Omits the storage, whose `Debug` may show the key (SEC-15).
 impl<F> core::fmt::Debug for Store<F> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
@@ -103,11 +111,7 @@ impl<F: NorFlash> Store<F> {
 
     /// Returns the length of two segments for this many pages, in bytes.
     pub(crate) const fn region_len_for(pages: u32) -> u32 {
-        let unit = Region::unit_of(Self::UNITS.1);
-        match pages.saturating_mul(256).checked_next_multiple_of(unit) {
-            Some(len) => len.saturating_mul(2),
-            None => u32::MAX,
-        }
+        region_len(Self::UNITS.1, pages)
     }
 
     /// Runs the job in the [slot](Self::slot), and keeps its result there. Does nothing if there is none, or if it has run

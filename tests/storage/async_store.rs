@@ -25,7 +25,7 @@ mavstack::stack! {
 type Inner = RamFlash<8, 16_384>;
 type AsyncWorld = World<1, Mavlink>;
 
-const LEN: u32 = 2 * mavstack::storage::Store::<Inner>::region_len::<Mavlink>();
+const LEN: u32 = 2 * AsyncStore::<SlowFlash>::region_len::<Mavlink>();
 const ERASE: Duration = secs(2);
 const WRITE: Duration = millis(1);
 const READ: Duration = Duration::from_micros(100);
@@ -337,6 +337,7 @@ fn a_job_runs_once() {
     block_on(&clock, store.run());
     block_on(&clock, store.run());
     assert_eq!(seen.borrow().operations, before + 1);
+    assert_eq!((format!("{store:?}"), store.flash().capacity()), ("AsyncStore".into(), LEN as usize));
     // Neither does one that was dropped.
     while world.stack.exchange_job(clock.now(), store.slot(), &mut world.vehicle) {
         let before = seen.borrow().operations;

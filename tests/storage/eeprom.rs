@@ -125,6 +125,14 @@ fn beyond_the_end() {
     .map(|error| error.kind());
     use NorFlashErrorKind::{NotAligned, Other, OutOfBounds};
     assert_eq!(kinds, [NotAligned, OutOfBounds, Other, Other, Other, Other]);
+    for (error, text) in [
+        (EepromError::Bus(()), "the bus failed: ()"),
+        (EepromError::Busy, "the chip stays busy, or none answers: check the wiring and the chip select"),
+        (EepromError::NoAnswer(0), "no EEPROM answers, its status reads as 0x00: check the wiring and the chip select"),
+        (EepromError::Protected, "the chip's status register protects memory: clear its bits BP0 and BP1"),
+    ] {
+        assert_eq!(error.to_string(), text);
+    }
 }
 
 /// A chip as its datasheet describes it: a page latch that rolls over, and a write that takes 5 ms, during which it answers

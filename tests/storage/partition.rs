@@ -60,6 +60,14 @@ fn no_call_reaches_beyond_a_partition() {
     .map(|error| error.kind());
     use NorFlashErrorKind::{NotAligned, Other, OutOfBounds};
     assert_eq!(kinds, [NotAligned, OutOfBounds, Other]);
+    for (error, text) in [
+        (PartitionError::Flash(()), "the flash failed: ()"),
+        (PartitionError::OutOfBounds, "the call reaches beyond the end of the partition: make the region smaller"),
+        (PartitionError::InUse, "another user holds the flash: borrow it for one call at a time"),
+    ] {
+        assert_eq!(error.to_string(), text);
+    }
+    assert_eq!(partition.clone().capacity(), partition.capacity());
 }
 
 /// A part that is longer than the flash is: its end fails, and its start works.

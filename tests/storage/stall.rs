@@ -250,3 +250,67 @@ fn uploads_are_accepted_in_large_sectors() {
     // A client that waits for 1.5 s gives up the first one: the sector is erased before its first use.
     assert!(jobs.accepted >= 8 && jobs.failed <= 1, "{jobs:?}");
 }
+
+/// A blocking store in a task of its own, which is stopped with a job and starts again: the job counts as failed, and the
+/// plan is stored by the next upload.
+#[test]
+fn a_task_may_be_restarted() {
+    const LEN: u32 = 0x1_0000;
+    let items = |variant| plan(20, variant);
+    let upload = |world: &mut StallWorld, store: &mut Store<RamFlash<8, 4096>>, variant, stop_at: Option<u32>| {
+        let mut client = Upload::new(&world.gcs[0], &items(variant)).with_patience(40);
+        let mut jobs = 0;
+        while client.result().is_none() {
+            world.step();
+            let now = world.now();
+            client.poll(now, &mut world.gcs[0]);
+            if world.stack.exchange_job(now, store.slot(), &mut world.vehicle) {
+                jobs += 1;
+                if stop_at != Some(jobs) {
+                    store.run();
+                    store.run(); // it does nothing
+                }
+            }
+        }
+        client.result().unwrap().is_ok()
+    };
+    for stop_at in 1..8 {
+        let mut world = StallWorld::of(Setup::new());
+        let mut store = Store::new(RamFlash::<8, 4096>::new(LEN), 0..LEN);
+        store.run(); // there is no job yet
+        world.stack.restore(world.clock.now(), &mut store, &mut world.vehicle).unwrap();
+        let variant = if upload(&mut world, &mut store, 1, Some(stop_at)) { 1 } else { 2 };
+        assert!(variant == 1 || upload(&mut world, &mut store, 2, None), "stopped at job {stop_at}");
+        let mut again = StallWorld::of(Setup::new());
+        again.stack.attach_storage(again.clock.now(), store.region(), &mut again.vehicle);
+        while again.stack.is_restoring() && again.stack.exchange_job(Instant::ZERO, store.slot(), &mut again.vehicle) {
+            store.run();
+        }
+        assert_eq!(again.stack.restore_errors(), Default::default());
+        assert_eq!(again.stack.mission().items(), world.stack.mission().items());
+        assert_eq!(again.stack.mission().items().len(), 20);
+    }
+}
+
+/// A slot gives a job away once, and takes a result only for a job that it gave. Its page, which may have the key, is not
+/// shown (SEC-15).
+#[test]
+fn a_slot_gives_a_job_away_once() {
+    let mut world = StallWorld::of(Setup::new());
+    let mut slot = JobSlot::default();
+    assert!(slot.take().is_none());
+    slot.finish(true);
+    world.stack.attach_storage(Instant::ZERO, Region::new(0..0x4000, 8, 4096), &mut world.vehicle);
+    assert!(world.stack.exchange_job(Instant::ZERO, &mut slot, &mut world.vehicle));
+    let (job, page) = slot.take().unwrap();
+    page.bytes_mut().fill(0xFF);
+    let Job::Read { offset, .. } = job else { panic!("{job:?}") };
+    assert!(slot.take().is_none());
+    slot.finish(true);
+    slot.finish(false);
+    assert!(slot.take().is_none());
+    // The next job is another one.
+    assert!(world.stack.exchange_job(Instant::ZERO, &mut slot, &mut world.vehicle));
+    assert!(matches!(slot.take(), Some((Job::Read { offset: next, .. }, _)) if next != offset));
+    assert_eq!(format!("{slot:?}"), "JobSlot");
+}
