@@ -14,6 +14,7 @@ mod flash_garbage;
 mod fram;
 mod fram_chips;
 #[cfg(feature = "signing")]
+mod lifetime;
 mod pace;
 mod pages;
 mod partition;
