@@ -504,7 +504,7 @@ pub(crate) fn queue_result<'l>(mut links: impl Iterator<Item = &'l mut Replies>,
 
 /// Whether a message about plans is addressed to component 190, as old ground stations do (M-10).
 fn is_for_planner(component: ComponentId, id: u32) -> bool {
-    Missions::handles(id) && component.0 == MavComponent::MISSIONPLANNER.0
+    component.0 == MavComponent::MISSIONPLANNER.0 && Missions::handles(id)
 }
 
 /// Returns the item of a MISSION_SET_CURRENT whose sender is not authorised to give the equivalent command (M-46).
