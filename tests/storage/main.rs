@@ -13,8 +13,8 @@ mod eeprom;
 mod flash_garbage;
 mod fram;
 mod fram_chips;
-#[cfg(feature = "signing")]
 mod lifetime;
+#[cfg(feature = "signing")]
 mod pace;
 mod pages;
 mod partition;
