@@ -393,7 +393,7 @@ impl<D: Declares> Services<D> {
             }
             Event::Failed => self.on_written(cx, states, index, Some(false)),
             Event::Lost(kind) => {
-                let texts = Self::KINDS.iter().find(|known| kind.wrapping_sub(known.first) < known.records);
+                let texts = Self::KINDS.iter().find(|known| known.has(kind));
                 if let Some(known) = texts {
                     known.report(cx, Err(RestoreError::Damaged), false);
                 }

@@ -314,6 +314,11 @@ impl Kind {
         }
     }
 
+    /// Whether this is the kind of one of its records.
+    pub(crate) const fn has(&self, kind: u8) -> bool {
+        kind.wrapping_sub(self.first) < self.records
+    }
+
     /// Returns how a record of this service can be loaded.
     pub(crate) fn judge(&self, entry: Entry) -> Result<bool, RestoreError> {
         match entry.pages {

@@ -232,10 +232,13 @@ impl Page {
     /// a page.
     #[inline(never)]
     fn repaired_footer(&self) -> Option<Footer> {
-        if !self.is_begun() {
+        let mut tail = *self.0.last_chunk::<TAIL>()?;
+        // If the write was cut off within the last checksum, that is right up to there, and blank from there on.
+        let sum = tail.last_chunk::<4>()?.iter().zip(sum_of_tail(&tail).to_le_bytes());
+        let is_cut = sum.skip_while(|(found, right)| **found == *right).all(|(found, _)| *found == 0xFF);
+        if is_cut || !self.is_begun() {
             return None;
         }
-        let mut tail = *self.0.last_chunk::<TAIL>()?;
         (START..TAIL).find_map(|at| {
             (0..8).find_map(|bit| {
                 *tail.get_mut(at)? ^= 1 << bit;
@@ -306,6 +309,7 @@ mod tests {
         for bit in 0..PAGE * 8 {
             let mut damaged = page.clone();
             damaged.bytes_mut()[bit / 8] ^= 1 << (bit % 8);
+            // The last byte is not one bit from 0xFF, which would look like a write that was cut off.
             assert_eq!(damaged.open(), Content::Bad(Some(footer())), "bit {bit}");
         }
     }

@@ -67,11 +67,11 @@ where
     }
 
     fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
-        let is_read = result != Err(RestoreError::Unreadable);
         if is_late && !self.is_reload_requested(cx.parameters) {
-            self.reread(cx.now, cx.parameters, is_read);
+            self.reread(cx.now, cx.parameters, result != Err(RestoreError::Unreadable));
         } else {
-            self.loaded(cx.parameters, is_read);
+            // If nothing was loaded, what was set since is still to be written.
+            self.loaded(cx.parameters, result == Ok(true));
         }
     }
 

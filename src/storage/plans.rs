@@ -237,8 +237,11 @@ where
     fn attach(&mut self, cx: &mut Cx<'_, F>) {
         self.attach_storage(cx.shared.config.durability);
         self.set_refill(cx.shared.config.storage_refill);
-        // Until they are loaded, nobody knows what is stored.
+        // Until they are loaded, nobody knows what is stored, and clients are not answered.
         self.set_stored_differs(true);
+        if let Some((mut cx, _)) = mission::work(cx) {
+            self.set_loading(&mut cx, true);
+        }
     }
 
     #[inline(never)]
