@@ -411,6 +411,111 @@ fn a_failed_read_loses_no_parameter() {
     }
 }
 
+/// Returns this flash with its only page changed. All checksums are correct.
+fn with_page(flash: &Flash, change: impl FnOnce(&mut [u8; PAGE])) -> Flash {
+    let mut flash = flash.clone();
+    let [(at, page)] = &pages::pages(&flash.bytes)[..] else { panic!("there is one page") };
+    let mut bytes = page.encode();
+    change(&mut bytes);
+    pages::seal(&mut bytes);
+    flash.bytes[*at..at + PAGE].copy_from_slice(&bytes);
+    flash
+}
+
+/// G-18: newer firmware wrote the key in a format that is not known. Links stay closed, and the record remains until a key is set.
+#[test]
+fn a_key_of_another_format_opens_no_link() {
+    let mut flash = with_page(&with_key(), |page| page[236] = 2);
+    let bytes = flash.bytes.clone();
+    let mut store = Keys::new(&mut flash, 0..KEYS);
+    let mut rig = signing_rig();
+    assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Err(RestoreError::Foreign));
+    rig.run_for(secs(120));
+    settle(&mut rig, &mut store);
+    assert_eq!(armed_by(&mut rig), [false, false, true]);
+    assert_eq!(store.flash().bytes, bytes);
+    rig.receive(1, &Signer::new(KEY).unsigned(Version::V2, &setup(OTHER_KEY)));
+    settle(&mut rig, &mut store);
+    let mut rig = signing_rig();
+    assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
+    assert!(rig.transmit(0)[0].is_signed_with(OTHER_KEY));
+}
+
+/// G-18: newer firmware wrote the log in a version that is not known. Everything counts as stored in another format, links stay
+/// closed, and nothing is written, so that the newer firmware finds its data.
+#[test]
+fn a_log_of_another_version_is_not_written() {
+    let another_version = |page: &mut [u8; PAGE]| (page[2], page[239]) = (2, page[239] & 0x0F | 2 << 4);
+    let mut flash = with_page(&with_key(), another_version);
+    let bytes = flash.bytes.clone();
+    let mut store = Keys::new(&mut flash, 0..KEYS);
+    let mut rig = signing_rig();
+    let errors = rig.stack.restore(rig.now, &mut store, &mut rig.vehicle).expect_err("another version");
+    let foreign = Some(RestoreError::Foreign);
+    assert_eq!((errors.signing, errors.parameters, errors.region), (foreign, foreign, foreign));
+    assert_eq!(armed_by(&mut rig), [false, false, true]);
+    rig.set_key(OTHER_KEY);
+    for _ in 0..100 {
+        rig.run_for(secs(1));
+        settle(&mut rig, &mut store);
+    }
+    assert_eq!(store.flash().bytes, bytes);
+
+    // Parameters stay as they are set, and a sleeping loop is not woken for them. Uploads are answered ERROR at once.
+    let mut flash = with_page(&with_fence(), another_version);
+    let bytes = flash.bytes.clone();
+    let mut store = Plans::new(&mut flash, 0..PLANS);
+    let mut world = PlanWorld::of(Setup::new());
+    let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+    assert_eq!((result, world.stack.fence().items().len()), (Err(RestoreError::Foreign), 0));
+    let began = world.now();
+    assert_eq!(upload(&mut world, &mut store, &fence()), MavMissionResult::ERROR);
+    assert!(world.now().since(began) <= secs(1));
+    assert_eq!(store.flash().bytes, bytes);
+    let mut flash = with_page(&with_params(), another_version);
+    let mut store = Params::new(&mut flash, 0..PARAMS);
+    let mut world = World::new(Setup::<1>::new());
+    assert!(world.stack.restore(world.now(), &mut store, &mut world.vehicle).is_err());
+    world.gcs[0].send(&set("CRUISE", 8.0));
+    run(&mut world, &mut store, secs(3));
+    assert!(passes(&mut world, &mut store) < 1_000);
+    assert_eq!(cruise_and_altitude(&world), (8.0, 30.0));
+}
+
+/// Returns the number of passes of a sleeping loop in a minute.
+fn passes(world: &mut World<1>, store: &mut Params<'_>) -> usize {
+    let mut passes = 0;
+    let end = world.now().after(secs(60));
+    while world.now() < end {
+        world.skip_to(end);
+        while world.stack.persist(world.now(), store, &mut world.vehicle) {}
+        passes += 1;
+    }
+    passes
+}
+
+/// P-14, M-44: the region is too small for anything. Texts report what is not stored.
+#[test]
+fn a_region_that_is_too_small_is_reported() {
+    let mut flash = Flash::new(PARAMS);
+    for region in [0..0, 0..512, 1..1024, 256..1024] {
+        let mut store = Params::new(&mut flash, region);
+        let mut world = World::new(Setup::<1>::new());
+        assert_eq!(world.stack.restore(world.now(), &mut store, &mut world.vehicle), Ok(()));
+        assert!(!world.stack.is_restoring());
+        world.gcs[0].send(&set("CRUISE", 8.0));
+        run(&mut world, &mut store, secs(3));
+        let text: Statustext = world.expect(0, millis(10));
+        assert_eq!(text.text.as_str(), Some("Parameters not saved"));
+        assert!(passes(&mut world, &mut store) < 1_000);
+        let mut store = Plans::new(&mut flash, 0..0);
+        let mut world = PlanWorld::of(Setup::new());
+        assert_eq!(world.stack.restore(world.now(), &mut store, &mut world.vehicle), Ok(()));
+        assert_eq!(upload(&mut world, &mut store, &fence()), MavMissionResult::ERROR);
+    }
+    assert_eq!((flash.writes, flash.erases), (0, 0));
+}
+
 /// Runs the world while storage runs.
 fn run_plans(world: &mut PlanWorld, store: &mut Plans<'_>, time: mavstack::Duration) {
     let end = world.now().after(time);
@@ -564,6 +669,8 @@ fn a_failed_read_loses_no_fence() {
             world.vehicle.may_persist = true;
             let mut result = upload(&mut world, &mut store, &mission);
             if result != MavMissionResult::ACCEPTED {
+                // Reading is repeated after a second.
+                run_plans(&mut world, &mut store, millis(1_100));
                 result = upload(&mut world, &mut store, &mission);
             }
             assert_eq!(result, MavMissionResult::ACCEPTED);

@@ -330,10 +330,11 @@ fn a_flood_does_not_wear_the_flash_out() {
         assert!((TOKENS / 2..=bound).contains(&params), "{params} records of parameters");
         // Plus one every 50 s because time advances.
         assert!((TOKENS / 2..=bound + 3_600 / 50 + 1).contains(&keys), "{keys} records of keys");
-        // The smallest region possible: each key erases all four units.
+        // In the smallest region, where each key erases all four units.
+        let erases = store.flash().erases;
+        assert!(erases <= 3 * bound + 3_600 / 50 + 1, "{erases} erases");
         let erases = &store.flash().erases_of;
-        println!("{durability:?}: {plans} plans, {params} parameters, {keys} keys; erases {erases:?}");
-        assert!(erases.iter().all(|erases| *erases <= 2 * bound), "{erases:?}");
+        assert!(erases.iter().all(|erases| *erases <= bound), "{erases:?}");
         assert!(rejected > 100 && denied > 100 && refused > 100, "{rejected}, {denied}, {refused}");
         // The parameter that was set is stored later.
         let tuned = world.stack.parameters().get(Tuning::CRUISE);
@@ -352,7 +353,6 @@ fn a_flood_of_saves_erases_little() {
     store.restore(&mut world);
     flood(&mut world, &mut store, false);
     let erases = &store.flash().erases_of;
-    println!("erases {erases:?}");
     assert!(store.flash().erases <= 60, "{erases:?}");
     assert!(erases.iter().max() <= erases.iter().min().map(|least| least + 2).as_ref(), "{erases:?}");
 }

@@ -57,10 +57,7 @@ impl LogPage {
         bytes[241] = self.before;
         bytes[242..244].copy_from_slice(&self.count.to_le_bytes());
         bytes[244..248].copy_from_slice(&self.previous.to_le_bytes());
-        let sum = crc(&bytes[..248]);
-        bytes[248..252].copy_from_slice(&sum.to_le_bytes());
-        let sum = crc(&bytes[228..252]);
-        bytes[252..].copy_from_slice(&sum.to_le_bytes());
+        seal(&mut bytes);
         bytes
     }
 
@@ -80,6 +77,14 @@ impl LogPage {
         };
         (page.encode() == *bytes).then_some(page)
     }
+}
+
+/// Corrects the checksums of a page: of all of it, and of its footer.
+pub fn seal(bytes: &mut [u8; PAGE]) {
+    let sum = crc(&bytes[..248]);
+    bytes[248..252].copy_from_slice(&sum.to_le_bytes());
+    let sum = crc(&bytes[228..252]);
+    bytes[252..].copy_from_slice(&sum.to_le_bytes());
 }
 
 /// Returns the whole pages in flash, each with its address.

@@ -285,7 +285,7 @@ mod stored {
         world
     }
 
-    /// Runs with storage; returns the number of steps that wrote or erased.
+    /// Runs the world while storage runs. Returns the number of steps that did something.
     fn run(world: &mut World<1>, store: &mut Store<&mut Flash>, time: Duration) -> usize {
         let end = world.now().after(time);
         let mut steps = 0;
@@ -296,9 +296,10 @@ mod stored {
         steps
     }
 
-    /// P-17: a set value is there after a restart. Reloading restores what was not written; a reset is written at once.
+    /// P-17: what was set is restored after a restart. MAV_CMD_PREFLIGHT_STORAGE 0 discards what is not stored yet, and a reset is
+    /// stored at once.
     #[test]
-    fn set_value_survives_a_restart() {
+    fn parameters_survive_a_restart() {
         let mut flash = Flash::new(REGION);
         let mut store = Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store);
@@ -307,25 +308,26 @@ mod stored {
         let mut world = start(&mut store);
         assert_eq!(world.stack.parameters().get(Tuning::TRIM_ROLL), -16);
         assert_eq!(world.vehicle.calls, [Call::ParameterChanged(7)]);
-        // While storage may not be written.
+        // Nothing may be written.
         world.vehicle.may_persist = false;
         world.gcs[0].send(&set("TRIM_ROLL", MavParamType::INT8, 5.0e-45));
         assert_eq!(run(&mut world, &mut store, secs(30)), 0);
         assert_eq!(start(&mut store).stack.parameters().get(Tuning::TRIM_ROLL), -16);
-        world.vehicle.may_persist = true;
         world.gcs[0].command_long(MavCmd::PREFLIGHT_STORAGE, [0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         run(&mut world, &mut store, millis(100));
         assert_eq!(world.gcs[0].take::<CommandAck>().expect("sent").1.result, MavResult::ACCEPTED);
         assert_eq!(world.stack.parameters().get(Tuning::TRIM_ROLL), -16);
+        world.vehicle.may_persist = true;
         world.gcs[0].command_long(MavCmd::PREFLIGHT_STORAGE, [2.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         run(&mut world, &mut store, millis(100));
         assert_eq!(known(&world, 0)[&7].param_value.to_bits(), 0xFD);
         assert_eq!(start(&mut store).stack.parameters().get(Tuning::TRIM_ROLL), -3);
     }
 
-    /// SEC-12: while writing is not permitted, as in flight, pending changes do not wake the driver; afterwards they do.
+    /// SEC-12: while nothing may be written, as in flight, a sleeping loop is not woken for it. Afterwards it is, and it is
+    /// written.
     #[test]
-    fn deferred_changes_do_not_wake_the_driver() {
+    fn a_write_that_is_not_permitted_wakes_no_loop() {
         let mut flash = Flash::new(REGION);
         let mut store = Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store);
@@ -346,20 +348,20 @@ mod stored {
         assert!(run(&mut world, &mut store, secs(1)) > 0);
     }
 
-    /// SEC-12: however often a value is set, flash is written once in ten seconds, and not if nothing changed.
+    /// SEC-12: however often a value is set, it is written once in ten seconds, and never if nothing changes.
     #[test]
-    fn writes_are_throttled() {
+    fn changes_are_written_every_ten_seconds() {
         let mut flash = Flash::new(REGION);
         let mut store = Store::new(&mut flash, 0..REGION);
         let mut world = start(&mut store);
         run(&mut world, &mut store, secs(1));
-        let before = store.flash().writes;
+        let (before, bytes) = (store.flash().writes, store.flash().bytes_written);
         for round in 0..600u16 {
             world.gcs[0].send(&set("CRUISE", MavParamType::REAL32, 1.0 + f32::from(round) / 100.0));
             run(&mut world, &mut store, millis(100));
         }
-        // Nine rows are 288 bytes: two chunks and a header.
-        assert_eq!(store.flash().writes - before, 6 * 3);
+        // Nine rows are one page, whose end is written separately.
+        assert_eq!((store.flash().writes - before, store.flash().bytes_written - bytes), (6 * 2, 6 * 256));
         run(&mut world, &mut store, secs(20));
         let settled = store.flash().writes;
         assert_eq!(run(&mut world, &mut store, secs(60)), 0);
@@ -367,9 +369,9 @@ mod stored {
         assert_eq!(start(&mut store).stack.parameters().get(Tuning::CRUISE), 6.99);
     }
 
-    /// P-14: a flash failure is reported once; the value stays as acknowledged.
+    /// P-14, last row: failing flash is reported once, and the value stays as it was acknowledged.
     #[test]
-    fn flash_failure_is_reported() {
+    fn failing_flash_is_reported_once() {
         let mut flash = Flash::new(REGION);
         flash.fault = Fault::Write(0);
         let mut store = Store::new(&mut flash, 0..REGION);
