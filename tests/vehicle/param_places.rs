@@ -297,6 +297,9 @@ pub(super) fn seen(value: &ParamValue) -> Seen {
     (value.param_index, value.param_count, name, value.param_type, value.param_value.to_bits())
 }
 
+/// What a PARAM_ERROR says: error, index, name.
+pub(super) type Refusal = (MavParamError, i16, String);
+
 /// What the PARAM_VALUE of a parameter with this value says.
 pub(super) fn shown<T: Kind>(index: usize, bits: u32) -> Seen {
     let info = T::order()[index];
@@ -319,7 +322,7 @@ where
 pub(super) fn ask<T: Kind, const CAST: bool, M: Message>(
     world: &mut Place<T, CAST>,
     message: &M,
-) -> (Vec<(MavParamError, i16, String)>, [Vec<Seen>; 2])
+) -> (Vec<Refusal>, [Vec<Seen>; 2])
 where
     T::Service: Persistent<Declared<T, CAST>>,
 {

@@ -24,7 +24,7 @@ fn what_is_no_parameter() {
         assert_eq!(ParamInfo::from_bits(b"A", r#type, 0, [0, 1]), Err(ParamFault::Type), "{type:?}");
     }
     assert_eq!(ParamInfo::new("A", 3i8, -2..=2), Err(ParamFault::Default));
-    assert_eq!(ParamInfo::new("A", 0i8, 2..=-2), Err(ParamFault::Default));
+    assert_eq!(ParamInfo::from_bits(b"A", MavParamType::UINT8, 3, [4, 2]), Err(ParamFault::Default));
     for [default, min, max] in [[f32::NAN, -2.0, 2.0], [0.0, f32::NAN, 2.0], [0.0, -2.0, f32::INFINITY]] {
         assert_eq!(ParamInfo::new("A", default, min..=max), Err(ParamFault::Default));
     }

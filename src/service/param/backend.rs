@@ -99,7 +99,7 @@ pub trait ParamBackend {
     /// Whether refused requests are answered with PARAM_ERROR: see [`Parameters::PARAM_ERROR`](super::Parameters::PARAM_ERROR).
     const PARAM_ERROR: bool = true;
 
-    /// Returns the number of parameters. The stack asks once, at the first poll: it must not change while clients know it
+    /// Returns the number of parameters. The stack goes by that of the first poll: it must not change while clients know it
     /// (P-1). Those beyond the capacity of [`ExternalParams`](super::ExternalParams) are left out.
     fn param_count(&self) -> u16;
 

@@ -147,17 +147,12 @@ fn insert(rows: &mut [ParamInfo], values: &mut [u32], count: u16, info: ParamInf
     if spare.is_empty() {
         return Err(ParamFault::NoRoom);
     }
-    // Everything from there on moves by one place. The last one to move is vacant.
+    // Everything from there on moves by one place. The last row, which has none, is vacant.
     let mut carried = (info, info.default_bits());
-    for (row, value) in rows.iter_mut().zip(values).skip(at).take(used_from(count, at)) {
+    for (row, value) in rows.iter_mut().zip(values).skip(at) {
         carried = (core::mem::replace(row, carried.0), core::mem::replace(value, carried.1));
     }
     Ok(count.saturating_add(1))
-}
-
-/// The number of rows that move: those in use from `at` on, and a vacant one.
-fn used_from(count: u16, at: usize) -> usize {
-    usize::from(count).saturating_sub(at).saturating_add(1)
 }
 
 impl<const N: usize> Default for RuntimeTable<N> {
