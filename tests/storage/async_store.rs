@@ -18,6 +18,7 @@ mavstack::stack! {
         links: 1,
         plans: { mission: 250, fence: 4, rally: 2 },
         parameters: Tuning,
+        commands: { slots: 1 },
         storage,
     }
 }

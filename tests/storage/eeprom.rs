@@ -13,7 +13,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 mavstack::stack! {
-    struct Mavlink for TestVehicle { links: 1, plans: { mission: 50, fence: 4, rally: 2 }, storage }
+    struct Mavlink for TestVehicle { links: 1, plans: { mission: 50, fence: 4, rally: 2 }, commands: { slots: 1 }, storage }
 }
 
 type Bus = Vec<Transaction<u8>>;

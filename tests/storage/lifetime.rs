@@ -11,6 +11,7 @@ mavstack::stack! {
         links: 1,
         plans: { mission: 20, fence: 4, rally: 2 },
         parameters: Tuning,
+        commands: { slots: 1 },
         storage,
     }
 }

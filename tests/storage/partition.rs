@@ -9,7 +9,7 @@ use mavstack::{Instant, Item, PlanType};
 use std::cell::RefCell;
 
 mavstack::stack! {
-    struct Mavlink for TestVehicle { links: 1, plans: { mission: 20, fence: 4, rally: 2 }, storage }
+    struct Mavlink for TestVehicle { links: 1, plans: { mission: 20, fence: 4, rally: 2 }, commands: { slots: 1 }, storage }
 }
 
 type Flash = RamFlash<8, 1024>;
