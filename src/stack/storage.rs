@@ -21,9 +21,10 @@ macro_rules! contents {
     ($($index:literal $service:ident $type:ident $field:ident;)*) => {
         /// The number of services with stored content.
         const CONTENTS: u8 = 0 $(+ { let _: u8 = $index; 1 })*;
+        const LEN: usize = [$($index),*].len();
 
         impl<D: Declares> Services<D> {
-            const KINDS: [Kind; CONTENTS as usize] = [$(Kind::of::<D, D::$type>()),*];
+            const KINDS: [Kind; LEN] = [$(Kind::of::<D, D::$type>()),*];
 
             fn attach(&mut self, cx: &mut Cx<'_, D>) {
                 $(self.$service.attach(cx);)*
@@ -156,6 +157,7 @@ contents! {
 
 impl<D: Declares> Services<D> {
     /// Returns the number of pages of all records, and of the longest one.
+    #[allow(clippy::as_conversions, reason = "`from` is not const")]
     const fn pages() -> (u32, u16) {
         let (mut all, mut most, mut kinds): (u32, u16, &[Kind]) = (0, 0, &Self::KINDS);
         while let [kind, rest @ ..] = kinds {
@@ -169,6 +171,7 @@ impl<D: Declares> Services<D> {
     }
 
     /// Returns a mask of all records: eight bits for each service.
+    #[allow(clippy::as_conversions, reason = "`from` is not const")]
     const fn all_records() -> u32 {
         let (mut mask, mut shift, mut kinds): (u32, u32, &[Kind]) = (0, 0, &Self::KINDS);
         while let [kind, rest @ ..] = kinds {
@@ -210,7 +213,8 @@ impl<D: Declares> Services<D> {
         let mut to_load = storage.to_load;
         while let Some(bit) = to_load.checked_ilog2().map(|_| to_load.trailing_zeros()) {
             to_load &= to_load.wrapping_sub(1);
-            let (index, record) = (bit.wrapping_shr(3) as u8, (bit & 7) as u8);
+            let [bit, ..] = bit.to_le_bytes();
+            let (index, record) = (bit.wrapping_shr(3), bit & 7);
             if !self.may_load(cx, index, storage.is_late) {
                 blocked |= 1u8.wrapping_shl(index.into());
                 self.on_blocked(cx, states, index);

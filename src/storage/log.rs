@@ -90,7 +90,7 @@ impl Region {
 
     /// Returns the erase unit of the log in bytes, for a storage with this erase unit: a multiple of 256.
     pub(crate) const fn unit_of(erase_size: u32) -> u32 {
-        if erase_size < PAGE as u32 { PAGE as u32 } else { erase_size }
+        if erase_size < PAGE_LEN { PAGE_LEN } else { erase_size }
     }
 
     /// Returns the region `bytes` of a storage with these units, all in bytes. Bytes at its ends that do not fill an
@@ -107,18 +107,18 @@ impl Region {
         reason = "for constants; all values are checked"
     )]
     pub const fn new(bytes: Range<u32>, write_size: u32, erase_size: u32) -> Self {
-        assert!(write_size > 0 && PAGE as u32 % write_size == 0, "the write unit must divide 256");
+        assert!(write_size > 0 && PAGE_LEN.is_multiple_of(write_size), "the write unit must divide 256");
         assert!(
-            erase_size > 0 && (PAGE as u32 % erase_size == 0 || erase_size % PAGE as u32 == 0),
+            erase_size > 0 && (PAGE_LEN.is_multiple_of(erase_size) || erase_size.is_multiple_of(PAGE_LEN)),
             "the erase unit must be a multiple of 256, or divide it"
         );
-        assert!(erase_size % write_size == 0, "the erase unit must be a multiple of the write unit");
+        assert!(erase_size.is_multiple_of(write_size), "the erase unit must be a multiple of the write unit");
         let unit = Self::unit_of(erase_size);
         let start = match bytes.start.checked_next_multiple_of(unit) {
             Some(start) => start,
             None => u32::MAX,
         };
-        let unit_pages = unit / PAGE as u32;
+        let unit_pages = unit / PAGE_LEN;
         let most = 65_535 / unit_pages;
         let all = bytes.end.saturating_sub(start) / unit;
         let half = if all / 2 < most { all / 2 } else { most };

@@ -168,7 +168,7 @@ impl Page {
 
     /// Returns the first `len` bytes of the payload.
     pub(crate) fn payload(&self, len: u8) -> &[u8] {
-        self.0.get(START..START + usize::from(len).min(PAYLOAD)).unwrap_or_default()
+        self.0.get(START..).and_then(|rest| rest.get(..usize::from(len).min(PAYLOAD))).unwrap_or_default()
     }
 
     /// Completes a page, whose payload is in place, and returns its checksum.

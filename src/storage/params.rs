@@ -16,6 +16,7 @@ use crate::types::{Firmware, Vehicle};
 const ROW: usize = 8;
 /// Number of rows in a page.
 const ROWS: u16 = 28;
+#[allow(clippy::as_conversions, reason = "`from` is not const")]
 const _: () = assert!(ROWS as usize * ROW == PAYLOAD);
 
 /// The bit of a key that says that the parameter had its default.

@@ -20,6 +20,7 @@ use crate::types::{Firmware, PlanMemory, PlanType, PlanView, Vehicle};
 const ROW: usize = 32;
 /// Number of rows in a page.
 const ROWS: u32 = 7;
+#[allow(clippy::as_conversions, reason = "`from` is not const")]
 const _: () = assert!(ROWS as usize * ROW == PAYLOAD);
 
 /// Stands for no fault of a plan.
@@ -224,6 +225,7 @@ where
     const KIND: u8 = 1;
     const RECORDS: u8 = 1;
     const SCHEMA: u16 = 1;
+    #[allow(clippy::as_conversions, clippy::arithmetic_side_effects, reason = "const-evaluated: each is below 65,536")]
     const MAX_LEN: u32 = {
         let [mission, fence, rally] = F::Plans::CAPACITIES;
         (1 + mission as u32 + fence as u32 + rally as u32) * 32

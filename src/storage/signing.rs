@@ -17,6 +17,7 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Sign
     const KIND: u8 = 3;
     const RECORDS: u8 = 1;
     const SCHEMA: u16 = 1;
+    #[allow(clippy::as_conversions, reason = "`from` is not const")]
     const MAX_LEN: u32 = LEN as u32;
     /// It may have been replaced because it was compromised.
     const USES_OLDER: bool = false;
