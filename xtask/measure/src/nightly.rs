@@ -31,11 +31,32 @@ const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
 }
 
 /// All steps, short ones first.
-const STEPS: [Step; 18] = [
+const STEPS: [Step; 20] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
         &["test", "--release", "--features", "signing", "--test", "signing", "--", "--include-ignored", "vectors::"],
+    ),
+    step(
+        "storage-cuts",
+        "a power cut at every byte of a save, second cuts at every write unit, and 100,000 saves",
+        &[
+            "test",
+            "--release",
+            "--features",
+            "signing,storage",
+            "--lib",
+            "storage::",
+            "--",
+            "--include-ignored",
+            "--skip",
+            "a_million",
+        ],
+    ),
+    step(
+        "storage-second-cuts",
+        "10^6 second cuts at seeded places",
+        &["test", "--release", "--features", "signing,storage", "--lib", "a_million_second_cuts", "--", "--ignored"],
     ),
     step("size", "flash and RAM of the library, at opt-level z too", &["measure", "size"]),
     step("options", "flash and RAM of each option, and of whole vehicles", &["measure", "options"]),
