@@ -199,6 +199,13 @@ fn records_come_back_and_wear_is_even() {
     check::<4, 128>(33);
 }
 
+/// The RAM that the documentation states: storage takes at most 400 bytes of a stack, and one page of what runs the jobs.
+#[test]
+fn state_is_small() {
+    assert!(size_of::<super::Storage>() <= 400, "{}", size_of::<super::Storage>());
+    assert_eq!(size_of::<Page>(), 256);
+}
+
 /// A record that does not fit beside the others is refused before anything is written.
 #[test]
 fn content_that_does_not_fit_is_refused() {
