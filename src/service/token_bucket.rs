@@ -1,8 +1,8 @@
 //! A token bucket that limits the storage writes that peers cause (C-15).
 //!
 //! Flash endures some 10,000 erases of a unit. A peer on an open link can request writes at line rate, so the writes that peers
-//! cause are rate-limited. A write of the parameters, of the key, or of plans that fill up to a quarter of plan memory takes one token;
-//! larger plans take up to four. [`Config::storage_refill`](crate::Config::storage_refill) has the arithmetic.
+//! cause are rate-limited. A write of the parameters, of the key, or of a plan of up to a quarter of plan memory takes one token;
+//! a larger plan takes up to four. [`Config::storage_refill`](crate::Config::storage_refill) has the arithmetic.
 
 use crate::time::{Duration, Instant};
 

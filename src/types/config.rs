@@ -239,16 +239,16 @@ pub struct Config {
     ///
     /// | write | tokens |
     /// |---|---|
-    /// | the parameters, the key | 1 |
-    /// | the plans, all of which are written together, if they fill up to a quarter of plan memory | 1 |
-    /// | the plans, if they fill it | 4 |
+    /// | the parameters, the key, the clearing of a plan | 1 |
+    /// | a plan of up to a quarter of plan memory | 1 |
+    /// | a plan that fills plan memory | 4 |
     ///
     /// Without a token, a plan is DENIED at its beginning, MAV_CMD_PREFLIGHT_STORAGE is TEMPORARILY_REJECTED,
     /// SETUP_SIGNING is refused with a text, and changed parameters are written later. Writes by the vehicle itself are
     /// never refused.
     ///
     /// By default, a flooding peer causes 128 writes, then 96 a day. In a region of 64 KiB, that erases each unit some
-    /// ten times a day; with SETUP_SIGNING, which erases all units for each new key, some hundred times. In regular use, a day with 20 uploads that fill plan memory
+    /// twenty times a day; with SETUP_SIGNING, which erases all units for each new key, some hundred times. In regular use, a day with 20 uploads that fill plan memory
     /// takes 80 tokens; 100 single parameter changes take 100 tokens of another bucket. A restart refills the buckets,
     /// so a peer that may restart the vehicle may cause more writes.
     pub storage_refill: Duration,

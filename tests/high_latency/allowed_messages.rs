@@ -343,7 +343,7 @@ fn only_allowed_messages_are_sent_in_a_million_events() {
 #[test]
 fn high_latency_message_is_not_a_stream() {
     mavstack::stack! {
-        struct Single for Everything { links: 1, streams, high_latency }
+        struct Single for Everything { links: 1, streams, high_latency, commands: { slots: 1 } }
     }
     let mut setup = Setup::<1>::new();
     setup.links = [LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard)];

@@ -121,8 +121,8 @@ impl Missions {
     }
 
     /// Whether the token bucket permits another change to `count` items (C-15).
-    pub(super) fn has_tokens(&self, cx: &Work<'_, '_>, plan: PlanType, count: u16) -> bool {
-        !self.is_attached() || self.schedule.bucket.has(cx.now, tokens(cx, Some(plan), count))
+    pub(super) fn has_tokens(&self, cx: &Work<'_, '_>, count: u16) -> bool {
+        !self.is_attached() || self.schedule.bucket.has(cx.now, tokens(cx, count))
     }
 
     /// Whether a clear would change nothing, in RAM or in storage (M-52).
@@ -168,11 +168,7 @@ impl Missions {
         let changes_nothing = self.changes_nothing(cx, change);
         let commit = Commit { client: from, mission_type, change, since: cx.now };
         if self.is_attached() && !changes_nothing {
-            let changed = match change {
-                Change::Upload { plan, .. } => Some(plan),
-                Change::Clear(only) => only,
-            };
-            let tokens = tokens(cx, changed, cx.plans.staged());
+            let tokens = tokens(cx, cx.plans.staged());
             self.schedule.bucket.spend(cx.now, tokens);
         }
         if self.is_durable() && !changes_nothing {
@@ -360,15 +356,10 @@ pub(super) fn check_plan<V: Plans>(
     vehicle.check_plan(&mut context, plan, items).map_err(refused)
 }
 
-/// Returns the cost of storing all plans, if this one then has `count` items: a token for each quarter of plan memory, at least
-/// one (C-15). `None` stands for all plans, which are then empty.
-fn tokens(cx: &Work<'_, '_>, changed: Option<PlanType>, count: u16) -> u8 {
-    let add = |sum: u32, count: u16| sum.saturating_add(count.into());
-    let total = PlanType::ALL.into_iter().fold(0, |sum, plan| add(sum, cx.plans.capacity(plan)));
-    let is_kept = |plan: &PlanType| changed.is_some_and(|changed| changed != *plan);
-    let stored =
-        PlanType::ALL.into_iter().filter(is_kept).fold(count.into(), |sum, plan| add(sum, cx.plans.count(plan)));
-    let quarters = stored.saturating_mul(4);
+/// Returns the cost of a write of `count` items: a token for each quarter of plan memory, at least one (C-15).
+fn tokens(cx: &Work<'_, '_>, count: u16) -> u8 {
+    let total = PlanType::ALL.into_iter().fold(0u32, |sum, plan| sum.saturating_add(cx.plans.capacity(plan).into()));
+    let quarters = u32::from(count).saturating_mul(4);
     let is_beyond = |part: u32| u8::from(quarters > total.saturating_mul(part));
     [1, 2, 3].into_iter().map(is_beyond).fold(1, u8::saturating_add)
 }

@@ -607,7 +607,7 @@ impl Missions {
         mission_type: MavMissionType,
         count: u16,
     ) -> bool {
-        if self.has_tokens(cx, plan, count) {
+        if self.has_tokens(cx, count) {
             return false;
         }
         event!("{} change by {}: refused, too many writes to storage", plan, caller.from);
