@@ -137,7 +137,7 @@ macro_rules! contents {
                         let links = states.iter_mut().map(|state| &mut state.$service);
                         match result {
                             Some(is_saved) => self.$service.on_written(cx, links, is_saved),
-                            None => self.$service.on_outdated_write(),
+                            None => Persistent::save_again(&mut self.$service, cx),
                         }
                     })*
                     _ => {}
@@ -156,13 +156,13 @@ contents! {
 }
 
 impl<D: Declares> Services<D> {
-    /// Returns the number of pages of all records, and of the longest one.
+    /// Returns the number of pages of all records and of the reports that one is lost, and the pages of the longest record.
     #[allow(clippy::as_conversions, reason = "`from` is not const")]
     const fn pages() -> (u32, u16) {
-        let (mut all, mut most, mut kinds): (u32, u16, &[Kind]) = (0, 0, &Self::KINDS);
+        let (mut all, mut most, mut kinds): (u32, u16, &[Kind]) = (1, 0, &Self::KINDS);
         while let [kind, rest @ ..] = kinds {
             if kind.records > 0 {
-                all = all.saturating_add((kind.pages as u32).saturating_mul(kind.records as u32));
+                all = all.saturating_add((kind.pages as u32).saturating_add(1).saturating_mul(kind.records as u32));
                 most = if kind.pages > most { kind.pages } else { most };
             }
             kinds = rest;
@@ -257,8 +257,7 @@ impl<D: Declares> Services<D> {
         index: u8,
         record: u8,
     ) -> bool {
-        let is_wanted = self.on_readable(cx, states, index);
-        if storage.is_late && !is_wanted {
+        if !self.on_readable(cx, states, index) {
             return false;
         }
         let Some(kind) = Self::KINDS.get(usize::from(index)) else { return false };
@@ -395,11 +394,19 @@ impl<D: Declares> Services<D> {
                 let is_wanted = self.is_wanted(cx, storage);
                 self.on_written(cx, states, index, is_wanted.then_some(true));
             }
-            Event::Failed => self.on_written(cx, states, index, Some(false)),
+            Event::Failed { is_doubtful } => {
+                // A service that no longer wants it knows that already.
+                if self.is_wanted(cx, storage) {
+                    self.on_written(cx, states, index, Some(false));
+                }
+                if is_doubtful {
+                    self.on_written(cx, states, index, None);
+                }
+            }
             Event::Lost(kind) => {
-                let texts = Self::KINDS.iter().find(|known| known.has(kind));
-                if let Some(known) = texts {
-                    known.report(cx, Err(RestoreError::Damaged), false);
+                storage::report(cx, MavSeverity::WARNING, "Stored data was lost, and is stored again");
+                if let Some((index, _)) = (0..).zip(&Self::KINDS).find(|(_, known)| known.has(kind)) {
+                    self.on_written(cx, states, index, None);
                 }
             }
         }

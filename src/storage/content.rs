@@ -213,8 +213,11 @@ pub trait Persistent<F: Firmware>: Service<F> {
         let _ = (cx, links, is_saved);
     }
 
-    /// Called when a write is complete though it was no longer wanted.
-    fn on_outdated_write(&mut self) {}
+    /// Called when storage may have other content than the service: a write is complete though it was no longer wanted, or
+    /// one that failed may be found after a restart, or stored content was lost. Requests a write.
+    fn save_again(&mut self, cx: &mut Cx<'_, F>) {
+        let _ = cx;
+    }
 
     /// Called while its stored content must be loaded before anything is written, and cannot be loaded.
     fn on_blocked<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>)

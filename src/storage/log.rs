@@ -232,6 +232,18 @@ impl Record {
     }
 }
 
+/// When a record begins a segment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+enum Switch {
+    /// If there is no room for it.
+    IfFull,
+    /// The next record, if that succeeds.
+    Once,
+    /// The next record, however often it fails: a newer segment may exist that could not be read.
+    Always,
+}
+
 /// A damaged page that may have opened a segment, and its kind.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -323,8 +335,10 @@ pub(crate) enum Event {
     },
     /// The record is complete.
     Written,
-    /// The record could not be written.
-    Failed,
+    /// The record could not be written. `is_doubtful`: after a restart, it may be found nevertheless.
+    Failed {
+        is_doubtful: bool,
+    },
     /// The newest record of this kind, which was whole, cannot be read any more: it is lost.
     Lost(u8),
 }
@@ -343,6 +357,12 @@ pub(crate) struct Log {
     /// The greatest number of a segment. No number is used twice.
     newest: u32,
     suspect: Suspect,
+    /// The newest segment with a whole copy: all there is if no segment is open.
+    copied: Segment,
+    /// Whether the page did not match its checksums, and is read again.
+    is_read_twice: bool,
+    /// Whether the next record begins a segment.
+    switch: Switch,
     /// The page that is examined, counted from the start of the region or of the open segment.
     page: u32,
     entries: [Entry; ENTRIES],
@@ -378,6 +398,8 @@ pub(crate) struct Log {
     has_old_secret: bool,
     /// Until then, nothing is erased ahead.
     rest_until: Instant,
+    /// After a failure, nothing is erased because of an old key until then.
+    scrub_from: Instant,
 }
 
 impl Log {
@@ -390,6 +412,9 @@ impl Log {
         write: Segment::NONE,
         newest: 0,
         suspect: Suspect::NONE,
+        copied: Segment::NONE,
+        is_read_twice: false,
+        switch: Switch::IfFull,
         page: 0,
         entries: [Entry::FREE; ENTRIES],
         record: Record::NONE,
@@ -410,6 +435,7 @@ impl Log {
         used: 0,
         has_old_secret: false,
         rest_until: Instant::ZERO,
+        scrub_from: Instant::ZERO,
     };
 
     /// Begins to read the log in this region. `largest` is the length of the longest record in pages.
@@ -430,6 +456,7 @@ impl Log {
         (self.newest, self.suspect, self.page, self.unreadable) = (0, Suspect::NONE, 0, 0);
         self.entries = [Entry::FREE; ENTRIES];
         (self.scrub, self.used, self.has_old_secret) = (0, 0, false);
+        (self.copied, self.switch, self.next_erased) = (Segment::NONE, Switch::IfFull, 0);
         (self.has_other_data, self.has_log, self.has_foreign) = (false, false, false);
     }
 
@@ -515,13 +542,22 @@ impl Log {
         let needed = others.fold(u32::from(pages), |sum, entry| {
             sum.saturating_add(entry.pages.into()).saturating_add(entry.is_damaged.into())
         });
-        if needed > self.region.segment.into() || self.slot(kind).is_none() {
+        let unknown = self.entries.iter().position(|entry| entry.kind == ANY_KIND);
+        if let Some(place) = unknown.and_then(|index| self.entries.get_mut(index))
+            && needed == u32::from(self.region.segment).saturating_add(1)
+        {
+            // Storing again is worth more than the report of an unknown loss.
+            *place = Entry::FREE;
+        } else if needed > self.region.segment.into() {
+            return false;
+        }
+        if self.slot(kind).is_none() {
             return false;
         }
         self.new = Record { kind, schema, ..Record::NONE };
         self.is_secret = is_secret;
         let room = self.region.segment.saturating_sub(self.write.head);
-        if is_secret || self.open.number == 0 || pages > room {
+        if is_secret || self.switch != Switch::IfFull || self.open.number == 0 || pages > room {
             self.newest = self.newest.wrapping_add(1);
             let first = if self.open.number == 0 { 0 } else { self.region.next(self.open.first) };
             self.write = Segment { number: self.newest, first, erased: self.next_erased, ..Segment::NONE };
@@ -625,13 +661,15 @@ impl Log {
         let Segment { first, head, erased, .. } = self.write;
         let end = self.region.segment;
         let next = self.region.next(first);
-        let needed = if self.has_written && now >= self.rest_until { self.largest } else { 0 };
+        // At most one unit ahead, and late: it is erased again after a restart, which wears it more than others.
+        let ahead = self.largest.min(u16::try_from(self.region.unit.div_ceil(4)).unwrap_or(u16::MAX));
+        let needed = if self.has_written && now >= self.rest_until { ahead } else { 0 };
         // From the last unit on, down to those that the open segment uses.
         let scrubbed = self.scrub.saturating_sub(1).saturating_mul(self.region.unit);
         if scrubbed < erased.into() {
             self.scrub = 0;
         }
-        if self.scrub > 0 {
+        if self.scrub > 0 && now >= self.scrub_from {
             self.erase(first, scrubbed, Pending::Scrub)
         } else if erased < end && erased.saturating_sub(head) < needed {
             self.erase(first, erased.into(), Pending::Erase)
@@ -710,13 +748,24 @@ impl Log {
                 }
                 Event::Nothing
             }
-            Pending::Erase if self.task == Task::Append => self.failed(false),
+            Pending::Erase if self.task == Task::Append => {
+                if self.write.number == self.open.number {
+                    // Another attempt leaves this unit out.
+                    let end = self.region.end_of_unit(self.write.erased);
+                    (self.write.head, self.write.erased) = (end, end);
+                }
+                self.failed(false)
+            }
             Pending::EraseNext if is_done => {
                 self.next_erased = self.region.end_of_unit(0);
                 Event::Nothing
             }
-            Pending::Scrub => {
+            Pending::Scrub if is_done => {
                 self.scrub = self.scrub.saturating_sub(1);
+                Event::Nothing
+            }
+            Pending::Scrub => {
+                self.scrub_from = now.after(LONG_PAUSE);
                 Event::Nothing
             }
             Pending::Erase | Pending::EraseNext => {
@@ -738,6 +787,11 @@ impl Log {
                 if self.page < self.region.pages { Event::Nothing } else { self.end_of_find(now) }
             }
             Task::Replay => {
+                let is_bad = is_done && matches!(page.open(), Content::Bad(_));
+                if is_bad && !core::mem::replace(&mut self.is_read_twice, true) {
+                    return Event::Nothing;
+                }
+                self.is_read_twice = false;
                 self.replay(is_done, page);
                 self.page = self.page.saturating_add(1);
                 if self.page < self.region.segment.into() { Event::Nothing } else { self.end_of_scan(now) }
@@ -751,9 +805,15 @@ impl Log {
             },
             Task::Append => self.append_done(now, is_done, page),
             Task::Undo if is_done => self.failed(true),
-            Task::Undo => {
+            Task::Undo if self.attempts < 2 * ATTEMPTS => {
+                self.attempts = self.attempts.saturating_add(1);
                 self.retry_at = now.after(LONG_PAUSE);
                 Event::Nothing
+            }
+            // The next segment has a greater number, so that it counts whatever becomes of this one.
+            Task::Undo => {
+                self.switch = Switch::Always;
+                self.failed(true)
             }
             Task::Detached | Task::Waiting | Task::Foreign | Task::Idle => Event::Nothing,
         }
@@ -795,20 +855,31 @@ impl Log {
         if is_newer(segment, self.newest) {
             self.newest = segment;
         }
-        let is_candidate = footer.is_last() && !footer.is_copy() && position < self.region.segment;
-        if !is_candidate || !is_newer(segment, self.open.number) {
+        if !footer.is_last() || position >= self.region.segment || !is_newer(segment, self.open.number) {
+            return;
+        }
+        let position = u32::from(position);
+        let first = self.page.checked_sub(position);
+        let first = first.unwrap_or_else(|| self.page.wrapping_add(self.region.pages).wrapping_sub(position));
+        let found = Segment { number: segment, first, ..Segment::NONE };
+        if footer.is_copy() {
+            if is_newer(segment, self.copied.number) {
+                self.copied = found;
+            }
             return;
         }
         if !is_examined {
             self.task = Task::Examine;
         } else if matches!(page.open(), Content::Whole(..)) {
-            let position = u32::from(position);
-            let first = self.page.checked_sub(position);
-            let first = first.unwrap_or_else(|| self.page.wrapping_add(self.region.pages).wrapping_sub(position));
-            self.open = Segment { number: segment, first, ..Segment::NONE };
+            self.open = found;
+        } else if !core::mem::replace(&mut self.is_read_twice, true) {
+            // The bus may have changed a bit.
+            self.task = Task::Examine;
+            return;
         } else {
             self.suspect(segment, kind);
         }
+        self.is_read_twice = false;
     }
 
     /// Notes a damaged page, which may have opened a segment with this number.
@@ -832,6 +903,13 @@ impl Log {
 
     fn end_of_find(&mut self, now: Instant) -> Event {
         (self.page, self.record) = (0, Record::NONE);
+        if self.open.number == 0 && self.copied.number != 0 {
+            // The record that opened the segment is lost, and so is the segment before.
+            self.open = self.copied;
+            if self.suspect.segment != self.copied.number {
+                self.suspect = Suspect { segment: self.copied.number.wrapping_add(1), kind: ANY_KIND };
+            }
+        }
         self.write = self.open;
         self.has_other_data &= !self.has_log;
         if self.has_foreign {
@@ -843,8 +921,7 @@ impl Log {
             return self.wait(now, if self.attempts.saturating_add(1) < ATTEMPTS { PAUSE } else { LONG_PAUSE });
         }
         if self.open.number == 0 {
-            let is_given_up = self.unreadable > 0 && self.attempts.saturating_add(1) >= ATTEMPTS;
-            if is_given_up {
+            if self.unreadable > 0 && self.attempts.saturating_add(1) >= ATTEMPTS {
                 self.all_damaged();
             }
             return self.end_of_scan(now);
@@ -867,6 +944,17 @@ impl Log {
             return self.wait(now, PAUSE);
         }
         self.judge_suspect();
+        let Suspect { segment, kind } = self.suspect;
+        self.switch = if kind != 0 && is_newer(segment, self.open.number) {
+            // It may be read another time, and must then be older than what is written now.
+            self.newest = if is_newer(segment, self.newest) { segment } else { self.newest };
+            Switch::Always
+        } else if self.unreadable > 0 {
+            // Pages that a cut has made unreadable must not add up.
+            Switch::Once
+        } else {
+            Switch::IfFull
+        };
         // A page is left out: a write that was cut off may have disturbed it, even if it reads as erased.
         let Segment { head, erased, .. } = self.write;
         self.write.head = head.saturating_add(1).min(erased);
@@ -917,6 +1005,8 @@ impl Log {
                     self.damaged(&footer);
                 }
             }
+            // A page of another segment, in a unit that was not erased as a whole: units were smaller then.
+            Content::Whole(..) if position < self.write.erased => self.write.head = position.saturating_add(1),
             // A page of another segment, from before its unit was erased.
             Content::Whole(..) | Content::Blank => {}
         }
@@ -995,7 +1085,10 @@ impl Log {
                     Content::Whole(footer, crc) if (footer.segment, footer.position) == (segment, position) => {
                         return self.written(now, &footer, crc);
                     }
-                    _ if self.write.number == self.open.number => return self.failed(true),
+                    _ if self.write.number == self.open.number => {
+                        self.failed(true);
+                        return Event::Failed { is_doubtful: true };
+                    }
                     // It might be whole after a restart, or look like damage, and count for the segment that it opens.
                     _ => self.task = Task::Undo,
                 }
@@ -1052,6 +1145,7 @@ impl Log {
             return Event::Nothing;
         }
         if self.write.number != self.open.number {
+            self.switch = Switch::IfFull;
             for entry in &mut self.entries {
                 entry.at = entry.moved;
             }
@@ -1067,8 +1161,11 @@ impl Log {
 
     /// Ends writing: it failed.
     fn failed(&mut self, is_dirty: bool) -> Event {
+        if self.switch == Switch::Once && self.write.number != self.open.number {
+            self.switch = Switch::IfFull;
+        }
         self.stop(is_dirty);
-        Event::Failed
+        Event::Failed { is_doubtful: false }
     }
 }
 

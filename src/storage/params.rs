@@ -48,14 +48,16 @@ where
 
     fn attach(&mut self, cx: &mut Cx<'_, F>) {
         let refill = cx.shared.config.storage_refill;
-        self.set_refill(cx.parameters, refill);
+        self.attach(cx.parameters, refill);
     }
 
-    /// Late, it takes only the parameters that still have their defaults: a value that was set since is newer.
+    /// Late, or if values were set since storage was attached, it takes only the parameters that still have their defaults: a
+    /// value that was set since is newer.
     #[inline(never)]
     fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> Result<(), RestoreError> {
         // If the operator requests the stored values, what was set since is not wanted.
-        let is_late = part.is_late && !self.is_reload_requested(cx.parameters);
+        let keeps = self.keeps_values(cx.parameters, part.is_first);
+        let is_late = (part.is_late || keeps) && !self.is_reload_requested(cx.parameters);
         // Both tables are sorted by name, so the search usually ends at once.
         let mut next = 0;
         for [key, value] in part.bytes.as_chunks::<ROW>().0.iter().map(|row| {
@@ -72,6 +74,7 @@ where
             self.reread(cx.now, cx.parameters, result != Err(RestoreError::Unreadable));
         } else {
             // If nothing was loaded, what was set since is still to be written.
+            self.keeps_values(cx.parameters, result != Ok(true));
             self.loaded(cx.parameters, result == Ok(true));
         }
     }
@@ -86,6 +89,10 @@ where
 
     fn is_reload_requested(&self, cx: &mut Cx<'_, F>) -> bool {
         self.is_reload_requested(cx.parameters)
+    }
+
+    fn save_again(&mut self, cx: &mut Cx<'_, F>) {
+        self.save_again(cx.parameters);
     }
 
     fn may_load(&self, cx: &Cx<'_, F>, is_late: bool) -> bool {

@@ -324,8 +324,8 @@ where
         mission::queue_result(links, answer);
     }
 
-    fn on_outdated_write(&mut self) {
-        self.save_again();
+    fn save_again(&mut self, _: &mut Cx<'_, F>) {
+        Missions::save_again(self);
     }
 
     /// Stored content comes first: a client that waits gets ERROR, and tries again.

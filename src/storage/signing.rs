@@ -28,7 +28,7 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Sign
     };
 
     fn attach(&mut self, cx: &mut Cx<'_, F>) {
-        self.set_refill(cx.shared.config.storage_refill);
+        self.attach_storage(cx.shared.config.storage_refill);
     }
 
     fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> Result<(), RestoreError> {
@@ -68,6 +68,10 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Sign
         Self::Link: 'l,
     {
         if is_saved { self.on_saved(cx.now) } else { self.on_save_failed(cx.now) }
+    }
+
+    fn save_again(&mut self, _: &mut Cx<'_, F>) {
+        Signing::save_again(self);
     }
 
     /// A key that was set in the meantime takes precedence.

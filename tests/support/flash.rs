@@ -22,6 +22,10 @@ pub struct RamFlash<const WRITE: usize, const ERASE: usize> {
     pub fault: Fault,
     pub reads: u32,
     pub erases: u32,
+    /// The unit at this address cannot be erased.
+    pub bad_erase: Option<u32>,
+    /// Places that cannot be read until they are erased.
+    pub bad: Vec<Range<u32>>,
     /// The number of erases of each unit.
     pub erases_of: Vec<u32>,
     pub writes: u32,
@@ -55,6 +59,8 @@ pub enum Fault {
     WrongWrite(u32),
     /// Reads of this range fail.
     Read(Range<u32>),
+    /// The read with this index returns a wrong bit.
+    WrongRead(u32),
     /// The reads with these indices fail, as counted by [`RamFlash::reads`].
     Reads(Range<u32>),
 }
@@ -94,7 +100,19 @@ impl<const WRITE: usize, const ERASE: usize> RamFlash<WRITE, ERASE> {
     pub fn of(bytes: Vec<u8>) -> Self {
         let (fuel, torn, fault) = (None, Torn::Prefix, Fault::None);
         let erases_of = std::vec![0; bytes.len() / ERASE];
-        Self { bytes, fuel, torn, fault, reads: 0, erases: 0, erases_of, writes: 0, bytes_written: 0 }
+        Self {
+            bytes,
+            fuel,
+            torn,
+            fault,
+            bad_erase: None,
+            bad: Vec::new(),
+            reads: 0,
+            erases: 0,
+            erases_of,
+            writes: 0,
+            bytes_written: 0,
+        }
     }
 
     /// Whether the power was cut.
@@ -134,7 +152,7 @@ impl<const WRITE: usize, const ERASE: usize> RamFlash<WRITE, ERASE> {
             }
             Torn::Unreadable => {
                 self.bytes[unit.clone()].fill(0);
-                self.fault = Fault::Read(unit.start as u32..unit.end as u32);
+                self.bad.push(unit.start as u32..unit.end as u32);
             }
         }
     }
@@ -159,7 +177,13 @@ impl<const WRITE: usize, const ERASE: usize> ReadNorFlash for RamFlash<WRITE, ER
         if matches!(&self.fault, Fault::Read(bad) if bad.start < end && offset < bad.end) {
             return Err(FlashError::Fault);
         }
+        if self.bad.iter().any(|bad| bad.start < end && offset < bad.end) {
+            return Err(FlashError::Fault);
+        }
         bytes.copy_from_slice(&self.bytes[offset as usize..end as usize]);
+        if self.fault == Fault::WrongRead(count) {
+            bytes[bytes.len() / 2] ^= 4;
+        }
         Ok(())
     }
 
@@ -175,7 +199,7 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for RamFlash<WRITE, ERASE>
     fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashError> {
         self.check_power()?;
         check_erase(self, from, to).map_err(FlashError::Call)?;
-        if self.fault == Fault::Erase {
+        if self.fault == Fault::Erase || self.bad_erase.is_some_and(|bad| (from..to).contains(&bad)) {
             return Err(FlashError::Fault);
         }
         for start in (from as usize..to as usize).step_by(ERASE) {
@@ -193,10 +217,7 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for RamFlash<WRITE, ERASE>
                 return Err(FlashError::Off);
             }
         }
-        if matches!(&self.fault, Fault::Read(bad) if self.torn == Torn::Unreadable && from < bad.end && bad.start < to)
-        {
-            self.fault = Fault::None;
-        }
+        self.bad.retain(|bad| bad.end <= from || to <= bad.start);
         Ok(())
     }
 

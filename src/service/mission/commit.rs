@@ -458,7 +458,7 @@ impl Missions {
     }
 
     /// Ends the change that is being written if the vehicle no longer permits it (M-45). Called before each step of writing, so
-    /// that the record is never completed; the part that was written is erased. Returns the answer and its link.
+    /// that the record is never completed, and the part that was written does not count. Returns the answer and its link.
     pub(crate) fn refuse_commit<V: Plans>(
         &mut self,
         cx: &mut Work<'_, '_>,

@@ -393,8 +393,22 @@ impl ParamService {
     }
 
     /// Sets the time in which storage regains one token for a write that peers cause (C-15).
-    pub(crate) fn set_refill<T: ParamTable>(&mut self, table: &mut T, refill: Duration) {
-        self.saving(table, |saving, _| saving.schedule.bucket.set_refill(refill));
+    /// Storage is attached; nothing was read yet.
+    pub(crate) fn attach<T: ParamTable>(&mut self, table: &mut T, refill: Duration) {
+        self.saving(table, |saving, generation| {
+            saving.schedule.bucket.set_refill(refill);
+            saving.attach(generation);
+        });
+    }
+
+    /// Whether a value was set before the stored ones were loaded, so that it is newer; `begins`: none is loaded yet.
+    pub(crate) fn keeps_values<T: ParamTable>(&mut self, table: &mut T, begins: bool) -> bool {
+        self.saving(table, |saving, generation| saving.keeps_values(generation, begins))
+    }
+
+    /// Has the values written again.
+    pub(crate) fn save_again<T: ParamTable>(&mut self, table: &mut T) {
+        self.saving(table, |saving, generation| saving.set_unsaved(generation));
     }
 
     /// Records whether the stored values were read. From now on, changes are stored.

@@ -20,17 +20,48 @@ pub(super) struct Saving {
     stored: u32,
     /// Whether the stored values must be loaded again.
     pub(super) is_reload_requested: bool,
+    /// Whether the stored values were not loaded yet, and whether another one was set since storage was attached.
+    is_unloaded: bool,
+    keeps_values: bool,
 }
 
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 impl Saving {
-    pub(super) const NEW: Self = Self { schedule: Schedule::NEW, stored: 0, is_reload_requested: false };
+    pub(super) const NEW: Self = Self {
+        schedule: Schedule::NEW,
+        stored: 0,
+        is_reload_requested: false,
+        is_unloaded: false,
+        keeps_values: false,
+    };
+
+    /// Records that storage is attached.
+    pub(super) const fn attach(&mut self, generation: u32) {
+        (self.stored, self.is_unloaded, self.keeps_values) = (generation, true, false);
+    }
+
+    /// Whether a value was set after storage was attached and before the stored values are loaded, which `begins`.
+    pub(super) const fn keeps_values(&mut self, generation: u32, begins: bool) -> bool {
+        if begins && self.is_unloaded {
+            self.keeps_values = generation != self.stored;
+        }
+        self.is_unloaded && self.keeps_values
+    }
+
+    /// Records that storage has other values than the table.
+    pub(super) const fn set_unsaved(&mut self, generation: u32) {
+        self.stored = generation.wrapping_sub(1);
+    }
 
     /// Records that the stored values were loaded: the table of this generation is equal to storage. If they could not be read,
     /// pending writes stay pending.
     pub(super) fn loaded(&mut self, generation: u32, is_read: bool) {
         self.is_reload_requested = false;
-        if !self.schedule.attach() || is_read {
+        let was_unloaded = core::mem::replace(&mut self.is_unloaded, false);
+        let was_attached = self.schedule.attach();
+        if was_unloaded && self.keeps_values {
+            self.set_unsaved(generation);
+        } else if !was_attached || is_read {
             self.schedule.clear();
             self.stored = generation;
         }

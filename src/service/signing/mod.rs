@@ -345,7 +345,7 @@ impl Signing {
     }
 
     /// Refuses frames that were recorded before: a new stream must begin after our time, not up to a minute before it (stricter
-    /// than G-6). Call this after `Stack::restore_signing`, against frames recorded before a restart, and after
+    /// than G-6). Call this after `Stack::restore`, against frames recorded before a restart, and after
     /// [`set_key`](Self::set_key), against frames recorded with that key. It does not refuse recorded frames with timestamps
     /// later than our time, which are possible when a key is set with an early timestamp.
     ///

@@ -53,8 +53,10 @@ impl Signing {
         (self.saving.reserved, self.saving.is_lost, self.saving.has_old_key) = (timestamp, false, false);
     }
 
-    /// Sets the time in which storage regains a token for one more key (C-15).
-    pub(crate) fn set_refill(&mut self, refill: Duration) {
+    /// Storage is attached. Until it is read there may be a key, so links that need one stay closed (G-18).
+    /// `refill`: the time in which storage regains a token for one more key (C-15).
+    pub(crate) fn attach_storage(&mut self, refill: Duration) {
+        (self.saving.is_lost, self.saving.has_old_key) = (true, true);
         self.saving.schedule.bucket.set_refill(refill);
         self.saving.times.set_refill(if refill == Duration::ZERO { refill } else { TIME_REFILL });
     }
@@ -104,6 +106,11 @@ impl Signing {
     /// Returns the content to be stored: the key, and the timestamp to start with.
     pub(crate) fn content(&self) -> (Option<&SigningKey>, u64) {
         (self.key.as_ref(), self.saving.next)
+    }
+
+    /// Requests a write of the key.
+    pub(crate) const fn save_again(&mut self) {
+        self.saving.schedule.request();
     }
 
     /// Whether storage has an old key, which is to be erased (SEC-15).

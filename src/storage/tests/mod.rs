@@ -5,6 +5,7 @@
 mod cuts;
 mod damage;
 mod faults;
+mod unlikely;
 
 #[path = "../../../tests/support/flash.rs"]
 mod flash;
@@ -102,7 +103,7 @@ impl<const W: usize, const E: usize> Rig<W, E> {
                     each(self, &job);
                     match self.run(&job) {
                         Event::Written => return Saved::Yes,
-                        Event::Failed => return Saved::No,
+                        Event::Failed { .. } => return Saved::No,
                         event => assert!(matches!(event, Event::Nothing | Event::Lost(_)), "{event:?}"),
                     }
                 }
