@@ -341,6 +341,12 @@ impl<D: Declares> Services<D> {
     #[inline(never)]
     fn on_loaded(&mut self, cx: &mut Cx<'_, D>, storage: &mut Storage, bytes: &[u8], is_first: bool, is_last: bool) {
         let index = storage.service;
+        if storage.is_late && !self.may_load(cx, index, true) {
+            // The vehicle has armed meanwhile.
+            storage.log.end_load();
+            storage.to_load |= Self::bit(index, storage.record);
+            return self.set_loaded(cx, index, Err(RestoreError::Unreadable), storage);
+        }
         let part = Part { record: storage.record, bytes, is_first, is_last, is_late: storage.is_late };
         let result = self.load(cx, index, &part, storage);
         if result.is_err() || is_last {
@@ -380,12 +386,6 @@ impl<D: Declares> Services<D> {
                     }
                 }
                 storage.is_late = true;
-            }
-            // The vehicle has armed meanwhile.
-            Event::Loaded { .. } if storage.is_late && !self.may_load(cx, index, true) => {
-                storage.log.end_load();
-                storage.to_load |= Self::bit(index, storage.record);
-                self.set_loaded(cx, index, Err(RestoreError::Unreadable), storage);
             }
             // `on_loaded` takes it.
             Event::Loaded { .. } => {}
