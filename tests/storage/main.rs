@@ -19,6 +19,7 @@ mod pace;
 mod pages;
 mod partition;
 mod power_cut;
+mod records;
 #[cfg(feature = "signing")]
 mod signing_key;
 mod stall;

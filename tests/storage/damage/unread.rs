@@ -1,6 +1,8 @@
 //! The newest content cannot be read, or only later: older content does not replace it. And states that are no damage.
 
 use super::*;
+use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
+use mavstack::storage::{Job, Page, Region};
 
 /// Runs the rig while storage runs, for this time.
 fn run_key(rig: &mut Rig<3>, store: &mut Keys<'_>, seconds: u64) {
@@ -307,4 +309,56 @@ fn an_older_fence_does_not_stand_in() {
         assert_eq!(of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
         assert_eq!(live(&world), expected, "read {read}, after a restart");
     }
+}
+
+/// G-18, M-44: plans of two pages are restored late, and the vehicle arms after the first one. The fence does not change in flight,
+/// and is restored after the flight. Uploads are answered meanwhile.
+#[test]
+fn a_late_restore_ends_when_the_vehicle_arms() {
+    let mut whole = with_fence();
+    let mut store = Plans::new(&mut whole, 0..PLANS);
+    let mut world = PlanWorld::of(Setup::new());
+    assert_eq!(of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    assert_eq!(upload(&mut world, &mut store, &plan(6, 1)), MavMissionResult::ACCEPTED);
+
+    (whole.reads, whole.fault) = (0, Fault::Reads(0..1));
+    let flash = &mut whole;
+    let mut page = Page::new();
+    let mut world = PlanWorld::of(Setup::new());
+    world.stack.attach_storage(world.now(), Region::new(0..PLANS, 8, 512), &mut world.vehicle);
+    let mut run = |world: &mut PlanWorld, arms: bool| {
+        for _ in 0..3_000 {
+            world.step();
+            let Some(job) = world.stack.storage_job(world.now(), &mut page, &mut world.vehicle) else { continue };
+            let is_done = match &job {
+                Job::Read { offset, range } => flash.read(*offset, &mut page.bytes_mut()[range.clone()]).is_ok(),
+                Job::Write { offset, range } => flash.write(*offset, &page.bytes()[range.clone()]).is_ok(),
+                Job::Erase { offset, len } => flash.erase(*offset, offset + len).is_ok(),
+            };
+            let was_restored = world.vehicle.plan_changes().len();
+            world.stack.storage_done(world.now(), is_done, &mut page, &mut world.vehicle);
+            // The mission is in the first page, and the fence in the second one.
+            let is_first_page = was_restored == 0 && world.vehicle.plan_changes().len() == 1;
+            if let Some(state) = world.vehicle.state.as_mut().filter(|_| arms && is_first_page) {
+                state.base_mode |= MavModeFlag::SAFETY_ARMED;
+            }
+        }
+    };
+    let state = world.vehicle.state;
+    run(&mut world, true);
+    assert_eq!(world.stack.restore_errors().plans, Some(RestoreError::Unreadable));
+    assert_eq!((world.stack.mission().items().len(), world.stack.fence().items().len()), (6, 0));
+    // A client is answered.
+    let mut upload = Upload::new(&world.gcs[0], &plan(3, 2));
+    for _ in 0..100 {
+        world.step();
+        upload.poll(world.now(), &mut world.gcs[0]);
+    }
+    run(&mut world, true);
+    upload.poll(world.now(), &mut world.gcs[0]);
+    assert_eq!(upload.result(), Some(Err(TransferError::Refused(MavMissionResult::ERROR))));
+    world.vehicle.state = state;
+    run(&mut world, false);
+    assert_eq!(world.stack.restore_errors().plans, None);
+    assert_eq!((world.stack.mission().items().len(), world.stack.fence().items().len()), (6, 2));
 }
