@@ -37,11 +37,10 @@ fn bits(flash: &Flash) -> impl Iterator<Item = usize> + use<> {
     at * 8..(at + PAGE) * 8
 }
 
-/// Returns the bits of the newest page of this kind, without those of its end, which has the footer: if that is damaged, the page
-/// looks like one whose write was cut off.
+/// Returns the bits of the newest page of this kind.
 fn bits_of_newest(flash: &Flash, kind: u8) -> impl Iterator<Item = usize> + use<> {
     let (at, _) = pages::newest(&flash.bytes, kind);
-    at * 8..(at + 228) * 8
+    at * 8..(at + PAGE) * 8
 }
 
 /// Returns this flash with one flipped bit.

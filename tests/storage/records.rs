@@ -1,6 +1,6 @@
 //! A firmware's own records: written when it asks for it, restored before the loop, through power cuts and damage.
 
-use crate::pages::{self, COPY, LAST};
+use crate::pages::{self, COPY, LAST, PAGE};
 use crate::support::flash::{Fault, RamFlash, Torn};
 use crate::support::{VEHICLE, millis, secs};
 use mavstack::dialect::{MavResult, Statustext};
@@ -240,7 +240,7 @@ fn a_damaged_record_is_reported() {
     rig.run(secs(1));
     let (at, _) = pages::newest(&whole.bytes, 129);
     let is_only = pages::pages(&whole.bytes).iter().filter(|(_, page)| page.kind == 129).count() == 1;
-    for bit in (at * 8..(at + 228) * 8).step_by(3) {
+    for bit in at * 8..(at + PAGE) * 8 {
         let mut flash = whole.clone();
         flash.bytes[bit / 8] ^= 1 << (bit % 8);
         let mut rig = Rig::start(&mut flash);
