@@ -186,6 +186,8 @@ pub struct Shared {
     pub(crate) requests: Requests,
     /// Work may be pending that only the vehicle knows about, on any link, so `next_deadline` returns `now`.
     pub(crate) has_acted: bool,
+    /// An operation on the storage is running, so nothing else can be written.
+    pub(crate) is_storage_busy: bool,
 }
 
 impl Shared {
@@ -197,6 +199,7 @@ impl Shared {
         flight: Flight::new(),
         requests: Requests::NONE,
         has_acted: false,
+        is_storage_busy: false,
     };
 
     /// Samples the pulse, and returns whether heartbeats may be sent (H-5).

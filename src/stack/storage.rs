@@ -462,12 +462,15 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
             let event = storage.log.done(now, false, page);
             services.on_event(&mut cx, states, storage, event);
         }
-        services.next_job(&mut cx, states, storage, page)
+        let job = services.next_job(&mut cx, states, storage, page);
+        cx.shared.is_storage_busy = job.is_some();
+        job
     }
 
     /// Takes the result of the [job](Self::storage_job): whether the driver reported success.
     pub fn storage_done(&mut self, now: Instant, is_done: bool, page: &mut Page, vehicle: &mut D::Vehicle) {
         let (mut cx, services, states, storage) = split!(&mut *self, now, vehicle, storage);
+        cx.shared.is_storage_busy = false;
         match storage.log.done(now, is_done, page) {
             Event::Loaded { len, is_first, is_last } => {
                 services.on_loaded(&mut cx, storage, page.payload(len), is_first, is_last);

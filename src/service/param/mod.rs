@@ -216,7 +216,7 @@ where
         let mut table = self.table(cx.parameters);
         table.notice(cx.now);
         self.cache(&table);
-        if !cx.vehicle.may_persist() {
+        if cx.shared.is_storage_busy || !cx.vehicle.may_persist() {
             // Nothing may be written, so no poll is needed for it.
             self.write_due = Instant::NEVER;
         }
