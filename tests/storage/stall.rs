@@ -315,3 +315,30 @@ fn a_slot_gives_a_job_away_once() {
     assert!(matches!(slot.take(), Some((Job::Read { offset: next, .. }, _)) if next != offset));
     assert_eq!(format!("{slot:?}"), "JobSlot");
 }
+
+/// A parameter is written while a loop sleeps until the deadline. While an erase runs in another task, the loop is not woken for
+/// the write, and the write is done within two seconds of the end of the erase.
+#[test]
+fn an_erase_does_not_keep_a_sleeping_loop_awake() {
+    const LEN: u32 = 0x1_0000;
+    let mut task = Task { flash: RamFlash::<8, 16_384>::new(LEN), slot: JobSlot::new(), running: None };
+    let mut world = StallWorld::of(Setup::new());
+    world.stack.attach_storage(world.now(), Region::new(0..LEN, 8, 16_384), &mut world.vehicle);
+    while world.stack.is_restoring() {
+        world.step();
+        task.poll(&mut world);
+    }
+    let (param_id, param_type) = (Text::new("CRUISE"), MavParamType::REAL32);
+    world.gcs[0].send(&ParamSet { param_value: 8.0, target_system: 1, target_component: 1, param_id, param_type });
+    let mut passes = 0;
+    let began = world.now();
+    while task.flash.bytes_written < 256 {
+        let next = world.now().after(millis(200));
+        // The task wakes by itself.
+        world.skip_to(task.running.as_ref().map_or(next, |(end, _)| next.min(*end)));
+        passes += u32::from(task.is_erasing());
+        task.poll(&mut world);
+        assert!(world.now().since(began) < secs(5), "it is not written");
+    }
+    assert!(passes > 5 && passes < 100, "{passes} passes during an erase of two seconds");
+}
