@@ -204,7 +204,7 @@ fn nothing_waits_for_an_erase() {
     }
     let longest = longest_silence(&world.borrow());
     assert!(longest <= millis(1_001), "{longest:?} between heartbeats");
-    assert!(seen.borrow().erases >= 2 && seen.borrow().pending > 3_000);
+    assert!(seen.borrow().erases >= 1 && seen.borrow().pending > 1_500);
 }
 
 /// M-44: a durable upload is answered once the plan is stored, which takes an erase in new flash. Heartbeats are in

@@ -20,14 +20,14 @@ mavstack::stack! {
     struct OnlyPlans for TestVehicle { links: 1, plans: { mission: 12, fence: 4, rally: 2 }, commands: { slots: 1 }, storage }
 }
 
-type Flash = RamFlash<8, 512>;
-type Keys<'a> = Store<&'a mut Flash>;
-type Params<'a> = Store<&'a mut Flash>;
+pub(crate) type Flash = RamFlash<8, 512>;
+pub(crate) type Keys<'a> = Store<&'a mut Flash>;
+pub(crate) type Params<'a> = Store<&'a mut Flash>;
 type Plans<'a> = Store<&'a mut Flash>;
 type PlanWorld = World<1, OnlyPlans>;
 
-const KEYS: u32 = Store::<Flash>::region_len::<OnlyKey>();
-const PARAMS: u32 = Store::<Flash>::region_len::<Tested>();
+pub(crate) const KEYS: u32 = Store::<Flash>::region_len::<OnlyKey>();
+pub(crate) const PARAMS: u32 = Store::<Flash>::region_len::<Tested>();
 const PLANS: u32 = Store::<Flash>::region_len::<OnlyPlans>();
 
 /// Returns the bits of the only page in this flash.
@@ -51,13 +51,13 @@ fn flipped(flash: &Flash, bit: usize) -> Flash {
 }
 
 /// Creates a vehicle with a radio that must sign once there is a key, a wire for provisioning, and a wire without signing.
-fn signing_rig() -> Rig<3> {
+pub(crate) fn signing_rig() -> Rig<3> {
     let unsigned = LinkSigning { sign_out: false, ..LinkSigning::OPEN };
     let links = [LinkSigning::SIGNED, LinkSigning::OPEN.with_provisioning(), unsigned];
     Rig::new(links.map(|signing| LinkConfig::uart(115_200).with_signing(signing)))
 }
 
-fn settle(rig: &mut Rig<3>, store: &mut Keys<'_>) {
+pub(crate) fn settle(rig: &mut Rig<3>, store: &mut Keys<'_>) {
     for _ in 0..100 {
         if !rig.stack.persist(rig.now, store, &mut rig.vehicle) {
             return;
@@ -67,7 +67,7 @@ fn settle(rig: &mut Rig<3>, store: &mut Keys<'_>) {
 }
 
 /// Returns the flash of a vehicle that has a key.
-fn with_key() -> Flash {
+pub(crate) fn with_key() -> Flash {
     let mut flash = Flash::new(KEYS);
     let mut store = Keys::new(&mut flash, 0..KEYS);
     let mut rig = signing_rig();
@@ -77,16 +77,16 @@ fn with_key() -> Flash {
     flash
 }
 
-fn arm() -> CommandLong {
+pub(crate) fn arm() -> CommandLong {
     CommandLong { command: MavCmd::COMPONENT_ARM_DISARM, target_system: 1, param1: 1.0, ..Default::default() }
 }
 
-fn setup(key: [u8; 32]) -> SetupSigning {
+pub(crate) fn setup(key: [u8; 32]) -> SetupSigning {
     SetupSigning { initial_timestamp: NOW, target_system: 1, target_component: 1, secret_key: Secret(key) }
 }
 
 /// Sends an unsigned command to arm on each link. Returns on which links it was carried out.
-fn armed_by(rig: &mut Rig<3>) -> [bool; 3] {
+pub(crate) fn armed_by(rig: &mut Rig<3>) -> [bool; 3] {
     [0, 1, 2].map(|link| {
         let before = rig.vehicle.commands().len();
         rig.receive(link, &Signer::new(KEY).unsigned(Version::V2, &arm()));
@@ -261,7 +261,7 @@ fn a_new_key_replaces_what_cannot_be_read() {
 }
 
 /// Runs the world while storage runs, until the power is cut.
-fn run(world: &mut World<1>, store: &mut Params<'_>, time: mavstack::Duration) {
+pub(crate) fn run(world: &mut World<1>, store: &mut Params<'_>, time: mavstack::Duration) {
     let end = world.now().after(time);
     while world.now() < end && !store.flash().is_off() {
         world.step();
@@ -269,13 +269,13 @@ fn run(world: &mut World<1>, store: &mut Params<'_>, time: mavstack::Duration) {
     }
 }
 
-fn set(name: &str, param_value: f32) -> ParamSet {
+pub(crate) fn set(name: &str, param_value: f32) -> ParamSet {
     let param_type = MavParamType::REAL32;
     ParamSet { param_value, target_system: 1, target_component: 1, param_id: Text::new(name), param_type }
 }
 
 /// Returns the flash of a vehicle with two parameters that do not have their defaults.
-fn with_params() -> Flash {
+pub(crate) fn with_params() -> Flash {
     let mut flash = Flash::new(PARAMS);
     let mut store = Params::new(&mut flash, 0..PARAMS);
     let mut world = World::new(Setup::<1>::new());
@@ -286,7 +286,7 @@ fn with_params() -> Flash {
     flash
 }
 
-fn cruise_and_altitude(world: &World<1>) -> (f32, f32) {
+pub(crate) fn cruise_and_altitude(world: &World<1>) -> (f32, f32) {
     (world.stack.parameters().get(Tuning::CRUISE), world.stack.parameters().get(Tuning::RTL_ALT))
 }
 
@@ -381,8 +381,8 @@ fn a_failed_read_loses_no_parameter() {
     let mut store = Params::new(&mut counted, 0..PARAMS);
     of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)).expect("readable");
     let reads = counted.reads;
-    // The end of each of four pages; then the first page, each page of its segment, and the record.
-    assert_eq!(reads, 4 + 1 + 2 + 1);
+    // The end of each page; then the first page, each page of its segment, and the record.
+    assert_eq!(reads, PARAMS / 256 + 1 + PARAMS / 512 + 1);
     for (read, len) in (0..reads).flat_map(|read| [(read, 1), (read, 8)]) {
         let change = |flash: &mut Flash| {
             (flash.reads, flash.fault) = (0, Fault::Reads(read..read + len));

@@ -311,6 +311,6 @@ fn parameters_that_cannot_be_read_have_their_defaults() {
         assert_eq!(text.text.as_str(), Some("Stored parameters cannot be read"));
         failures += 1;
     }
-    // The ends of two pages, the first page twice, and the record.
-    assert_eq!(failures, 5);
+    // The end of each page, the pages of a segment, and the record.
+    assert!(failures > REGION / 256 + REGION / 512, "{failures}");
 }

@@ -9,6 +9,8 @@ mod support;
 mod async_store;
 #[cfg(feature = "signing")]
 mod damage;
+#[cfg(feature = "signing")]
+mod early;
 mod eeprom;
 mod flash_garbage;
 mod fram;

@@ -72,7 +72,7 @@ type PaceWorld = World<2, Mavlink>;
 
 /// Three pages of plans, one of parameters and one of the key: two units of 1 KiB in each segment.
 const LEN: u32 = mavstack::storage::Store::<Flash>::region_len::<Mavlink>();
-const _: () = assert!(LEN == 4 * 1024);
+const _: () = assert!(LEN == 6 * 1024);
 /// The region of a vehicle with a serial NOR flash.
 const LONG: u32 = 16 * 4096;
 

@@ -148,7 +148,11 @@ impl Figures {
 /// runs. `storage` is called in each pass, and says whether an erase is running.
 fn run(durability: Durability, mut storage: impl FnMut(&mut StallWorld) -> bool) -> Figures {
     let setup = Setup::new();
-    let mut world = StallWorld::of(Setup { config: Config { durability, ..setup.config }, step: POLL, ..setup });
+    let mut world = StallWorld::of(Setup {
+        config: Config { durability, storage_refill: Duration::ZERO, ..setup.config },
+        step: POLL,
+        ..setup
+    });
     let mut figures = Figures::default();
     let mut upload: Option<(Instant, Upload)> = None;
     let (mut variant, mut set_at, mut upload_at) = (0, Instant::ZERO, Instant::from_millis(2_000));
