@@ -1,95 +1,239 @@
-//! Any flash contents and any power cut: a vehicle boots with nothing, with a complete record, or with an error (G-13, G-18,
+//! Any flash contents, any damage and any power cut: a vehicle boots with complete content, or reports what is damaged (G-13, G-18,
 //! M-5, M-44, P-17, SEC-11).
 //!
 //! ```text
-//!   0  an image     bytes for both slots of a record of each kind
-//!   1  a record     sequence number, body; the header and checksums are valid
-//!   2  changes      effect of a power cut; then for each change: length, variant, steps until the cut (2 bytes)
+//!   0  an image     geometry; where it begins (2 bytes); bytes of the flash
+//!   1  records      geometry; then for each: kind, flags, length, content; the pages and their checksums are valid
+//!   2  a log        geometry, effect of a power cut; then a script of saves, cuts and damage
 //! ```
 
+mod model;
+mod pages;
+
 use crate::flash::{RamFlash, Torn};
-use crate::support::{TestVehicle, Tuning};
+use crate::support::{Tuning, millis};
 use arbitrary::{Result, Unstructured};
-use mavstack::dialect::{MavCmd, MavFrame};
+use mavstack::dialect::{MavCmd, MavFrame, MavResult, MissionState, rules};
 use mavstack::param::ParamTable;
 use mavstack::plan::PlanView;
 use mavstack::signing::SigningKey;
-use mavstack::storage::{RestoreError, RestoreErrors, Store};
-use mavstack::{Address, Config, Instant, Item, LinkConfig, PlanType, Pulse};
+use mavstack::storage::{Records, RestoreError, RestoreErrors, Store};
+use mavstack::{
+    Address, Command, CommandRule, Commands, Config, Context, Instant, Item, LinkConfig, Outcome, Parameters,
+    PlanChange, PlanType, Plans, Progress, Pulse, Vehicle, VehicleState,
+};
+
+/// The number of the vehicle's own records.
+const RECORDS: usize = 3;
 
 mavstack::stack! {
-    struct PlanStack for TestVehicle { links: 1, plans: { mission: 6, fence: 2, rally: 2 }, commands: { slots: 1 } }
+    struct Keeping for Keeper {
+        links: 1,
+        plans: { mission: 12, fence: 2, rally: 2 },
+        parameters: Tuning,
+        signing,
+        storage: { records: RECORDS },
+    }
 }
 
-mavstack::stack! {
-    struct ParamStack for TestVehicle { links: 1, parameters: Tuning, commands: { slots: 1 } }
-}
-
-mavstack::stack! {
-    struct SigningStack for TestVehicle { links: 1, signing, commands: { slots: 1 } }
-}
-
-type Flash = RamFlash<4, 256>;
-
-const SLOT: usize = 768;
-const REGION: u32 = 2 * SLOT as u32;
 static PULSE: Pulse = Pulse::new();
 const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
 const LINKS: [LinkConfig; 1] = [LinkConfig::uart(115_200)];
+/// The time of the first key, in units of 10 µs, and the time between two keys.
+const KEY_TIME: u64 = 37_000_000_000_000;
+const KEY_STEP: u64 = 1_000_000_000;
 
-/// Runs the target.
-pub fn run(data: &[u8]) {
-    let mut u = Unstructured::new(data);
-    let _ = match u.arbitrary::<u8>().unwrap_or(0) % 3 {
-        0 => image(u),
-        1 => record(u),
-        _ => changes(u),
-    };
+/// A vehicle that keeps records.
+#[derive(Default)]
+struct Keeper {
+    records: [Vec<u8>; RECORDS],
 }
 
-/// Arbitrary flash contents.
-fn image(mut u: Unstructured<'_>) -> Result<()> {
-    let at = usize::from(u.arbitrary::<u16>()?) % (2 * SLOT);
-    let mut bytes = vec![0xFF; 2 * SLOT];
-    let image = u.take_rest();
-    let len = image.len().min(bytes.len() - at);
-    bytes[at..at + len].copy_from_slice(&image[..len]);
-    let flash = Flash::of(bytes);
-    start_plans(flash.clone());
-    start_params(flash.clone());
-    start_signing(flash);
-    Ok(())
-}
-
-/// A record in the library's format with an arbitrary body and valid checksums.
-fn record(mut u: Unstructured<'_>) -> Result<()> {
-    let (kind, schema, sequence): (u8, u8, u32) = (u.arbitrary()?, u.arbitrary()?, u.arbitrary()?);
-    let kind = 1 + kind % 3;
-    let body = u.take_rest();
-    let body = &body[..body.len().min(SLOT - 256) / 32 * 32];
-    let mut slot = b"MVSR\x01".to_vec();
-    slot.extend([0, kind, if schema < 250 { 0 } else { schema }]);
-    slot.extend(sequence.to_le_bytes());
-    slot.extend((body.len() as u32).to_le_bytes());
-    slot.extend(crc(body));
-    slot.extend([0; 8]);
-    slot.extend(crc(&slot));
-    slot.resize(256, 0xFF);
-    slot.extend(body);
-    slot.resize(2 * SLOT, 0xFF);
-    let flash = Flash::of(slot);
-    match kind {
-        1 => start_plans(flash),
-        2 => start_params(flash),
-        _ => start_signing(flash),
+impl Vehicle for Keeper {
+    fn state(&self) -> Option<VehicleState> {
+        Some(VehicleState::new(false))
     }
-    Ok(())
 }
 
-fn crc(bytes: &[u8]) -> [u8; 4] {
-    let mut crc = crc_any::CRCu32::crc32();
-    crc.digest(bytes);
-    crc.get_crc().to_le_bytes()
+impl Commands for Keeper {
+    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
+        MavResult::UNSUPPORTED.into()
+    }
+}
+
+impl Plans for Keeper {
+    const MISSION_COMMANDS: &'static [CommandRule] = &[rules::NAV_WAYPOINT];
+
+    fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
+
+    fn progress(&self) -> Progress {
+        Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
+    }
+}
+
+impl Parameters for Keeper {
+    type Table = Tuning;
+}
+
+impl Records for Keeper {
+    fn load_record(&mut self, _: &mut Context<'_>, number: u8, bytes: &[u8]) {
+        self.records[usize::from(number)] = bytes.to_vec();
+    }
+
+    fn save_record(&mut self, _: &mut Context<'_>, number: u8, bytes: &mut [u8]) -> usize {
+        let record = &self.records[usize::from(number)];
+        bytes[..record.len()].copy_from_slice(record);
+        record.len()
+    }
+}
+
+/// What a vehicle keeps: one value for each kind. Empty if nothing is stored.
+pub(crate) type Values = [Vec<u8>; KINDS.len()];
+
+/// The kinds of records: plans, parameters, key, and the vehicle's own.
+pub(crate) const KINDS: [u8; 3 + RECORDS] = [1, 2, 3, 128, 129, 130];
+const PLANS: usize = 0;
+const PARAMETERS: usize = 1;
+const KEY: usize = 2;
+const OWN: usize = 3;
+
+/// A vehicle with its flash.
+pub(crate) struct Device<const W: usize, const E: usize> {
+    stack: Box<Keeping>,
+    keeper: Keeper,
+    pub(crate) store: Store<RamFlash<W, E>>,
+    now: Instant,
+}
+
+impl<const W: usize, const E: usize> Device<W, E> {
+    /// Boots with these contents, and waits for everything that is read late or written on its own.
+    pub(crate) fn boot(mut flash: RamFlash<W, E>) -> Self {
+        flash.power_on();
+        let len = flash.bytes.len() as u32;
+        assert!(Store::<RamFlash<W, E>>::region_len::<Keeping>() <= len, "the region has room for everything");
+        let (stack, keeper) = (Box::new(Keeping::new(CONFIG, LINKS)), Keeper::default());
+        let mut device = Self { stack, keeper, store: Store::new(flash, 0..len), now: Instant::ZERO };
+        let result = device.stack.restore(device.now, &mut device.store, &mut device.keeper);
+        assert_eq!(result.err().unwrap_or_default(), device.stack.restore_errors());
+        device.settle();
+        device
+    }
+
+    /// Boots again with the same flash.
+    pub(crate) fn reboot(self) -> Self {
+        Self::boot(self.store.into_inner())
+    }
+
+    /// Runs for some seconds. Storage then has nothing to do, because it does not wait longer for anything.
+    pub(crate) fn settle(&mut self) {
+        for _ in 0..120 {
+            self.now = self.now.after(millis(100));
+            self.stack.poll(self.now, &mut self.keeper);
+            let mut steps = 0;
+            while self.stack.persist(self.now, &mut self.store, &mut self.keeper) {
+                steps += 1;
+                assert!(steps < 2_000, "persisting does not end");
+            }
+        }
+    }
+
+    pub(crate) fn errors(&self) -> RestoreErrors {
+        self.stack.restore_errors()
+    }
+
+    /// Returns for each kind whether it is reported as damaged. The vehicle's own records share an error.
+    pub(crate) fn damaged(&self) -> [bool; KINDS.len()] {
+        let RestoreErrors { signing, parameters, plans, records, .. } = self.errors();
+        let of = |index| [plans, parameters, signing, records][std::cmp::min(index, OWN)];
+        std::array::from_fn(|index| match of(index) {
+            None => false,
+            Some(RestoreError::Damaged) => true,
+            Some(error) => panic!("kind {}: {error}", KINDS[index]),
+        })
+    }
+
+    /// Returns what the vehicle has.
+    pub(crate) fn values(&self) -> Values {
+        let tuning = self.stack.parameters();
+        assert_in_range(tuning);
+        let trim = tuning.get(Tuning::TRIM_ROLL);
+        let parameters = if trim == -3 { Vec::new() } else { trim.to_le_bytes().to_vec() };
+        let signing = self.stack.signing();
+        let time = signing.timestamp(self.now);
+        assert!(time < 1 << 48, "a timestamp has 48 bits");
+        let key = if signing.is_active() { vec![(time.saturating_sub(KEY_TIME) / KEY_STEP) as u8] } else { Vec::new() };
+        let [a, b, c] = self.keeper.records.clone();
+        [live(&self.stack), parameters, key, a, b, c]
+    }
+
+    /// Changes a kind to a value of this variant, which is not 0, and returns what the vehicle will have.
+    pub(crate) fn change(&mut self, index: usize, variant: u8) -> Vec<u8> {
+        assert!(variant > 0);
+        match index {
+            PLANS => {
+                let plan = mission(1 + variant % 12, variant);
+                let loaded = self.stack.load_plan(self.now, PlanType::Mission, plan.iter().copied(), &mut self.keeper);
+                assert_eq!(loaded, Ok(()));
+                // The other plans are not changed.
+                live_with(&self.stack, Some(&plan))
+            }
+            PARAMETERS => {
+                let trim = variant.cast_signed() % 20;
+                let trim = if trim == -3 { 20 } else { trim };
+                self.stack.parameters_mut().set(Tuning::TRIM_ROLL, trim);
+                self.stack.save_parameters(self.now);
+                trim.to_le_bytes().to_vec()
+            }
+            KEY => {
+                let time = KEY_TIME + u64::from(variant) * KEY_STEP;
+                self.stack.signing_mut().set_key(self.now, SigningKey::new([variant; 32]), time);
+                vec![variant]
+            }
+            _ => {
+                let number = index - OWN;
+                let record = vec![variant; 1 + usize::from(variant) % 224];
+                self.keeper.records[number].clone_from(&record);
+                self.stack.save_record(number as u8);
+                record
+            }
+        }
+    }
+
+    /// P-17, M-5: whatever was restored is valid.
+    fn check(&self) {
+        for (plan, view) in [PlanType::Mission, PlanType::Fence, PlanType::Rally].into_iter().zip(plans(&self.stack)) {
+            let mut other = Box::new(Keeping::new(CONFIG, LINKS));
+            let items = view.items().iter().copied();
+            // Restored plans are checked like uploads, so the same plan is accepted again.
+            let loaded = other.load_plan(Instant::ZERO, plan, items, &mut Keeper::default());
+            assert_eq!(loaded, Ok(()), "the restored {plan:?} is valid");
+        }
+    }
+}
+
+fn plans(stack: &Keeping) -> [PlanView<'_>; 3] {
+    [stack.mission(), stack.fence(), stack.rally()]
+}
+
+fn live(stack: &Keeping) -> Vec<u8> {
+    live_with(stack, None)
+}
+
+/// Returns the live plans in their stored form, or these plans with another mission.
+fn live_with(stack: &Keeping, mission: Option<&[Item]>) -> Vec<u8> {
+    let mut all = Vec::new();
+    for (index, plan) in plans(stack).into_iter().enumerate() {
+        let items = bytes_of(plan.items());
+        // M-5: the id is computed from the items; 0 for an empty plan.
+        let id = if items.is_empty() { 0 } else { pages::crc(&items).max(1) };
+        assert_eq!(plan.id(), id);
+        let items = if index == 0 { mission.map_or(items, bytes_of) } else { items };
+        if !items.is_empty() {
+            all.push(index as u8);
+            all.extend(items);
+        }
+    }
+    all
 }
 
 /// Returns the stored form of items, from which the plan id is computed.
@@ -105,42 +249,6 @@ fn bytes_of(items: &[Item]) -> Vec<u8> {
     bytes
 }
 
-fn new_stack() -> Box<PlanStack> {
-    Box::new(PlanStack::new(CONFIG, LINKS))
-}
-
-/// Returns the live plans in their stored form.
-fn live(stack: &PlanStack) -> [Vec<u8>; 3] {
-    [stack.mission(), stack.fence(), stack.rally()].map(|plan: PlanView| {
-        let items = bytes_of(plan.items());
-        // M-5: the id is computed from the items; 0 for an empty plan.
-        let id = if items.is_empty() { 0 } else { u32::from_le_bytes(crc(&items)).max(1) };
-        assert_eq!(plan.id(), id);
-        items
-    })
-}
-
-fn restored(store: &mut Store<&mut Flash>, vehicle: &mut TestVehicle) -> Box<PlanStack> {
-    let mut stack = new_stack();
-    let result = stack.restore(Instant::ZERO, store, vehicle);
-    assert!(store.flash().torn == Torn::Unreadable || is_readable(&result), "{result:?}");
-    if !is_readable(&result) {
-        // The header of an interrupted write cannot be read. It is read again once a second, and then ignored.
-        for seconds in 1..=10 {
-            let now = Instant::from_millis(seconds * 1_000);
-            stack.poll(now, vehicle);
-            stack.persist(now, store, vehicle);
-        }
-    }
-    stack
-}
-
-/// Whether the flash was readable. It then has a complete record, is empty, or is reported as damaged or foreign (G-18).
-fn is_readable<E>(result: &core::result::Result<(), RestoreErrors<E>>) -> bool {
-    let Err(RestoreErrors { signing, parameters, plans, .. }) = result else { return true };
-    [signing, parameters, plans].into_iter().flatten().all(|error| !matches!(error, RestoreError::Storage(_)))
-}
-
 /// Returns a mission. Missions of different `variant` differ.
 fn mission(len: u8, variant: u8) -> Vec<Item> {
     let item = |seq| Item {
@@ -153,50 +261,7 @@ fn mission(len: u8, variant: u8) -> Vec<Item> {
         y: i32::from(variant),
         z: 20.0,
     };
-    (0..len % 7).map(item).collect()
-}
-
-fn start_plans(mut flash: Flash) {
-    let mut vehicle = TestVehicle::new();
-    let mut store = Store::new(&mut flash, 0..REGION);
-    let mut stack = restored(&mut store, &mut vehicle);
-    let [_, fence, rally] = live(&stack);
-    // Restored plans are checked like uploads, so the same plan is accepted again.
-    let items = stack.mission().items().to_vec();
-    let loaded = new_stack().load_plan(Instant::ZERO, PlanType::Mission, items, &mut vehicle);
-    assert_eq!(loaded, Ok(()), "the restored mission is valid");
-    // A new plan is accepted, whatever the flash contained.
-    let plan = mission(3, 7);
-    assert_eq!(stack.load_plan(Instant::ZERO, PlanType::Mission, plan.iter().copied(), &mut vehicle), Ok(()));
-    let mut steps = 0;
-    while stack.persist(Instant::ZERO, &mut store, &mut vehicle) {
-        steps += 1;
-        assert!(steps < 1_000, "persisting does not end");
-    }
-    let again = restored(&mut store, &mut vehicle);
-    assert_eq!(live(&again), [bytes_of(&plan), fence, rally]);
-}
-
-fn start_params(mut flash: Flash) {
-    let mut vehicle = TestVehicle::new();
-    let mut store = Store::new(&mut flash, 0..REGION);
-    let mut stack = ParamStack::new(CONFIG, LINKS);
-    let result = stack.restore(Instant::ZERO, &mut store, &mut vehicle);
-    assert!(is_readable(&result), "{result:?}");
-    assert_in_range(stack.parameters());
-    // A change is stored, whatever the flash contained.
-    stack.parameters_mut().set(Tuning::TRIM_ROLL, 11);
-    stack.save_parameters(Instant::ZERO);
-    let mut now = Instant::ZERO;
-    for _ in 0..200 {
-        now = now.after(crate::support::millis(100));
-        stack.poll(now, &mut vehicle);
-        stack.persist(now, &mut store, &mut vehicle);
-    }
-    let (mut again, mut vehicle) = (ParamStack::new(CONFIG, LINKS), TestVehicle::new());
-    again.restore(Instant::ZERO, &mut store, &mut vehicle).expect("readable flash");
-    assert_in_range(again.parameters());
-    assert_eq!(again.parameters().get(Tuning::TRIM_ROLL), 11);
+    (0..len).map(item).collect()
 }
 
 /// P-17: a stored value that is out of range is replaced by the default.
@@ -212,63 +277,105 @@ fn assert_in_range(tuning: &Tuning) {
     assert_eq!(Tuning::INFO.len(), 9);
 }
 
-fn start_signing(mut flash: Flash) {
-    let mut vehicle = TestVehicle::new();
-    let mut store = Store::new(&mut flash, 0..REGION);
-    let mut stack = SigningStack::new(CONFIG, LINKS);
-    let result = stack.restore(Instant::ZERO, &mut store, &mut vehicle);
-    assert!(is_readable(&result), "{result:?}");
-    let signing = stack.signing_mut();
-    let time = signing.timestamp(Instant::ZERO);
-    assert!(time < 1 << 48, "a timestamp has 48 bits");
-    signing.set_key(Instant::ZERO, SigningKey::new([9; 32]), 37_000_000_000_000);
-    // A new key starts with its own timestamp (G-17).
-    let time = signing.timestamp(Instant::ZERO);
-    let mut steps = 0;
-    while stack.persist(Instant::ZERO, &mut store, &mut vehicle) {
-        steps += 1;
-        assert!(steps < 1_000, "persisting does not end");
-    }
-    let mut again = SigningStack::new(CONFIG, LINKS);
-    again.restore(Instant::ZERO, &mut store, &mut vehicle).expect("readable flash");
-    let signing = again.signing();
-    assert!(signing.is_active(), "the key is restored");
-    assert!(signing.timestamp(Instant::ZERO) >= time, "G-15: the timestamp does not go back");
+/// Runs the target.
+pub fn run(data: &[u8]) {
+    let mut u = Unstructured::new(data);
+    let [mode, geometry] = [0; 2].map(|_: u8| u.arbitrary::<u8>().unwrap_or(0));
+    // Write unit, erase unit, length: flash of serial NOR, of an STM32G4, an FRAM, flash with ECC, with an odd number of units.
+    let _ = match geometry % 5 {
+        0 => play::<4, 4_096>(mode, 4, u),
+        1 => play::<8, 2_048>(mode, 8, u),
+        2 => play::<1, 256>(mode, 20, u),
+        3 => play::<32, 1_024>(mode, 7, u),
+        _ => play::<256, 512>(mode, 11, u),
+    };
 }
 
-/// Changes plans one after the other and cuts the power at any step. After each cut the old or the new plan is present.
-fn changes(mut u: Unstructured<'_>) -> Result<()> {
-    let mut flash = Flash::new(REGION);
-    flash.torn = [Torn::Prefix, Torn::Garbage, Torn::Unreadable][usize::from(u.arbitrary::<u8>()? % 3)];
-    let mut old = [vec![], vec![], vec![]];
-    for _ in 0..16 {
-        if u.is_empty() {
-            break;
+fn play<const W: usize, const E: usize>(mode: u8, units: usize, mut u: Unstructured<'_>) -> Result<()> {
+    let least = Store::<RamFlash<W, E>>::region_len::<Keeping>() as usize / E;
+    let flash = RamFlash::<W, E>::new((units.max(least) * E) as u32);
+    match mode % 3 {
+        0 => image(flash, u),
+        1 => {
+            let flash = pages::records(flash, &mut u)?;
+            start(flash);
+            Ok(())
         }
-        let (len, variant, fuel): (u8, u8, u16) = (u.arbitrary()?, u.arbitrary()?, u.arbitrary()?);
-        flash.fuel = (fuel < 0xFF00).then_some(u64::from(fuel % 1_200));
-        let mut vehicle = TestVehicle::new();
-        // No power cut while restoring.
-        let fuel = flash.fuel.take();
-        let mut store = Store::new(&mut flash, 0..REGION);
-        let mut stack = restored(&mut store, &mut vehicle);
-        assert_eq!(live(&stack), old, "the same plan is found again");
-        store.flash_mut().fuel = fuel;
-        let plan = mission(len, variant);
-        let new = [bytes_of(&plan), vec![], vec![]];
-        assert_eq!(stack.load_plan(Instant::ZERO, PlanType::Mission, plan, &mut vehicle), Ok(()));
-        // Later than the time that restoring may have used.
-        let mut now = Instant::from_millis(20_000);
-        for _ in 0..100 {
-            now = now.after(crate::support::millis(50));
-            stack.poll(now, &mut vehicle);
-            stack.persist(now, &mut store, &mut vehicle);
+        _ => {
+            let torn = [Torn::Prefix, Torn::Garbage, Torn::Unreadable][usize::from(u.arbitrary::<u8>()? % 3)];
+            model::play(RamFlash { torn, ..flash }, u)
         }
-        let is_complete = !store.flash().is_off();
-        store.flash_mut().power_on();
-        let found = live(&restored(&mut store, &mut vehicle));
-        assert!(found == new || (!is_complete && found == old), "neither the old plan nor the new one");
-        old = found;
     }
+}
+
+/// Arbitrary flash contents.
+fn image<const W: usize, const E: usize>(mut flash: RamFlash<W, E>, mut u: Unstructured<'_>) -> Result<()> {
+    let at = usize::from(u.arbitrary::<u16>()?) % flash.bytes.len();
+    let image = u.take_rest();
+    let len = image.len().min(flash.bytes.len() - at);
+    flash.bytes[at..at + len].copy_from_slice(&image[..len]);
+    start(flash);
     Ok(())
+}
+
+/// Boots with any contents. What is written then is found again, and everything else remains as it was restored.
+fn start<const W: usize, const E: usize>(flash: RamFlash<W, E>) {
+    let device = Device::boot(flash);
+    device.check();
+    if device.errors().region == Some(RestoreError::Foreign) {
+        // Newer firmware wrote the log: not a byte of it changes.
+        let before = device.store.flash().bytes.clone();
+        let mut device = device;
+        for index in 0..KINDS.len() {
+            device.change(index, 7);
+        }
+        device.settle();
+        assert!(device.store.flash().bytes == before, "a log of another version was written");
+        return;
+    }
+    let foreign = pages::kept(&device.store.flash().bytes);
+    let mut device = device.reboot();
+    let mut expected = device.values();
+    for index in 0..KINDS.len() {
+        expected[index] = device.change(index, 7);
+        device.settle();
+        device = device.reboot();
+        assert_eq!(device.values(), expected, "after kind {} was written", KINDS[index]);
+    }
+    assert_eq!(device.errors(), RestoreErrors::default(), "everything is new");
+    let kept = pages::kept(&device.store.flash().bytes);
+    for (kind, content) in foreign {
+        assert_eq!(kept.get(&kind), Some(&content), "a record of other firmware is lost");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    /// Random scripts: a search without the fuzzer. `MAVSTACK_SCRIPTS` is how many of each mode and geometry.
+    #[test]
+    fn random_scripts_pass() {
+        let count = std::env::var("MAVSTACK_SCRIPTS").ok().and_then(|count| count.parse().ok()).unwrap_or(20u64);
+        let mut state = 0x9E37_79B9_7F4A_7C15u64;
+        let mut random = move || {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 32) as u8
+        };
+        for _ in 0..count {
+            for mode in 0..3 {
+                for geometry in 0..5 {
+                    let len = 4 + usize::from(random()) % 60;
+                    let mut script = vec![mode, geometry];
+                    script.extend((0..len).map(|_| random()));
+                    if mode == 2 {
+                        // Damage usually meets one of the newest pages.
+                        (0..len).step_by(8).for_each(|at| script[2 + at] &= 0x07);
+                    }
+                    println!("{script:?}");
+                    super::run(&script);
+                }
+            }
+        }
+    }
 }

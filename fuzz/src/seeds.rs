@@ -71,27 +71,49 @@ pub fn sign() -> Vec<Vec<u8>> {
     seeds
 }
 
-/// Images, records and power cuts.
+/// Images, records and scripts, for each geometry.
 pub fn record() -> Vec<Vec<u8>> {
-    let mut seeds = vec![vec![0, 0, 0], [&[0, 0, 0][..], b"MVSR\x01\x00\x01\x00"].concat()];
-    // A plan with one waypoint: counts, wrong ids, the item.
-    let mut plan = vec![1, 0, 0, 1, 0, 0, 0];
-    plan.extend([1, 0, 0, 0, 0, 0]);
-    plan.resize(7 + 32, 0);
-    plan.extend([3, 16, 0, 1]);
-    plan.resize(7 + 64, 0);
-    seeds.push(plan);
-    // A parameter by name.
-    let mut row = vec![1, 1, 0, 1, 0, 0, 0];
-    row.extend(b"TRIM_ROLL\0\0\0\0\0\0\0");
-    row.extend([5, 0, 0, 0, 2, 0]);
-    row.resize(7 + 32, 0);
-    seeds.push(row);
-    seeds.push([&[1, 2, 0, 1, 0, 0, 0][..], &[0x55; 64]].concat());
-    for fuel in [0u16, 1, 3, 40, 255, 256, 300, 500, 900] {
-        let [low, high] = fuel.to_le_bytes();
+    let mut seeds = Vec::new();
+    for geometry in 0..5 {
+        seeds.push(vec![0, geometry, 0, 0]);
+        seeds.push([&[0, geometry, 0, 0][..], b"ML\x01\x01 and something else"].concat());
+        // Records: a plan with one waypoint, a parameter by its key, a key, the vehicle's own, of newer firmware, a lost one.
+        let mut plan = vec![1, 0, 0];
+        plan.resize(32, 0);
+        plan.extend([3, 16, 0, 1]);
+        plan.resize(52, 0);
+        plan.extend([1, 0, 0, 0, 2]);
+        plan.resize(64, 0);
+        let record = |kind, options, content: &[u8]| [&[kind, options, content.len() as u8 / 2], content].concat();
+        let mut all = vec![1, geometry];
+        all.extend(record(0, 0, &plan));
+        all.extend(record(1, 0, &[0x12, 0x34, 0x56, 0x78, 5, 0, 0, 0]));
+        all.extend(record(2, 0, &[0x55; 42]));
+        all.extend(record(3, 0, &[1, 2, 3, 4]));
+        seeds.push(all.clone());
+        all.extend(record(6, 0, &[9; 250]));
+        seeds.push(all.clone());
+        all.extend(record(0, 0x80, &[]));
+        seeds.push(all);
+        seeds.push([&[1, geometry][..], &record(1, 0x40, &[7; 16])].concat());
+        seeds.push([&[1, geometry][..], &record(0, 0x10, &plan)].concat());
         for torn in 0..3 {
-            seeds.push(vec![2, torn, 3, 1, 0xFF, 0xFF, 5, 2, low, high, 2, 3, low, high, 6, 4, 0xFF, 0xFF]);
+            let mut script = vec![2, geometry, torn];
+            for kind in 0..6 {
+                script.extend([kind, 10 + kind, 0xFF, 0xFF]);
+            }
+            for (kind, fuel) in [(0u8, 0u16), (0, 100), (1, 255), (2, 300), (0, 500), (3, 257), (0, 700), (2, 900)] {
+                let [low, high] = fuel.to_le_bytes();
+                script.extend([kind, 30 + torn, low, high]);
+            }
+            seeds.push(script);
+            // Compaction, damage, and compaction with damage.
+            for (page, byte) in [(0u8, 100), (0, 230), (1, 250), (2, 10), (3, 255), (5, 240)] {
+                let mut script =
+                    vec![2, geometry, torn, 0, 20, 0xFF, 0xFF, 2, 7, 0xFF, 0xFF, 6, 3, 3, 1, 9, 0xFF, 0xFF];
+                script.extend([7, 0, page, 0, byte, 1, 6, 4, 15, 1, 2, 0xFF, 0xFF]);
+                seeds.push(script);
+            }
         }
     }
     seeds

@@ -2,7 +2,7 @@
 
 use super::LINKS;
 use crate::support::{TestVehicle, Tuning};
-use mavstack::__private::{CommandSlots, Declares, Missions, ParamService, SigningStreams};
+use mavstack::__private::{CommandSlots, Declares, Missions, ParamService, SigningStreams, Storage};
 use mavstack::high_latency::HighLatencyConfig;
 use mavstack::manual_control::ManualInput;
 use mavstack::{Duration, Stack};
@@ -17,6 +17,7 @@ pub trait Declared:
         Commands = CommandSlots<3>,
         ManualControl = ManualInput,
         Signing = SigningStreams<16>,
+        Storage = Storage,
     >
 {
     /// Configures what only some of them have.
@@ -37,6 +38,7 @@ macro_rules! declare {
                 manual_control,
                 peers: 6,
                 texts: 3,
+                storage,
                 $($service,)*
             }
         }

@@ -15,7 +15,10 @@ const ITEMS: u16 = 12;
 const ACCEPTED: MavMissionResult = MavMissionResult::ACCEPTED;
 const ERROR: MavMissionResult = MavMissionResult::ERROR;
 
-/// Runs until writing has finished. After a plan the next slot is erased ahead, so wait for a quiet period.
+/// The steps of a page of the log: 256 bytes, written in words.
+const PAGE: u32 = 64;
+
+/// Runs until writing has finished. After a record units are erased ahead, so wait for a quiet period.
 fn settle(world: &mut World) {
     let mut quiet = 0;
     while quiet < 30 && !flash::is_power_off() {
@@ -74,11 +77,56 @@ impl Outcomes {
     }
 }
 
-/// Cuts the power at each word and erase of a plan.
+/// Cuts the power at each word and erase of a plan: of one that is appended to the log, and of one that opens a new segment,
+/// for which everything else is copied.
 pub fn cut_plan(parts: Parts) -> Parts {
+    let (parts, appended) = cut_plan_after(parts, 1);
+    appended.print("reset-in-commit");
+    let mut world = with_parameters(parts);
+    let mut saves = 0;
+    loop {
+        let steps;
+        (world, steps) = save_plan(world, 3 + saves);
+        if steps > appended.cuts + PAGE {
+            break;
+        }
+        saves += 1;
+        assert!(saves < 100, "no segment was opened");
+    }
+    let (parts, copied) = cut_plan_after(world.end(), saves);
+    assert!(copied.cuts > appended.cuts + PAGE, "no segment was opened: {} steps", copied.cuts);
+    copied.print("reset-in-commit, with a new segment");
+    parts
+}
+
+/// Returns a vehicle with stored parameters, which are copied to each new segment.
+fn with_parameters(parts: Parts) -> World {
     let mut world = World::fresh(parts);
-    assert!(upload(&mut world, COMPANION, STATION, ITEMS, 1) == ACCEPTED);
+    set_speed(&mut world, 5.0);
+    while !world.app().wants_reboot() {
+        world.pass(&mut []);
+    }
+    world.restarted()
+}
+
+/// Stores the plan of this variant, after a reboot because saves are rate-limited (C-15). Returns the steps of the flash.
+fn save_plan(world: World, variant: u16) -> (World, u32) {
+    const STEPS: u32 = 1_000_000;
+    let mut world = world.restarted();
+    flash::cut_after(STEPS);
+    assert!(upload(&mut world, COMPANION, STATION, ITEMS, variant) == ACCEPTED);
     settle(&mut world);
+    let steps = STEPS - flash::steps_left();
+    flash::clear_faults();
+    (world, steps)
+}
+
+/// Cuts the power at each step of a save, after as many saves as this: the last of variant 1, to be replaced by variant 2.
+fn cut_plan_after(parts: Parts, saves: u16) -> (Parts, Outcomes) {
+    let mut world = with_parameters(parts);
+    for variant in (3..).take((saves - 1).into()).chain([1]) {
+        (world, _) = save_plan(world, variant);
+    }
     let change = |world: &mut World| {
         let mut upload = Upload::new(COMPANION, STATION, ITEMS, 2);
         while upload.result.is_none() && !flash::is_power_off() {
@@ -92,9 +140,7 @@ pub fn cut_plan(parts: Parts) -> Parts {
         let (old, new) = (world.live(1) == Some(ITEMS), world.live(2) == Some(ITEMS));
         (old || new).then_some(new)
     };
-    let (parts, outcomes) = every_cut(world.end(), change, find);
-    outcomes.print("reset-in-commit");
-    parts
+    every_cut(world.end(), change, find)
 }
 
 fn set_speed(world: &mut World, param_value: f32) {
@@ -121,7 +167,10 @@ pub fn cut_parameters(parts: Parts) -> Parts {
             world.pass(&mut []);
             assert!(world.now < Instant::from_millis(10_000), "no reboot");
         }
-        !flash::is_power_off()
+        let is_confirmed = !flash::is_power_off();
+        // Without a reboot, units are erased ahead. The confirmed value survives a cut there, too.
+        settle(world);
+        is_confirmed
     };
     set_speed(&mut world, 5.0);
     while !world.app().wants_reboot() {

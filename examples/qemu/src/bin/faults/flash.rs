@@ -21,6 +21,11 @@ pub fn cut_after(steps: u32) {
     FUEL.store(steps, Relaxed);
 }
 
+/// Returns the steps until the power cut.
+pub fn steps_left() -> u32 {
+    FUEL.load(Relaxed)
+}
+
 /// Whether the power was cut.
 pub fn is_power_off() -> bool {
     FUEL.load(Relaxed) == 0

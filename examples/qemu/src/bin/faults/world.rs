@@ -15,6 +15,9 @@ pub const VEHICLE: Address = Address::new(1, 1);
 pub const STATION: Address = Address::new(255, 190);
 pub const OTHER: Address = Address::new(254, 190);
 
+/// The length of the storage: the least, so that the log starts a new segment most often.
+const REGION: u32 = Store::<Flash>::region_len::<Mavlink>();
+
 /// The resources of a scenario: memory for the vehicle's stack and its lines, and the flash.
 pub struct Parts {
     pub stack: &'static mut Mavlink,
@@ -139,7 +142,7 @@ impl World {
         *lines = LINES;
         let mut world = Self {
             app: App::new(stack),
-            store: Store::new(flash, 0..Flash::LEN),
+            store: Store::new(flash, 0..REGION),
             now,
             step: Duration::from_millis(10),
             network: Network { lines, random: Random::new(0x2545_F491), signer: None, tape: None, seq: 0 },
