@@ -116,6 +116,12 @@ impl<const W: usize, const E: usize> Device<W, E> {
         let result = device.stack.restore(device.now, &mut device.store, &mut device.keeper);
         assert_eq!(result.err().unwrap_or_default(), device.stack.restore_errors());
         device.settle();
+        // Many pages that cannot be read are given up after a minute.
+        for _ in 0..10 {
+            if device.errors().plans == Some(RestoreError::Unreadable) {
+                device.settle();
+            }
+        }
         device
     }
 

@@ -33,6 +33,10 @@ const TAIL_AT: u32 = (PAGE - TAIL) as u32;
 
 /// Pages of one erase unit that cannot be read are given up after this many attempts.
 const ATTEMPTS: u8 = 4;
+/// More pages are given up after this many, a minute later, and everything counts as damaged; but never all pages of the region.
+const LONG_ATTEMPTS: u8 = 10;
+/// The number of pages that several power cuts may leave unreadable.
+const FEW: u32 = 8;
 /// The time between two attempts.
 const PAUSE: Duration = Duration::from_secs(1);
 /// The time between attempts while more pages cannot be read.
@@ -916,9 +920,15 @@ impl Log {
             self.task = Task::Foreign;
             return Event::Found;
         }
-        // A power cut leaves no more than one unit that cannot be read. What is in the others may be read later.
-        if self.unreadable > self.region.unit || self.unreadable >= self.region.pages {
-            return self.wait(now, if self.attempts.saturating_add(1) < ATTEMPTS { PAUSE } else { LONG_PAUSE });
+        // A power cut leaves no more than one unit that cannot be read, several cuts a few pages more. What is in others may be
+        // read later.
+        let is_outage = self.unreadable > self.region.unit.max(FEW);
+        let attempts = self.attempts.saturating_add(1);
+        if self.unreadable >= self.region.pages || is_outage && attempts < LONG_ATTEMPTS {
+            return self.wait(now, if attempts < ATTEMPTS { PAUSE } else { LONG_PAUSE });
+        }
+        if is_outage {
+            self.suspect = Suspect { segment: self.newest.wrapping_add(1), kind: ANY_KIND };
         }
         if self.open.number == 0 {
             if self.unreadable > 0 && self.attempts.saturating_add(1) >= ATTEMPTS {

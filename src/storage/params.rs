@@ -56,7 +56,7 @@ where
     #[inline(never)]
     fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> Result<(), RestoreError> {
         // If the operator requests the stored values, what was set since is not wanted.
-        let keeps = self.keeps_values(cx.parameters, part.is_first);
+        let keeps = self.keeps_values(cx.parameters);
         let is_late = (part.is_late || keeps) && !self.is_reload_requested(cx.parameters);
         // Both tables are sorted by name, so the search usually ends at once.
         let mut next = 0;
@@ -74,7 +74,7 @@ where
             self.reread(cx.now, cx.parameters, result != Err(RestoreError::Unreadable));
         } else {
             // If nothing was loaded, what was set since is still to be written.
-            self.keeps_values(cx.parameters, result != Ok(true));
+            self.keeps_values(cx.parameters);
             self.loaded(cx.parameters, result == Ok(true));
         }
     }

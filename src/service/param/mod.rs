@@ -401,9 +401,9 @@ impl ParamService {
         });
     }
 
-    /// Whether a value was set before the stored ones were loaded, so that it is newer; `begins`: none is loaded yet.
-    pub(crate) fn keeps_values<T: ParamTable>(&mut self, table: &mut T, begins: bool) -> bool {
-        self.saving(table, |saving, generation| saving.keeps_values(generation, begins))
+    /// Whether a value was set before the stored ones were loaded, so that it is newer. Called before the first one is loaded.
+    pub(crate) fn keeps_values<T: ParamTable>(&mut self, table: &mut T) -> bool {
+        self.saving(table, |saving, generation| saving.keeps_values(generation))
     }
 
     /// Has the values written again.

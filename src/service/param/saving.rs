@@ -20,8 +20,10 @@ pub(super) struct Saving {
     stored: u32,
     /// Whether the stored values must be loaded again.
     pub(super) is_reload_requested: bool,
-    /// Whether the stored values were not loaded yet, and whether another one was set since storage was attached.
+    /// Whether the stored values were not loaded yet, and loading them has not begun.
     is_unloaded: bool,
+    is_unread: bool,
+    /// Whether a value was set after storage was attached and before loading began.
     keeps_values: bool,
 }
 
@@ -32,17 +34,18 @@ impl Saving {
         stored: 0,
         is_reload_requested: false,
         is_unloaded: false,
+        is_unread: false,
         keeps_values: false,
     };
 
     /// Records that storage is attached.
     pub(super) const fn attach(&mut self, generation: u32) {
-        (self.stored, self.is_unloaded, self.keeps_values) = (generation, true, false);
+        (self.stored, self.is_unloaded, self.is_unread, self.keeps_values) = (generation, true, true, false);
     }
 
-    /// Whether a value was set after storage was attached and before the stored values are loaded, which `begins`.
-    pub(super) const fn keeps_values(&mut self, generation: u32, begins: bool) -> bool {
-        if begins && self.is_unloaded {
+    /// Whether a value was set after storage was attached and before the stored values are loaded. Called before the first one is.
+    pub(super) const fn keeps_values(&mut self, generation: u32) -> bool {
+        if core::mem::replace(&mut self.is_unread, false) {
             self.keeps_values = generation != self.stored;
         }
         self.is_unloaded && self.keeps_values
