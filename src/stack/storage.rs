@@ -57,7 +57,7 @@ macro_rules! contents {
                         Persistent::loaded(&mut self.$service, cx, result, storage.is_late);
                         if let Err(error) = result {
                             storage.errors.$field = Some(error);
-                        } else if storage.is_late {
+                        } else if storage.errors.$field == Some(RestoreError::Unreadable) {
                             storage.errors.$field = None;
                         }
                     })*
