@@ -7,7 +7,7 @@ use embedded_storage::nor_flash::NorFlash;
 use mavstack::config::{Identity, LinkClass, StreamProfile, VehicleAddress};
 use mavstack::network::LinkError;
 use mavstack::signing::LinkSigning;
-use mavstack::storage::{RestoreErrors, Store};
+use mavstack::storage::{JobSlot, RestoreErrors, Store};
 use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Pulse, Vehicle};
 
 use crate::status::Status;
@@ -189,10 +189,23 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
     /// more work is pending.
     pub fn persist<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>) -> bool {
         let is_busy = self.stack.persist(now, store, &mut self.vehicle);
+        self.note_saving(is_busy);
+        is_busy
+    }
+
+    /// Takes the result of the storage job in the slot, and puts the next one in; see
+    /// [`Stack::exchange_job`](mavstack::Stack::exchange_job). Returns true when the slot has a job. For a task that runs the
+    /// jobs while other tasks use the vehicle.
+    pub fn exchange_job(&mut self, now: Instant, slot: &mut JobSlot) -> bool {
+        let has_job = self.stack.exchange_job(now, slot, &mut self.vehicle);
+        self.note_saving(has_job);
+        has_job
+    }
+
+    fn note_saving(&mut self, is_busy: bool) {
         if !is_busy && self.saving == Saving::Busy {
             self.saving = Saving::Done;
         }
-        is_busy
     }
 
     /// Moves bytes between a link and its transport. Never blocks.

@@ -34,6 +34,8 @@ impl Interrupt {
     pub const GPIO0: Self = Self(6);
     /// Unused by the board, free for frameworks.
     pub const GPIO1: Self = Self(7);
+    /// Timer 0 has reached zero. The clock does not enable it, so it is free for frameworks.
+    pub const TIMER0: Self = Self(8);
     /// Timer 1 has reached zero.
     pub const TIMER1: Self = Self(9);
 }

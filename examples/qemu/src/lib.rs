@@ -9,6 +9,7 @@
 //! | bytes are buffered | in the UART | in queues served by interrupts | in queues served by interrupts |
 //! | comms runs | in the loop, every ms or on a byte | every ms | on a byte, on new output, or at `next_deadline` |
 //! | comms calls | `poll_link` | `poll_link` | `receive` and `transmit` |
+//! | storage runs | in the loop, which waits | in a task of the lowest priority | in a task of the lowest priority |
 //! | when flight hangs | silence | heartbeats stop, the rest continues | heartbeats stop, the rest continues |
 //!
 //! Heartbeats depend on the pulse, and only flight ticks it. They stop when flight hangs, even if comms still runs.

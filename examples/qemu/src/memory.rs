@@ -37,11 +37,23 @@ impl FlashStore {
         let _ = app.restore(now, &mut self.0);
     }
 
-    /// Writes pending data, one step per call. Returns true when more work is pending.
+    /// Writes pending data, one step per call. Returns true when more work is pending. It blocks during an erase or a write: for
+    /// a firmware with one loop.
     ///
     /// The simulated flash writes within microseconds, so the vehicle always permits it. If an erase stalls the processor, keep
     /// the default `may_persist`, which permits nothing while armed.
     pub fn persist(&mut self, app: &mut App, now: Instant) -> bool {
         app.persist(now, &mut self.0)
+    }
+
+    /// Reports the last job's result, and gets the next job. Returns true when there is one: then call [`run`](Self::run). For a
+    /// task of its own, which locks the vehicle for this call only.
+    pub fn exchange_job(&mut self, app: &mut App, now: Instant) -> bool {
+        app.exchange_job(now, self.0.slot())
+    }
+
+    /// Runs the job: blocks during an erase or a write. Needs no lock.
+    pub fn run(&mut self) {
+        self.0.run();
     }
 }

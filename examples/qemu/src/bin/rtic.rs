@@ -2,13 +2,17 @@
 //!
 //! ```text
 //!   priority 8   UART interrupts       ──▶ queue ──┐          ┌── queue ──▶
-//!   priority 2   flight, every 10 ms    fly ─▶ pulse │          │
-//!   priority 1   comms, every ms                   └▶ serve ──┘  link by link; persist
+//!   priority 3   flight, every 10 ms    fly ─▶ pulse │          │
+//!   priority 2   comms, every ms                   └▶ serve ──┘  link by link
+//!   priority 1   storage                exchange a job, then run it: erase or write
 //! ```
 //!
-//! Flight and comms share the vehicle and its stack. Flight preempts comms except within a `lock`. Comms locks for one bounded
+//! The three tasks share the vehicle and its stack. Flight preempts comms except within a `lock`. Comms locks for one bounded
 //! call at a time, so flight waits at most for one call ([`mavstack::Config::budget`] bounds it). A task that cannot wait that
 //! long, such as a rate controller, gets a higher priority and shares nothing. The interrupts never wait.
+//!
+//! Storage locks only to exchange a job. It runs the job without the lock, so flight and comms preempt an erase of seconds.
+//! `cargo xtask jitter` measures how late flight starts meanwhile.
 //!
 //! When flight hangs in an `await`, the heartbeats stop and comms continues. When it hangs in a busy loop, both are silent.
 #![no_std]
@@ -17,7 +21,7 @@
 
 use mavstack_qemu as _;
 
-#[rtic::app(device = mavstack_qemu::device, peripherals = false, dispatchers = [GPIO0, GPIO1])]
+#[rtic::app(device = mavstack_qemu::device, peripherals = false, dispatchers = [GPIO0, GPIO1, TIMER0])]
 mod app {
     use core::future::pending;
 
@@ -67,6 +71,7 @@ mod app {
         // The first spawn of a task cannot fail.
         let _ = flight::spawn();
         let _ = comms::spawn();
+        let _ = storage::spawn();
         let local = Local {
             lines: [
                 (TELEMETRY.loop_end(), Interrupt::UART0),
@@ -90,7 +95,7 @@ mod app {
     }
 
     /// Runs the flight loop, which ticks the pulse.
-    #[task(priority = 2, shared = [app])]
+    #[task(priority = 3, shared = [app])]
     async fn flight(mut cx: flight::Context) {
         let mut next = Mono::now();
         loop {
@@ -107,9 +112,10 @@ mod app {
         }
     }
 
-    /// Runs MAVLink communication and storage.
-    #[task(priority = 1, shared = [app], local = [lines, store])]
+    /// Runs MAVLink communication.
+    #[task(priority = 2, shared = [app], local = [lines])]
     async fn comms(mut cx: comms::Context) {
+        let mut next = Mono::now();
         loop {
             cx.shared.app.lock(|app| app.poll(board::now()));
             for (link, (line, interrupt)) in (0..).map(LinkId).zip(&mut *cx.local.lines) {
@@ -118,12 +124,26 @@ mod app {
                 // Bytes may be pending to send, and the receive queue may have room again.
                 rtic::pend(*interrupt);
             }
-            cx.shared.app.lock(|app| cx.local.store.persist(app, board::now()));
             let is_drained = !cx.local.lines.iter().any(|(line, _)| line.has_to_send());
             if is_drained && cx.shared.app.lock(|app| app.wants_reboot()) {
                 Board::reset();
             }
-            Mono::delay(1.millis()).await;
+            // `Mono::delay` would take one tick more.
+            next += 1.millis();
+            Mono::delay_until(next).await;
+        }
+    }
+
+    /// Runs the storage's jobs. Its priority is the lowest, because an erase may keep the processor busy.
+    #[task(priority = 1, shared = [app], local = [store])]
+    async fn storage(mut cx: storage::Context) {
+        let store = cx.local.store;
+        loop {
+            if cx.shared.app.lock(|app| store.exchange_job(app, board::now())) {
+                store.run();
+            } else {
+                Mono::delay(10.millis()).await;
+            }
         }
     }
 

@@ -3,8 +3,9 @@
 //! ```text
 //!   UART interrupts         ──▶ queue ──┐                                    ┌──▶ queue ──▶
 //!   FLIGHT, high priority   flight, every 10 ms: fly ─▶ pulse                │
-//!   COMMS, low priority                 └─▶ receive ──▶ stack ──▶ transmit ──┘   two tasks per link, and persist
+//!   COMMS, lower                        └─▶ receive ──▶ stack ──▶ transmit ──┘   two tasks per link, and exchange
 //!                                              └────── wake ────────▶┘
+//!   STORAGE, lowest         run the storage job that exchange has got: erase or write
 //! ```
 //!
 //! `receive` awaits bytes. `transmit` awaits a wake-up or the stack's next deadline. In between the processor sleeps. Both work
@@ -13,6 +14,11 @@
 //! Flight and comms share the vehicle and its stack behind an async mutex. A critical section would delay the UART interrupts.
 //! Comms locks for one bounded call at a time, so flight waits at most for one call ([`mavstack::Config::budget`] bounds it). Code
 //! that cannot wait that long, such as a rate controller, runs in an interrupt of a higher priority and shares nothing.
+//!
+//! A storage job runs without the lock, so flight and comms preempt an erase of seconds. `cargo xtask jitter` measures how late
+//! flight starts meanwhile. STORAGE never locks the vehicle: embassy's mutex stores one waker, so while a lower priority holds
+//! it, two waiting tasks wake each other forever. With an async driver, [`mavstack::storage::AsyncStore`] needs no STORAGE: COMMS
+//! awaits the job.
 //!
 //! When flight hangs in an `await`, the heartbeats stop and comms continues. When it hangs in a busy loop, both are silent.
 #![no_std]
@@ -27,7 +33,6 @@ use core::future::pending;
 use cortex_m_rt::entry;
 use embassy_executor::InterruptExecutor;
 use embassy_futures::select::select;
-use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
@@ -43,6 +48,8 @@ use static_cell::StaticCell;
 use uart::{Receiver, Sender, Uart};
 
 type SharedApp = Mutex<CriticalSectionRawMutex, &'static mut App>;
+/// The tasks `exchange` and `run` use it in turn.
+type SharedStore = Mutex<CriticalSectionRawMutex, FlashStore>;
 
 /// Signals to each link's `transmit` task that output may be pending.
 static WAKE: [Signal<CriticalSectionRawMutex, ()>; LINKS] = [const { Signal::new() }; LINKS];
@@ -56,21 +63,28 @@ fn wake_transmitters(except: Option<LinkId>) {
     }
 }
 
+/// Signals to `run` that the store has a job, and to `exchange` that the job has ended.
+static JOB: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+static DONE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
+
 /// Queues for the bytes that arrive while flight runs, for some milliseconds.
 static TELEMETRY: Uart<128> = Uart::new();
 static COMPANION: Uart<1024> = Uart::new();
 static SATELLITE: Uart<32> = Uart::new();
 
-/// Each executor runs in an interrupt, at a lower priority than the UARTs and the timer (0). COMMS could be the thread-mode
+/// Each executor runs in an interrupt, at a lower priority than the UARTs and the timer (0). STORAGE could be the thread-mode
 /// executor. But that sleeps with WFE, which the emulator treats as a busy loop.
 static FLIGHT: InterruptExecutor = InterruptExecutor::new();
 const FLIGHT_PRIORITY: u8 = 0x80;
 static COMMS: InterruptExecutor = InterruptExecutor::new();
 const COMMS_PRIORITY: u8 = 0xC0;
+static STORAGE: InterruptExecutor = InterruptExecutor::new();
+const STORAGE_PRIORITY: u8 = 0xE0;
 
 #[entry]
 fn main() -> ! {
     static APP: StaticCell<SharedApp> = StaticCell::new();
+    static STORE: StaticCell<SharedStore> = StaticCell::new();
 
     let app = memory::start();
     let (Some(mut core), Some(board)) = (cortex_m::Peripherals::take(), Board::take()) else {
@@ -79,12 +93,14 @@ fn main() -> ! {
     let mut store = FlashStore::new(board.flash);
     store.restore(app, board::now());
     let app = &*APP.init(Mutex::new(app));
+    let store = &*STORE.init(Mutex::new(store));
     time::start(board.alarm);
 
     // SAFETY: no critical section is active that relies on priorities.
     unsafe {
         core.NVIC.set_priority(Interrupt::GPIO0, FLIGHT_PRIORITY);
         core.NVIC.set_priority(Interrupt::GPIO1, COMMS_PRIORITY);
+        core.NVIC.set_priority(Interrupt::TIMER0, STORAGE_PRIORITY);
     }
     // No spawn fails, because each pool has enough slots.
     FLIGHT.start(Interrupt::GPIO0).spawn(flight(app).unwrap());
@@ -95,7 +111,8 @@ fn main() -> ! {
         comms.spawn(receive(app, link, rx).unwrap());
         comms.spawn(transmit(app, link, tx).unwrap());
     }
-    comms.spawn(persist(app, store).unwrap());
+    comms.spawn(exchange(app, store).unwrap());
+    STORAGE.start(Interrupt::TIMER0).spawn(run(store).unwrap());
     loop {
         cortex_m::asm::wfi();
     }
@@ -179,18 +196,34 @@ async fn transmit(app: &'static SharedApp, link: LinkId, mut tx: Sender) {
     }
 }
 
-/// Writes pending data to storage, and resets the processor when a reboot was requested.
+/// Exchanges the storage's jobs, and resets the processor when a reboot was requested.
 #[embassy_executor::task]
-async fn persist(app: &'static SharedApp, mut store: FlashStore) {
+async fn exchange(app: &'static SharedApp, store: &'static SharedStore) {
     loop {
-        let is_busy = {
+        let has_job = {
+            let mut store = store.lock().await;
             let mut app = app.lock().await;
             if app.wants_reboot() {
                 Board::reset();
             }
-            store.persist(&mut app, board::now())
+            store.exchange_job(&mut app, board::now())
         };
-        if is_busy { yield_now().await } else { Timer::after(Duration::from_millis(10)).await }
+        if has_job {
+            JOB.signal(());
+            DONE.wait().await;
+        } else {
+            Timer::after(Duration::from_millis(10)).await;
+        }
+    }
+}
+
+/// Runs the storage's jobs. Its priority is the lowest, because an erase may keep the processor busy.
+#[embassy_executor::task]
+async fn run(store: &'static SharedStore) {
+    loop {
+        JOB.wait().await;
+        store.lock().await.run();
+        DONE.signal(());
     }
 }
 
@@ -204,6 +237,12 @@ fn GPIO0() {
 fn GPIO1() {
     // SAFETY: as above.
     unsafe { COMMS.on_interrupt() }
+}
+
+#[interrupt]
+fn TIMER0() {
+    // SAFETY: as above.
+    unsafe { STORAGE.on_interrupt() }
 }
 
 #[interrupt]
