@@ -5,7 +5,7 @@
 //! tests with ground stations.
 
 use std::path::Path;
-use std::process::Stdio;
+use std::process::{Command, Stdio};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
@@ -44,7 +44,7 @@ pub fn play(scenario: Option<&str>, choice: Option<Choice>) -> Result {
     if scenario != Some(OVERFLOW) {
         let arguments: Vec<_> = scenario.into_iter().collect();
         let mut missing = scenario.map_or(SCENARIOS.to_vec(), |scenario| vec![scenario]);
-        run(&elf, &arguments, |line, took| {
+        run(command(&elf, &arguments), |line, took| {
             println!("{line} [{:.1} s]", took.as_secs_f32());
             missing.retain(|name| line.split([' ', ':']).next() != Some(name));
         })?;
@@ -56,7 +56,7 @@ pub fn play(scenario: Option<&str>, choice: Option<Choice>) -> Result {
         let mut found = Vec::new();
         for size in STACKS {
             let mut unknown = Vec::new();
-            let result = run(&elf, &[OVERFLOW, &size.to_string()], |line, _| match Overflow::parse(line) {
+            let result = run(command(&elf, &[OVERFLOW, &size.to_string()]), |line, _| match Overflow::parse(line) {
                 Some(overflow) if overflow.size == size => found.push(overflow),
                 _ => unknown.push(line.to_owned()),
             });
@@ -70,8 +70,8 @@ pub fn play(scenario: Option<&str>, choice: Option<Choice>) -> Result {
 }
 
 /// Runs the firmware to its end, and hands on each line that it says, with how long it took for it.
-fn run(elf: &Path, arguments: &[&str], mut each: impl FnMut(&str, Duration)) -> Result {
-    let (mut emulator, output) = emulator::start(&mut command(elf, arguments))?;
+pub fn run(mut command: Command, mut each: impl FnMut(&str, Duration)) -> Result {
+    let (mut emulator, output) = emulator::start(&mut command)?;
     let lines = emulator::Lines::of(output);
     let mut last = Instant::now();
     while let Some(line) = lines.next()? {
@@ -86,12 +86,18 @@ fn run(elf: &Path, arguments: &[&str], mut each: impl FnMut(&str, Duration)) -> 
     }
 }
 
-fn command(elf: &Path, arguments: &[&str]) -> std::process::Command {
+/// Returns the command that runs the firmware with these arguments, at 16 ns for an instruction.
+fn command(elf: &Path, arguments: &[&str]) -> Command {
+    command_at("shift=4", elf, arguments)
+}
+
+/// Returns the command that runs the firmware with these arguments, at this speed.
+pub fn command_at(speed: &str, elf: &Path, arguments: &[&str]) -> Command {
     let mut command = emulator::command();
     let arguments: String = arguments.iter().map(|argument| format!(",arg={argument}")).collect();
     command
         .args(["-machine", emulator::BOARD, "-display", "none", "-monitor", "none", "-serial", "none"])
-        .args(["-icount", "shift=4", "-chardev", "stdio,id=log,signal=off", "-semihosting-config"])
+        .args(["-icount", speed, "-chardev", "stdio,id=log,signal=off", "-semihosting-config"])
         .arg(format!("enable=on,target=native,chardev=log,arg=faults{arguments}"))
         .arg("-kernel")
         .arg(elf)

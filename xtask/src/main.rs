@@ -11,6 +11,7 @@ mod dialects;
 mod faults;
 mod fuzz;
 mod integration;
+mod jitter;
 mod log;
 mod pictures;
 mod publish;
@@ -47,6 +48,7 @@ enum Task {
     Integration(Integration),
     Pictures(pictures::Pictures),
     Faults(Faults),
+    Jitter(Jitter),
     Fuzz(Fuzz),
     Cross(Cross),
     /// Build the firmwares in `examples/boards`, each with its HAL.
@@ -178,6 +180,18 @@ struct Faults {
     toolchain: Option<Choice>,
 }
 
+/// Measure how late flight starts while storage erases, in RTIC and in Embassy.
+///
+/// In the emulator, flight runs at 1 kHz for 20 s. Two lines are full, an erase keeps the processor busy for 2 s, and a write for
+/// 1 ms. "jobs": storage is a task of the lowest priority, which runs its jobs without the lock. "persist": storage holds the lock,
+/// for comparison. Fails if flight is late by more than 100 µs with jobs.
+#[derive(Args)]
+struct Jitter {
+    /// The Rust toolchain for the firmware; by default the first that works.
+    #[arg(long)]
+    toolchain: Option<Choice>,
+}
+
 fn resolve(address: &str) -> Result<SocketAddr, String> {
     let mut found =
         address.to_socket_addrs().map_err(|error| format!("{error} (expected, for example, 127.0.0.1:14550)"))?;
@@ -205,6 +219,7 @@ fn main() -> ExitCode {
         Task::Pictures(arguments) => pictures::draw(&arguments),
         Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),
         Task::Faults(arguments) => faults::play(arguments.scenario.as_deref(), arguments.toolchain),
+        Task::Jitter(arguments) => jitter::measure(arguments.toolchain),
         Task::Fuzz(Fuzz { targets, seconds, executions, minimise }) => {
             fuzz::fuzz(&fuzz::Options { seconds, executions, minimises: minimise, targets })
         }

@@ -18,6 +18,8 @@
 pub mod board;
 pub mod device;
 pub mod flash;
+#[cfg(feature = "faults")]
+pub mod jitter;
 pub mod line;
 #[cfg(all(feature = "defmt", not(feature = "panic-never")))]
 mod log;

@@ -100,6 +100,11 @@ pub fn build_faults(choice: Choice) -> Result<PathBuf> {
     build_linked(choice, "faults", &["--features", "faults"], &["-Clink-arg=-Tflipped.x"])
 }
 
+/// Builds a firmware that measures how late flight starts.
+pub fn build_jitter(choice: Choice, bin: &str) -> Result<PathBuf> {
+    build_apart(choice, bin, &["--features", "faults"])
+}
+
 fn build_apart(choice: Choice, bin: &str, arguments: &[&str]) -> Result<PathBuf> {
     build_linked(choice, bin, arguments, &[])
 }
