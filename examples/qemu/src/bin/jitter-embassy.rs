@@ -149,9 +149,10 @@ async fn transmit(app: &'static SharedApp, link: LinkId, bytes: usize) {
         if len == 0 {
             if deadline <= now {
                 wake_transmitters(Some(link));
+                Timer::after(Duration::from_millis(1)).await;
+                continue;
             }
-            let next = deadline.max(now.after(mavstack::Duration::from_millis(1)));
-            let next = Timer::at(Instant::from_micros(next.as_micros()));
+            let next = Timer::at(Instant::from_micros(deadline.as_micros()));
             select(WAKE[usize::from(link.0)].wait(), next).await;
             continue;
         }

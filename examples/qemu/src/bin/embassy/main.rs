@@ -181,11 +181,13 @@ async fn transmit(app: &'static SharedApp, link: LinkId, mut tx: Sender) {
         };
         if len == 0 {
             // The deadline covers all links. If it has passed, the work is usually for another link, whose task may sleep.
+            // The pause keeps the tasks from waking each other without end, which would leave no time for STORAGE.
             if deadline <= now {
                 wake_transmitters(Some(link));
+                Timer::after(Duration::from_millis(1)).await;
+                continue;
             }
-            let next = deadline.max(now.after(mavstack::Duration::from_millis(1)));
-            let next = Timer::at(embassy_time::Instant::from_micros(next.as_micros()));
+            let next = Timer::at(embassy_time::Instant::from_micros(deadline.as_micros()));
             select(WAKE[usize::from(link.0)].wait(), next).await;
             continue;
         }
