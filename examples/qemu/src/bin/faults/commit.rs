@@ -59,7 +59,8 @@ fn every_cut(
         parts = world.end();
         if !was_cut {
             assert!(is_new && is_confirmed, "no change even without a cut");
-            assert!(outcomes.old > 0 && outcomes.new > 0, "{} old, {} new", outcomes.old, outcomes.new);
+            // The last step of a record makes it valid. A cut leaves the new value only if more is written after it.
+            assert!(outcomes.old > 0, "no cut left the old value");
             return (parts, outcomes);
         }
         outcomes.cuts += 1;
