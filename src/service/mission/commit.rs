@@ -343,17 +343,29 @@ pub(super) fn check_plan<V: Plans>(
     vehicle: &mut V,
     plan: PlanType,
 ) -> Result<(), Problem<'static>> {
-    let mut context = cx.hook();
-    let items = context.plans.map_or(&[][..], |plans| plans.staging.as_slice());
-    let refused = |fault| Problem::Refused(plan, fault);
-    validate::check_plan(plan, items).map_err(refused)?;
+    check_rules(cx.plans.staging.as_slice(), vehicle, plan)?;
+    ask_vehicle(cx, vehicle, plan).map_err(|fault| Problem::Refused(plan, fault))
+}
+
+/// Checks the rules for all vehicles. Not inlined, so that this stack frame is free when the vehicle is asked.
+#[inline(never)]
+fn check_rules<V: Plans>(items: &[Item], vehicle: &V, plan: PlanType) -> Result<(), Problem<'static>> {
+    validate::check_plan(plan, items).map_err(|fault| Problem::Refused(plan, fault))?;
     if plan == PlanType::Mission
         && let Some((from, limit)) = vehicle.first_waypoint_limit()
         && let Some(seq) = first_too_far(items, V::MISSION_COMMANDS, from, limit)
     {
         return Err(Problem::TooFar(seq, limit));
     }
-    vehicle.check_plan(&mut context, plan, items).map_err(refused)
+    Ok(())
+}
+
+/// Checks the vehicle's own rules.
+#[inline(never)]
+fn ask_vehicle<V: Plans>(cx: &mut Work<'_, '_>, vehicle: &mut V, plan: PlanType) -> Result<(), PlanFault> {
+    let mut context = cx.hook();
+    let items = context.plans.map_or(&[][..], |plans| plans.staging.as_slice());
+    vehicle.check_plan(&mut context, plan, items)
 }
 
 /// Returns the cost of a write of `count` items: a token for each quarter of plan memory, at least one (C-15).

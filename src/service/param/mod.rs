@@ -45,7 +45,7 @@ use core::marker::PhantomData;
 
 use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
 use crate::dialect::{
-    MavCmd, MavModeFlag, MavParamType, MavProtocolCapability, MavResult, MavSeverity, ParamRequestList,
+    MavCmd, MavModeFlag, MavParamError, MavParamType, MavProtocolCapability, MavResult, MavSeverity, ParamRequestList,
     ParamRequestRead, ParamSet, ParamValue,
 };
 use crate::frame::Version;
@@ -160,6 +160,24 @@ const fn handles(id: u32) -> bool {
 }
 
 impl ParamService {
+    /// Sets a parameter for a client, if the vehicle permits it. Not inlined, so that this stack frame is free when a refusal is
+    /// queued.
+    #[inline(never)]
+    fn set<F>(&mut self, cx: &mut Cx<'_, F>, index: u16, bits: u32, from: Peer) -> Result<(), MavParamError>
+    where
+        F: Firmware<Parameters: ParamTable, Vehicle: Parameters<Table = F::Parameters>>,
+    {
+        let change = ParamChange { index, bits, from: Some(from), table: PhantomData };
+        let (vehicle, mut context) = cx.hook();
+        vehicle.may_set(&mut context, &change)?;
+        let mut table = self.table(cx.parameters);
+        table.put(index, bits);
+        table.notice(cx.now);
+        let (vehicle, mut context) = cx.hook();
+        vehicle.parameter_changed(&mut context, &change);
+        Ok(())
+    }
+
     /// Returns the table, updated for reopened links.
     fn table<'t, T: ParamTable>(&mut self, table: &'t mut T) -> TableMut<'t> {
         let table = table.table_mut();
@@ -242,21 +260,11 @@ where
             Err(change) => change,
         };
         // Everything but the vehicle's decision is checked, and there is a slot for a refusal.
-        let change = ParamChange { index, bits, from: Some(received.from), table: PhantomData };
-        let (vehicle, mut context) = cx.hook();
-        let verdict = vehicle.may_set(&mut context, &change);
+        let verdict = self.set(cx, index, bits, received.from);
         let mut table = self.table(cx.parameters);
-        if verdict.is_ok() {
-            table.put(index, bits);
-            table.notice(cx.now);
-        }
         let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
         table.on_decided(&mut work, options, &caller, index, verdict);
         self.cache(&table);
-        if verdict.is_ok() {
-            let (vehicle, mut context) = cx.hook();
-            vehicle.parameter_changed(&mut context, &change);
-        }
         Handled::Yes
     }
 

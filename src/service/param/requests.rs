@@ -8,7 +8,7 @@ use super::{Caller, Handled, Options, ParamEncoding, ParamHash, ParamInfo, TEXT_
 use crate::dialect::{MavParamError, MavParamType, MavSeverity, ParamRequestList, ParamRequestRead, ParamSet};
 use crate::frame::{Frame, Version};
 use crate::message::{Message, Text};
-use crate::types::{LinkMask, MAX_TEXT_LEN};
+use crate::types::{LinkId, LinkMask, ONE_FRAME};
 
 impl<R: Rows> Table<'_, R> {
     /// Handles a request. Returns `Err` with index and value if a parameter is to be set to a different, valid value: the caller
@@ -142,11 +142,7 @@ impl<R: Rows> Table<'_, R> {
         }
         if cfg!(feature = "plan-texts") && (is_set || !has_error) && cx.now >= self.state.texts_from {
             self.state.texts_from = cx.now.after(TEXT_PAUSE);
-            let mut text = [0; MAX_TEXT_LEN];
-            crate::message::zero_extend(name, &mut text);
-            let mut text = Text::from_wire(text);
-            text.push_str(reason(error));
-            cx.texts.push(cx.now, LinkMask::of(caller.from.link), MavSeverity::WARNING, text.as_bytes());
+            warn(cx, caller.from.link, error, name);
         }
         Handled::Yes
     }
@@ -170,6 +166,16 @@ fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u3
     let bits = bits.and_then(|bits| value::converted(named, ours, bits));
     // Not clamped: a client that reads back a different value sets it again, and fails (P-14).
     bits.filter(|bits| info.has_room(*bits)).ok_or(MavParamError::VALUE_OUT_OF_RANGE)
+}
+
+/// Queues a text about a refusal. Not inlined, so that its buffer takes no stack while a refusal is queued.
+#[inline(never)]
+fn warn(cx: &mut Work<'_>, link: LinkId, error: MavParamError, name: &[u8; 16]) {
+    // A name of 16 bytes leaves 34 for the reason.
+    let mut text = Text::<ONE_FRAME>::EMPTY;
+    text.set(name);
+    text.push_str(reason(error));
+    cx.texts.push(cx.now, LinkMask::of(link), MavSeverity::WARNING, text.as_bytes());
 }
 
 /// Returns a name padded with zeros; bytes after the terminator are dropped.

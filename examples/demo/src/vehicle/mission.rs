@@ -106,12 +106,7 @@ impl Mission {
         state: MissionState::NOT_STARTED,
     };
 
-    /// Starts a new plan.
-    fn of(count: u16, first: u16) -> Self {
-        Self { count, last: count.saturating_sub(1), current: first, ..Self::NONE }
-    }
-
-    /// Starts the same plan again, at `first`.
+    /// Starts the plan, at `first`.
     fn restart(&mut self, first: u16) {
         self.go_to(first);
         self.last = self.count.saturating_sub(1);
@@ -180,13 +175,13 @@ impl Quadrotor {
     /// Handles a new live plan. In flight the vehicle continues with it, or stops if the plan is empty (M-94).
     #[inline(never)]
     pub(super) fn replace_mission(&mut self, count: u16, first: u16) {
-        self.mission = Mission::of(count, first);
+        self.mission.count = count;
+        if self.mode == Mode::Mission && count == 0 {
+            self.hold();
+        }
+        self.mission.restart(first);
         if self.mode == Mode::Mission {
             self.mission.state = MissionState::ACTIVE;
-            if count == 0 {
-                self.hold();
-                self.mission = Mission::NONE;
-            }
         }
     }
 
