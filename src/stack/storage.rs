@@ -167,7 +167,8 @@ impl<D: Declares> Services<D> {
             }
             kinds = rest;
         }
-        (all, most)
+        // Without a record, not even the page that begins a segment is needed.
+        (if most == 0 { 0 } else { all }, most)
     }
 
     /// Returns a mask of all records: eight bits for each service.
