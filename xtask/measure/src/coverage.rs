@@ -63,7 +63,11 @@ const EXCUSED: &[(&str, &str, &str)] = &[
     ("service/command/acks", "if self.is_full() {", "asked before the command is carried out"),
     ("service/command/acks", "if let Some(slot) = self.slot(self.count) {", IN_RANGE),
     ("service/command/acks", "let Some(ack) = self.slot(0).copied() else { return false };", IN_RANGE),
-    ("service/high_latency/order", "if let Some(place) = place {", "there are always places for orders"),
+    (
+        "service/high_latency/order",
+        "if let Some(order) = place.and_then(|place| self.orders.get_mut(place)) {",
+        "there are always places for orders",
+    ),
     (
         "service/manual_control",
         "} else if let Some(message) = frame.decode::<RcChannelsOverride>() {",
@@ -90,7 +94,7 @@ const EXCUSED: &[(&str, &str, &str)] = &[
     ("service/param/table", "let Some((info, old)) = self.get(index) else { return false };", IN_RANGE),
     (
         "service/param/table",
-        "let Some((value, info)) = self.values.get_mut(place).zip(self.info.get(place)) else { return };",
+        "let Some((value, info)) = values.get_mut(place).zip(info.get(place)) else { return };",
         IN_RANGE,
     ),
     ("service/param/table", "if let Some(pending) = self.pending.get_mut(usize::from(index)) {", IN_RANGE),
