@@ -135,10 +135,11 @@ async fn receive(app: &'static SharedApp, link: LinkId, mut sender: Sender, byte
 async fn transmit(app: &'static SharedApp, link: LinkId, bytes: usize) {
     let mut frame = [0; MAX_FRAME_LEN];
     loop {
+        // One call for each lock, so that flight waits for one call at most.
+        app.lock().await.poll(board::now());
         let (len, now, deadline) = {
             let mut app = app.lock().await;
             let now = board::now();
-            app.poll(now);
             let (stack, vehicle) = app.parts();
             stack.receive(now, link, &[], vehicle);
             let pending = stack.transmit(now, link, vehicle);

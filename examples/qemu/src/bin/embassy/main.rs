@@ -167,10 +167,11 @@ async fn receive(app: &'static SharedApp, link: LinkId, mut rx: Receiver) {
 async fn transmit(app: &'static SharedApp, link: LinkId, mut tx: Sender) {
     let mut frame = [0; MAX_FRAME_LEN];
     loop {
+        // One call for each lock, so that flight waits for one call at most.
+        app.lock().await.poll(board::now());
         let (len, now, deadline) = {
             let mut app = app.lock().await;
             let now = board::now();
-            app.poll(now);
             let (stack, vehicle) = app.parts();
             // Received bytes may be pending: frames beyond the budget of one call, or a candidate that silence confirms.
             stack.receive(now, link, &[], vehicle);
