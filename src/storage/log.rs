@@ -1007,18 +1007,18 @@ impl Log {
                     self.complete(&footer);
                 }
             }
-            Content::Bad(footer) => {
-                if position < self.write.erased {
-                    self.write.head = position.saturating_add(1);
-                }
-                if let Some(footer) = footer.filter(|footer| is_here(footer) && footer.is_last()) {
+            Content::Bad(Some(footer)) if is_here(&footer) => {
+                // Its unit was erased for it. It must stay until a new record replaces it: nothing else shows the damage.
+                (self.write.head, self.write.erased) = (position.saturating_add(1), self.region.end_of_unit(position));
+                if footer.is_last() {
                     self.damaged(&footer);
                 }
             }
+            Content::Bad(_) if position < self.write.erased => self.write.head = position.saturating_add(1),
             // A page of another segment, in a unit that was not erased as a whole: units were smaller then.
             Content::Whole(..) if position < self.write.erased => self.write.head = position.saturating_add(1),
             // A page of another segment, from before its unit was erased.
-            Content::Whole(..) | Content::Blank => {}
+            Content::Whole(..) | Content::Bad(_) | Content::Blank => {}
         }
     }
 
