@@ -62,7 +62,7 @@ impl RefusalLog {
         count: 0,
     };
 
-    /// Counts a refused request. Returns how many there were if this one is to be logged.
+    /// Counts a refused request. Returns the count if this one should be logged.
     #[cfg(any(test, feature = "defmt"))]
     pub(crate) fn count(&mut self, now: Instant) -> Option<u32> {
         self.count = self.count.wrapping_add(1);

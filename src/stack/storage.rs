@@ -91,7 +91,7 @@ macro_rules! contents {
                 }
             }
 
-            /// Returns the services whose stored content is to be loaded again: a bit each.
+            /// Returns the services that must load their stored content again: a bit each.
             fn reloads(&mut self, cx: &mut Cx<'_, D>) -> u8 {
                 0 $(| if Persistent::is_reload_requested(&self.$service, cx) { 1 << $index } else { 0 })*
             }
@@ -201,7 +201,7 @@ impl<D: Declares> Services<D> {
         }
     }
 
-    /// Begins the next thing that is to be done, if there is any.
+    /// Begins the next load or save, if there is one.
     #[inline(never)]
     fn begin_next(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>], storage: &mut Storage, may_write: bool) {
         let reloads = self.reloads(cx);
@@ -609,7 +609,7 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Does the next step of storage on a blocking driver: erases at most one unit, or writes at most 256 bytes,
-    /// and reads at most 1 KiB. It may block for as long as that takes. Returns true if more is to be done at once.
+    /// and reads at most 1 KiB. It may block for as long as that takes. Returns true if there is more to do at once.
     ///
     /// It writes only while the vehicle [permits](crate::Vehicle::may_persist) it. Plans are written when they were
     /// uploaded. With [`Durability::Durable`](crate::plan::Durability::Durable) the final answer to an upload waits for

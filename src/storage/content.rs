@@ -101,14 +101,14 @@ pub struct Texts {
     pub(super) readable: &'static str,
 }
 
-/// Content that is to be written.
+/// Content to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Write {
     /// Which of the service's records, counted from 0.
     pub(crate) record: u8,
     /// Stands for the content: other content has another number.
     pub(crate) version: u32,
-    /// Whether all older content is to be erased afterwards.
+    /// Whether to erase all older content afterwards.
     pub(crate) is_secret: bool,
 }
 
@@ -165,7 +165,7 @@ pub trait Persistent<F: Firmware>: Service<F> {
         let _ = (cx, result, is_late);
     }
 
-    /// Whether the stored content is to be loaded again now.
+    /// Whether to load the stored content again now.
     fn is_reload_requested(&self, cx: &mut Cx<'_, F>) -> bool {
         let _ = cx;
         false

@@ -113,7 +113,7 @@ impl Signing {
         self.saving.schedule.request();
     }
 
-    /// Whether storage has an old key, which is to be erased (SEC-15).
+    /// Whether storage has an old key, which must be erased (SEC-15).
     pub(crate) const fn has_old_key(&self) -> bool {
         self.saving.has_old_key
     }
