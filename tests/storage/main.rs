@@ -29,15 +29,16 @@ mod stall;
 use mavstack::Config;
 use mavstack::plan::Durability;
 use mavstack::storage::{RestoreError, RestoreErrors};
-use support::{Setup, TestVehicle};
+use support::Setup;
 
+#[cfg(feature = "signing")]
 mavstack::stack! {
     /// A stack that stores the signing key and nothing else.
-    #[cfg(feature = "signing")]
-    struct OnlyKey for TestVehicle { links: 1, signing, commands: { slots: 1 }, storage }
+    struct OnlyKey for support::TestVehicle { links: 1, signing, commands: { slots: 1 }, storage }
 }
 
 /// Returns whether the key was restored.
+#[cfg(feature = "signing")]
 fn of_key(restored: Result<(), RestoreErrors>) -> Result<(), RestoreError> {
     restored.or_else(|errors| errors.signing.map_or(Ok(()), Err))
 }

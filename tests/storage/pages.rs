@@ -7,7 +7,9 @@ pub const PAYLOAD: usize = 224;
 
 /// The kinds of records.
 pub const PLANS: u8 = 1;
+#[cfg(feature = "signing")]
 pub const PARAMETERS: u8 = 2;
+#[cfg(feature = "signing")]
 pub const KEY: u8 = 3;
 
 /// Flags of a page: it is the last one of its record; its record is a copy from the previous segment.
