@@ -368,6 +368,17 @@ mod tests {
         super::run(SCRIPT);
     }
 
+    /// The pages that opened the two newest segments are both damaged. The kind of the newest one was reported, and the other kind
+    /// had an older value (G-18).
+    #[test]
+    fn two_damaged_openings_are_both_reported() {
+        const SCRIPT: &[u8] = &[
+            2, 4, 5, 89, 153, 42, 220, 136, 220, 111, 0, 89, 201, 161, 210, 64, 217, 227, 5, 214, 67, 136, 137, 216,
+            108, 80, 0, 120, 161, 175, 159, 119, 129, 69, 5, 24, 47, 248, 28, 177, 40, 46, 2, 96, 111,
+        ];
+        super::run(SCRIPT);
+    }
+
     /// Random scripts: a search without the fuzzer. `MAVSTACK_SCRIPTS` is how many of each mode and geometry.
     #[test]
     fn random_scripts_pass() {

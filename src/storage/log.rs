@@ -248,19 +248,6 @@ enum Switch {
     Always,
 }
 
-/// A damaged page that may have opened a segment, and its kind.
-#[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-struct Suspect {
-    segment: u32,
-    /// 0 if there is none.
-    kind: u8,
-}
-
-impl Suspect {
-    const NONE: Self = Self { segment: 0, kind: 0 };
-}
-
 /// Stands for unknown kinds: a record of each kind may be lost.
 const ANY_KIND: u8 = u8::MAX;
 
@@ -275,6 +262,8 @@ enum Task {
     Examine,
     /// Reads the open segment from its start.
     Replay,
+    /// Reads all pages again, for the kinds of those that may have opened a newer segment.
+    Judge,
     /// Something could not be read: reading is repeated.
     Waiting,
     /// The region has a log of another version: it is neither read nor written.
@@ -360,7 +349,10 @@ pub(crate) struct Log {
     write: Segment,
     /// The greatest number of a segment. No number is used twice.
     newest: u32,
-    suspect: Suspect,
+    /// The newest segment that a damaged page may have opened; 0 if there is none.
+    suspect: u32,
+    /// Whether records of unknown kinds are lost that may be newer than all others.
+    has_lost_all: bool,
     /// The newest segment with a whole copy: all there is if no segment is open.
     copied: Segment,
     /// Whether the page did not match its checksums, and is read again.
@@ -415,7 +407,8 @@ impl Log {
         open: Segment::NONE,
         write: Segment::NONE,
         newest: 0,
-        suspect: Suspect::NONE,
+        suspect: 0,
+        has_lost_all: false,
         copied: Segment::NONE,
         is_read_twice: false,
         switch: Switch::IfFull,
@@ -457,7 +450,7 @@ impl Log {
     fn scan(&mut self) {
         self.task = Task::Find;
         (self.open, self.write) = (Segment::NONE, Segment::NONE);
-        (self.newest, self.suspect, self.page, self.unreadable) = (0, Suspect::NONE, 0, 0);
+        (self.newest, self.suspect, self.has_lost_all, self.page, self.unreadable) = (0, 0, false, 0, 0);
         self.entries = [Entry::FREE; ENTRIES];
         (self.scrub, self.used, self.has_old_secret) = (0, 0, false);
         (self.copied, self.switch, self.next_erased) = (Segment::NONE, Switch::IfFull, 0);
@@ -471,7 +464,7 @@ impl Log {
 
     /// Whether the newest records are not known yet, and will be without waiting.
     pub(crate) const fn is_starting(&self) -> bool {
-        matches!(self.task, Task::Find | Task::Examine | Task::Replay)
+        matches!(self.task, Task::Find | Task::Examine | Task::Replay | Task::Judge)
     }
 
     /// Whether a record is being loaded.
@@ -624,7 +617,7 @@ impl Log {
                 self.read_tail()
             }
             Task::Find => self.read_tail(),
-            Task::Examine => self.read(0, self.page),
+            Task::Examine | Task::Judge => self.read(0, self.page),
             Task::Replay => self.read(self.open.first, self.page),
             Task::Load => {
                 let at = self.entries.get(usize::from(self.entry)).map_or(0, |entry| entry.at);
@@ -800,6 +793,11 @@ impl Log {
                 self.page = self.page.saturating_add(1);
                 if self.page < self.region.segment.into() { Event::Nothing } else { self.end_of_scan(now) }
             }
+            Task::Judge => {
+                self.judge(is_done, page);
+                self.page = self.page.saturating_add(1);
+                if self.page < self.region.pages { Event::Nothing } else { self.end_of_scan(now) }
+            }
             Task::Load => match if is_done { page.open() } else { Content::Blank } {
                 Content::Whole(footer, crc) if self.record.continues(&footer) && footer.segment == self.open.number => {
                     self.record.advance(crc);
@@ -844,7 +842,7 @@ impl Log {
             }
             match page.open() {
                 Content::Bad(Some(footer)) if footer.is_last() && !footer.is_copy() => {
-                    self.suspect(footer.segment, footer.kind);
+                    self.suspect(footer.segment);
                 }
                 _ => self.has_other_data |= !page.is_begun(),
             }
@@ -855,7 +853,7 @@ impl Log {
             self.has_foreign = true;
             return;
         }
-        let Footer { segment, position, kind, .. } = footer;
+        let Footer { segment, position, .. } = footer;
         if is_newer(segment, self.newest) {
             self.newest = segment;
         }
@@ -881,28 +879,33 @@ impl Log {
             self.task = Task::Examine;
             return;
         } else {
-            self.suspect(segment, kind);
+            self.suspect(segment);
         }
         self.is_read_twice = false;
     }
 
     /// Notes a damaged page, which may have opened a segment with this number.
-    fn suspect(&mut self, segment: u32, kind: u8) {
-        let Suspect { segment: known, kind: other } = self.suspect;
-        if is_newer(known, segment) {
-            return;
+    fn suspect(&mut self, segment: u32) {
+        if is_newer(segment, self.suspect) {
+            self.suspect = segment;
         }
-        let kind = if known == segment && other != 0 && other != kind { ANY_KIND } else { kind };
-        self.suspect = Suspect { segment, kind };
     }
 
-    /// Marks the kinds as damaged that a damaged page has opened a newer segment for.
-    fn judge_suspect(&mut self) {
-        let Suspect { segment, kind } = self.suspect;
-        if kind == 0 || self.open.number != 0 && !is_newer(segment, self.open.number) {
-            return;
+    /// Whether a damaged page may have opened a newer segment than the open one.
+    fn has_suspect(&self) -> bool {
+        self.suspect != 0 && is_newer(self.suspect, self.open.number)
+    }
+
+    /// Marks the kind of a page that may have opened a newer segment. What is whole now was not when that was looked for.
+    fn judge(&mut self, is_done: bool, page: &Page) {
+        if is_done
+            && let Content::Whole(footer, _) | Content::Bad(Some(footer)) = page.open()
+            && footer.is_last()
+            && !footer.is_copy()
+            && is_newer(footer.segment, self.open.number)
+        {
+            self.mark_damaged(footer.kind);
         }
-        if kind == ANY_KIND { self.all_damaged() } else { self.mark_damaged(kind) }
     }
 
     fn end_of_find(&mut self, now: Instant) -> Event {
@@ -910,8 +913,8 @@ impl Log {
         if self.open.number == 0 && self.copied.number != 0 {
             // The record that opened the segment is lost, and so is the segment before.
             self.open = self.copied;
-            if self.suspect.segment != self.copied.number {
-                self.suspect = Suspect { segment: self.copied.number.wrapping_add(1), kind: ANY_KIND };
+            if self.suspect != self.copied.number {
+                self.lose_all(self.copied.number);
             }
         }
         self.write = self.open;
@@ -928,7 +931,7 @@ impl Log {
             return self.wait(now, if attempts < ATTEMPTS { PAUSE } else { LONG_PAUSE });
         }
         if is_outage {
-            self.suspect = Suspect { segment: self.newest.wrapping_add(1), kind: ANY_KIND };
+            self.lose_all(self.newest);
         }
         if self.open.number == 0 {
             if self.unreadable > 0 && self.attempts.saturating_add(1) >= ATTEMPTS {
@@ -938,6 +941,11 @@ impl Log {
         }
         self.task = Task::Replay;
         Event::Nothing
+    }
+
+    /// Notes that all records newer than this segment are lost.
+    fn lose_all(&mut self, segment: u32) {
+        (self.suspect, self.has_lost_all) = (segment.wrapping_add(1), true);
     }
 
     /// Repeats reading from the start after this time.
@@ -953,11 +961,15 @@ impl Log {
         if self.unreadable > 0 && self.attempts.saturating_add(1) < ATTEMPTS {
             return self.wait(now, PAUSE);
         }
-        self.judge_suspect();
-        let Suspect { segment, kind } = self.suspect;
-        self.switch = if kind != 0 && is_newer(segment, self.open.number) {
+        if self.has_lost_all {
+            self.all_damaged();
+        } else if self.has_suspect() && self.task != Task::Judge {
+            (self.task, self.page) = (Task::Judge, 0);
+            return Event::Nothing;
+        }
+        self.switch = if self.has_suspect() {
             // It may be read another time, and must then be older than what is written now.
-            self.newest = if is_newer(segment, self.newest) { segment } else { self.newest };
+            self.newest = if is_newer(self.suspect, self.newest) { self.suspect } else { self.newest };
             Switch::Always
         } else if self.unreadable > 0 {
             // Pages that a cut has made unreadable must not add up.
