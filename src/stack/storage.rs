@@ -483,9 +483,10 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
         }
     }
 
-    /// Reads the result of the last job in `slot`, and puts the next job there. Returns true if there is one: run it, and
-    /// call this again. It is [`storage_job`](Self::storage_job) and [`storage_done`](Self::storage_done) in one call, for
-    /// a stack that several tasks share: lock it, exchange, unlock, run.
+    /// Reads the result of the last job in `slot`; or, if there was none, puts the next job there. Returns true if storage
+    /// is not finished: run the slot's job, if it has one, and call this again. It is [`storage_job`](Self::storage_job) and
+    /// [`storage_done`](Self::storage_done) in turns, for a stack that several tasks share: lock it, exchange, unlock, run.
+    /// Each call does one of the two, so the lock is held for a short time.
     ///
     /// A job that was not run, or whose run was cut off, counts as failed.
     ///
@@ -527,6 +528,8 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
         if self.storage.log.is_busy() {
             let is_done = slot.is_done();
             self.storage_done(now, is_done, slot.page_mut(), vehicle);
+            slot.put(None);
+            return true;
         }
         let job = self.storage_job(now, slot.page_mut(), vehicle);
         slot.put(job)

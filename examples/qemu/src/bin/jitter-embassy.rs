@@ -28,6 +28,9 @@ use mavstack_qemu::memory;
 use static_cell::StaticCell;
 use traffic::{Kind, Sender};
 
+/// The bytes for one call of the stack: not much more than one frame, so that flight waits for one frame.
+const PIECE: usize = 16;
+
 type SharedApp = Mutex<CriticalSectionRawMutex, &'static mut App>;
 type SharedStore = Mutex<CriticalSectionRawMutex, SlowStore>;
 
@@ -120,7 +123,7 @@ async fn receive(app: &'static SharedApp, link: LinkId, mut sender: Sender, byte
                 let mut app = app.lock().await;
                 let (stack, vehicle) = app.parts();
                 let now = board::now();
-                let taken = stack.receive(now, link, rest, vehicle);
+                let taken = stack.receive(now, link, rest.get(..PIECE).unwrap_or(rest), vehicle);
                 rest = rest.get(taken..).unwrap_or_default();
                 if taken == 0 {
                     stack.receive(now, link, &[], vehicle);
@@ -137,11 +140,15 @@ async fn transmit(app: &'static SharedApp, link: LinkId, bytes: usize) {
     loop {
         // One call for each lock, so that flight waits for one call at most.
         app.lock().await.poll(board::now());
+        {
+            let mut app = app.lock().await;
+            let (stack, vehicle) = app.parts();
+            stack.receive(board::now(), link, &[], vehicle);
+        }
         let (len, now, deadline) = {
             let mut app = app.lock().await;
             let now = board::now();
             let (stack, vehicle) = app.parts();
-            stack.receive(now, link, &[], vehicle);
             let pending = stack.transmit(now, link, vehicle);
             let len = pending.len().min(frame.len());
             frame[..len].copy_from_slice(&pending[..len]);

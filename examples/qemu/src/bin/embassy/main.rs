@@ -47,6 +47,9 @@ use mavstack_qemu::memory::{self, FlashStore};
 use static_cell::StaticCell;
 use uart::{Receiver, Sender, Uart};
 
+/// The bytes for one call of the stack: not much more than one frame, so that flight waits for one frame.
+const PIECE: usize = 16;
+
 type SharedApp = Mutex<CriticalSectionRawMutex, &'static mut App>;
 /// The tasks `exchange` and `run` use it in turn.
 type SharedStore = Mutex<CriticalSectionRawMutex, FlashStore>;
@@ -150,7 +153,7 @@ async fn receive(app: &'static SharedApp, link: LinkId, mut rx: Receiver) {
             let mut app = app.lock().await;
             let (stack, vehicle) = app.parts();
             let now = board::now();
-            let taken = stack.receive(now, link, rest, vehicle);
+            let taken = stack.receive(now, link, rest.get(..PIECE).unwrap_or(rest), vehicle);
             rest = rest.get(taken..).unwrap_or_default();
             if taken == 0 {
                 // Frames are pending that exceed the budget of one call.
@@ -169,12 +172,16 @@ async fn transmit(app: &'static SharedApp, link: LinkId, mut tx: Sender) {
     loop {
         // One call for each lock, so that flight waits for one call at most.
         app.lock().await.poll(board::now());
+        // Received bytes may be pending: frames beyond the budget of one call, or a candidate that silence confirms.
+        {
+            let mut app = app.lock().await;
+            let (stack, vehicle) = app.parts();
+            stack.receive(board::now(), link, &[], vehicle);
+        }
         let (len, now, deadline) = {
             let mut app = app.lock().await;
             let now = board::now();
             let (stack, vehicle) = app.parts();
-            // Received bytes may be pending: frames beyond the budget of one call, or a candidate that silence confirms.
-            stack.receive(now, link, &[], vehicle);
             let pending = stack.transmit(now, link, vehicle);
             let len = pending.len().min(frame.len());
             frame[..len].copy_from_slice(&pending[..len]);
