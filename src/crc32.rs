@@ -22,6 +22,14 @@ static TABLE: [u32; 16] = {
     table
 };
 
+/// Moves the checksum on by the byte that was added to it.
+#[inline(always)]
+#[allow(clippy::indexing_slicing, clippy::as_conversions, reason = "four bits into [u32; 16]")]
+fn byte(crc: u32) -> u32 {
+    let crc = (crc >> 4) ^ TABLE[(crc & 15) as usize];
+    (crc >> 4) ^ TABLE[(crc & 15) as usize]
+}
+
 /// A CRC-32 under computation.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -36,16 +44,19 @@ impl Crc32 {
     /// [`sum`](Self::sum).
     pub(crate) const ZERO: Self = Self(0);
 
-    /// Adds `bytes`, four bits at a time with a table of 64 bytes. Bit by bit, it would be half of the cost of a plan's
-    /// item.
-    // Every index is below 16.
-    #[allow(clippy::indexing_slicing, clippy::as_conversions, reason = "four bits into [u32; 16]")]
+    /// Adds `bytes`: four bits at a time, with a table of 64 bytes. Words of four bytes take 7 instructions a byte on a
+    /// Cortex-M4, single bytes 13.
+    #[inline(never)]
     pub(crate) fn add(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            self.0 ^= u32::from(*byte);
-            self.0 = (self.0 >> 4) ^ TABLE[(self.0 & 15) as usize];
-            self.0 = (self.0 >> 4) ^ TABLE[(self.0 & 15) as usize];
+        let (words, rest) = bytes.as_chunks::<4>();
+        let mut crc = self.0;
+        for word in words {
+            crc = byte(byte(byte(byte(crc ^ u32::from_le_bytes(*word)))));
         }
+        for single in rest {
+            crc = byte(crc ^ u32::from(*single));
+        }
+        self.0 = crc;
     }
 
     /// Returns the CRC-32 of the bytes so far.

@@ -70,6 +70,9 @@ where
     }
 
     fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
+        if result == Err(RestoreError::Damaged) {
+            self.set_damaged(cx.parameters);
+        }
         if is_late && !self.is_reload_requested(cx.parameters) {
             self.reread(cx.now, cx.parameters, result != Err(RestoreError::Unreadable));
         } else {

@@ -345,6 +345,32 @@ fn older_parameters_replace_damaged_ones() {
     }
 }
 
+/// G-18: a request to store the parameters ends the report of damage, even if none has changed.
+#[test]
+fn a_request_to_save_ends_the_report_of_damaged_parameters() {
+    let whole = with_params();
+    let bit = bits(&whole).next().unwrap();
+    for is_command in [false, true] {
+        let mut flash = flipped(&whole, bit);
+        let mut store = Params::new(&mut flash, 0..PARAMS);
+        let mut world = World::new(Setup { step: millis(20), ..Setup::<1>::new() });
+        let result = of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+        assert_eq!(result, Err(RestoreError::Damaged));
+        // Nothing is written on its own.
+        run(&mut world, &mut store, secs(30));
+        assert_eq!(store.flash().bytes, flipped(&whole, bit).bytes);
+        if is_command {
+            world.gcs[0].command_long(MavCmd::PREFLIGHT_STORAGE, [1.0, f32::NAN, f32::NAN, 0.0, 0.0, 0.0, 0.0]);
+        } else {
+            world.stack.save_parameters(world.now());
+        }
+        run(&mut world, &mut store, secs(3));
+        let mut world = World::new(Setup::<1>::new());
+        assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+        assert_eq!(cruise_and_altitude(&world), (5.0, 30.0));
+    }
+}
+
 /// P-17: the stored bytes, one by one: later versions must be able to read them. A row is the key of a parameter and its value. The
 /// key is a checksum of the name and the type; its top bit says that the parameter has its default.
 #[test]

@@ -193,10 +193,7 @@ impl ParamService {
 
     /// Makes a write of all changes due now.
     pub(crate) fn write_now<T: ParamTable>(&mut self, now: Instant, table: &mut T) {
-        let mut table = self.table(table);
-        table.notice(now);
-        table.state.kept.saving.schedule.write_now(now);
-        self.cache(&table);
+        self.saving(table, |saving, generation| saving.write_now(now, generation));
     }
 
     /// Sets a parameter to a valid value, and makes it pending on `links`. Returns false if it has that value already.
@@ -417,6 +414,11 @@ impl ParamService {
     /// Has the values written again.
     pub(crate) fn save_again<T: ParamTable>(&mut self, table: &mut T) {
         self.saving(table, |saving, generation| saving.set_unsaved(generation));
+    }
+
+    /// Records that the stored values are damaged.
+    pub(crate) fn set_damaged<T: ParamTable>(&mut self, table: &mut T) {
+        self.saving(table, |saving, _| saving.set_damaged());
     }
 
     /// Records whether the stored values were read. From now on, changes are stored.

@@ -25,6 +25,8 @@ pub(super) struct Saving {
     is_unread: bool,
     /// Whether a value was set after storage was attached and before loading began.
     keeps_values: bool,
+    /// Whether the stored values are damaged: a request writes them even if nothing has changed.
+    is_damaged: bool,
 }
 
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
@@ -36,11 +38,13 @@ impl Saving {
         is_unloaded: false,
         is_unread: false,
         keeps_values: false,
+        is_damaged: false,
     };
 
     /// Records that storage is attached.
     pub(super) const fn attach(&mut self, generation: u32) {
-        (self.stored, self.is_unloaded, self.is_unread, self.keeps_values) = (generation, true, true, false);
+        (self.stored, self.is_unloaded, self.is_unread) = (generation, true, true);
+        (self.keeps_values, self.is_damaged) = (false, false);
     }
 
     /// Whether a value was set after storage was attached and before the stored values are loaded. Called before the first one is.
@@ -54,6 +58,11 @@ impl Saving {
     /// Records that storage has other values than the table.
     pub(super) const fn set_unsaved(&mut self, generation: u32) {
         self.stored = generation.wrapping_sub(1);
+    }
+
+    /// Records that the stored values are damaged.
+    pub(super) const fn set_damaged(&mut self) {
+        self.is_damaged = true;
     }
 
     /// Records that the stored values were loaded: the table of this generation is equal to storage. If they could not be read,
@@ -80,6 +89,15 @@ impl Saving {
         }
     }
 
+    /// Makes a write of all changes due now. Damaged values are written again, which ends the report of the damage (G-18).
+    pub(super) fn write_now(&mut self, now: Instant, generation: u32) {
+        if self.is_damaged {
+            self.set_unsaved(generation);
+        }
+        self.notice(now, generation);
+        self.schedule.write_now(now);
+    }
+
     /// Checks whether there is something to write.
     #[inline(never)]
     pub(super) fn notice(&mut self, now: Instant, generation: u32) {
@@ -89,9 +107,10 @@ impl Saving {
     }
 
     /// Whether the token bucket is too empty for a write. A write is needed if the request `will_change` something, or if
-    /// changes are pending (C-15).
+    /// changes are pending, or what is stored is damaged (C-15).
     pub(super) fn is_rate_limited(&self, now: Instant, will_change: bool) -> bool {
-        self.schedule.is_attached() && (will_change || self.schedule.is_dirty()) && !self.schedule.bucket.has(now, 1)
+        let is_needed = will_change || self.is_damaged || self.schedule.is_dirty();
+        self.schedule.is_attached() && is_needed && !self.schedule.bucket.has(now, 1)
     }
 
     /// Returns the number of the write that is in progress or begins now.
@@ -107,6 +126,7 @@ impl Saving {
 
     /// Records that a write is complete.
     pub(super) fn on_saved(&mut self, now: Instant) {
+        self.is_damaged = false;
         self.schedule.on_saved(now, COOLDOWN);
     }
 
