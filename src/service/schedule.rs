@@ -28,6 +28,8 @@ pub(crate) struct Schedule {
     is_attached: bool,
     /// Whether the last write failed.
     has_failed: bool,
+    /// Whether storage has other content, or none that can be used: a request then writes even what has not changed.
+    pub(crate) stored_differs: bool,
     phase: Phase,
     /// Stands for the content that is being written: other content has another number.
     version: u32,
@@ -54,6 +56,7 @@ impl Schedule {
     pub(crate) const NEW: Self = Self {
         is_attached: false,
         has_failed: false,
+        stored_differs: false,
         phase: Phase::Saved,
         version: 0,
         due: Instant::ZERO,
@@ -91,7 +94,7 @@ impl Schedule {
 
     /// Records that storage has the content.
     pub(crate) const fn clear(&mut self) {
-        (self.phase, self.has_failed) = (Phase::Saved, false);
+        (self.phase, self.has_failed, self.stored_differs) = (Phase::Saved, false, false);
     }
 
     /// Changes the number that stands for the content, because it has changed: what was written so far is of no use.

@@ -258,12 +258,10 @@ enum Task {
     Detached,
     /// Reads the end of each page, to find the open segment.
     Find,
-    /// Reads all of a page that may open a segment.
+    /// Reads all of a page whose end is not whole.
     Examine,
     /// Reads the open segment from its start.
     Replay,
-    /// Reads all pages again, for the kinds of those that may have opened a newer segment.
-    Judge,
     /// Something could not be read: reading is repeated.
     Waiting,
     /// The region has a log of another version: it is neither read nor written.
@@ -349,8 +347,6 @@ pub(crate) struct Log {
     write: Segment,
     /// The greatest number of a segment. No number is used twice.
     newest: u32,
-    /// The newest segment that a damaged page may have opened; 0 if there is none.
-    suspect: u32,
     /// Whether records of unknown kinds are lost that may be newer than all others.
     has_lost_all: bool,
     /// The newest segment with a whole copy: all there is if no segment is open.
@@ -407,7 +403,6 @@ impl Log {
         open: Segment::NONE,
         write: Segment::NONE,
         newest: 0,
-        suspect: 0,
         has_lost_all: false,
         copied: Segment::NONE,
         is_read_twice: false,
@@ -450,7 +445,7 @@ impl Log {
     fn scan(&mut self) {
         self.task = Task::Find;
         (self.open, self.write) = (Segment::NONE, Segment::NONE);
-        (self.newest, self.suspect, self.has_lost_all, self.page, self.unreadable) = (0, 0, false, 0, 0);
+        (self.newest, self.has_lost_all, self.page, self.unreadable) = (0, false, 0, 0);
         self.entries = [Entry::FREE; ENTRIES];
         (self.scrub, self.used, self.has_old_secret) = (0, 0, false);
         (self.copied, self.switch, self.next_erased) = (Segment::NONE, Switch::IfFull, 0);
@@ -464,7 +459,7 @@ impl Log {
 
     /// Whether the newest records are not known yet, and will be without waiting.
     pub(crate) const fn is_starting(&self) -> bool {
-        matches!(self.task, Task::Find | Task::Examine | Task::Replay | Task::Judge)
+        matches!(self.task, Task::Find | Task::Examine | Task::Replay)
     }
 
     /// Whether a record is being loaded.
@@ -617,7 +612,7 @@ impl Log {
                 self.read_tail()
             }
             Task::Find => self.read_tail(),
-            Task::Examine | Task::Judge => self.read(0, self.page),
+            Task::Examine => self.read(0, self.page),
             Task::Replay => self.read(self.open.first, self.page),
             Task::Load => {
                 let at = self.entries.get(usize::from(self.entry)).map_or(0, |entry| entry.at);
@@ -793,11 +788,6 @@ impl Log {
                 self.page = self.page.saturating_add(1);
                 if self.page < self.region.segment.into() { Event::Nothing } else { self.end_of_scan(now) }
             }
-            Task::Judge => {
-                self.judge(is_done, page);
-                self.page = self.page.saturating_add(1);
-                if self.page < self.region.pages { Event::Nothing } else { self.end_of_scan(now) }
-            }
             Task::Load => match if is_done { page.open() } else { Content::Blank } {
                 Content::Whole(footer, crc) if self.record.continues(&footer) && footer.segment == self.open.number => {
                     self.record.advance(crc);
@@ -821,7 +811,7 @@ impl Log {
         }
     }
 
-    /// Looks for the open segment: the newest one with a whole last page of a record that is no copy.
+    /// Looks for the open segment: the newest one with the last page of a record that is no copy.
     fn found(&mut self, is_done: bool, page: &Page) {
         let is_examined = core::mem::replace(&mut self.task, Task::Find) == Task::Examine;
         if !is_done {
@@ -832,21 +822,20 @@ impl Log {
         if !is_examined {
             self.used = self.used.saturating_add(is_used(&tail).into());
         }
-        let Some((footer, is_ours)) = Footer::read(&tail) else {
-            if !is_used(&tail) || tail == [0; TAIL] {
-                return;
-            }
-            if !is_examined {
+        let (footer, is_ours) = match Footer::read(&tail) {
+            Some(read) => read,
+            None if !is_used(&tail) || tail == [0; TAIL] => return,
+            None if !is_examined => {
                 self.task = Task::Examine;
                 return;
             }
-            match page.open() {
-                Content::Bad(Some(footer)) if footer.is_last() && !footer.is_copy() => {
-                    self.suspect(footer.segment);
+            None => match page.open() {
+                Content::Bad(Some(footer)) => (footer, true),
+                _ => {
+                    self.has_other_data |= !page.is_begun();
+                    return;
                 }
-                _ => self.has_other_data |= !page.is_begun(),
-            }
-            return;
+            },
         };
         self.has_log = true;
         if !is_ours {
@@ -857,54 +846,15 @@ impl Log {
         if is_newer(segment, self.newest) {
             self.newest = segment;
         }
-        if !footer.is_last() || position >= self.region.segment || !is_newer(segment, self.open.number) {
+        if !footer.is_last() || position >= self.region.segment {
             return;
         }
         let position = u32::from(position);
         let first = self.page.checked_sub(position);
         let first = first.unwrap_or_else(|| self.page.wrapping_add(self.region.pages).wrapping_sub(position));
-        let found = Segment { number: segment, first, ..Segment::NONE };
-        if footer.is_copy() {
-            if is_newer(segment, self.copied.number) {
-                self.copied = found;
-            }
-            return;
-        }
-        if !is_examined {
-            self.task = Task::Examine;
-        } else if matches!(page.open(), Content::Whole(..)) {
-            self.open = found;
-        } else if !core::mem::replace(&mut self.is_read_twice, true) {
-            // The bus may have changed a bit.
-            self.task = Task::Examine;
-            return;
-        } else {
-            self.suspect(segment);
-        }
-        self.is_read_twice = false;
-    }
-
-    /// Notes a damaged page, which may have opened a segment with this number.
-    fn suspect(&mut self, segment: u32) {
-        if is_newer(segment, self.suspect) {
-            self.suspect = segment;
-        }
-    }
-
-    /// Whether a damaged page may have opened a newer segment than the open one.
-    fn has_suspect(&self) -> bool {
-        self.suspect != 0 && is_newer(self.suspect, self.open.number)
-    }
-
-    /// Marks the kind of a page that may have opened a newer segment. What is whole now was not when that was looked for.
-    fn judge(&mut self, is_done: bool, page: &Page) {
-        if is_done
-            && let Content::Whole(footer, _) | Content::Bad(Some(footer)) = page.open()
-            && footer.is_last()
-            && !footer.is_copy()
-            && is_newer(footer.segment, self.open.number)
-        {
-            self.mark_damaged(footer.kind);
+        let place = if footer.is_copy() { &mut self.copied } else { &mut self.open };
+        if is_newer(segment, place.number) {
+            *place = Segment { number: segment, first, ..Segment::NONE };
         }
     }
 
@@ -912,10 +862,7 @@ impl Log {
         (self.page, self.record) = (0, Record::NONE);
         if self.open.number == 0 && self.copied.number != 0 {
             // The record that opened the segment is lost, and so is the segment before.
-            self.open = self.copied;
-            if self.suspect != self.copied.number {
-                self.lose_all(self.copied.number);
-            }
+            (self.open, self.has_lost_all) = (self.copied, true);
         }
         self.write = self.open;
         self.has_other_data &= !self.has_log;
@@ -930,9 +877,7 @@ impl Log {
         if self.unreadable >= self.region.pages || is_outage && attempts < LONG_ATTEMPTS {
             return self.wait(now, if attempts < ATTEMPTS { PAUSE } else { LONG_PAUSE });
         }
-        if is_outage {
-            self.lose_all(self.newest);
-        }
+        self.has_lost_all |= is_outage;
         if self.open.number == 0 {
             if self.unreadable > 0 && self.attempts.saturating_add(1) >= ATTEMPTS {
                 self.all_damaged();
@@ -941,11 +886,6 @@ impl Log {
         }
         self.task = Task::Replay;
         Event::Nothing
-    }
-
-    /// Notes that all records newer than this segment are lost.
-    fn lose_all(&mut self, segment: u32) {
-        (self.suspect, self.has_lost_all) = (segment.wrapping_add(1), true);
     }
 
     /// Repeats reading from the start after this time.
@@ -961,15 +901,10 @@ impl Log {
         if self.unreadable > 0 && self.attempts.saturating_add(1) < ATTEMPTS {
             return self.wait(now, PAUSE);
         }
-        if self.has_lost_all {
+        self.switch = if self.has_lost_all {
             self.all_damaged();
-        } else if self.has_suspect() && self.task != Task::Judge {
-            (self.task, self.page) = (Task::Judge, 0);
-            return Event::Nothing;
-        }
-        self.switch = if self.has_suspect() {
-            // It may be read another time, and must then be older than what is written now.
-            self.newest = if is_newer(self.suspect, self.newest) { self.suspect } else { self.newest };
+            // A newer segment may be read another time, and must then be older than what is written now.
+            self.newest = self.newest.wrapping_add(1);
             Switch::Always
         } else if self.unreadable > 0 {
             // Pages that a cut has made unreadable must not add up.

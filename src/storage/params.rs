@@ -70,15 +70,15 @@ where
     }
 
     fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
-        if result == Err(RestoreError::Damaged) {
-            self.set_damaged(cx.parameters);
-        }
         if is_late && !self.is_reload_requested(cx.parameters) {
             self.reread(cx.now, cx.parameters, result != Err(RestoreError::Unreadable));
         } else {
             // If nothing was loaded, what was set since is still to be written.
             self.keeps_values(cx.parameters);
             self.loaded(cx.parameters, result == Ok(true));
+        }
+        if result == Err(RestoreError::Damaged) {
+            self.set_stored_differs(cx.parameters);
         }
     }
 

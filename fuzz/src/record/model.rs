@@ -126,8 +126,8 @@ fn save<const W: usize, const E: usize>(
     device
 }
 
-/// If the page that opened a segment is damaged, the segment before it is in use, and the next one replaces the evidence. A
-/// power cut meanwhile leaves the older values, and nobody can know of the damage.
+/// If the ends of all pages that opened a segment are damaged, the segment before it may be in use, and the next one replaces the
+/// evidence. A power cut meanwhile leaves the older values, and nobody can know of the damage.
 fn adopt_fragile<const W: usize, const E: usize>(
     model: &mut [Known; KINDS.len()],
     found: &Values,
@@ -190,7 +190,7 @@ fn damage<const W: usize, const E: usize>(
             break;
         }
     }
-    let is_hit = |page: &pages::Page| flips.iter().any(|flip| (page.at..page.at + PAGE).contains(&flip.at));
+    let is_hit = |page: &pages::Page| flips.iter().any(|flip| (page.at + 228..page.at + PAGE).contains(&flip.at));
     let is_fragile = open.iter().filter(|page| page.opens()).all(is_hit);
     let device = Device::boot(flash);
     let (found, reported) = (device.values(), device.damaged());
@@ -216,7 +216,9 @@ fn damage<const W: usize, const E: usize>(
             );
             assert!(known.history.contains(value), "kind {kind}: content that was never saved");
         }
-        known.is_damaged = reported[index] && (index < super::OWN || *value != known.value);
+        // What looks like a write that was cut off is not damage, and may be reported because of another kind.
+        let is_certain = index < super::OWN || *value != known.value && !like_cut_off.contains(&kind);
+        known.is_damaged = reported[index] && is_certain;
         known.may_be_damaged = reported[index];
         known.is_fragile |= is_fragile;
         known.value.clone_from(value);

@@ -36,7 +36,7 @@ impl Page {
 
     /// Whether it is the last page of a record that is no copy: its segment is complete.
     pub(crate) fn opens(&self) -> bool {
-        self.is_whole && self.is_last() && self.flags & COPY == 0
+        self.is_last() && self.flags & COPY == 0
     }
 }
 

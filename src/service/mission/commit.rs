@@ -117,7 +117,7 @@ impl Missions {
 
     /// Whether storage holds the live plans, or is not attached.
     const fn is_saved(&self) -> bool {
-        !self.is_attached() || !(self.schedule.is_dirty() || self.stored_differs)
+        !self.is_attached() || !(self.schedule.is_dirty() || self.schedule.stored_differs)
     }
 
     /// Whether the token bucket permits another change to `count` items (C-15).
@@ -302,12 +302,14 @@ impl Missions {
         if expected.is_some_and(|expected| expected != (count, id)) {
             return Err(MavMissionResult::INVALID.into());
         }
-        if !cx.plans.is_live(plan, id) {
+        let is_new = !cx.plans.is_live(plan, id);
+        if is_new {
             self.replace(cx, vehicle, plan, id, 0);
             self.current.announce(cx.normal);
-            if expected.is_none() {
-                self.request_save();
-            }
+        }
+        // Damaged content is replaced even by what is live.
+        if expected.is_none() && (is_new || self.schedule.stored_differs) {
+            self.request_save();
         }
         Ok(())
     }
@@ -396,9 +398,10 @@ impl Missions {
         self.schedule.bucket.set_refill(refill);
     }
 
-    /// Records whether storage differs from the live plans, because it could not be read or cannot be flown.
+    /// Records whether storage differs from the live plans, because it could not be read or cannot be flown. That alone causes no
+    /// write. But a change that changes nothing in RAM is not reported as durable before it is written.
     pub(crate) const fn set_stored_differs(&mut self, differs: bool) {
-        self.stored_differs = differs;
+        self.schedule.stored_differs = differs;
     }
 
     /// Whether stored plans are being loaded, in the staging area.
@@ -450,7 +453,6 @@ impl Missions {
 
     /// Handles a completed write of [`content`](Self::content): the change goes live. Returns the answer and its link.
     pub(crate) fn on_saved<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
-        self.stored_differs = false;
         self.schedule.on_saved(cx.now, GRACE);
         let commit = self.commit.take()?;
         let result = match refusal(cx, vehicle, &commit) {

@@ -191,9 +191,6 @@ pub struct Missions {
     /// When plans are written. It is dirty if the live plans must be, though no client waits for it.
     schedule: Schedule,
     durability: Durability,
-    /// Whether storage may hold something other than the live plans, because it could not be read or cannot be flown. That alone
-    /// causes no write. But a change that changes nothing in RAM is not reported as durable before it is written.
-    stored_differs: bool,
     is_loading: bool,
     done: Option<Done>,
     /// The second final answer of an upload: when and on which link to send it (M-31).
@@ -213,7 +210,6 @@ impl Missions {
             heard_at: Instant::ZERO,
             schedule: Schedule::NEW,
             durability: Durability::Durable,
-            stored_differs: false,
             is_loading: false,
             done: None,
             second_answer: None,
@@ -362,7 +358,6 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         second_answer: Some((Instant::ZERO, LinkId(0), Reply::NONE)),
         schedule: Schedule::NEW,
         durability: Durability::Durable,
-        stored_differs: false,
         is_loading: false,
         current: Current::VACANT,
         heard_at: Instant::ZERO,

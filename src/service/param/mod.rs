@@ -417,8 +417,8 @@ impl ParamService {
     }
 
     /// Records that the stored values are damaged.
-    pub(crate) fn set_damaged<T: ParamTable>(&mut self, table: &mut T) {
-        self.saving(table, |saving, _| saving.set_damaged());
+    pub(crate) fn set_stored_differs<T: ParamTable>(&mut self, table: &mut T) {
+        self.saving(table, |saving, _| saving.schedule.stored_differs = true);
     }
 
     /// Records whether the stored values were read. From now on, changes are stored.

@@ -25,8 +25,6 @@ pub(super) struct Saving {
     is_unread: bool,
     /// Whether a value was set after storage was attached and before loading began.
     keeps_values: bool,
-    /// Whether the stored values are damaged: a request writes them even if nothing has changed.
-    is_damaged: bool,
 }
 
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
@@ -38,13 +36,12 @@ impl Saving {
         is_unloaded: false,
         is_unread: false,
         keeps_values: false,
-        is_damaged: false,
     };
 
     /// Records that storage is attached.
     pub(super) const fn attach(&mut self, generation: u32) {
-        (self.stored, self.is_unloaded, self.is_unread) = (generation, true, true);
-        (self.keeps_values, self.is_damaged) = (false, false);
+        (self.stored, self.is_unloaded, self.is_unread, self.keeps_values) = (generation, true, true, false);
+        self.schedule.stored_differs = false;
     }
 
     /// Whether a value was set after storage was attached and before the stored values are loaded. Called before the first one is.
@@ -58,11 +55,6 @@ impl Saving {
     /// Records that storage has other values than the table.
     pub(super) const fn set_unsaved(&mut self, generation: u32) {
         self.stored = generation.wrapping_sub(1);
-    }
-
-    /// Records that the stored values are damaged.
-    pub(super) const fn set_damaged(&mut self) {
-        self.is_damaged = true;
     }
 
     /// Records that the stored values were loaded: the table of this generation is equal to storage. If they could not be read,
@@ -91,7 +83,7 @@ impl Saving {
 
     /// Makes a write of all changes due now. Damaged values are written again, which ends the report of the damage (G-18).
     pub(super) fn write_now(&mut self, now: Instant, generation: u32) {
-        if self.is_damaged {
+        if self.schedule.stored_differs {
             self.set_unsaved(generation);
         }
         self.notice(now, generation);
@@ -109,7 +101,7 @@ impl Saving {
     /// Whether the token bucket is too empty for a write. A write is needed if the request `will_change` something, or if
     /// changes are pending, or what is stored is damaged (C-15).
     pub(super) fn is_rate_limited(&self, now: Instant, will_change: bool) -> bool {
-        let is_needed = will_change || self.is_damaged || self.schedule.is_dirty();
+        let is_needed = will_change || self.schedule.stored_differs || self.schedule.is_dirty();
         self.schedule.is_attached() && is_needed && !self.schedule.bucket.has(now, 1)
     }
 
@@ -126,7 +118,6 @@ impl Saving {
 
     /// Records that a write is complete.
     pub(super) fn on_saved(&mut self, now: Instant) {
-        self.is_damaged = false;
         self.schedule.on_saved(now, COOLDOWN);
     }
 

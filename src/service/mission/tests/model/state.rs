@@ -146,11 +146,9 @@ impl State {
     /// Hashes everything that the future depends on: times relative to now, and the order of sequence numbers. Not included are
     /// counters, texts, downloads, MISSION_CURRENT, and the ids of plans, which follow from their items.
     pub(super) fn rehash(&mut self) {
-        let Missions { upload, commit, schedule, stored_differs, done, second_answer, .. } = &self.bench.missions;
-        let mut text = std::format!(
-            "{upload:?}{commit:?}{schedule:?}{stored_differs}{done:?}{second_answer:?}{:?}",
-            self.bench.replies
-        );
+        let Missions { upload, commit, schedule, done, second_answer, .. } = &self.bench.missions;
+        let mut text =
+            std::format!("{upload:?}{commit:?}{schedule:?}{done:?}{second_answer:?}{:?}", self.bench.replies);
         let mut frames = self.in_transit.clone();
         frames.sort_by_key(|frame| {
             frame.is_delayed.then_some((frame.sent, frame.msg, frame.number.map(|number| number.1)))
