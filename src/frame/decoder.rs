@@ -264,7 +264,8 @@ impl Decoder {
         if self.is_cramped() {
             self.compact();
         }
-        self.buffer.get_mut(index(self.window.end)..).unwrap_or_default()
+        // With the minimum, slicing needs no check of its own.
+        self.buffer.get_mut(index(self.window.end).min(BUFFER_LEN)..).unwrap_or_default()
     }
 
     /// Returns the cost of [`spare`](Self::spare), which may move bytes.
@@ -282,7 +283,9 @@ impl Decoder {
         start > 0 && (start == end || index(start).wrapping_add(index(end)) > BUFFER_LEN)
     }
 
-    /// Moves the candidate to the front of the buffer.
+    /// Moves the candidate to the front of the buffer. Out of line, so that it takes no registers from a caller that
+    /// receives byte by byte.
+    #[inline(never)]
     fn compact(&mut self) {
         if self.window.start > 0 {
             // A plain loop: `copy_within` can panic and links 1.5 kB of `memmove`. Usually it moves a part of a frame.
