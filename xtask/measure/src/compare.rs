@@ -29,13 +29,6 @@ const PEERS: [Peer; 5] = [
     Peer { name: "C -O2", program: "c", feature: Some("c") },
 ];
 
-impl Peer {
-    /// Returns its name as a part of a figure's key.
-    fn key(&self) -> String {
-        slug(self.name)
-    }
-}
-
 /// Returns `name` as a part of a figure's key.
 pub fn slug(name: &str) -> String {
     name.to_lowercase().split([' ', '-', '_']).filter(|word| !word.is_empty()).collect::<Vec<_>>().join("-")
@@ -61,6 +54,17 @@ pub struct Results {
     pub figures: Vec<Figure>,
     /// Where another library is ahead.
     pub behind: Vec<String>,
+}
+
+impl Results {
+    /// Adds the least and the greatest of these numbers as figures.
+    pub fn add_range(&mut self, key: &str, numbers: impl Iterator<Item = f64>) {
+        let none = (f64::INFINITY, f64::NEG_INFINITY);
+        let (least, most) = numbers.fold(none, |(least, most), number| (least.min(number), most.max(number)));
+        for (end, number) in [("least", least), ("most", most)] {
+            self.figures.push(Figure::new(format!("{key}.{end}"), format!("{number:.1}")));
+        }
+    }
 }
 
 /// The widths of the first column and of the others.
@@ -95,9 +99,15 @@ pub fn run_all(rounds: u16, choice: Option<Choice>, accepts: bool) -> Result {
     }
     println!("\nProcessor time, ns a frame, median of {rounds} rounds; and as a multiple of ours");
     header(&columns);
+    let mut multiples = Vec::new();
     for (work, what) in WORKS {
         let row: Vec<_> = times.iter_mut().map(|times| median(times.entry(work.to_owned()).or_default())).collect();
-        print_row(what, &format!("ns.{work}"), &row, "ns a frame", &mut results);
+        multiples.push(print_row(what, &format!("ns.{work}"), &row, "ns a frame", &mut results));
+    }
+    for library in ["mavlink", "mavio", "c"] {
+        let of_library = |row| PEERS[1..].iter().zip(row).filter(|(peer, _)| peer.program == library);
+        let numbers = multiples.iter().flat_map(of_library).map(|(_, number): (_, &f64)| *number);
+        results.add_range(&format!("times.ns.{library}"), numbers);
     }
 
     println!("\nInstructions a byte, on x86-64 by callgrind; and as a multiple of ours");
@@ -191,21 +201,20 @@ fn header(columns: &[&str]) {
     println!();
 }
 
-/// Prints our number, then each other's with its multiple of ours. An equal one is not behind.
-fn print_row(what: &str, key: &str, row: &[f64], unit: &str, results: &mut Results) {
-    let [ours, others @ ..] = row else { return };
+/// Prints our number, then each other's with its multiple of ours, and returns these multiples. An equal one is not behind.
+fn print_row(what: &str, key: &str, row: &[f64], unit: &str, results: &mut Results) -> Vec<f64> {
+    let [ours, others @ ..] = row else { return Vec::new() };
     print!("{what:LABEL$}{ours:>COLUMN$.1}");
-    let own = Figure::new(format!("{key}.{}", PEERS[0].key()), format!("{ours:.1}"));
+    let own = Figure::new(key, format!("{ours:.1}"));
     results.figures.push(if unit.starts_with("ns") { own } else { own.within(TOLERANCE) });
     for (other, peer) in others.iter().zip(&PEERS[1..]) {
         print!("{:>COLUMN$}", format!("{other:.1} = {:.2}x", other / ours));
-        results.figures.push(Figure::new(format!("{key}.{}", peer.key()), format!("{other:.1}")));
-        results.figures.push(Figure::new(format!("times.{key}.{}", peer.key()), format!("{:.1}", other / ours)));
         if !ahead(*ours, *other, 1.0) {
             results.behind.push(format!("{what}, {}: {other:.1} {unit} against our {ours:.1}", peer.name));
         }
     }
     println!();
+    others.iter().map(|other| other / ours).collect()
 }
 
 /// Returns whether another's number is more than `times` ours; false for what is no number, or cannot be measured.
@@ -240,6 +249,7 @@ fn recovery(programs: &[PathBuf], folder: &Path, results: &mut Results) -> Resul
     let Some(ours) = outputs.first().filter(|ours| ours.lines().count() == DAMAGED) else {
         return Err(format!("ours did not read all {DAMAGED} damaged streams: {:?}", outputs.first()));
     };
+    let mut lost = Vec::new();
     for (row, line) in ours.lines().enumerate() {
         let name = line.split(' ').next().unwrap_or_default();
         print!("{:LABEL$}", damage(name));
@@ -252,14 +262,18 @@ fn recovery(programs: &[PathBuf], folder: &Path, results: &mut Results) -> Resul
                 .flat_map(str::parse)
                 .collect();
             let &[intact, found, false_accepts] = &cells[..] else { return Err(format!("{}: {output}", peer.name)) };
-            let percent = format!("{:.2}", f64::from(found) * 100.0 / f64::from(intact));
-            print!("{:>COLUMN$}", format!("{percent} %, {false_accepts}"));
-            results.figures.push(Figure::new(format!("found.{name}.{}", peer.key()), percent));
+            let percent = f64::from(found) * 100.0 / f64::from(intact);
+            print!("{:>COLUMN$}", format!("{percent:.2} %, {false_accepts}"));
+            lost.push((peer.program, 100.0 - percent));
             if peer.feature.is_none() && (intact == 0 || found != intact || false_accepts > 0) {
                 results.behind.push(format!("{}: {found} of {intact} found, {false_accepts} false", damage(name)));
             }
         }
         println!();
+    }
+    for (library, program) in [("mavstack", "ours"), ("mavlink", "mavlink"), ("mavio", "mavio"), ("c", "c")] {
+        let numbers = lost.iter().filter(|(whose, _)| *whose == program).map(|(_, percent)| *percent);
+        results.add_range(&format!("lost.{library}"), numbers);
     }
     Ok(())
 }

@@ -54,7 +54,7 @@ const ROWS: [Row; 6] = [
 /// Where another library is ahead: the row, its name, and its number as a multiple of ours, rounded down.
 const BEHIND: [(&str, &str, f64); 1] = [
     // It reads each byte once and loses what follows a false header. Only ours has code that finds it again.
-    ("flash, bytes", "C -Os lean", 0.66),
+    ("flash, bytes", "C -Os lean", 0.69),
 ];
 
 /// The figures of a firmware: bytes, and instructions a byte for both ways of reading.
@@ -104,17 +104,35 @@ pub fn measure(choice: Choice, folder: &Path, library: &Path, stream: &Path, res
     print!("{:LABEL$}", "");
     PEERS.iter().for_each(|(name, _)| print!("{name:>COLUMN$}"));
     println!("{:>COLUMN$}", "goal");
+    let (mut flash, mut instructions) = (Vec::new(), Vec::new());
     for row in &ROWS {
         let numbers: Vec<f64> = all.iter().map(row.of).collect();
-        print_row(row, &numbers, results);
+        let multiples = print_row(row, &numbers, results);
+        match row.key {
+            "flash" => flash = multiples,
+            "ram" => {}
+            _ => instructions.extend(multiples),
+        }
     }
+    results.add_range("times.firmware.instructions", instructions.into_iter());
+    // Without the one that is ahead.
+    results.add_range("times.firmware.flash", flash.into_iter().filter(|multiple| *multiple > 1.0));
     let [pieces, bytes] = reading;
+    if let Some(ours) = all.first() {
+        for (key, [in_pieces, byte_by_byte]) in [("framing", ours.framing), ("whole", ours.whole)] {
+            for (how, above) in [("pieces", in_pieces - pieces), ("bytes", byte_by_byte - bytes)] {
+                let figure = Figure::new(format!("firmware.above.{key}.{how}"), format!("{above:.1}"));
+                results.figures.push(figure.within(TOLERANCE));
+            }
+        }
+    }
     println!("reading the line alone takes {pieces:.1} instructions a byte in pieces, {bytes:.1} byte by byte");
     Ok(())
 }
 
-fn print_row(row: &Row, numbers: &[f64], results: &mut Results) {
-    let [ours, others @ ..] = numbers else { return };
+/// Prints our number, then each other's with its multiple of ours, and returns these multiples.
+fn print_row(row: &Row, numbers: &[f64], results: &mut Results) -> Vec<f64> {
+    let [ours, others @ ..] = numbers else { return Vec::new() };
     print!("{:LABEL$}{ours:>COLUMN$.1}", row.what);
     let is_bytes = ["flash", "ram"].contains(&row.key);
     let value = |number: f64| if is_bytes { grouped(number as u64) } else { format!("{number:.1}") };
@@ -123,7 +141,6 @@ fn print_row(row: &Row, numbers: &[f64], results: &mut Results) {
     for (other, (name, _)) in others.iter().zip(&PEERS[1..]) {
         print!("{:>COLUMN$}", format!("{other:.1} = {:.2}x", other / ours));
         results.figures.push(Figure::new(key(name), value(*other)));
-        results.figures.push(Figure::new(format!("times.{}", key(name)), format!("{:.1}", other / ours)));
         let known = BEHIND.iter().find(|(what, whose, _)| what == &row.what && whose == name);
         let bound = known.map_or(1.0, |(.., bound)| *bound);
         if !ahead(*ours, *other, bound) {
@@ -133,6 +150,7 @@ fn print_row(row: &Row, numbers: &[f64], results: &mut Results) {
         }
     }
     println!("{:>COLUMN$}", row.goal);
+    others.iter().map(|other| other / ours).collect()
 }
 
 /// Compiles the C library for the microcontroller: as it is, and with a table of the twelve messages and nothing to sign with.
