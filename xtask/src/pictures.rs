@@ -2,7 +2,7 @@
 //!
 //! - `flight.svg`: the path that the demo firmware flew in QEMU, over its plans. MAVSDK flies it (`.ci/integration/flight.py`), and
 //!   everything that is drawn comes from the log of the frames.
-//! - `compare.svg`: this library beside others, from what `cargo measure compare` has printed.
+//! - `compare.svg`: this library beside others, from the figures of `cargo measure compare`.
 
 mod comparison;
 mod flight;
@@ -16,22 +16,21 @@ use clap::Args;
 use xtask_common::python::{self, CLIENTS};
 use xtask_common::system::{Result, root, run, target_dir};
 
-use comparison::Comparison;
+use comparison::{Comparison, FIGURES};
 use flight::Flight;
 
 /// Draw the README's pictures: a flight of the firmware in QEMU, and this library beside others.
 ///
 /// MAVSDK flies the demo vehicle in QEMU for some three minutes, and the log of that flight is drawn. What is missing (the compiler's
-/// target, the emulator, MAVSDK) is installed first. The comparison is drawn from the output of `cargo measure compare`, which takes long
-/// and is not run here.
+/// target, the emulator, MAVSDK) is installed first. The comparison is drawn from the figures of `cargo measure compare`.
 #[derive(Args)]
 pub struct Pictures {
     /// Draw this log of a flight; without this option the vehicle flies first.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
-    /// Draw this output of `cargo measure compare`; without this option that of `cargo measure nightly compare`.
-    #[arg(long, value_name = "FILE")]
-    compare: Option<PathBuf>,
+    /// Draw only the comparison, without a flight.
+    #[arg(long, conflicts_with = "log")]
+    compare: bool,
 }
 
 /// Where the pictures are.
@@ -40,10 +39,11 @@ const FOLDER: &str = "docs/pictures";
 /// `cargo xtask pictures`.
 pub fn draw(arguments: &Pictures) -> Result {
     let folder = root().join(FOLDER);
-    let compare = arguments.compare.clone().unwrap_or_else(|| target_dir().join("nightly/compare.log"));
-    let text = std::fs::read_to_string(&compare)
-        .map_err(|error| format!("{}: {error}; run `cargo measure nightly compare` first", compare.display()))?;
-    write(&folder.join("compare.svg"), &Comparison::parse(&text)?.draw())?;
+    let figures = std::fs::read_to_string(root().join(FIGURES)).map_err(|error| format!("{FIGURES}: {error}"))?;
+    write(&folder.join("compare.svg"), &Comparison::parse(&figures)?.draw())?;
+    if arguments.compare {
+        return Ok(());
+    }
     let log = arguments.log.clone().map_or_else(fly, Ok)?;
     let bytes = std::fs::read(&log).map_err(|error| format!("{}: {error}", log.display()))?;
     write(&folder.join("flight.svg"), &Flight::read(&bytes)?.draw())

@@ -1,11 +1,14 @@
-//! This library beside others, from what `cargo measure compare` printed.
+//! This library beside others, from the figures of `cargo measure compare`.
 
 use super::svg::{Scale, Svg, WIDTH, range, short};
 use xtask_common::system::Result;
 
-/// The libraries by the names that the picture has for them, and those of their columns.
+/// The file of the figures.
+pub const FIGURES: &str = "docs/figures.toml";
+
+/// The libraries by the names that the picture has for them, and by those in the keys of the figures.
 const LIBRARIES: [(&str, &str); 4] =
-    [("mavstack", "mavstack"), ("rust-mavlink", "mavlink"), ("mavio", "mavio"), ("C library", "C -O")];
+    [("mavstack", "mavstack"), ("rust-mavlink", "mavlink"), ("mavio", "mavio"), ("C library", "c")];
 
 /// A number of each of the libraries.
 type Row = [f64; LIBRARIES.len()];
@@ -19,7 +22,7 @@ struct Panel {
     format: fn(f64) -> String,
 }
 
-/// What the picture shows of an output of `cargo measure compare`.
+/// What the picture shows of the figures.
 pub struct Comparison {
     /// Of a firmware with twelve messages in and eight out, as the library is documented, and as lean as it can be used:
     /// instructions for each byte that is received.
@@ -31,24 +34,28 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Reads the printed tables.
+    /// Takes the figures from the text of [`FIGURES`].
     pub fn parse(text: &str) -> Result<Self> {
-        let recovery = Table::find(text, "Recovery: ", 16)?;
-        let firmware = Table::find(text, "Firmware, ", 18)?;
-        let least = |row: &[(String, f64)]| LIBRARIES.map(|(_, name)| range(of(row, name)).0);
-        let most = |row: &[(String, f64)]| LIBRARIES.map(|(_, name)| range(of(row, name)).1);
-        let [work, flash] = [firmware.row("all of it, pieces of 64")?, firmware.row("flash")?];
-        let mut lost = [0.0_f64; LIBRARIES.len()];
-        for row in &recovery.rows {
-            let found = least(&recovery.cells(row)?);
-            lost.iter_mut().zip(found).for_each(|(lost, found)| *lost = lost.max(100.0 - found));
+        let section = text.split("\n[").find_map(|section| section.strip_prefix("compare]\n"));
+        let section = section.ok_or_else(|| format!("{FIGURES} has no section `compare`"))?;
+        // The least and the greatest of the figures `begin.library` and `begin.library-use`.
+        let figures = |begin: &str| {
+            LIBRARIES.map(|(_, library)| {
+                range(section.lines().filter_map(|line| {
+                    let (key, value) = line.split_once(" = ")?;
+                    let rest = key.strip_prefix(begin)?.strip_prefix('.')?.strip_prefix(library)?;
+                    let is_of_library = rest.is_empty() || rest.starts_with('-') || rest == ".most";
+                    is_of_library.then(|| value.trim_matches('"').replace(',', "").parse().ok())?
+                }))
+            })
+        };
+        let [work, flash, lost] = ["firmware.whole.pieces", "firmware.flash", "lost"].map(figures);
+        if [work, flash, lost].as_flattened().iter().any(|(least, most)| !(least.is_finite() && most.is_finite())) {
+            return Err(format!("{FIGURES} lacks a library in the section `compare`"));
         }
-        let [work, flash] = [work, flash].map(|row| [most(&row), least(&row)]);
-        let all = [work.as_flattened(), flash.as_flattened(), &lost].concat();
-        if all.iter().any(|number| !number.is_finite()) {
-            return Err("the comparison lacks a library".to_owned());
-        }
-        Ok(Self { work, flash, lost })
+        let bars =
+            |ranges: [(f64, f64); LIBRARIES.len()]| [ranges.map(|(_, most)| most), ranges.map(|(least, _)| least)];
+        Ok(Self { work: bars(work), flash: bars(flash), lost: lost.map(|(_, most)| most) })
     }
 
     /// Three panels of bars.
@@ -117,92 +124,58 @@ impl Comparison {
     }
 }
 
-/// Those of a library: some have several columns.
-fn of<'a>(row: &'a [(String, f64)], name: &'a str) -> impl Iterator<Item = f64> + 'a {
-    row.iter().filter(move |(column, _)| column.starts_with(name)).map(|(_, number)| *number)
-}
-
 /// With commas between thousands.
 fn grouped(number: f64) -> String {
     let number = number.round() as u32;
     if number < 1_000 { number.to_string() } else { format!("{},{:03}", number / 1_000, number % 1_000) }
 }
 
-/// A table that `cargo measure compare` printed.
-struct Table<'a> {
-    columns: Vec<String>,
-    rows: Vec<&'a str>,
-    width: usize,
-}
-
-impl<'a> Table<'a> {
-    /// The one below this title, whose columns are so wide.
-    fn find(text: &'a str, title: &str, width: usize) -> Result<Self> {
-        // Between the title and the table it may have been said what is installed.
-        let below = text.lines().skip_while(|line| !line.starts_with(title));
-        let mut lines = below.skip_while(|line| !line.trim_start().starts_with(LIBRARIES[0].1));
-        let head = lines.next().ok_or_else(|| format!("no table \"{title}…\""))?;
-        let rows = lines.take_while(|line| !line.is_empty()).collect();
-        Ok(Self { columns: cells(head.trim_start(), head, width), rows, width })
-    }
-
-    /// The columns' names and the first number of each cell.
-    fn cells(&self, row: &str) -> Result<Vec<(String, f64)>> {
-        let from = row.chars().count().saturating_sub(self.width * self.columns.len());
-        let numbers: String = row.chars().skip(from).collect();
-        let cells = cells(&numbers, &numbers, self.width);
-        self.columns
-            .iter()
-            .zip(cells)
-            .map(|(column, cell)| {
-                let number = cell.split(' ').next().and_then(|word| word.parse().ok());
-                Ok((column.clone(), number.ok_or_else(|| format!("{cell} is no number: {row}"))?))
-            })
-            .collect()
-    }
-
-    fn row(&self, label: &str) -> Result<Vec<(String, f64)>> {
-        let row = self.rows.iter().find(|row| row.starts_with(label));
-        self.cells(row.ok_or_else(|| format!("no row \"{label}…\""))?)
-    }
-}
-
-/// Cells of a line, aligned to the right in columns of this width, as many as `content` needs.
-fn cells(content: &str, line: &str, width: usize) -> Vec<String> {
-    let (len, needed) = (line.chars().count(), content.chars().count().div_ceil(width));
-    let from = len.saturating_sub(needed * width);
-    let chars: Vec<char> = line.chars().skip(from).collect();
-    chars.chunks(width).map(|cell| cell.iter().collect::<String>().trim().to_owned()).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const OUTPUT: &str = "
-Recovery: of 20,000 frames on a bad line, intact ones that are found, and false accepts
-                                            mavstack  mavlink no_std     mavlink std           mavio           C -O2
-bits flipped in 10 % of the frames       100.00 %, 0     100.00 %, 0     100.00 %, 0      98.23 %, 0      98.48 %, 0
-bytes lost from 10 %                     100.00 %, 0     100.00 %, 0     100.00 %, 0      84.87 %, 0      92.32 %, 0
-bursts of garbage in 10 %                100.00 %, 0     100.00 %, 0     100.00 %, 0      90.36 %, 0      95.22 %, 0
-all three                                100.00 %, 0     100.00 %, 0     100.00 %, 0      76.52 %, 0      86.85 %, 0
-1 % of bytes changed, garbage between     100.00 %, 0     100.00 %, 0     100.00 %, 0      73.99 %, 0      83.52 %, 0
+    const TEXT: &str = "
+[work]
+firmware.flash.mavstack = \"1\"
 
-Firmware, Cortex-M4F, 12 messages in and 8 out, less one that only reads; and how often ours goes into it
-Toolchain: rustc 1.95.0 with thumbv7em-none-eabihf
-                                              mavstack      mavlink enum      mavlink lean        mavio enum        mavio lean             C -Os        C -Os lean              goal
-flash, bytes                                    3320.0  71432.0 = 21.52x    8872.0 = 2.67x 134592.0 = 40.54x   11632.0 = 3.50x    6432.0 = 1.94x    2196.0 = 0.66x              4000
-all of it, pieces of 64                           31.9      48.9 = 1.53x      38.8 = 1.22x     181.6 = 5.70x     151.7 = 4.76x     116.9 = 3.67x     115.2 = 3.61x                42
-reading the line alone takes 4.5 instructions a byte in pieces, 34.0 byte by byte
+[compare]
+command = \"cargo measure compare\"
+lost.mavstack.least = \"0.0\"
+lost.mavstack.most = \"0.0\"
+lost.mavlink.most = \"0.0\"
+lost.mavio.least = \"1.8\"
+lost.mavio.most = \"26.0\"
+lost.c.most = \"16.5\"
+firmware.flash.mavstack = \"3,156\"
+firmware.flash.mavlink-enum = \"71,432\"
+firmware.flash.mavlink-lean = \"8,872\"
+firmware.flash.mavio-lean = \"11,632\"
+firmware.flash.c-os = \"6,432\"
+firmware.flash.c-os-lean = \"2,196\"
+firmware.whole.pieces.mavstack = \"32.9\"
+firmware.whole.pieces.mavlink-enum = \"48.9\"
+firmware.whole.pieces.mavio-lean = \"151.7\"
+firmware.whole.pieces.c-os = \"116.9\"
+
+[miri]
+firmware.flash.mavstack = \"9\"
 ";
 
     #[test]
-    fn the_output_of_compare_is_read() {
-        let Comparison { work, flash, lost } = Comparison::parse(OUTPUT).unwrap();
-        assert_eq!(work, [[31.9, 48.9, 181.6, 116.9], [31.9, 38.8, 151.7, 115.2]]);
-        assert_eq!(flash, [[3320.0, 71_432.0, 134_592.0, 6432.0], [3320.0, 8872.0, 11_632.0, 2196.0]]);
+    fn the_figures_of_compare_are_read() {
+        let Comparison { work, flash, lost } = Comparison::parse(TEXT).unwrap();
+        assert_eq!(work, [[32.9, 48.9, 151.7, 116.9]; 2]);
+        assert_eq!(flash, [[3156.0, 71_432.0, 11_632.0, 6432.0], [3156.0, 8872.0, 11_632.0, 2196.0]]);
         assert_eq!(lost.map(short), ["0", "0", "26", "16.5"]);
+        assert!(Comparison::parse(&TEXT.replace("whole.pieces.mavio", "whole.bytes.mavio")).is_err());
         assert!(Comparison::parse("").is_err());
+    }
+
+    #[test]
+    fn the_picture_shows_the_figures() {
+        let read = |path: &str| std::fs::read_to_string(xtask_common::system::root().join(path)).expect("a file");
+        let fresh = Comparison::parse(&read(FIGURES)).expect("the figures").draw();
+        assert!(fresh == read("docs/pictures/compare.svg"), "draw it again: cargo xtask pictures --compare");
     }
 
     #[test]
