@@ -443,7 +443,7 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     #[inline(never)]
     pub fn attach_storage(&mut self, now: Instant, region: Region, vehicle: &mut D::Vehicle) {
         let (mut cx, services, _, storage) = split!(&mut *self, now, vehicle, storage);
-        *storage = Storage { to_load: Services::<D>::all_records(), ..Storage::NEW };
+        (storage.to_load, storage.is_late, storage.errors) = (Services::<D>::all_records(), false, RestoreErrors::NONE);
         storage.log.attach(region, Services::<D>::pages().1);
         services.attach(&mut cx);
     }

@@ -138,6 +138,7 @@ impl Region {
     }
 
     /// Returns the address of a page, counted from the first page of a segment.
+    #[inline(never)]
     const fn at(&self, first: u32, position: u32) -> u32 {
         let mut page = first.wrapping_add(position);
         if page >= self.pages {
@@ -158,6 +159,7 @@ impl Region {
     }
 
     /// Returns the position behind the unit that contains this position.
+    #[inline(never)]
     fn end_of_unit(&self, position: u16) -> u16 {
         let unit = self.unit.max(1);
         let end = u32::from(position).saturating_add(1).checked_next_multiple_of(unit).unwrap_or(u32::MAX);
@@ -432,7 +434,9 @@ impl Log {
 
     /// Begins to read the log in this region. `largest` is the length of the longest record in pages.
     pub(crate) fn attach(&mut self, region: Region, largest: u16) {
-        *self = Self { region, largest, ..Self::NEW };
+        (self.region, self.largest) = (region, largest);
+        (self.pending, self.attempts, self.retry_at) = (Pending::None, 0, Instant::ZERO);
+        (self.has_written, self.is_secret, self.scrub_from) = (false, false, Instant::ZERO);
         if region.segment > 0 {
             self.scan();
         } else {
@@ -505,6 +509,7 @@ impl Log {
     }
 
     /// Returns the index of a kind's entry, or of a free one.
+    #[inline(never)]
     fn slot(&self, kind: u8) -> Option<usize> {
         let of = |kind| self.entries.iter().position(|entry| entry.kind == kind);
         of(kind).or_else(|| of(0))
@@ -577,6 +582,7 @@ impl Log {
     }
 
     /// Ends writing without a record. `is_dirty`: the next page may be written in part.
+    #[inline(never)]
     fn stop(&mut self, is_dirty: bool) {
         self.task = Task::Idle;
         self.write.head = self.write.head.saturating_add(is_dirty.into());
@@ -631,6 +637,7 @@ impl Log {
     }
 
     /// Reads the page at a position, counted from page `first` of the region.
+    #[inline(never)]
     fn read(&mut self, first: u32, position: u32) -> Next {
         self.pending = Pending::Step;
         Next::Job(Job::Read { offset: self.region.at(first, position), range: 0..PAGE })
@@ -643,6 +650,7 @@ impl Log {
     }
 
     /// Erases the unit that begins at a position, counted from page `first` of the region.
+    #[inline(never)]
     fn erase(&mut self, first: u32, position: u32, pending: Pending) -> Next {
         self.pending = pending;
         Next::Job(Job::Erase { offset: self.region.at(first, position), len: self.region.unit.wrapping_mul(PAGE_LEN) })
@@ -924,6 +932,7 @@ impl Log {
     }
 
     /// Takes the next page of the open segment.
+    #[inline(never)]
     fn replay(&mut self, is_done: bool, page: &Page) {
         let position = u16::try_from(self.page).unwrap_or(u16::MAX);
         let content = if is_done { page.open() } else { Content::Bad(None) };
@@ -996,6 +1005,7 @@ impl Log {
         (self.write.count, self.write.before) = (footer.count.wrapping_add(1), footer.kind);
     }
 
+    #[inline(never)]
     fn mark_damaged(&mut self, kind: u8) {
         if let Some(entry) = self.slot(kind).and_then(|index| self.entries.get_mut(index)) {
             (entry.kind, entry.is_damaged) = (kind, true);
@@ -1137,6 +1147,7 @@ enum Source {
 }
 
 /// Returns whether the end of a page is not blank.
+#[inline(never)]
 fn is_used(tail: &[u8; TAIL]) -> bool {
     *tail != [0xFF; TAIL]
 }
@@ -1147,6 +1158,7 @@ fn is_newer(a: u32, b: u32) -> bool {
 }
 
 /// Returns whether a page that is to be written is the last one of its record.
+#[inline(never)]
 fn is_last(page: &Page) -> bool {
     page.bytes().last_chunk().and_then(Footer::read).is_some_and(|(footer, _)| footer.is_last())
 }

@@ -1,7 +1,7 @@
 //! Storage of the three plans: one record, so that they are replaced together (M-5, SEC-11).
 //!
-//! `format.md` in this folder documents the format: the structs below in the encoding of postcard, with integers of
-//! fixed width. If you change a struct, increment the schema version, and keep reading the old one.
+//! `format.md` in this folder documents the format: the struct [`Row`] in the encoding of postcard, with
+//! integers of fixed width. If you change it, increment the schema version, and keep reading the old one.
 
 use postcard::fixint::le;
 use serde::{Deserialize, Serialize};
@@ -26,44 +26,66 @@ const _: () = assert!(ROWS as usize * ROW == PAYLOAD);
 /// Stands for no fault of a plan.
 const NO_FAULT: PlanFault = PlanFault { seq: None, result: MavMissionResult::ACCEPTED };
 
-/// The first row.
-#[derive(Serialize, Deserialize)]
-struct HeadRow {
+/// A row, as words. One type for all rows takes less flash.
+#[derive(Default, Serialize, Deserialize)]
+struct Row {
     #[serde(with = "le")]
-    mission_count: u16,
+    a: u32,
     #[serde(with = "le")]
-    fence_count: u16,
+    b: u32,
     #[serde(with = "le")]
-    rally_count: u16,
+    c: u32,
     #[serde(with = "le")]
-    mission_id: u32,
+    d: u32,
     #[serde(with = "le")]
-    fence_id: u32,
+    e: u32,
     #[serde(with = "le")]
-    rally_id: u32,
+    f: u32,
+    #[serde(with = "le")]
+    g: u32,
+    #[serde(with = "le")]
+    h: u32,
 }
 
-/// The row of an item. Floats are stored as their bits, so that no NaN is changed.
-#[derive(Serialize, Deserialize)]
-struct ItemRow {
-    frame: u8,
-    #[serde(with = "le")]
-    command: u16,
-    autocontinue: u8,
-    #[serde(with = "le")]
-    param1: u32,
-    #[serde(with = "le")]
-    param2: u32,
-    #[serde(with = "le")]
-    param3: u32,
-    #[serde(with = "le")]
-    param4: u32,
-    #[serde(with = "le")]
-    x: i32,
-    #[serde(with = "le")]
-    y: i32,
-    #[serde(with = "le")]
-    z: u32,
+impl Row {
+    #[inline(never)]
+    fn read(row: &[u8; ROW]) -> Option<Self> {
+        postcard::from_bytes(row).ok()
+    }
+
+    #[inline(never)]
+    fn write(&self, row: &mut [u8; ROW]) -> Option<()> {
+        postcard::to_slice(self, row).ok().map(|_| ())
+    }
+
+    /// Floats are stored as their bits, so that no NaN is changed.
+    fn of_item(item: &Item) -> Self {
+        let [command0, command1] = item.command.0.to_le_bytes();
+        let [b, c, d, e] = item.params.map(f32::to_bits);
+        Self {
+            a: u32::from_le_bytes([item.frame.0, command0, command1, item.autocontinue]),
+            b,
+            c,
+            d,
+            e,
+            f: item.x.cast_unsigned(),
+            g: item.y.cast_unsigned(),
+            h: item.z.to_bits(),
+        }
+    }
+
+    fn into_item(self) -> Item {
+        let [frame, command0, command1, autocontinue] = self.a.to_le_bytes();
+        Item {
+            frame: MavFrame(frame),
+            command: MavCmd(u16::from_le_bytes([command0, command1])),
+            autocontinue,
+            params: [self.b, self.c, self.d, self.e].map(f32::from_bits),
+            x: self.f.cast_signed(),
+            y: self.g.cast_signed(),
+            z: f32::from_bits(self.h),
+        }
+    }
 }
 
 /// The stored plans while they are loaded.
@@ -93,55 +115,18 @@ impl Loading {
     };
 }
 
-fn to_row<T: Serialize>(value: &T, row: &mut [u8; ROW]) -> Option<()> {
-    *row = [0; ROW];
-    postcard::to_slice(value, row).ok()?;
-    Some(())
-}
-
-fn item_to_row(item: &Item, row: &mut [u8; ROW]) -> Option<()> {
-    let [param1, param2, param3, param4] = item.params.map(f32::to_bits);
-    let row_of_item = ItemRow {
-        frame: item.frame.0,
-        command: item.command.0,
-        autocontinue: item.autocontinue,
-        param1,
-        param2,
-        param3,
-        param4,
-        x: item.x,
-        y: item.y,
-        z: item.z.to_bits(),
-    };
-    to_row(&row_of_item, row)
-}
-
-fn item_from_row(row: &[u8; ROW]) -> Option<Item> {
-    let row: ItemRow = postcard::from_bytes(row).ok()?;
-    Some(Item {
-        frame: MavFrame(row.frame),
-        command: MavCmd(row.command),
-        autocontinue: row.autocontinue,
-        params: [row.param1, row.param2, row.param3, row.param4].map(f32::from_bits),
-        x: row.x,
-        y: row.y,
-        z: f32::from_bits(row.z),
-    })
-}
-
 /// Writes a row of the content; `None` if it has fewer rows.
 fn write_row(content: &[PlanView<'_>; 3], index: u32, row: &mut [u8; ROW]) -> Option<()> {
     let Some(index) = index.checked_sub(1) else {
-        let [mission_count, fence_count, rally_count] =
-            content.map(|plan| u16::try_from(plan.items().len()).unwrap_or(u16::MAX));
-        let [mission_id, fence_id, rally_id] = content.map(|plan| plan.id());
-        return to_row(&HeadRow { mission_count, fence_count, rally_count, mission_id, fence_id, rally_id }, row);
+        let [a, b, c] = content.each_ref().map(|plan| u32::try_from(plan.items().len()).unwrap_or(u32::MAX));
+        let [d, e, f] = content.each_ref().map(PlanView::id);
+        return Row { a, b, c, d, e, f, ..Row::default() }.write(row);
     };
     let mut index = usize::try_from(index).ok()?;
     for plan in content {
         match index.checked_sub(plan.items().len()) {
             Some(rest) => index = rest,
-            None => return item_to_row(plan.items().get(index)?, row),
+            None => return Row::of_item(plan.items().get(index)?).write(row),
         }
     }
     None
@@ -164,13 +149,9 @@ impl Loading {
     /// Takes the first row. Returns `None` if it is invalid.
     #[inline(never)]
     fn begin(&mut self, row: &[u8; ROW]) -> Option<()> {
-        let row: HeadRow = postcard::from_bytes(row).ok()?;
-        *self = Self {
-            counts: [row.mission_count, row.fence_count, row.rally_count],
-            ids: [row.mission_id, row.fence_id, row.rally_id],
-            digest: Digest::new(),
-            ..Self::NEW
-        };
+        let Row { a, b, c, d, e, f, .. } = Row::read(row)?;
+        let counts = [a, b, c].map(|count| u16::try_from(count).unwrap_or(u16::MAX));
+        *self = Self { counts, ids: [d, e, f], digest: Digest::new(), ..Self::NEW };
         Some(())
     }
 
@@ -204,7 +185,7 @@ impl Loading {
     #[inline(never)]
     fn item<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, row: &[u8; ROW]) -> bool {
         let Some((plan, ..)) = self.plan() else { return false };
-        let staged = match item_from_row(row) {
+        let staged = match Row::read(row).map(Row::into_item) {
             _ if self.fault != NO_FAULT => Ok(()),
             Some(item) => Missions::stage_item(cx, vehicle, plan, &mut self.digest, item),
             None => Err(MavMissionResult::INVALID.into()),

@@ -654,9 +654,9 @@ fn the_layout_of_plans_is_as_documented() {
     let mission = world.stack.mission();
     let fence = world.stack.fence();
     let mut rows = vec![0; 32];
-    rows[0..6].copy_from_slice(&[6, 0, 2, 0, 0, 0]);
-    rows[6..10].copy_from_slice(&mission.id().to_le_bytes());
-    rows[10..14].copy_from_slice(&fence.id().to_le_bytes());
+    rows[0..12].copy_from_slice(&[6, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]);
+    rows[12..16].copy_from_slice(&mission.id().to_le_bytes());
+    rows[16..20].copy_from_slice(&fence.id().to_le_bytes());
     for item in mission.items().iter().chain(fence.items()) {
         rows.push(item.frame.0);
         rows.extend(item.command.0.to_le_bytes());

@@ -192,6 +192,10 @@ fn damage<const W: usize, const E: usize>(
     }
     let is_hit = |page: &pages::Page| flips.iter().any(|flip| (page.at + 228..page.at + PAGE).contains(&flip.at));
     let is_fragile = open.iter().filter(|page| page.opens()).all(is_hit);
+    if is_fragile {
+        // Nothing shows that the segment is open. All its records look like writes that were cut off, but the copies.
+        like_cut_off.extend(open.iter().filter(|page| page.opens()).map(|page| page.kind));
+    }
     let device = Device::boot(flash);
     let (found, reported) = (device.values(), device.damaged());
     if std::env::var_os("MAVSTACK_SHOW").is_some() {
