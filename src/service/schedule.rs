@@ -103,6 +103,7 @@ impl Schedule {
     }
 
     /// Requests a write of content that has changed.
+    #[inline(never)]
     pub(crate) const fn request(&mut self) {
         self.restart();
         self.phase = Phase::Dirty;

@@ -97,7 +97,6 @@ macro_rules! contents {
             }
 
             /// Cancels the writes that the vehicle no longer permits.
-            #[inline(never)]
             fn cancel_refused(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>]) {
                 $(
                     let links = states.iter_mut().map(|state| &mut state.$service);
@@ -202,7 +201,6 @@ impl<D: Declares> Services<D> {
     }
 
     /// Begins the next load or save, if there is one.
-    #[inline(never)]
     fn begin_next(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>], storage: &mut Storage, may_write: bool) {
         let reloads = self.reloads(cx);
         for index in 0..CONTENTS {
@@ -249,7 +247,6 @@ impl<D: Declares> Services<D> {
     }
 
     /// Begins to load a record. Returns false if there is nothing to load.
-    #[inline(never)]
     fn begin_load(
         &mut self,
         cx: &mut Cx<'_, D>,
@@ -278,7 +275,6 @@ impl<D: Declares> Services<D> {
         write.is_some_and(|write| (write.record, write.version) == (storage.record, storage.version))
     }
 
-    #[inline(never)]
     fn next_job(
         &mut self,
         cx: &mut Cx<'_, D>,
@@ -339,7 +335,6 @@ impl<D: Declares> Services<D> {
 
     /// Takes a page of the record that is loaded.
     // Apart from `on_event`, because the checks of a plan need much of the call stack.
-    #[inline(never)]
     fn on_loaded(&mut self, cx: &mut Cx<'_, D>, storage: &mut Storage, bytes: &[u8], is_first: bool, is_last: bool) {
         let index = storage.service;
         if storage.is_late && !self.may_load(cx, index, true) {

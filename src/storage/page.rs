@@ -172,7 +172,6 @@ impl Page {
     }
 
     /// Completes a page, whose payload is in place, and returns its checksum.
-    #[inline(never)]
     pub(crate) fn seal(&mut self, footer: &Footer) -> u32 {
         let [m0, m1] = MAGIC;
         if let Some(front) = self.0.first_chunk_mut() {

@@ -116,6 +116,7 @@ impl Loading {
 }
 
 /// Writes a row of the content; `None` if it has fewer rows.
+#[inline(never)]
 fn write_row(content: &[PlanView<'_>; 3], index: u32, row: &mut [u8; ROW]) -> Option<()> {
     let Some(index) = index.checked_sub(1) else {
         let [a, b, c] = content.each_ref().map(|plan| u32::try_from(plan.items().len()).unwrap_or(u32::MAX));
@@ -147,7 +148,6 @@ pub(super) fn fill(content: &[PlanView<'_>; 3], page: u16, bytes: &mut [u8]) -> 
 
 impl Loading {
     /// Takes the first row. Returns `None` if it is invalid.
-    #[inline(never)]
     fn begin(&mut self, row: &[u8; ROW]) -> Option<()> {
         let Row { a, b, c, d, e, f, .. } = Row::read(row)?;
         let counts = [a, b, c].map(|count| u16::try_from(count).unwrap_or(u16::MAX));
@@ -182,7 +182,6 @@ impl Loading {
     }
 
     /// Takes the row of an item. Returns false if there is no plan for it.
-    #[inline(never)]
     fn item<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, row: &[u8; ROW]) -> bool {
         let Some((plan, ..)) = self.plan() else { return false };
         let staged = match Row::read(row).map(Row::into_item) {
