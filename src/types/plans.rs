@@ -205,6 +205,7 @@ impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanMemory 
         }
     }
 
+    #[inline(never)]
     fn view(&mut self) -> Option<PlansMut<'_>> {
         Some(PlansMut {
             mission: self.mission.view(),
