@@ -651,8 +651,8 @@ where
     D: Declares<Parameters: ParamTable, Param = ParamService>,
     D::Vehicle: Parameters<Table = D::Parameters>,
 {
-    /// Schedules the parameters that are not stored yet for writing at once, like MAV_CMD_PREFLIGHT_STORAGE: for use
-    /// before a reboot. Afterwards, [`persist`](Self::persist) returns false once they are stored, or cannot be.
+    /// Schedules the parameters for writing at once, like MAV_CMD_PREFLIGHT_STORAGE, if some are not stored yet or what is
+    /// stored is damaged (G-18): for use before a reboot. Afterwards, [`persist`](Self::persist) returns false once they are stored, or cannot be.
     pub fn save_parameters(&mut self, now: Instant) {
         self.services.param.write_now(now, &mut self.parameters);
     }
