@@ -31,7 +31,7 @@ const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
 }
 
 /// All steps, short ones first.
-const STEPS: [Step; 20] = [
+const STEPS: [Step; 21] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
@@ -57,6 +57,22 @@ const STEPS: [Step; 20] = [
         "storage-second-cuts",
         "10^6 second cuts at seeded places",
         &["test", "--release", "--features", "signing,storage", "--lib", "a_million_second_cuts", "--", "--ignored"],
+    ),
+    step(
+        "storage-scripts",
+        "10^7 random images, records, and scripts of saves, power cuts and damage",
+        &[
+            "test",
+            "--release",
+            "--manifest-path",
+            "fuzz/Cargo.toml",
+            "--target-dir",
+            "target/fuzz/test",
+            "--lib",
+            "ten_million",
+            "--",
+            "--ignored",
+        ],
     ),
     step("size", "flash and RAM of the library, at opt-level z too", &["measure", "size"]),
     step("options", "flash and RAM of each option, and of whole vehicles", &["measure", "options"]),
