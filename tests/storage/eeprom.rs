@@ -1,10 +1,11 @@
 //! The EEPROM driver: every byte on the bus, a chip that behaves as the datasheets say, and plans kept there.
 
+use super::spi::*;
 use crate::support::*;
 use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
 use embedded_hal_mock::eh1::delay::NoopDelay;
-use embedded_hal_mock::eh1::spi::{Mock, Transaction};
+use embedded_hal_mock::eh1::spi::Mock;
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use mavstack::dialect::MavCmd;
 use mavstack::storage::{Eeprom, EepromError, Store};
@@ -14,27 +15,6 @@ use std::rc::Rc;
 
 mavstack::stack! {
     struct Mavlink for TestVehicle { links: 1, plans: { mission: 50, fence: 4, rally: 2 }, commands: { slots: 1 }, storage }
-}
-
-type Bus = Vec<Transaction<u8>>;
-
-fn selected(operations: impl IntoIterator<Item = Transaction<u8>>) -> Bus {
-    std::iter::once(Transaction::transaction_start())
-        .chain(operations)
-        .chain([Transaction::transaction_end()])
-        .collect()
-}
-
-fn command(bytes: &[u8]) -> Bus {
-    selected([Transaction::write_vec(bytes.to_vec())])
-}
-
-fn question(bytes: &[u8], answer: &[u8]) -> Bus {
-    selected([Transaction::write_vec(bytes.to_vec()), Transaction::read_vec(answer.to_vec())])
-}
-
-fn written(bytes: &[u8], data: &[u8]) -> Bus {
-    selected([Transaction::write_vec(bytes.to_vec()), Transaction::write_vec(data.to_vec())])
 }
 
 fn status(status: u8) -> Bus {

@@ -1,39 +1,18 @@
 //! The FRAM driver: each byte on the bus, and plans and parameters that are stored in an FRAM.
 
+use super::spi::*;
 use crate::support::{Setup, TestVehicle, Tuning, World, millis};
 use crate::support::{Tested, begun};
 use crate::{of_parameters, of_plans};
 use embedded_hal::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
-use embedded_hal_mock::eh1::spi::{Mock, Transaction};
+use embedded_hal_mock::eh1::spi::Mock;
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use mavstack::dialect::{MavCmd, MavParamType, ParamSet, Statustext};
 use mavstack::storage::{Fram, FramError, Store};
 use mavstack::{Instant, Item, PlanType, Text, plan_memory};
 
-type Bus = Vec<Transaction<u8>>;
-
 fn id(product: u8, revision: u8) -> [u8; 9] {
     [0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0xC2, product, revision]
-}
-
-/// One transaction: the chip is selected once.
-fn selected(operations: impl IntoIterator<Item = Transaction<u8>>) -> Bus {
-    let mut bus = vec![Transaction::transaction_start()];
-    bus.extend(operations);
-    bus.push(Transaction::transaction_end());
-    bus
-}
-
-fn command(bytes: &[u8]) -> Bus {
-    selected([Transaction::write_vec(bytes.to_vec())])
-}
-
-fn question(bytes: &[u8], answer: &[u8]) -> Bus {
-    selected([Transaction::write_vec(bytes.to_vec()), Transaction::read_vec(answer.to_vec())])
-}
-
-fn written(bytes: &[u8], data: &[u8]) -> Bus {
-    selected([Transaction::write_vec(bytes.to_vec()), Transaction::write_vec(data.to_vec())])
 }
 
 /// The first transactions: the driver reads the id and the status register.

@@ -1,30 +1,9 @@
 //! FRAM of other makers, and FRAM without an id: what they answer, and that nothing else is taken for one.
 
-use embedded_hal_mock::eh1::spi::{Mock, Transaction};
+use super::spi::*;
+use embedded_hal_mock::eh1::spi::Mock;
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use mavstack::storage::{Fram, FramError};
-
-type Bus = Vec<Transaction<u8>>;
-
-fn selected(operations: impl IntoIterator<Item = Transaction<u8>>) -> Bus {
-    let operations = operations.into_iter();
-    std::iter::once(Transaction::transaction_start())
-        .chain(operations)
-        .chain([Transaction::transaction_end()])
-        .collect()
-}
-
-fn command(bytes: &[u8]) -> Bus {
-    selected([Transaction::write_vec(bytes.to_vec())])
-}
-
-fn question(bytes: &[u8], answer: &[u8]) -> Bus {
-    selected([Transaction::write_vec(bytes.to_vec()), Transaction::read_vec(answer.to_vec())])
-}
-
-fn written(bytes: &[u8], data: &[u8]) -> Bus {
-    selected([Transaction::write_vec(bytes.to_vec()), Transaction::write_vec(data.to_vec())])
-}
 
 /// An id of nine bytes; behind a shorter one the line reads as `fill`.
 fn id(bytes: &[u8], fill: u8) -> [u8; 9] {

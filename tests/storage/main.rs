@@ -24,6 +24,7 @@ mod power_cut;
 mod records;
 #[cfg(feature = "signing")]
 mod signing_key;
+mod spi;
 mod stall;
 
 use mavstack::Config;

@@ -2,98 +2,58 @@
 
 use std::collections::BTreeMap;
 
-use crate::support::wire::Line;
+use crate::support::command;
+use crate::support::wire::Wire;
 use mavstack::command::CommandPosition;
-use mavstack::config::LinkClass;
 use mavstack::dialect::*;
-use mavstack::frame::Decoder;
-use mavstack::message::Dialect;
-use mavstack::{Address, Command, Commands, Duration, Instant, LinkId, Message, Peer};
-use mavstack_demo::{App, COMPANION, Mavlink, SATELLITE, TELEMETRY, Tuning};
-
-const STATION: Peer = Peer { address: Address::new(255, 190), link: TELEMETRY };
+use mavstack::{Command, Commands, Instant, LinkId, Message};
+use mavstack_demo::{COMPANION, LINKS, TELEMETRY, Tuning};
 
 /// The vehicle, and for each link the last message of each type and its count.
 struct Flight {
-    app: App<Box<Mavlink>>,
-    millis: u64,
-    lines: [Line; 3],
-    decoders: [Decoder; 3],
-    last: [BTreeMap<u32, Vec<u8>>; 3],
-    counts: [BTreeMap<u32, u32>; 3],
-    bytes: [usize; 3],
+    wire: Wire,
+    last: [BTreeMap<u32, Vec<u8>>; LINKS],
+    counts: [BTreeMap<u32, u32>; LINKS],
 }
 
 impl Flight {
     fn new() -> Self {
-        Self {
-            app: App::new(Box::new(Mavlink::VACANT)),
-            millis: 0,
-            lines: Default::default(),
-            decoders: [(); 3].map(|()| Decoder::new(Duration::from_secs(1))),
-            last: Default::default(),
-            counts: Default::default(),
-            bytes: [0; 3],
-        }
+        Self { wire: Wire::new(), last: Default::default(), counts: Default::default() }
     }
 
     /// Runs the flight loop once per millisecond, and calls `check` after each pass.
     fn run(&mut self, millis: u64, mut check: impl FnMut(&Self)) {
         for _ in 0..millis {
-            self.millis += 1;
-            let now = Instant::from_millis(self.millis);
-            self.app.control(now);
-            for (index, link) in [TELEMETRY, COMPANION, SATELLITE].into_iter().enumerate() {
-                self.app.serve(now, link, &mut self.lines[index]).unwrap();
-                self.decode(index, now);
+            self.wire.run(1);
+            for frame in self.wire.received.drain(..) {
+                let link = usize::from(frame.link.0);
+                *self.counts[link].entry(frame.id).or_default() += 1;
+                self.last[link].insert(frame.id, frame.payload);
             }
             check(self);
         }
     }
 
-    fn decode(&mut self, index: usize, now: Instant) {
-        let (line, decoder) = (&mut self.lines[index], &mut self.decoders[index]);
-        self.bytes[index] += line.down.len();
-        loop {
-            let pushed = decoder.push(line.down.make_contiguous(), now);
-            line.down.drain(..pushed);
-            while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut u32::MAX.clone(), |_| true) {
-                *self.counts[index].entry(frame.id()).or_default() += 1;
-                self.last[index].insert(frame.id(), frame.payload().to_vec());
-            }
-            if line.down.is_empty() {
-                return;
-            }
-        }
+    fn command(&mut self, id: MavCmd, first: f32, z: f32) {
+        self.send(&Command { z, ..command(id, [first, 0.0, 0.0, 0.0]) });
     }
 
-    fn command(&mut self, id: MavCmd, first: f32, z: f32) {
-        let position = CommandPosition::Long { param5: 0.0, param6: 0.0 };
-        let params = [first, 0.0, 0.0, 0.0];
-        let command = Command {
-            id,
-            params,
-            position,
-            z,
-            from: STATION,
-            class: LinkClass::Normal,
-            age: None,
-            is_broadcast: false,
-            confirmation: 0,
-        };
-        self.send(&command);
+    fn reposition(&mut self, param5: f32, param6: f32) {
+        let position = CommandPosition::Long { param5, param6 };
+        let params = [f32::NAN, 1.0, f32::NAN, f32::NAN];
+        self.send(&Command { position, z: f32::NAN, ..command(MavCmd::DO_REPOSITION, params) });
     }
 
     fn send(&mut self, command: &Command) {
-        let (stack, vehicle) = self.app.parts();
-        let now = Instant::from_millis(self.millis);
+        let (stack, vehicle) = self.wire.app.parts();
+        let now = Instant::from_millis(self.wire.millis);
         let outcome = stack.with_context(now, |cx| vehicle.command(cx, command));
         assert_eq!(outcome.result, MavResult::ACCEPTED, "{:?}", command.id);
     }
 
     /// Announces FLIGHT_INFORMATION, which otherwise is sent on request only.
     fn announce_flight_information(&mut self) {
-        self.app.parts().0.announce::<FlightInformation>();
+        self.wire.app.parts().0.announce::<FlightInformation>();
         self.run(10, |_| {});
     }
 
@@ -197,21 +157,7 @@ fn a_return_reports_landing() {
     flight.command(MavCmd::COMPONENT_ARM_DISARM, 1.0, 0.0);
     flight.command(MavCmd::NAV_TAKEOFF, 0.0, 20.0);
     flight.run(10_000, |_| {});
-    let position = CommandPosition::Long { param5: 47.398_1, param6: 8.545_594 };
-    let params = [f32::NAN, 1.0, f32::NAN, f32::NAN];
-    let id = MavCmd::DO_REPOSITION;
-    let command = Command {
-        id,
-        params,
-        position,
-        z: f32::NAN,
-        from: STATION,
-        class: LinkClass::Normal,
-        age: None,
-        is_broadcast: false,
-        confirmation: 0,
-    };
-    flight.send(&command);
+    flight.reposition(47.398_1, 8.545_594);
     flight.run(12_000, |_| {});
     flight.command(MavCmd::NAV_RETURN_TO_LAUNCH, 0.0, 0.0);
     flight.run(3_000, |_| {});
@@ -227,10 +173,10 @@ fn a_return_reports_landing() {
 fn the_battery_state_is_consistent() {
     let mut flight = Flight::new();
     let set = |flight: &mut Flight, param, value| {
-        let (stack, _) = flight.app.parts();
+        let (stack, _) = flight.wire.app.parts();
         assert!(stack.parameters_mut().set(param, value));
     };
-    flight.app.parts().0.parameters_mut().set(Tuning::SIM_BAT_START, 30);
+    flight.wire.app.parts().0.parameters_mut().set(Tuning::SIM_BAT_START, 30);
     for (low, critical, state) in [
         (0.2, 0.1, MavBatteryChargeState::OK),
         (0.5, 0.1, MavBatteryChargeState::LOW),
@@ -254,21 +200,7 @@ fn rates_match_the_angles() {
     flight.command(MavCmd::COMPONENT_ARM_DISARM, 1.0, 0.0);
     flight.command(MavCmd::NAV_TAKEOFF, 0.0, 10.0);
     flight.run(8_000, |_| {});
-    let position = CommandPosition::Long { param5: 47.398_1, param6: 8.546 };
-    let params = [f32::NAN, 1.0, f32::NAN, f32::NAN];
-    let id = MavCmd::DO_REPOSITION;
-    let command = Command {
-        id,
-        params,
-        position,
-        z: f32::NAN,
-        from: STATION,
-        class: LinkClass::Normal,
-        age: None,
-        is_broadcast: false,
-        confirmation: 0,
-    };
-    flight.send(&command);
+    flight.reposition(47.398_1, 8.546);
     let mut angles: Vec<Attitude> = Vec::new();
     for _ in 0..400 {
         flight.run(20, |_| {});
@@ -297,7 +229,7 @@ fn rates_match_the_angles() {
 fn flight_information_has_the_event_times() {
     let mut flight = Flight::new();
     flight.run(3_000, |_| {});
-    assert_eq!(flight.app.stack().parameters().get(mavstack_demo::Tuning::STAT_FLIGHTS), 0);
+    assert_eq!(flight.wire.app.stack().parameters().get(mavstack_demo::Tuning::STAT_FLIGHTS), 0);
     flight.command(MavCmd::COMPONENT_ARM_DISARM, 1.0, 0.0);
     flight.run(2_000, |_| {});
     flight.command(MavCmd::NAV_TAKEOFF, 0.0, 10.0);
@@ -321,11 +253,11 @@ fn telemetry_flows_by_default() {
     let mut flight = Flight::new();
     flight.run(10_000, |_| {});
     let before = flight.counts.clone();
-    let bytes = flight.bytes;
+    let bytes = flight.wire.bytes;
     flight.run(60_000, |_| {});
     let rate = |link: LinkId, id| {
         let index = usize::from(link.0);
-        let count = |counts: &[BTreeMap<u32, u32>; 3]| counts[index].get(&id).copied().unwrap_or(0);
+        let count = |counts: &[BTreeMap<u32, u32>; LINKS]| counts[index].get(&id).copied().unwrap_or(0);
         count(&flight.counts) - count(&before)
     };
     let ids =
@@ -339,7 +271,7 @@ fn telemetry_flows_by_default() {
     for (rate, wanted) in rates(COMPANION).into_iter().zip(companion) {
         assert!(rate.abs_diff(wanted) <= 1, "{:?}", rates(COMPANION));
     }
-    let per_second = (flight.bytes[0] - bytes[0]) / 60;
+    let per_second = (flight.wire.bytes[0] - bytes[0]) / 60;
     assert!(per_second < 5_760 / 7, "{per_second} bytes/s: more than a seventh of 57,600 bit/s");
-    assert_eq!(flight.bytes[2], 0);
+    assert_eq!(flight.wire.bytes[2], 0);
 }

@@ -64,7 +64,7 @@ pub struct Received {
     pub source: Address,
     pub id: u32,
     pub raw: Vec<u8>,
-    payload: Vec<u8>,
+    pub payload: Vec<u8>,
 }
 
 /// The vehicle, its lines and the simulated time.
@@ -72,6 +72,8 @@ pub struct Wire {
     pub app: App<Box<Mavlink>>,
     pub millis: u64,
     pub lines: [Line; LINKS],
+    /// Number of bytes received on each link.
+    pub bytes: [usize; LINKS],
     decoders: [Decoder; LINKS],
     seq: u8,
     pub received: Vec<Received>,
@@ -83,6 +85,7 @@ impl Wire {
             app: App::new(Box::new(Mavlink::VACANT)),
             millis: 0,
             lines: Default::default(),
+            bytes: [0; LINKS],
             decoders: [(); LINKS].map(|()| Decoder::new(Duration::from_secs(1))),
             seq: 0,
             received: Vec::new(),
@@ -114,6 +117,7 @@ impl Wire {
             for (index, (line, decoder)) in self.lines.iter_mut().zip(&mut self.decoders).enumerate() {
                 let link = LinkId(index as u8);
                 self.app.serve(now, link, line).unwrap();
+                self.bytes[index] += line.down.len();
                 while !line.down.is_empty() {
                     let pushed = decoder.push(line.down.make_contiguous(), now);
                     line.down.drain(..pushed);
