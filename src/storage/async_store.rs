@@ -1,12 +1,10 @@
 //! The end of the log on an async driver.
 
-use core::ops::Range;
-
 use embedded_storage_async::nor_flash::NorFlash;
 
 use super::log::{Job, Region};
 use super::slot::JobSlot;
-use super::store::{region_len, units};
+use super::store::store;
 
 /// A region of a storage with an async driver, for everything that a firmware stores. Needs the feature
 /// `embedded-storage-async`.
@@ -103,35 +101,9 @@ pub struct AsyncStore<F> {
     slot: JobSlot,
 }
 
-/// Omits the storage, whose `Debug` may show the key (SEC-15).
-impl<F> core::fmt::Debug for AsyncStore<F> {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str("AsyncStore")
-    }
-}
-
-#[cfg(feature = "defmt")]
-impl<F> defmt::Format for AsyncStore<F> {
-    fn format(&self, f: defmt::Formatter<'_>) {
-        defmt::write!(f, "AsyncStore");
-    }
-}
+store!(AsyncStore, NorFlash);
 
 impl<F: NorFlash> AsyncStore<F> {
-    const UNITS: (u32, u32) = units(F::READ_SIZE, F::WRITE_SIZE, F::ERASE_SIZE);
-
-    /// Returns a store in this region of the storage, in bytes. Bytes at its ends that do not fill an erase unit are not
-    /// used. Content that does not fit a region is not stored, which a text reports. Reads nothing yet.
-    pub const fn new(flash: F, region: Range<u32>) -> Self {
-        let (write_size, erase_size) = Self::UNITS;
-        Self { flash, region: Region::new(region, write_size, erase_size), slot: JobSlot::new() }
-    }
-
-    /// Returns the length of two segments for this many pages, in bytes.
-    pub(crate) const fn region_len_for(pages: u32) -> u32 {
-        region_len(Self::UNITS.1, pages)
-    }
-
     /// Runs the job in the [slot](Self::slot), and keeps its result there. Returns at once if there is none.
     ///
     /// A job runs once: another call before the next [`exchange_job`](crate::Stack::exchange_job) does nothing.
@@ -146,32 +118,5 @@ impl<F: NorFlash> AsyncStore<F> {
             Job::Erase { offset, len } => flash.erase(offset, offset.saturating_add(len)).await,
         };
         slot.finish(result.is_ok());
-    }
-}
-
-impl<F> AsyncStore<F> {
-    /// Returns the region, for [`attach_storage`](crate::Stack::attach_storage).
-    pub const fn region(&self) -> Region {
-        self.region
-    }
-
-    /// Returns the slot for [`exchange_job`](crate::Stack::exchange_job).
-    pub const fn slot(&mut self) -> &mut JobSlot {
-        &mut self.slot
-    }
-
-    /// Returns the storage.
-    pub const fn flash(&self) -> &F {
-        &self.flash
-    }
-
-    /// Returns the storage. Do not write to the store's region: that may damage what is stored.
-    pub const fn flash_mut(&mut self) -> &mut F {
-        &mut self.flash
-    }
-
-    /// Returns the storage and drops the store.
-    pub fn into_inner(self) -> F {
-        self.flash
     }
 }

@@ -1,15 +1,15 @@
-//! A driver for EEPROM on SPI: the 25xx and M95 series, which answer to the same commands.
+//! A driver for EEPROM on SPI: the 25xx and M95 series, which have the same commands.
 //!
 //! EEPROM needs no erasing, but a write takes some milliseconds, and must not cross a page. The driver presents it as NOR
 //! flash with erase units of 256 bytes, so that it works with all stores.
 
 use embedded_hal::delay::DelayNs;
-use embedded_hal::spi::{Operation, SpiDevice};
+use embedded_hal::spi::SpiDevice;
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 
-use super::spi::{ERASED, command, op, status};
+use super::spi::{self, ERASED, op, status};
 
 /// The time between two reads of the status register, in microseconds.
 const PERIOD: u32 = 100;
@@ -138,12 +138,12 @@ impl<S: SpiDevice, D: DelayNs> Eeprom<S, D> {
         if eeprom.wait()? & status::BLOCK_PROTECT != 0 {
             return Err(EepromError::Protected);
         }
-        eeprom.send(op::WREN)?;
-        let status = eeprom.status()?;
+        eeprom.spi.write(&[op::WREN]).map_err(EepromError::Bus)?;
+        let status = spi::status_register(&mut eeprom.spi).map_err(EepromError::Bus)?;
         if status & status::WEL == 0 {
             return Err(EepromError::NoAnswer(status));
         }
-        eeprom.send(op::WRDI)?;
+        eeprom.spi.write(&[op::WRDI]).map_err(EepromError::Bus)?;
         Ok(eeprom)
     }
 
@@ -152,23 +152,10 @@ impl<S: SpiDevice, D: DelayNs> Eeprom<S, D> {
         (self.spi, self.delay)
     }
 
-    fn send(&mut self, code: u8) -> Result<(), EepromError<S::Error>> {
-        self.spi.write(&[code]).map_err(EepromError::Bus)
-    }
-
-    fn status(&mut self) -> Result<u8, EepromError<S::Error>> {
-        let mut status = [0];
-        self.spi
-            .transaction(&mut [Operation::Write(&[op::RDSR]), Operation::Read(&mut status)])
-            .map_err(EepromError::Bus)?;
-        let [status] = status;
-        Ok(status)
-    }
-
     /// Waits until no write is in progress. Returns the status register.
     fn wait(&mut self) -> Result<u8, EepromError<S::Error>> {
         for _ in 0..POLLS {
-            let status = self.status()?;
+            let status = spi::status_register(&mut self.spi).map_err(EepromError::Bus)?;
             if status & status::WIP == 0 {
                 return Ok(status);
             }
@@ -189,9 +176,7 @@ impl<S: SpiDevice, D: DelayNs> ReadNorFlash for Eeprom<S, D> {
         check_read(self, offset, bytes.len()).map_err(EepromError::of_call)?;
         // The write before may have ended with `Busy`: a busy chip would answer with garbage.
         self.wait()?;
-        let (command, len) = command(op::READ, self.capacity, offset);
-        let command = command.get(..len).unwrap_or_default();
-        self.spi.transaction(&mut [Operation::Write(command), Operation::Read(bytes)]).map_err(EepromError::Bus)
+        spi::read(&mut self.spi, self.capacity, offset, bytes).map_err(EepromError::Bus)
     }
 
     fn capacity(&self) -> usize {
@@ -217,16 +202,12 @@ impl<S: SpiDevice, D: DelayNs> NorFlash for Eeprom<S, D> {
         check_write(self, offset, bytes.len()).map_err(EepromError::of_call)?;
         let (mut at, mut rest) = (offset, bytes);
         while !rest.is_empty() {
-            // Behind the end of a page, the chip would go on at its beginning.
+            // Behind the end of a page, the chip would continue at its beginning.
             let len = self.page.wrapping_sub(at & self.page.wrapping_sub(1));
             let room = usize::try_from(len).unwrap_or(usize::MAX);
             let (part, after) = rest.split_at_checked(room).unwrap_or((rest, &[]));
             self.wait()?;
-            // The chip disables writing after each write.
-            self.send(op::WREN)?;
-            let (command, len_of_command) = command(op::WRITE, self.capacity, at);
-            let command = command.get(..len_of_command).unwrap_or_default();
-            self.spi.transaction(&mut [Operation::Write(command), Operation::Write(part)]).map_err(EepromError::Bus)?;
+            spi::write(&mut self.spi, self.capacity, at, part).map_err(EepromError::Bus)?;
             (at, rest) = (at.wrapping_add(len), after);
         }
         self.wait().map(|_| ())

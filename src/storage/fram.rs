@@ -10,7 +10,7 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 
-use super::spi::{ERASED, command, op, status};
+use super::spi::{self, ERASED, op, status};
 
 /// A driver for FRAM on SPI. It enables each write, as the chips require. Calls block only for the transfer on the bus,
 /// because the chips are never busy.
@@ -162,15 +162,10 @@ impl<S: SpiDevice> Fram<S> {
 
     /// Returns the status register, if nothing is write-protected.
     fn check_protection(&mut self) -> Result<u8, FramError<S::Error>> {
-        let mut status = [0];
-        self.spi
-            .transaction(&mut [Operation::Write(&[op::RDSR]), Operation::Read(&mut status)])
-            .map_err(FramError::Bus)?;
-        let [status] = status;
-        match status {
-            0xFF => Err(FramError::NoAnswer(status)),
-            _ if status & status::BLOCK_PROTECT != 0 => Err(FramError::Protected),
-            _ => Ok(status),
+        match spi::status_register(&mut self.spi).map_err(FramError::Bus)? {
+            0xFF => Err(FramError::NoAnswer(0xFF)),
+            status if status & status::BLOCK_PROTECT != 0 => Err(FramError::Protected),
+            status => Ok(status),
         }
     }
 
@@ -189,9 +184,7 @@ impl<S: SpiDevice> ReadNorFlash for Fram<S> {
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
         check_read(self, offset, bytes.len()).map_err(FramError::of_call)?;
-        let (command, len) = command(op::READ, self.capacity, offset);
-        let command = command.get(..len).unwrap_or_default();
-        self.spi.transaction(&mut [Operation::Write(command), Operation::Read(bytes)]).map_err(FramError::Bus)
+        spi::read(&mut self.spi, self.capacity, offset, bytes).map_err(FramError::Bus)
     }
 
     fn capacity(&self) -> usize {
@@ -214,10 +207,6 @@ impl<S: SpiDevice> NorFlash for Fram<S> {
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
         check_write(self, offset, bytes.len()).map_err(FramError::of_call)?;
-        // The chip disables writing after each write.
-        self.spi.write(&[op::WREN]).map_err(FramError::Bus)?;
-        let (command, len) = command(op::WRITE, self.capacity, offset);
-        let command = command.get(..len).unwrap_or_default();
-        self.spi.transaction(&mut [Operation::Write(command), Operation::Write(bytes)]).map_err(FramError::Bus)
+        spi::write(&mut self.spi, self.capacity, offset, bytes).map_err(FramError::Bus)
     }
 }

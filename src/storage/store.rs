@@ -1,7 +1,5 @@
 //! The ends of the log: what carries out its jobs on a driver.
 
-use core::ops::Range;
-
 use embedded_storage::nor_flash::NorFlash;
 
 use super::log::{Job, Region};
@@ -85,35 +83,73 @@ pub(super) const fn region_len(erase_size: u32, pages: u32) -> u32 {
     }
 }
 
-/// Omits the storage, whose `Debug` may show the key (SEC-15).
-impl<F> core::fmt::Debug for Store<F> {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str("Store")
-    }
-}
+/// What a store has on a driver of either kind.
+macro_rules! store {
+    ($Store:ident, $NorFlash:path) => {
+        impl<F: $NorFlash> $Store<F> {
+            const UNITS: (u32, u32) = $crate::storage::store::units(F::READ_SIZE, F::WRITE_SIZE, F::ERASE_SIZE);
 
-#[cfg(feature = "defmt")]
-impl<F> defmt::Format for Store<F> {
-    fn format(&self, f: defmt::Formatter<'_>) {
-        defmt::write!(f, "Store");
-    }
+            /// Returns a store in this region of the storage, in bytes. Bytes at its ends that do not fill an erase unit are
+            /// not used. Content that does not fit a region is not stored, which a text reports. Reads nothing yet.
+            pub const fn new(flash: F, region: core::ops::Range<u32>) -> Self {
+                let (write_size, erase_size) = Self::UNITS;
+                Self { flash, region: Region::new(region, write_size, erase_size), slot: JobSlot::new() }
+            }
+
+            /// Returns the length of two segments for this many pages, in bytes.
+            pub(crate) const fn region_len_for(pages: u32) -> u32 {
+                $crate::storage::store::region_len(Self::UNITS.1, pages)
+            }
+        }
+
+        impl<F> $Store<F> {
+            /// Returns the region, for [`attach_storage`](crate::Stack::attach_storage).
+            pub const fn region(&self) -> Region {
+                self.region
+            }
+
+            /// Returns the slot for [`exchange_job`](crate::Stack::exchange_job).
+            pub const fn slot(&mut self) -> &mut JobSlot {
+                &mut self.slot
+            }
+
+            /// Returns the storage.
+            pub const fn flash(&self) -> &F {
+                &self.flash
+            }
+
+            /// Returns the storage. Do not write to the store's region: that may damage what is stored.
+            pub const fn flash_mut(&mut self) -> &mut F {
+                &mut self.flash
+            }
+
+            /// Returns the storage and drops the store.
+            pub fn into_inner(self) -> F {
+                self.flash
+            }
+        }
+
+        /// Omits the storage, whose `Debug` may show the key (SEC-15).
+        impl<F> core::fmt::Debug for $Store<F> {
+            fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+                f.write_str(stringify!($Store))
+            }
+        }
+
+        #[cfg(feature = "defmt")]
+        impl<F> defmt::Format for $Store<F> {
+            fn format(&self, f: defmt::Formatter<'_>) {
+                defmt::write!(f, "{=str}", stringify!($Store));
+            }
+        }
+    };
 }
+#[cfg(feature = "embedded-storage-async")]
+pub(super) use store;
+
+store!(Store, NorFlash);
 
 impl<F: NorFlash> Store<F> {
-    const UNITS: (u32, u32) = units(F::READ_SIZE, F::WRITE_SIZE, F::ERASE_SIZE);
-
-    /// Returns a store in this region of the storage, in bytes. Bytes at its ends that do not fill an erase unit are not
-    /// used. Content that does not fit a region is not stored, which a text reports. Reads nothing yet.
-    pub const fn new(flash: F, region: Range<u32>) -> Self {
-        let (write_size, erase_size) = Self::UNITS;
-        Self { flash, region: Region::new(region, write_size, erase_size), slot: JobSlot::new() }
-    }
-
-    /// Returns the length of two segments for this many pages, in bytes.
-    pub(crate) const fn region_len_for(pages: u32) -> u32 {
-        region_len(Self::UNITS.1, pages)
-    }
-
     /// Runs the job in the [slot](Self::slot), and keeps its result there. Does nothing if there is none, or if it has run
     /// before. Blocks for one operation of the driver.
     ///
@@ -144,32 +180,7 @@ fn carry_out<F: NorFlash>(flash: &mut F, job: &Job, page: &mut Page) -> bool {
 }
 
 impl<F> Store<F> {
-    /// Returns the region, for [`attach_storage`](crate::Stack::attach_storage).
-    pub const fn region(&self) -> Region {
-        self.region
-    }
-
-    /// Returns the slot for [`exchange_job`](crate::Stack::exchange_job).
-    pub const fn slot(&mut self) -> &mut JobSlot {
-        &mut self.slot
-    }
-
     pub(crate) const fn page_mut(&mut self) -> &mut Page {
         self.slot.page_mut()
-    }
-
-    /// Returns the storage.
-    pub const fn flash(&self) -> &F {
-        &self.flash
-    }
-
-    /// Returns the storage. Do not write to the store's region: that may damage what is stored.
-    pub const fn flash_mut(&mut self) -> &mut F {
-        &mut self.flash
-    }
-
-    /// Returns the storage and drops the store.
-    pub fn into_inner(self) -> F {
-        self.flash
     }
 }
