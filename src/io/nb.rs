@@ -133,10 +133,10 @@ impl<S: serial::Read + serial::Write> Write for NbSerial<S> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::hal::tests::check_order;
     use super::*;
     use proptest::prelude::*;
     use std::collections::VecDeque;
-    use std::vec::Vec;
 
     /// A UART with a FIFO of four bytes each way.
     #[derive(Default)]
@@ -193,26 +193,11 @@ mod tests {
         /// one.
         #[test]
         fn bytes_are_sent_once_and_in_order(steps in proptest::collection::vec((0..8usize, 0..5usize), 1..100)) {
-            let mut uart = NbSerial::new(Fifo::default());
-            let (mut written, mut sent, mut next) = (Vec::<u8>::new(), Vec::<u8>::new(), 0u8);
-            for (offered, drained) in steps {
-                let bytes: Vec<u8> = (0..offered).map(|i| next.wrapping_add(i as u8)).collect();
-                if uart.write_ready() == Ok(true) && offered > 0 {
-                    let len = uart.write(&bytes).unwrap();
-                    prop_assert!(len > 0);
-                    written.extend(&bytes[..len]);
-                    next = next.wrapping_add(len as u8);
-                } else if offered > 0 {
-                    prop_assert_eq!(uart.write(&bytes), Err(HalError::WouldBlock));
-                }
-                let drained = drained.min(uart.serial.tx.len());
-                sent.extend(uart.serial.tx.drain(..drained));
-            }
-            for _ in 0..2 {
-                sent.extend(uart.serial.tx.drain(..));
-                prop_assert_eq!(uart.write_ready(), Ok(true));
-            }
-            prop_assert_eq!(sent, written);
+            let drain = |uart: &mut NbSerial<Fifo>, len: usize| {
+                let tx = &mut uart.get_mut().tx;
+                tx.drain(..len.min(tx.len())).collect()
+            };
+            check_order(NbSerial::new(Fifo::default()), drain, steps);
         }
     }
 

@@ -2,7 +2,12 @@
 
 use heapless::Vec;
 
+use super::statustext::TextCursor;
 use super::{Cx, Shared};
+use crate::dialect::{Common, Statustext};
+use crate::frame::{Decoder, Frame};
+use crate::link::Outbox;
+use crate::message::Dialect;
 use crate::network::PeerInfo;
 use crate::time::Instant;
 use crate::types::{Firmware, LinkId, LinkMask, NoPlans, StatusTexts, TextEntry};
@@ -37,4 +42,30 @@ impl Rest {
             vehicle,
         }
     }
+}
+
+/// Decodes a frame.
+pub(crate) fn with_frame<R>(bytes: &[u8], handle: impl FnOnce(&Frame<'_>) -> R) -> R {
+    let mut decoder = Decoder::default();
+    let _ = decoder.push(bytes, Instant::ZERO);
+    let frame = decoder.next(Instant::ZERO, Common::MESSAGES, &mut u32::MAX.clone(), |_| true);
+    handle(&frame.expect("a whole frame"))
+}
+
+/// Takes the bytes that a link sends.
+pub(crate) fn take(tx: &mut Outbox) -> std::vec::Vec<u8> {
+    let bytes = tx.pending().to_vec();
+    tx.advance(bytes.len());
+    bytes
+}
+
+/// Returns the texts that a link sends.
+pub(crate) fn sent_texts(texts: &mut StatusTexts, tx: &mut Outbox) -> std::vec::Vec<std::string::String> {
+    let mut cursor = TextCursor::new();
+    core::iter::from_fn(|| {
+        let sent = texts.next(&mut cursor, tx);
+        sent.then(|| with_frame(&take(tx), |frame| frame.decode::<Statustext>().expect("STATUSTEXT").text))
+    })
+    .map(|text| text.as_str().expect("UTF-8").into())
+    .collect()
 }

@@ -15,11 +15,11 @@ use std::vec::Vec;
 
 use super::number::Number;
 use super::*;
-use crate::dialect::{Common, MavCmd, MavFrame, MavResult, MissionCurrent, MissionState, Statustext, rules};
-use crate::frame::{Decoder, MAX_FRAME_LEN, encode};
-use crate::message::{Address, CommandRule, Dialect, Item};
+use crate::dialect::{MavCmd, MavFrame, MavResult, MissionCurrent, MissionState, rules};
+use crate::frame::{MAX_FRAME_LEN, encode};
+use crate::message::{Address, CommandRule, Item};
 use crate::service::param::NoParams;
-use crate::service::statustext::TextCursor;
+use crate::service::rest::{sent_texts, take, with_frame};
 use crate::time::Duration;
 use crate::types::{Command, Durability, Outcome, TextEntry};
 
@@ -318,14 +318,7 @@ impl Bench {
 
     /// Returns the texts that are sent.
     fn texts(&mut self) -> Vec<std::string::String> {
-        let mut cursor = TextCursor::new();
-        let (tx, texts): (_, &mut StatusTexts) = (&mut self.boxes[0], &mut self.texts);
-        core::iter::from_fn(|| {
-            let sent = texts.next(&mut cursor, tx);
-            sent.then(|| with_frame(&take(tx), |frame| frame.decode::<Statustext>().expect("STATUSTEXT").text))
-        })
-        .map(|text| text.as_str().expect("UTF-8").into())
-        .collect()
+        sent_texts(&mut self.texts, &mut self.boxes[0])
     }
 
     /// Returns the number of items in the staging area.
@@ -360,19 +353,6 @@ fn outbox(link: LinkId, version: Version) -> Outbox {
 
 fn both_links() -> LinkMask {
     LinkMask::of(LinkId(0)).with(LinkMask::of(LinkId(1)))
-}
-
-fn with_frame<R>(bytes: &[u8], handle: impl FnOnce(&Frame<'_>) -> R) -> R {
-    let mut decoder = Decoder::default();
-    let _ = decoder.push(bytes, Instant::ZERO);
-    let frame = decoder.next(Instant::ZERO, Common::MESSAGES, &mut u32::MAX.clone(), |_| true);
-    handle(&frame.expect("a whole frame"))
-}
-
-fn take(tx: &mut Outbox) -> Vec<u8> {
-    let bytes = tx.pending().to_vec();
-    tx.advance(bytes.len());
-    bytes
 }
 
 /// An item that is unique for its `tag` and `seq`.

@@ -13,14 +13,13 @@ use std::vec;
 use std::vec::Vec;
 
 use super::*;
-use crate::dialect::{Common, MavParamError, MavState, ParamError, Statustext};
-use crate::frame::{Decoder, Frame, MAX_FRAME_LEN, encode};
+use crate::dialect::{MavParamError, MavState, ParamError};
+use crate::frame::{MAX_FRAME_LEN, encode};
 use crate::link::Link;
-use crate::message::{Address, Dialect};
+use crate::message::Address;
 use crate::network::target_of;
 use crate::pulse::Pulse;
-use crate::service::rest::Rest;
-use crate::service::statustext::TextCursor;
+use crate::service::rest::{Rest, sent_texts, take, with_frame};
 use crate::types::{Command, CommandPosition, Config, Context, LinkClass, LinkConfig, NoPlans, VehicleState};
 
 crate::parameters! {
@@ -250,14 +249,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
 
     /// Returns the texts that a link sends.
     fn texts(&mut self, link: usize) -> Vec<String> {
-        let mut cursor = TextCursor::new();
-        let (tx, texts): (_, &mut StatusTexts) = (&mut self.ports[link].outbox, &mut self.rest.texts);
-        core::iter::from_fn(|| {
-            let sent = texts.next(&mut cursor, tx);
-            sent.then(|| with_frame(&take(tx), |frame| frame.decode::<Statustext>().expect("STATUSTEXT").text))
-        })
-        .map(|text| text.as_str().expect("UTF-8").into())
-        .collect()
+        sent_texts(&mut self.rest.texts, &mut self.ports[link].outbox)
     }
 
     /// Returns the PARAM_VALUE of a parameter.
@@ -297,19 +289,6 @@ fn port(id: LinkId, version: Version) -> Port {
     link.configure(id, config, &Config::new(VEHICLE, &PULSE));
     link.port.outbox.set_version(version);
     link.port
-}
-
-fn with_frame<R>(bytes: &[u8], handle: impl FnOnce(&Frame<'_>) -> R) -> R {
-    let mut decoder = Decoder::default();
-    let _ = decoder.push(bytes, Instant::ZERO);
-    let frame = decoder.next(Instant::ZERO, Common::MESSAGES, &mut u32::MAX.clone(), |_| true);
-    handle(&frame.expect("a whole frame"))
-}
-
-fn take(tx: &mut Outbox) -> Vec<u8> {
-    let bytes = tx.pending().to_vec();
-    tx.advance(bytes.len());
-    bytes
 }
 
 const LIST: ParamRequestList = ParamRequestList { target_system: 1, target_component: 0 };
