@@ -9,9 +9,8 @@ use mavstack::dialect::*;
 use mavstack::high_latency::{HighLatencyConfig, HighLatencySample};
 use mavstack::message::Dialect;
 use mavstack::{
-    Command, CommandRule, Commands, Context, CustomMode, Fill, FlightMode, Instant, LinkConfig, LinkId, Message,
-    ModeRequest, Modes, Outcome, Parameters, Peer, PlanChange, PlanType, Plans, Progress, Stream, Telemetry, Vehicle,
-    VehicleState,
+    Command, Commands, Context, CustomMode, Fill, FlightMode, Instant, LinkConfig, LinkId, Message, ModeRequest, Modes,
+    Outcome, Peer, PlanType, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 /// A vehicle with every service: [`TestVehicle`], and modes.
@@ -48,21 +47,7 @@ impl Modes for Everything {
     }
 }
 
-impl Plans for Everything {
-    const MISSION_COMMANDS: &'static [CommandRule] = TestVehicle::MISSION_COMMANDS;
-
-    fn plan_changed(&mut self, cx: &mut Context<'_>, change: PlanChange<'_>) {
-        self.0.plan_changed(cx, change);
-    }
-
-    fn progress(&self) -> Progress {
-        self.0.progress()
-    }
-}
-
-impl Parameters for Everything {
-    type Table = Tuning;
-}
+wrap_plans!(Everything);
 
 impl Telemetry for Everything {
     const STREAMS: &'static [Stream] = &[

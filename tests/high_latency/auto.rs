@@ -1,9 +1,10 @@
 //! The high-latency link that switches itself on: L-14, what stops it, and the most that it can cost.
 
 use crate::support::*;
+use crate::{World, run, satellite};
 use mavstack::config::LinkClass;
 use mavstack::dialect::{CommandAck, Heartbeat, HighLatency2, MavCmd, MavResult, MavType};
-use mavstack::high_latency::{HighLatency, HighLatencyConfig, HighLatencySample};
+use mavstack::high_latency::{HighLatencyConfig, HighLatencySample};
 use mavstack::{Address, Duration, LinkConfig};
 use proptest::prelude::*;
 
@@ -13,9 +14,6 @@ const PERIOD: Duration = secs(20);
 const CONFIG: HighLatencyConfig =
     HighLatencyConfig { period: PERIOD, on_link_loss_after: Some(secs(3)), ..HighLatencyConfig::DEFAULT };
 
-/// A world whose vehicle declares the high-latency service.
-type World<const N: usize> = crate::support::World<N, Tested<mavstack::__private::NoPlans, 8, Satellite>>;
-
 /// A telemetry radio with a ground station, and a satellite modem.
 fn world(config: HighLatencyConfig) -> World<2> {
     let links = [LinkConfig::uart(57_600), LinkConfig::uart(9_600).with_class(LinkClass::HighLatency)];
@@ -23,17 +21,6 @@ fn world(config: HighLatencyConfig) -> World<2> {
     world.stack.high_latency_mut().set_config(config);
     world.gcs[TELEM].heartbeat_period = Some(secs(1));
     world
-}
-
-fn satellite(world: &mut World<2>) -> &mut HighLatency {
-    world.stack.high_latency_mut()
-}
-
-fn run(world: &mut World<2>, duration: Duration) {
-    let end = world.now().after(duration);
-    while world.now() < end {
-        world.skip_to(end);
-    }
 }
 
 /// Returns the number of HIGH_LATENCY2 received since the last call.

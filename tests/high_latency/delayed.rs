@@ -2,10 +2,11 @@
 //! L-10 to L-16, C-12, C-24.
 
 use crate::support::*;
+use crate::{World, run, satellite};
 use mavstack::config::LinkClass;
 use mavstack::dialect::{CommandAck, HighLatency2, MavCmd, MavResult};
-use mavstack::high_latency::{HighLatency, HighLatencyConfig};
-use mavstack::{Address, Duration, LinkConfig, Outcome};
+use mavstack::high_latency::HighLatencyConfig;
+use mavstack::{Address, LinkConfig, Outcome};
 use proptest::prelude::*;
 use std::collections::VecDeque;
 
@@ -21,9 +22,6 @@ const PARAMS: [f32; 7] = [1.0, 0.0, 3.0, 0.5, 0.0, 0.0, f32::NAN];
 
 const LINKS: [LinkConfig; 2] = [LinkConfig::uart(57_600), LinkConfig::uart(9_600).with_class(LinkClass::HighLatency)];
 
-/// A world whose vehicle declares the high-latency service.
-type World<const N: usize> = crate::support::World<N, Tested<mavstack::__private::NoPlans, 8, Satellite>>;
-
 /// A telemetry radio and a satellite modem; one ground station uses both.
 fn world() -> World<2> {
     let mut world = World::of(Setup { links: LINKS, ..Setup::new() });
@@ -32,17 +30,6 @@ fn world() -> World<2> {
     world.vehicle.outcomes.insert(ONCE.0, Outcome { result: DONE, result_param2: 7 });
     run(&mut world, secs(1));
     world
-}
-
-fn satellite(world: &mut World<2>) -> &mut HighLatency {
-    world.stack.high_latency_mut()
-}
-
-fn run(world: &mut World<2>, duration: Duration) {
-    let end = world.now().after(duration);
-    while world.now() < end {
-        world.skip_to(end);
-    }
 }
 
 /// Sends a command and returns the answer on its link.

@@ -1,11 +1,12 @@
 //! The high-latency link: rules L-1 to L-23, C-12 over two links, H-5.
 
 use crate::support::*;
+use crate::{World, run, satellite};
 use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::{
     AutopilotVersion, CommandAck, Heartbeat, HighLatency2, MavAutopilot, MavCmd, MavResult, MavType, ProtocolVersion,
 };
-use mavstack::high_latency::{HighLatency, HighLatencyConfig, HighLatencyCounters, HighLatencyMode, HighLatencySample};
+use mavstack::high_latency::{HighLatencyConfig, HighLatencyCounters, HighLatencyMode, HighLatencySample};
 use mavstack::{Duration, Instant, LinkConfig, LinkId, Message, PeerEvent};
 
 const TELEM: usize = 0;
@@ -14,9 +15,6 @@ const PERIOD: Duration = secs(20);
 const CONFIG: HighLatencyConfig = HighLatencyConfig { period: PERIOD, ..HighLatencyConfig::DEFAULT };
 
 const SATELLITE: LinkConfig = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
-
-/// A world whose vehicle declares the high-latency service.
-type World<const N: usize> = crate::support::World<N, Tested<mavstack::__private::NoPlans, 8, Satellite>>;
 
 /// A telemetry radio and a satellite modem.
 fn world(config: HighLatencyConfig) -> World<2> {
@@ -27,18 +25,6 @@ fn with_links<const N: usize>(links: [LinkConfig; N], config: HighLatencyConfig)
     let mut world = World::of(Setup { links, ..Setup::new() });
     world.stack.high_latency_mut().set_config(config);
     world
-}
-
-fn satellite<const N: usize>(world: &mut World<N>) -> &mut HighLatency {
-    world.stack.high_latency_mut()
-}
-
-/// Runs for `duration`, and sleeps whenever the stack permits.
-fn run<const N: usize>(world: &mut World<N>, duration: Duration) {
-    let end = world.now().after(duration);
-    while world.now() < end {
-        world.skip_to(end);
-    }
 }
 
 /// Sends a MAV_CMD_CONTROL_HIGH_LATENCY with this parameter 1 and returns the answer.

@@ -93,10 +93,7 @@ fn upload_within(
 }
 
 fn run_for(world: &mut TestWorld, duration: Duration) {
-    let end = world.now().after(duration);
-    while world.now() < end {
-        world.skip_to(end);
-    }
+    world.sleep_for(duration);
 }
 
 fn set_faults(world: &TestWorld, link: usize, faults: Faults) {

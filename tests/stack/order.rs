@@ -7,8 +7,8 @@ use mavstack::config::StreamProfile;
 use mavstack::dialect::*;
 use mavstack::param::ParamTable;
 use mavstack::{
-    Address, CommandRule, Commands, Context, Duration, Fill, FlightMode, Frame, Instant, LinkConfig, LinkId, Message,
-    ModeRequest, Modes, Outcome, Parameters, PlanChange, Plans, Progress, Stream, Telemetry, Vehicle, VehicleState,
+    Address, Commands, Context, Duration, Fill, FlightMode, Frame, Instant, LinkConfig, LinkId, Message, ModeRequest,
+    Modes, Outcome, Stream, Telemetry, Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, VecDeque};
 
@@ -58,21 +58,7 @@ impl Modes for Moded {
     }
 }
 
-impl Parameters for Moded {
-    type Table = Tuning;
-}
-
-impl Plans for Moded {
-    const MISSION_COMMANDS: &'static [CommandRule] = TestVehicle::MISSION_COMMANDS;
-
-    fn plan_changed(&mut self, cx: &mut Context<'_>, change: PlanChange<'_>) {
-        self.0.plan_changed(cx, change);
-    }
-
-    fn progress(&self) -> Progress {
-        self.0.progress()
-    }
-}
+wrap_plans!(Moded);
 
 impl Telemetry for Moded {
     const STREAMS: &'static [Stream] = TestVehicle::STREAMS;

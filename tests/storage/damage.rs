@@ -66,12 +66,19 @@ pub(crate) fn settle(rig: &mut Rig<3>, store: &mut Keys<'_>) {
     panic!("it never ends");
 }
 
+/// Starts a vehicle. Returns its store, and whether the key was restored.
+pub(crate) fn start_rig(flash: &mut Flash) -> (Keys<'_>, Rig<3>, Result<(), RestoreError>) {
+    let mut store = Keys::new(flash, 0..KEYS);
+    let mut rig = signing_rig();
+    let result = of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle));
+    (store, rig, result)
+}
+
 /// Returns the flash of a vehicle that has a key.
 pub(crate) fn with_key() -> Flash {
     let mut flash = Flash::new(KEYS);
-    let mut store = Keys::new(&mut flash, 0..KEYS);
-    let mut rig = signing_rig();
-    assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
+    let (mut store, mut rig, result) = start_rig(&mut flash);
+    assert_eq!(result, Ok(()));
     rig.set_key(KEY);
     settle(&mut rig, &mut store);
     flash
@@ -102,9 +109,7 @@ fn a_damaged_key_opens_no_link() {
     for bit in bits(&whole) {
         let mut flash = flipped(&whole, bit);
         for restart in 0..2 {
-            let mut store = Keys::new(&mut flash, 0..KEYS);
-            let mut rig = signing_rig();
-            let result = of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle));
+            let (mut store, mut rig, result) = start_rig(&mut flash);
             assert_eq!(result, Err(RestoreError::Damaged), "bit {bit}, restart {restart}");
             assert_eq!(armed_by(&mut rig), [false, false, true], "bit {bit}");
             let sent = rig.transmit(0);
@@ -122,9 +127,8 @@ fn a_damaged_key_opens_no_link() {
             rig.receive(0, &Signer::new(KEY).frame(&arm()));
             assert_eq!((armed_by(&mut rig), rig.vehicle.commands().len()), ([false, false, true], 2));
         }
-        let mut store = Keys::new(&mut flash, 0..KEYS);
-        let mut rig = signing_rig();
-        assert!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)).is_err());
+        let (mut store, mut rig, result) = start_rig(&mut flash);
+        assert!(result.is_err());
         rig.receive(1, &Signer::new(KEY).unsigned(Version::V2, &setup(OTHER_KEY)));
         assert!(rig.sent::<Heartbeat>(1)[0].is_signed_with(OTHER_KEY));
         assert_eq!(armed_by(&mut rig), [false, true, true], "as they are configured");
@@ -145,9 +149,8 @@ fn a_damaged_key_can_be_removed() {
     let whole = with_key();
     let bit = bits(&whole).last().expect("there is a record");
     let mut flash = flipped(&whole, bit);
-    let mut store = Keys::new(&mut flash, 0..KEYS);
-    let mut rig = signing_rig();
-    assert!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)).is_err());
+    let (mut store, mut rig, result) = start_rig(&mut flash);
+    assert!(result.is_err());
     let off = SetupSigning { initial_timestamp: 0, secret_key: Secret([0; 32]), ..setup(KEY) };
     rig.receive(1, &Signer::new(KEY).unsigned(Version::V2, &off));
     assert_eq!(armed_by(&mut rig), [true; 3]);
@@ -161,9 +164,8 @@ fn a_damaged_key_can_be_removed() {
 #[test]
 fn an_older_key_does_not_stand_in() {
     let mut whole = with_key();
-    let mut store = Keys::new(&mut whole, 0..KEYS);
-    let mut rig = signing_rig();
-    assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
+    let (mut store, mut rig, result) = start_rig(&mut whole);
+    assert_eq!(result, Ok(()));
     rig.set_key(OTHER_KEY);
     // Stop when the new key is written, before the older one is erased.
     while pages::pages(&store.flash().bytes).len() < 2 {
@@ -174,9 +176,7 @@ fn an_older_key_does_not_stand_in() {
     for bit in bits_of_newest(&whole, KIND_OF_KEY) {
         let mut flash = flipped(&whole, bit);
         for _ in 0..2 {
-            let mut store = Keys::new(&mut flash, 0..KEYS);
-            let mut rig = signing_rig();
-            let result = of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle));
+            let (mut store, mut rig, result) = start_rig(&mut flash);
             assert_eq!(result, Err(RestoreError::Damaged), "bit {bit}");
             rig.receive(0, &Signer::new(KEY).frame(&arm()));
             assert_eq!(armed_by(&mut rig), [false, false, true], "bit {bit}");
@@ -244,9 +244,8 @@ fn unreadable_storage_may_have_a_key() {
 fn a_new_key_replaces_what_cannot_be_read() {
     let mut flash = with_key();
     (flash.reads, flash.fault) = (0, Fault::Reads(0..8));
-    let mut store = Keys::new(&mut flash, 0..KEYS);
-    let mut rig = signing_rig();
-    assert!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)).is_err());
+    let (mut store, mut rig, result) = start_rig(&mut flash);
+    assert!(result.is_err());
     rig.receive(1, &Signer::new(KEY).unsigned(Version::V2, &setup(OTHER_KEY)));
     for _ in 0..30 {
         settle(&mut rig, &mut store);
@@ -274,12 +273,19 @@ pub(crate) fn set(name: &str, param_value: f32) -> ParamSet {
     ParamSet { param_value, target_system: 1, target_component: 1, param_id: Text::new(name), param_type }
 }
 
+/// Starts a vehicle. Returns its store, and whether the parameters were restored.
+pub(crate) fn start(flash: &mut Flash) -> (Params<'_>, World<1>, Result<(), RestoreError>) {
+    let mut store = Params::new(flash, 0..PARAMS);
+    let mut world = World::new(Setup::new());
+    let result = of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+    (store, world, result)
+}
+
 /// Returns the flash of a vehicle with two parameters that do not have their defaults.
 pub(crate) fn with_params() -> Flash {
     let mut flash = Flash::new(PARAMS);
-    let mut store = Params::new(&mut flash, 0..PARAMS);
-    let mut world = World::new(Setup::<1>::new());
-    assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    let (mut store, mut world, result) = start(&mut flash);
+    assert_eq!(result, Ok(()));
     world.gcs[0].send(&set("CRUISE", 7.0));
     world.gcs[0].send(&set("RTL_ALT", 99.0));
     run(&mut world, &mut store, secs(3));
@@ -297,9 +303,7 @@ fn damaged_parameters_are_reported() {
     for bit in bits(&whole) {
         let mut flash = flipped(&whole, bit);
         for _ in 0..2 {
-            let mut store = Params::new(&mut flash, 0..PARAMS);
-            let mut world = World::new(Setup::<1>::new());
-            let result = of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+            let (mut store, mut world, result) = start(&mut flash);
             assert_eq!(result, Err(RestoreError::Damaged), "bit {bit}");
             assert_eq!(cruise_and_altitude(&world), (5.0, 30.0));
             run(&mut world, &mut store, millis(50));
@@ -314,17 +318,14 @@ fn damaged_parameters_are_reported() {
 #[test]
 fn older_parameters_replace_damaged_ones() {
     let mut whole = with_params();
-    let mut store = Params::new(&mut whole, 0..PARAMS);
-    let mut world = World::new(Setup::<1>::new());
-    assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    let (mut store, mut world, result) = start(&mut whole);
+    assert_eq!(result, Ok(()));
     world.gcs[0].send(&set("RTL_ALT", 55.0));
     run(&mut world, &mut store, secs(3));
     for bit in bits_of_newest(&whole, PARAMETERS) {
         let mut flash = flipped(&whole, bit);
         for _ in 0..2 {
-            let mut store = Params::new(&mut flash, 0..PARAMS);
-            let mut world = World::new(Setup::<1>::new());
-            let result = of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+            let (mut store, mut world, result) = start(&mut flash);
             assert_eq!(result, Err(RestoreError::Damaged), "bit {bit}");
             assert_eq!(cruise_and_altitude(&world), (7.0, 99.0));
             run(&mut world, &mut store, millis(50));
@@ -419,9 +420,8 @@ fn a_failed_read_loses_no_parameter() {
             run(&mut world, &mut store, secs(25));
             flash.power_on();
             flash.fault = Fault::None;
-            let mut store = Params::new(flash, 0..PARAMS);
-            let mut world = World::new(Setup::<1>::new());
-            assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+            let (_, world, result) = start(flash);
+            assert_eq!(result, Ok(()));
             cruise_and_altitude(&world)
         };
         let mut uncut = whole.clone();
@@ -452,9 +452,8 @@ fn with_page(flash: &Flash, change: impl FnOnce(&mut [u8; PAGE])) -> Flash {
 fn a_key_of_another_format_opens_no_link() {
     let mut flash = with_page(&with_key(), |page| page[236] = 2);
     let bytes = flash.bytes.clone();
-    let mut store = Keys::new(&mut flash, 0..KEYS);
-    let mut rig = signing_rig();
-    assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Err(RestoreError::Foreign));
+    let (mut store, mut rig, result) = start_rig(&mut flash);
+    assert_eq!(result, Err(RestoreError::Foreign));
     rig.run_for(secs(120));
     settle(&mut rig, &mut store);
     assert_eq!(armed_by(&mut rig), [false, false, true]);
@@ -489,9 +488,7 @@ fn a_log_of_another_version_is_not_written() {
     // Parameters stay as they are set, and a sleeping loop is not woken for them. Uploads are answered ERROR at once.
     let mut flash = with_page(&with_fence(), another_version);
     let bytes = flash.bytes.clone();
-    let mut store = Plans::new(&mut flash, 0..PLANS);
-    let mut world = PlanWorld::of(Setup::new());
-    let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+    let (mut store, mut world, result) = start_plans(&mut flash);
     assert_eq!((result, world.stack.fence().items().len()), (Err(RestoreError::Foreign), 0));
     let began = world.now();
     assert_eq!(upload(&mut world, &mut store, &fence()), MavMissionResult::ERROR);
@@ -566,19 +563,22 @@ fn upload(world: &mut PlanWorld, store: &mut Plans<'_>, items: &[MissionItemInt]
         run_plans(world, store, millis(1));
         upload.poll(world.now(), &mut world.gcs[0]);
     }
-    match upload.result() {
-        Some(Ok(ack)) => ack.r#type,
-        Some(Err(TransferError::Refused(result))) => result,
-        other => panic!("{other:?}"),
-    }
+    upload.answer()
+}
+
+/// Starts a vehicle. Returns its store, and whether the plans were restored.
+fn start_plans(flash: &mut Flash) -> (Plans<'_>, PlanWorld, Result<(), RestoreError>) {
+    let mut store = Plans::new(flash, 0..PLANS);
+    let mut world = PlanWorld::of(Setup::new());
+    let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+    (store, world, result)
 }
 
 /// Returns the flash of a vehicle with a fence.
 fn with_fence() -> Flash {
     let mut flash = Flash::new(PLANS);
-    let mut store = Plans::new(&mut flash, 0..PLANS);
-    let mut world = PlanWorld::of(Setup::new());
-    assert_eq!(of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    let (mut store, mut world, result) = start_plans(&mut flash);
+    assert_eq!(result, Ok(()));
     assert_eq!(upload(&mut world, &mut store, &fence()), MavMissionResult::ACCEPTED);
     run_plans(&mut world, &mut store, secs(1));
     flash
@@ -599,9 +599,7 @@ fn start_damaged(flash: &mut Flash, bit: usize) -> usize {
 
 /// Starts a vehicle with damaged plans, uploads a fence, and restarts it.
 fn store_again(flash: &mut Flash) {
-    let mut store = Plans::new(flash, 0..PLANS);
-    let mut world = PlanWorld::of(Setup::new());
-    let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+    let (mut store, mut world, result) = start_plans(flash);
     assert!(result.is_err());
     assert_eq!(upload(&mut world, &mut store, &fence()), MavMissionResult::ACCEPTED);
     let mut world = PlanWorld::of(Setup::new());
@@ -628,9 +626,8 @@ fn a_damaged_fence_is_reported() {
 #[test]
 fn an_older_fence_replaces_a_damaged_one() {
     let mut whole = with_fence();
-    let mut store = Plans::new(&mut whole, 0..PLANS);
-    let mut world = PlanWorld::of(Setup::new());
-    assert_eq!(of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    let (mut store, mut world, result) = start_plans(&mut whole);
+    assert_eq!(result, Ok(()));
     assert_eq!(upload(&mut world, &mut store, &fence()[..1]), MavMissionResult::ACCEPTED);
     for bit in bits_of_newest(&whole, KIND_OF_PLANS) {
         let mut flash = flipped(&whole, bit);
@@ -647,9 +644,8 @@ fn an_older_fence_replaces_a_damaged_one() {
 #[test]
 fn the_layout_of_plans_is_as_documented() {
     let mut flash = with_fence();
-    let mut store = Plans::new(&mut flash, 0..PLANS);
-    let mut world = PlanWorld::of(Setup::new());
-    assert_eq!(of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    let (mut store, mut world, result) = start_plans(&mut flash);
+    assert_eq!(result, Ok(()));
     assert_eq!(upload(&mut world, &mut store, &plan(6, 1)), MavMissionResult::ACCEPTED);
     let mission = world.stack.mission();
     let fence = world.stack.fence();

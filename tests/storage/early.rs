@@ -2,12 +2,11 @@
 //! newer than what is stored (G-18, P-17).
 
 use super::damage::{
-    KEYS, Keys, PARAMS, Params, armed_by, cruise_and_altitude, run, set, settle, setup, signing_rig, with_key,
-    with_params,
+    KEYS, Keys, PARAMS, Params, armed_by, cruise_and_altitude, run, set, settle, setup, signing_rig, start, start_rig,
+    with_key, with_params,
 };
 use crate::support::signer::*;
 use crate::support::*;
-use crate::{of_key, of_parameters};
 use mavstack::dialect::*;
 use mavstack::frame::Version;
 
@@ -43,9 +42,8 @@ fn a_key_that_is_set_before_reading_stays() {
     rig.receive(0, &Signer::new(OTHER_KEY).frame(&super::damage::arm()));
     assert_eq!(rig.vehicle.commands().len(), 1);
     assert!(!flash.bytes.windows(32).any(|bytes| bytes == KEY), "the old key is erased");
-    let mut store = Keys::new(&mut flash, 0..KEYS);
-    let mut rig = signing_rig();
-    assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
+    let (_, mut rig, result) = start_rig(&mut flash);
+    assert_eq!(result, Ok(()));
     rig.run_for(secs(1));
     assert!(rig.transmit(1).iter().any(|frame| frame.is_signed_with(OTHER_KEY)));
 }
@@ -63,9 +61,8 @@ fn a_parameter_that_is_set_before_reading_stays() {
         run(&mut world, &mut store, secs(25));
         let (cruise, altitude) = cruise_and_altitude(&world);
         assert_eq!((cruise, altitude == 99.0), (8.0, is_stored));
-        let mut store = Params::new(&mut flash, 0..PARAMS);
-        let mut world = World::new(Setup::<1>::new());
-        assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+        let (_, world, result) = start(&mut flash);
+        assert_eq!(result, Ok(()));
         assert_eq!(cruise_and_altitude(&world), (8.0, altitude));
     }
 }

@@ -9,10 +9,7 @@ use mavstack::dialect::*;
 use mavstack::message::Secret;
 use mavstack::plan::Durability;
 use mavstack::signing::{LinkSigning, SigningKey};
-use mavstack::{
-    Command, CommandRule, Commands, Config, Context, Duration, LinkConfig, Outcome, Parameters, PlanChange, Plans,
-    Progress, Text, Vehicle, VehicleState,
-};
+use mavstack::{Command, Commands, Config, Context, Duration, LinkConfig, Outcome, Text, Vehicle, VehicleState};
 
 /// A flash that counts the records written to it, by kind.
 #[derive(Clone, Debug)]
@@ -99,21 +96,7 @@ impl Commands for Rover {
     }
 }
 
-impl Parameters for Rover {
-    type Table = Tuning;
-}
-
-impl Plans for Rover {
-    const MISSION_COMMANDS: &'static [CommandRule] = TestVehicle::MISSION_COMMANDS;
-
-    fn plan_changed(&mut self, cx: &mut Context<'_>, change: PlanChange<'_>) {
-        self.0.plan_changed(cx, change);
-    }
-
-    fn progress(&self) -> Progress {
-        self.0.progress()
-    }
-}
+wrap_plans!(Rover);
 
 /// The store of a vehicle, with erase units of this length.
 struct Store<const ERASE: usize = 1024>(mavstack::storage::Store<Counting<ERASE>>);
@@ -213,11 +196,7 @@ fn upload<const ERASE: usize>(
         store.persist(world);
         upload.poll(world.now(), &mut world.gcs[0]);
     }
-    match upload.result() {
-        Some(Ok(ack)) => ack.r#type,
-        Some(Err(TransferError::Refused(result))) => result,
-        other => panic!("{other:?}"),
-    }
+    upload.answer()
 }
 
 fn command(world: &mut PaceWorld, store: &mut Store, action: f32) -> MavResult {
@@ -461,12 +440,7 @@ fn a_refusal_is_reported_and_temporary() {
     assert_eq!(command(&mut world, &mut store, 0.0), MavResult::ACCEPTED, "reading takes no token");
     world.gcs[0].send(&set("RTL_ALT", 101.0));
     store.run(&mut world, secs(30));
-    let end = world.now().after(secs(10));
-    let mut passes = 0;
-    while world.now() < end {
-        world.skip_to(end);
-        passes += 1;
-    }
+    let passes = world.sleep_for(secs(10));
     assert!(passes < 150, "{passes} passes in 10 s");
     // The vehicle's own request is granted, before a reset for example.
     let records = store.records()[1];

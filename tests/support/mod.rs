@@ -25,7 +25,7 @@
 //! Everything is deterministic: there are no clocks, no threads and no randomness without a seed. Lines panic instead of blocking,
 //! so every test also proves that the stack never blocks.
 
-#![allow(dead_code, unused_imports, reason = "each test binary uses its own part")]
+#![allow(dead_code, unused_imports, unused_macros, reason = "each test binary uses its own part")]
 
 /// Returns counters that are zero except those that `set` changes.
 pub fn counted<C: Default>(set: impl FnOnce(&mut C)) -> C {
@@ -64,6 +64,7 @@ pub use tested::{
     Tested, Timed, Unsigned, begun,
 };
 pub use transfer::{Clear, Download, TransferError, Upload, plan};
+pub(crate) use vehicle::wrap_plans;
 pub use vehicle::{Call, TestVehicle, Tuning};
 pub use world::{Setup, World};
 

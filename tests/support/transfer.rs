@@ -136,28 +136,18 @@ impl Upload {
         self
     }
 
-    /// Uses another source address.
-    #[must_use]
-    pub fn by(mut self, from: Address) -> Self {
-        self.session.from = from;
-        self
-    }
-
-    /// Sets the maximum number of tries, instead of five.
-    #[must_use]
-    pub fn with_patience(mut self, patience: u32) -> Self {
-        self.session.patience = patience;
-        self
-    }
-
     /// Returns the result; `None` while the transfer is in progress.
     pub fn result(&self) -> Option<Result<MissionAck, TransferError>> {
         self.result
     }
 
-    /// Returns the time of the next retry or timeout.
-    pub fn due(&self) -> Instant {
-        self.session.due.unwrap_or(Instant::ZERO)
+    /// Returns the vehicle's final answer.
+    pub fn answer(&self) -> MavMissionResult {
+        match self.result {
+            Some(Ok(ack)) => ack.r#type,
+            Some(Err(TransferError::Refused(result))) => result,
+            other => panic!("{other:?}"),
+        }
     }
 
     /// Returns the number of repeated messages, by timeout or on request.
@@ -301,28 +291,9 @@ impl Download {
         Self { session: Session::new(gcs, plan), count: None, items: Vec::new(), result: None }
     }
 
-    /// Uses another source address.
-    #[must_use]
-    pub fn by(mut self, from: Address) -> Self {
-        self.session.from = from;
-        self
-    }
-
-    /// Sets the maximum number of tries, instead of five.
-    #[must_use]
-    pub fn with_patience(mut self, patience: u32) -> Self {
-        self.session.patience = patience;
-        self
-    }
-
     /// Returns the result; `None` while the transfer is in progress.
     pub fn result(&self) -> Option<Result<Vec<MissionItemInt>, TransferError>> {
         self.result.clone()
-    }
-
-    /// Returns the time of the next retry or timeout.
-    pub fn due(&self) -> Instant {
-        self.session.due.unwrap_or(Instant::ZERO)
     }
 
     /// Returns the number of repeated messages.
@@ -404,6 +375,33 @@ impl Download {
         }
     }
 }
+
+macro_rules! options {
+    ($Transfer:ty) => {
+        impl $Transfer {
+            /// Uses another source address.
+            #[must_use]
+            pub fn by(mut self, from: Address) -> Self {
+                self.session.from = from;
+                self
+            }
+
+            /// Sets the maximum number of tries, instead of five.
+            #[must_use]
+            pub fn with_patience(mut self, patience: u32) -> Self {
+                self.session.patience = patience;
+                self
+            }
+
+            /// Returns the time of the next retry or timeout.
+            pub fn due(&self) -> Instant {
+                self.session.due.unwrap_or(Instant::ZERO)
+            }
+        }
+    };
+}
+options!(Upload);
+options!(Download);
 
 /// A clear in progress. Call [`poll`](Self::poll) after every step.
 #[derive(Clone, Debug)]

@@ -172,33 +172,43 @@ impl<const N: usize, D: Declares<Vehicle: Default>> World<N, D> {
         assert!(self.gcs[link].take::<M>().is_none(), "{} was received", M::NAME);
     }
 
+    /// Runs for `duration` as a sleeping loop does, and returns the number of passes.
+    pub fn sleep_for(&mut self, duration: Duration) -> usize {
+        let end = self.now().after(duration);
+        let mut passes = 0;
+        while self.now() < end {
+            self.skip_to(end);
+            passes += 1;
+        }
+        passes
+    }
+
     /// Uploads a plan from the ground station of `link`, as [`Upload`] does.
     pub fn upload(&mut self, link: usize, items: &[MissionItemInt]) -> Result<MissionAck, TransferError> {
         let mut upload = Upload::new(&self.gcs[link], items);
-        self.run_until(Duration::from_secs(3_600), |world| {
-            let now = world.now();
-            upload.poll(now, &mut world.gcs[link]).is_some()
-        });
-        upload.result().expect("an upload ends within an hour")
+        self.transfer(link, |gcs, now| upload.poll(now, gcs))
     }
 
     /// Downloads a plan to the ground station of `link`, as [`Download`] does.
     pub fn download(&mut self, link: usize, plan: MavMissionType) -> Result<Vec<MissionItemInt>, TransferError> {
         let mut download = Download::new(&self.gcs[link], plan);
-        self.run_until(Duration::from_secs(3_600), |world| {
-            let now = world.now();
-            download.poll(now, &mut world.gcs[link]).is_some()
-        });
-        download.result().expect("a download ends within an hour")
+        self.transfer(link, |gcs, now| download.poll(now, gcs))
     }
 
     /// Clears a plan from the ground station of `link`, as [`Clear`] does.
     pub fn clear(&mut self, link: usize, plan: MavMissionType) -> Result<MissionAck, TransferError> {
         let mut clear = Clear::new(&self.gcs[link], plan);
+        self.transfer(link, |gcs, now| clear.poll(now, gcs))
+    }
+
+    /// Runs until `poll` returns a result.
+    fn transfer<R>(&mut self, link: usize, mut poll: impl FnMut(&mut Gcs, Instant) -> Option<R>) -> R {
+        let mut result = None;
         self.run_until(Duration::from_secs(3_600), |world| {
             let now = world.now();
-            clear.poll(now, &mut world.gcs[link]).is_some()
+            result = poll(&mut world.gcs[link], now);
+            result.is_some()
         });
-        clear.result().expect("a clear ends within an hour")
+        result.expect("a transfer ends within an hour")
     }
 }

@@ -18,9 +18,8 @@ fn run_key(rig: &mut Rig<3>, store: &mut Keys<'_>, seconds: u64) {
 fn a_replaced_key_is_never_used() {
     for is_off in [false, true] {
         let mut flash = with_key();
-        let mut store = Keys::new(&mut flash, 0..KEYS);
-        let mut rig = signing_rig();
-        assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
+        let (mut store, mut rig, result) = start_rig(&mut flash);
+        assert_eq!(result, Ok(()));
         if is_off {
             rig.signing().clear_key();
         } else {
@@ -32,9 +31,7 @@ fn a_replaced_key_is_never_used() {
         for (read, len) in (0..10).flat_map(|read| [(read, 1), (read, 3)]) {
             let mut flash = flash.clone();
             (flash.reads, flash.fault) = (0, Fault::Reads(read..read + len));
-            let mut store = Keys::new(&mut flash, 0..KEYS);
-            let mut rig = signing_rig();
-            let result = of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle));
+            let (mut store, mut rig, result) = start_rig(&mut flash);
             if result.is_err() {
                 assert_eq!(armed_by(&mut rig), [false, false, true], "read {read}");
             }
@@ -61,9 +58,8 @@ fn a_replaced_key_is_never_used() {
 fn a_key_is_restored_after_an_outage() {
     let mut flash = with_key();
     flash.fault = Fault::Read(0..KEYS);
-    let mut store = Keys::new(&mut flash, 0..KEYS);
-    let mut rig = signing_rig();
-    assert!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)).is_err());
+    let (mut store, mut rig, result) = start_rig(&mut flash);
+    assert!(result.is_err());
     rig.vehicle.may_persist = false;
     let (reads, used) = (store.flash().reads, (store.flash().writes, store.flash().erases));
     for _ in 0..60_000 {
@@ -87,9 +83,8 @@ fn a_region_with_other_data_is_empty() {
     for _ in 0..50 {
         let mut flash = Flash::of((0..KEYS).map(|_| rng.byte()).collect());
         flash.bytes[..4].copy_from_slice(b"\x7FELF");
-        let mut store = Keys::new(&mut flash, 0..KEYS);
-        let mut rig = signing_rig();
-        assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Ok(()));
+        let (mut store, mut rig, result) = start_rig(&mut flash);
+        assert_eq!(result, Ok(()));
         assert_eq!(rig.stack.restore_errors().region, Some(RestoreError::OtherData));
         assert_eq!(armed_by(&mut rig), [true; 3]);
         rig.receive(1, &Signer::new(KEY).unsigned(Version::V2, &setup(KEY)));
@@ -122,9 +117,8 @@ fn a_lost_key_is_reported_where_it_can_be_set() {
     let whole = with_key();
     let bit = bits(&whole).last().expect("there is a record");
     let mut flash = flipped(&whole, bit);
-    let mut store = Keys::new(&mut flash, 0..KEYS);
-    let mut rig = signing_rig();
-    assert_eq!(of_key(rig.stack.restore(rig.now, &mut store, &mut rig.vehicle)), Err(RestoreError::Damaged));
+    let (_, mut rig, result) = start_rig(&mut flash);
+    assert_eq!(result, Err(RestoreError::Damaged));
     rig.run_for(secs(60));
     for link in 0..3 {
         rig.transmit(link);
@@ -148,9 +142,8 @@ fn a_lost_key_is_reported_where_it_can_be_set() {
 #[test]
 fn older_parameters_do_not_replace_newer_ones() {
     let mut flash = with_params();
-    let mut store = Params::new(&mut flash, 0..PARAMS);
-    let mut world = World::new(Setup::<1>::new());
-    assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    let (mut store, mut world, result) = start(&mut flash);
+    assert_eq!(result, Ok(()));
     world.gcs[0].send(&set("RTL_ALT", 55.0));
     while pages::pages(&store.flash().bytes).len() < 2 {
         world.step();
@@ -185,9 +178,7 @@ fn reload() -> CommandLong {
 fn a_reload_after_an_outage_replaces_what_was_set() {
     let mut flash = with_params();
     (flash.reads, flash.fault) = (0, Fault::Reads(0..1));
-    let mut store = Params::new(&mut flash, 0..PARAMS);
-    let mut world = World::new(Setup::<1>::new());
-    let result = of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+    let (mut store, mut world, result) = start(&mut flash);
     assert_eq!(result, Err(RestoreError::Unreadable));
     run(&mut world, &mut store, secs(3));
     assert_eq!((cruise_and_altitude(&world), world.stack.restore_errors().parameters), ((7.0, 99.0), None));
@@ -206,9 +197,8 @@ fn a_reload_after_an_outage_replaces_what_was_set() {
 #[test]
 fn a_reload_of_nothing_loses_nothing() {
     let mut flash = Flash::new(PARAMS);
-    let mut store = Params::new(&mut flash, 0..PARAMS);
-    let mut world = World::new(Setup::<1>::new());
-    assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    let (mut store, mut world, result) = start(&mut flash);
+    assert_eq!(result, Ok(()));
     world.gcs[0].send(&set("CRUISE", 8.0));
     run(&mut world, &mut store, millis(500));
     world.gcs[0].send(&reload());
@@ -242,9 +232,8 @@ fn an_outage_does_not_keep_a_sleeping_loop_awake() {
 #[test]
 fn a_failed_reload_loses_nothing() {
     let mut flash = with_params();
-    let mut store = Params::new(&mut flash, 0..PARAMS);
-    let mut world = World::new(Setup::<1>::new());
-    assert_eq!(of_parameters(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    let (mut store, mut world, result) = start(&mut flash);
+    assert_eq!(result, Ok(()));
     world.gcs[0].send(&set("CRUISE", 8.0));
     run(&mut world, &mut store, millis(500));
     let first = store.flash().reads;
@@ -268,9 +257,8 @@ fn a_failed_reload_loses_nothing() {
 #[test]
 fn an_older_fence_does_not_stand_in() {
     let mut flash = with_fence();
-    let mut store = Plans::new(&mut flash, 0..PLANS);
-    let mut world = PlanWorld::of(Setup::new());
-    assert_eq!(of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    let (mut store, mut world, result) = start_plans(&mut flash);
+    assert_eq!(result, Ok(()));
     assert_eq!(upload(&mut world, &mut store, &fence()[..1]), MavMissionResult::ACCEPTED);
     assert_eq!(pages::pages(&store.flash().bytes).len(), 2);
     for (read, len) in (0..15).flat_map(|read| [(read, 1), (read, 3)]) {
@@ -278,9 +266,7 @@ fn an_older_fence_does_not_stand_in() {
         let live = |world: &PlanWorld| world.stack.fence().items().len();
         // The vehicle is armed at first.
         let mut late = flash.clone();
-        let mut store = Plans::new(&mut late, 0..PLANS);
-        let mut world = PlanWorld::of(Setup::new());
-        let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
+        let (mut store, mut world, result) = start_plans(&mut late);
         assert_eq!(live(&world), usize::from(result.is_ok()), "read {read}");
         let state = world.vehicle.state;
         if let Some(state) = &mut world.vehicle.state {
@@ -316,9 +302,8 @@ fn an_older_fence_does_not_stand_in() {
 #[test]
 fn a_late_restore_ends_when_the_vehicle_arms() {
     let mut whole = with_fence();
-    let mut store = Plans::new(&mut whole, 0..PLANS);
-    let mut world = PlanWorld::of(Setup::new());
-    assert_eq!(of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle)), Ok(()));
+    let (mut store, mut world, result) = start_plans(&mut whole);
+    assert_eq!(result, Ok(()));
     assert_eq!(upload(&mut world, &mut store, &plan(6, 1)), MavMissionResult::ACCEPTED);
 
     (whole.reads, whole.fault) = (0, Fault::Reads(0..1));
