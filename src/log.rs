@@ -17,6 +17,33 @@ macro_rules! event {
     ($format:literal $(, $arg:expr)* $(,)?) => { { $( let _ = &$arg; )* } };
 }
 
+/// Defines the type of some counters, which wrap. Each is marked `drop` or `count`: `drops` is the sum of the former.
+macro_rules! counters {
+    ($(#[$meta:meta])* $Counters:ident { $($(#[$doc:meta])* $kind:ident $counter:ident,)* }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        #[non_exhaustive]
+        pub struct $Counters { $($(#[$doc])* pub $counter: u32,)* }
+
+        impl $Counters {
+            pub(crate) const ZERO: Self = Self { $($counter: 0),* };
+
+            #[cfg(feature = "defmt")]
+            pub(crate) fn drops(&self) -> u32 {
+                0u32 $(.wrapping_add(counters!(@$kind self.$counter)))*
+            }
+        }
+    };
+    (@drop $counter:expr) => { $counter };
+    (@count $counter:expr) => { 0 };
+}
+
+/// Increments a counter, which wraps.
+pub(crate) fn increment(counter: &mut u32) {
+    *counter = counter.wrapping_add(1);
+}
+
 /// Rate limit for logging a drop counter: at most once a second, and only when it has changed. Logging each drop would
 /// take longer than receiving the noise that causes it.
 #[cfg(any(test, feature = "defmt"))]

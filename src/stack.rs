@@ -32,7 +32,7 @@ use crate::message::Text;
 use crate::network::{self, PeerInfo};
 use crate::service::command::CommandMemory;
 use crate::service::param::ParamMemory;
-use crate::service::{Cx, Shared, SigningGate, View};
+use crate::service::{Cx, Shared, SigningGate, View, increment};
 use crate::time::Instant;
 use crate::types::{
     Allowance, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PeerEvent, PlanMemory, Requests, StatusTexts,
@@ -223,8 +223,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
                 // Reception goes on (S-20).
                 Err(error) => {
                     if let Some(link) = self.link_mut(link) {
-                        let errors = &mut link.port.counters.read_errors;
-                        *errors = errors.wrapping_add(1);
+                        increment(&mut link.port.counters.read_errors);
                     }
                     break Err(LinkError::Read(error));
                 }
@@ -282,7 +281,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             }
         };
         if let Some(link) = self.link_mut(link) {
-            link.port.counters.write_errors = link.port.counters.write_errors.wrapping_add(1);
+            increment(&mut link.port.counters.write_errors);
         }
         result
     }

@@ -5,6 +5,7 @@ use zeroize::Zeroize;
 
 use super::{Frame, Header, INCOMPAT_SIGNED, MAX_FRAME_LEN, SIGNATURE_LEN, STX_V1, STX_V2, Version};
 use crate::crc;
+use crate::log::increment;
 use crate::message::{Address, MessageInfo, MessageTable, zero_extend};
 use crate::time::{Duration, Instant};
 
@@ -23,43 +24,28 @@ const IDLE: Duration = Duration::from_millis(20);
 /// The cost of examining a header: on a microcontroller it takes as long as the checksum of this many bytes.
 const HEADER_COST: u32 = 16;
 
-/// Counts of the frames that a decoder returned and of the candidates that it dropped. They wrap.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub struct RxCounters {
-    /// Frames with a correct checksum.
-    pub frames: u32,
-    /// Frames with an unknown id, whose checksum could not be verified (S-12).
-    pub unchecked: u32,
-    /// Bytes that were skipped before a start byte.
-    pub skipped: u32,
-    /// Candidates with an unknown incompatibility flag (S-9).
-    pub incompat_flags: u32,
-    /// Candidates with source system 0, or with source component 0 if the [`Config`](crate::Config) refuses it (S-11).
-    pub zero_source: u32,
-    /// MAVLink 1 candidates that are shorter than their message's base fields, or longer than all its fields (S-8).
-    pub length: u32,
-    /// Candidates with a wrong checksum (S-2).
-    pub checksum: u32,
-    /// Candidates with an unknown id and no evidence that they are frames, see [`Decoder::next`].
-    pub unknown_id: u32,
-    /// Incomplete candidates that received no byte for the configured time (SEC-4).
-    pub stale: u32,
-}
-
-impl RxCounters {
-    const ZERO: Self = Self {
-        frames: 0,
-        unchecked: 0,
-        skipped: 0,
-        incompat_flags: 0,
-        zero_source: 0,
-        length: 0,
-        checksum: 0,
-        unknown_id: 0,
-        stale: 0,
-    };
+counters! {
+    /// Counts of the frames that a decoder returned and of the candidates that it dropped. They wrap.
+    RxCounters {
+        /// Frames with a correct checksum.
+        count frames,
+        /// Frames with an unknown id, whose checksum could not be verified (S-12).
+        count unchecked,
+        /// Bytes that were skipped before a start byte.
+        drop skipped,
+        /// Candidates with an unknown incompatibility flag (S-9).
+        drop incompat_flags,
+        /// Candidates with source system 0, or with source component 0 if the [`Config`](crate::Config) refuses it (S-11).
+        drop zero_source,
+        /// MAVLink 1 candidates that are shorter than their message's base fields, or longer than all its fields (S-8).
+        drop length,
+        /// Candidates with a wrong checksum (S-2).
+        drop checksum,
+        /// Candidates with an unknown id and no evidence that they are frames, see [`Decoder::next`].
+        drop unknown_id,
+        /// Incomplete candidates that received no byte for the configured time (SEC-4).
+        drop stale,
+    }
 }
 
 /// Finds frames in a stream of bytes.
@@ -503,7 +489,7 @@ fn reject(reason: Reason, window: &mut Window, counters: &mut RxCounters) {
         Reason::UnknownId => &mut counters.unknown_id,
         Reason::Stale => &mut counters.stale,
     };
-    *counter = counter.wrapping_add(1);
+    increment(counter);
     window.consume(1);
 }
 

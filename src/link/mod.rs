@@ -14,59 +14,41 @@ use crate::frame::{Decoder, Version};
 use crate::log::DropLog;
 use crate::types::{Config, LinkConfig, LinkFacts, LinkId, TxVersion};
 
-/// Counters of sent and dropped frames on a link. They wrap. [`RxCounters`](crate::frame::RxCounters) counts what the decoder
-/// dropped.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub struct LinkCounters {
-    /// Frames sent.
-    pub tx_frames: u32,
-    /// Bytes handed to the transport.
-    pub tx_bytes: u32,
-    /// Frames for other systems or components; they are not handled.
-    pub not_ours: u32,
-    /// Frames with our own address as source: an echo, or another vehicle with the same address (R-8, H-14). Three of
-    /// them that are not echoes of the last 256 frames of any link are a [conflict](crate::PeerEvent::AddressConflict).
-    pub own_address: u32,
-    /// Frames with an unknown id; they are not handled (S-12).
-    pub unknown: u32,
-    /// Frames of senders for which the peer table had no room (H-12).
-    pub no_peer_slot: u32,
-    /// Senders that evicted a peer from the full peer table (H-12).
-    pub evicted_peers: u32,
-    /// Commands that were not executed, and requests for plans that are not served, because there was no room for their
-    /// answer; the sender retransmits them. See also
-    /// [`PlanCounters::no_answer_slot`](crate::plan::PlanCounters::no_answer_slot).
-    pub no_answer_slot: u32,
-    /// Messages that are not allowed on a link of this class (L-4), or not to a broadcast address (M-10). If the stack
-    /// does not declare `signing`, also SETUP_SIGNING (G-11), and all frames on a link that is not open to unsigned
-    /// ones.
-    pub out_of_place: u32,
-    /// Frames addressed to our system that neither the stack nor the [vehicle](crate::Vehicle::message) handles, setpoints for
-    /// example. Broadcasts are not counted here, because no component has to handle them.
-    pub unhandled: u32,
-    /// Errors of the transport while reading, including overruns (S-20).
-    pub read_errors: u32,
-    /// Errors of the transport while writing.
-    pub write_errors: u32,
-}
-
-impl LinkCounters {
-    const ZERO: Self = Self {
-        tx_frames: 0,
-        tx_bytes: 0,
-        not_ours: 0,
-        own_address: 0,
-        unknown: 0,
-        no_peer_slot: 0,
-        evicted_peers: 0,
-        no_answer_slot: 0,
-        out_of_place: 0,
-        unhandled: 0,
-        read_errors: 0,
-        write_errors: 0,
-    };
+counters! {
+    /// Counters of sent and dropped frames on a link. They wrap. [`RxCounters`](crate::frame::RxCounters) counts what the decoder
+    /// dropped.
+    LinkCounters {
+        /// Frames sent.
+        count tx_frames,
+        /// Bytes handed to the transport.
+        count tx_bytes,
+        /// Frames for other systems or components; they are not handled.
+        drop not_ours,
+        /// Frames with our own address as source: an echo, or another vehicle with the same address (R-8, H-14). Three of
+        /// them that are not echoes of the last 256 frames of any link are a [conflict](crate::PeerEvent::AddressConflict).
+        drop own_address,
+        /// Frames with an unknown id; they are not handled (S-12).
+        drop unknown,
+        /// Frames of senders for which the peer table had no room (H-12).
+        drop no_peer_slot,
+        /// Senders that evicted a peer from the full peer table (H-12).
+        drop evicted_peers,
+        /// Commands that were not executed, and requests for plans that are not served, because there was no room for their
+        /// answer; the sender retransmits them. See also
+        /// [`PlanCounters::no_answer_slot`](crate::plan::PlanCounters::no_answer_slot).
+        drop no_answer_slot,
+        /// Messages that are not allowed on a link of this class (L-4), or not to a broadcast address (M-10). If the stack
+        /// does not declare `signing`, also SETUP_SIGNING (G-11), and all frames on a link that is not open to unsigned
+        /// ones.
+        drop out_of_place,
+        /// Frames addressed to our system that neither the stack nor the [vehicle](crate::Vehicle::message) handles, setpoints for
+        /// example. Broadcasts are not counted here, because no component has to handle them.
+        drop unhandled,
+        /// Errors of the transport while reading, including overruns (S-20).
+        drop read_errors,
+        /// Errors of the transport while writing.
+        drop write_errors,
+    }
 }
 
 /// Why a transport failed in [`Stack::poll_link`](crate::Stack::poll_link). The link stays usable: the checksum detects

@@ -13,6 +13,7 @@ use super::routes::Routes;
 use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, HighLatency2, RadioStatus, SetupSigning};
 use crate::frame::{Frame, MAX_FRAME_LEN, Version};
 use crate::link::{Outbox, Port};
+use crate::log::increment;
 use crate::message::{Address, Message};
 use crate::time::{Duration, Instant};
 #[cfg(feature = "signing")]
@@ -32,52 +33,37 @@ const MAX_WAIT_HIGH_LATENCY: Duration = Duration::from_secs(60);
 /// RADIO of ardupilotmega, the predecessor of RADIO_STATUS.
 const RADIO: u32 = 166;
 
-/// Counts of the frames that one link forwarded and dropped. They wrap.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub struct ForwardCounters {
-    /// Forwarded frames that this link has begun to send.
-    pub sent: u32,
-    /// Frames for this link that were dropped because its queue was full.
-    pub queue_full: u32,
-    /// Frames that were dropped because they waited too long in this link's queue: 600 ms, 150 ms in a routing loop, 60
-    /// s on a high-latency link.
-    pub stale: u32,
-    /// MAVLink 2 frames that were not sent on this link because it sends MAVLink 1 (R-5, S-10).
-    pub needs_v2: u32,
-    /// Broadcasts that were not sent on this link because their source was heard on it within the last 5 s.
-    pub source_heard: u32,
-    /// Frames that were not sent on this link because the link on which they were received had refused them. A
-    /// high-latency link does not send them, because each frame costs money. A link that accepts their message
-    /// unsigned does not send them, because its peers could execute them (R-10, `LinkConfig::with_refused_frames`).
-    pub not_accepted: u32,
-    /// Duplicates that were received on this link within 0.8 s after the original was forwarded. They are dropped
-    ///
-    pub duplicates: u32,
-    /// Frames that were received on this link for a target that was heard on no link.
-    pub no_route: u32,
-    /// Addressed frames that were received on this link and handled locally only, because their source had no entry in
-    /// the peer table. Broadcasts are forwarded without one.
-    pub no_peer_slot: u32,
-    /// Frames that were received on this link and handled locally only, because this link has taken its share of the
-    /// memory for duplicate detection. Duplicates of such a frame are handled again.
-    pub not_remembered: u32,
-}
-
-impl ForwardCounters {
-    const ZERO: Self = Self {
-        sent: 0,
-        queue_full: 0,
-        stale: 0,
-        needs_v2: 0,
-        source_heard: 0,
-        not_accepted: 0,
-        duplicates: 0,
-        no_route: 0,
-        no_peer_slot: 0,
-        not_remembered: 0,
-    };
+counters! {
+    /// Counts of the frames that one link forwarded and dropped. They wrap.
+    ForwardCounters {
+        /// Forwarded frames that this link has begun to send.
+        count sent,
+        /// Frames for this link that were dropped because its queue was full.
+        drop queue_full,
+        /// Frames that were dropped because they waited too long in this link's queue: 600 ms, 150 ms in a routing loop, 60
+        /// s on a high-latency link.
+        drop stale,
+        /// MAVLink 2 frames that were not sent on this link because it sends MAVLink 1 (R-5, S-10).
+        drop needs_v2,
+        /// Broadcasts that were not sent on this link because their source was heard on it within the last 5 s.
+        // The other side has the frame, so this is no drop. Redundant links count each heartbeat here.
+        count source_heard,
+        /// Frames that were not sent on this link because the link on which they were received had refused them. A
+        /// high-latency link does not send them, because each frame costs money. A link that accepts their message
+        /// unsigned does not send them, because its peers could execute them (R-10, `LinkConfig::with_refused_frames`).
+        drop not_accepted,
+        /// Duplicates that were received on this link within 0.8 s after the original was forwarded. They are dropped
+        ///
+        drop duplicates,
+        /// Frames that were received on this link for a target that was heard on no link.
+        drop no_route,
+        /// Addressed frames that were received on this link and handled locally only, because their source had no entry in
+        /// the peer table. Broadcasts are forwarded without one.
+        drop no_peer_slot,
+        /// Frames that were received on this link and handled locally only, because this link has taken its share of the
+        /// memory for duplicate detection. Duplicates of such a frame are handled again.
+        drop not_remembered,
+    }
 }
 
 /// The state of forwarding on one link. Initially all bits are zero.
@@ -475,8 +461,4 @@ impl Forwarding<'_> {
             increment(counter(&mut lane.counters));
         }
     }
-}
-
-fn increment(counter: &mut u32) {
-    *counter = counter.wrapping_add(1);
 }

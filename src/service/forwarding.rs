@@ -6,8 +6,6 @@ use super::gate::ForwardingGate;
 use super::{Cx, Service, Turn, View};
 use crate::frame::Frame;
 use crate::link::Port;
-#[cfg(feature = "defmt")]
-use crate::network::ForwardCounters;
 use crate::network::{self, Booking, ForwardQueues, Passage};
 use crate::time::Instant;
 #[cfg(feature = "defmt")]
@@ -45,12 +43,12 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
 
     #[cfg(feature = "defmt")]
     fn drops_on(&self, link: LinkId) -> u32 {
-        self.queues.counters(link).map_or(0, |counters| drops(&counters))
+        self.queues.counters(link).map_or(0, |counters| counters.drops())
     }
 
     #[cfg(feature = "defmt")]
     fn log_drops_on(&self, link: LinkId) {
-        if let Some(counters) = self.queues.counters(link).filter(|counters| drops(counters) != 0) {
+        if let Some(counters) = self.queues.counters(link).filter(|counters| counters.drops() != 0) {
             event!("link {=u8}: {}", link.0, counters);
         }
     }
@@ -117,24 +115,4 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> For
     fn prepare(&mut self, port: &Port) {
         self.queues.forwarding().open(port);
     }
-}
-
-/// The sum of the counters that count drops. The pattern names every field, so that a new counter does not compile until it is
-/// decided here whether it counts drops.
-#[cfg(feature = "defmt")]
-fn drops(counters: &ForwardCounters) -> u32 {
-    let ForwardCounters {
-        sent: _,
-        queue_full,
-        stale,
-        needs_v2,
-        // Not a drop: the other side has the frame. Redundant links count each heartbeat here.
-        source_heard: _,
-        not_accepted,
-        duplicates,
-        no_route,
-        no_peer_slot,
-        not_remembered,
-    } = *counters;
-    super::sum([queue_full, stale, needs_v2, not_accepted, duplicates, no_route, no_peer_slot, not_remembered])
 }

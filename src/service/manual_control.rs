@@ -168,23 +168,22 @@ impl RcOverride {
     }
 }
 
-/// Counters of the messages of manual control. They wrap. Messages for other systems are counted in
-/// [`LinkCounters::not_ours`](crate::network::LinkCounters::not_ours), those on a high-latency link in
-/// [`out_of_place`](crate::network::LinkCounters::out_of_place).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub struct ManualCounters {
-    /// Accepted messages of both kinds.
-    pub taken: u32,
-    /// Dropped because they were addressed to every vehicle (J-1).
-    pub broadcast: u32,
-    /// Dropped because the sender may not steer (J-2).
-    pub not_allowed: u32,
-    /// Dropped because another sender was steering.
-    pub not_holder: u32,
-    /// Axes in accepted messages that were neither within ±1000 nor "not given" (J-1).
-    pub bad_axes: u32,
+counters! {
+    /// Counters of the messages of manual control. They wrap. Messages for other systems are counted in
+    /// [`LinkCounters::not_ours`](crate::network::LinkCounters::not_ours), those on a high-latency link in
+    /// [`out_of_place`](crate::network::LinkCounters::out_of_place).
+    ManualCounters {
+        /// Accepted messages of both kinds.
+        count taken,
+        /// Dropped because they were addressed to every vehicle (J-1).
+        drop broadcast,
+        /// Dropped because the sender may not steer (J-2).
+        drop not_allowed,
+        /// Dropped because another sender was steering.
+        drop not_holder,
+        /// Axes in accepted messages that were neither within ±1000 nor "not given" (J-1).
+        drop bad_axes,
+    }
 }
 
 /// Manual control: declared by `manual_control` in [`stack!`](crate::stack), and read through
@@ -258,9 +257,8 @@ impl ManualInput {
     /// Returns the state in which nobody steers. `source` may; its input is valid for `timeout`, and with a timeout of
     /// zero never.
     const fn new(source: ControlSource, timeout: Duration) -> Self {
-        let counters = ManualCounters { taken: 0, broadcast: 0, not_allowed: 0, not_holder: 0, bad_axes: 0 };
         let (channels, until) = ([0; CHANNELS], [Instant::ZERO; CHANNELS]);
-        Self { source, timeout, holder: None, sticks: None, channels, until, counters }
+        Self { source, timeout, holder: None, sticks: None, channels, until, counters: ManualCounters::ZERO }
     }
 
     /// Sets who may steer. A change ends the turn of the steering sender; it may begin again with its next message if
@@ -420,7 +418,7 @@ impl<F: Firmware> Service<F> for ManualInput {
 
     #[cfg(feature = "defmt")]
     fn drops(&self) -> u32 {
-        drops(&self.counters)
+        self.counters.drops()
     }
 
     #[cfg(feature = "defmt")]
@@ -436,12 +434,4 @@ impl<F: Firmware> Service<F> for ManualInput {
         self.receive(cx.now, *from, frame, target.system.0 == 0, cx.peers);
         Handled::Yes
     }
-}
-
-/// The sum of the counters that count drops. The pattern names every field, so that a new counter does not compile until it is
-/// decided here whether it counts drops.
-#[cfg(feature = "defmt")]
-fn drops(counters: &ManualCounters) -> u32 {
-    let ManualCounters { taken: _, broadcast, not_allowed, not_holder, bad_axes } = *counters;
-    super::sum([broadcast, not_allowed, not_holder, bad_axes])
 }

@@ -38,6 +38,7 @@ pub(crate) use turn::turns;
 use crate::dialect::{MavCmd, MavProtocolCapability, MavResult, MavSeverity};
 use crate::frame::Frame;
 use crate::link::Port;
+pub(crate) use crate::log::increment;
 use crate::message::{Address, ComponentId, Text};
 use crate::network::{PeerInfo, Peers};
 use crate::time::{Duration, Instant};
@@ -342,9 +343,4 @@ impl Received<'_> {
 #[cfg(feature = "defmt")]
 pub(crate) fn sum<const N: usize>(counts: [u32; N]) -> u32 {
     counts.into_iter().fold(0, u32::wrapping_add)
-}
-
-/// Increments a counter, which wraps.
-pub(crate) fn increment(counter: &mut u32) {
-    *counter = counter.wrapping_add(1);
 }

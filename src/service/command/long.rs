@@ -472,7 +472,7 @@ impl LongCommands {
         due.min().unwrap_or(Instant::NEVER)
     }
 
-    /// Sends a final ACK on this link (C-20). False when none is owed.
+    /// Sends a final ACK on this link (C-20). Returns false if none is pending.
     pub(crate) fn next_final(&mut self, tx: &mut Outbox) -> bool {
         let link = tx.link();
         let Some(slot) = self.slots.iter_mut().find_map(|slot| slot.take_pending(State::Done, link).then_some(slot))

@@ -56,49 +56,35 @@ pub struct HighLatencySample {
 
 impl HighLatencySample {
     /// A sample in which everything is unknown.
-    pub const UNKNOWN: Self = Self {
-        position: None,
-        altitude: f32::NAN,
-        target_altitude: f32::NAN,
-        heading: f32::NAN,
-        target_heading: f32::NAN,
-        target_distance: f32::NAN,
-        throttle: f32::NAN,
-        airspeed: f32::NAN,
-        airspeed_sp: f32::NAN,
-        groundspeed: f32::NAN,
-        windspeed: f32::NAN,
-        wind_from_deg: f32::NAN,
-        eph: f32::NAN,
-        epv: f32::NAN,
-        temperature_air: f32::NAN,
-        climb_rate: f32::NAN,
-        battery: f32::NAN,
-        wp_num: None,
-        failure_flags: HlFailureFlag::EMPTY,
-        custom: [0; 3],
-    };
+    pub const UNKNOWN: Self = Self::with(f32::NAN);
 
     /// All zero bits.
-    pub(crate) const VACANT: Self = Self {
-        altitude: 0.0,
-        target_altitude: 0.0,
-        heading: 0.0,
-        target_heading: 0.0,
-        target_distance: 0.0,
-        throttle: 0.0,
-        airspeed: 0.0,
-        airspeed_sp: 0.0,
-        groundspeed: 0.0,
-        windspeed: 0.0,
-        wind_from_deg: 0.0,
-        eph: 0.0,
-        epv: 0.0,
-        temperature_air: 0.0,
-        climb_rate: 0.0,
-        battery: 0.0,
-        ..Self::UNKNOWN
-    };
+    pub(crate) const VACANT: Self = Self::with(0.0);
+
+    const fn with(value: f32) -> Self {
+        Self {
+            position: None,
+            altitude: value,
+            target_altitude: value,
+            heading: value,
+            target_heading: value,
+            target_distance: value,
+            throttle: value,
+            airspeed: value,
+            airspeed_sp: value,
+            groundspeed: value,
+            windspeed: value,
+            wind_from_deg: value,
+            eph: value,
+            epv: value,
+            temperature_air: value,
+            climb_rate: value,
+            battery: value,
+            wp_num: None,
+            failure_flags: HlFailureFlag::EMPTY,
+            custom: [0; 3],
+        }
+    }
 
     /// Returns the failures that SYS_STATUS reports with these three fields: sensors that are present, enabled and not
     /// healthy. A sensor that the vehicle does not have has not failed.

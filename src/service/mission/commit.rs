@@ -15,6 +15,7 @@ use super::{Caller, Missions, Work};
 use super::{PlanChange, PlanFault, Plans};
 use crate::dialect::{MavMissionResult, MavMissionType};
 use crate::message::{Address, Digest, Item};
+use crate::service::increment;
 use crate::time::{Duration, Instant};
 use crate::types::{Durability, LinkId, Peer, PlanType, PlanView, PlansMut};
 
@@ -488,7 +489,7 @@ impl Missions {
     /// Handles a failed write or erase. A durable change ends with ERROR; a write of live plans is retried later. Returns the
     /// answer and its link.
     pub(crate) fn on_save_failed(&mut self, cx: &mut Work<'_, '_>) -> Option<(LinkId, Reply)> {
-        self.counters.not_saved = self.counters.not_saved.wrapping_add(1);
+        increment(&mut self.counters.not_saved);
         let is_new = self.schedule.has_newly_failed();
         let Some(commit) = self.commit.take() else {
             self.schedule.pause(cx.now);

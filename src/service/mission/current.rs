@@ -30,16 +30,15 @@ pub(super) struct Current {
 
 impl Current {
     /// All zero bits; see [`Missions`](super::Missions).
-    pub(super) const VACANT: Self =
-        Self { reported: Some(Progress { current: 0, state: MissionState(0), in_mission_mode: false }), ..Self::new() };
+    pub(super) const VACANT: Self = Self {
+        pending: LinkMask::NONE,
+        due: Instant::ZERO,
+        reported: Some(Progress { current: 0, state: MissionState(0), in_mission_mode: false }),
+    };
 
     /// Sets the field whose initial value is not all zero bits.
     pub(super) fn begin(&mut self) {
         self.reported = None;
-    }
-
-    pub(super) const fn new() -> Self {
-        Self { pending: LinkMask::NONE, due: Instant::ZERO, reported: None }
     }
 
     /// Marks MISSION_CURRENT as pending on `links`.

@@ -43,7 +43,7 @@ use self::upload::{Done, Upload};
 use self::validate::Problem;
 use super::command::{Commands, is_allowed};
 use super::schedule::Schedule;
-use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
+use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
 use crate::dialect::{
     MavComponent, MavMissionResult, MavMissionType, MavProtocolCapability, MavSeverity, MissionAck, MissionClearAll,
     MissionCount, MissionItem, MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList,
@@ -58,28 +58,23 @@ use crate::types::{
     StatusTexts, Values,
 };
 
-/// Counters of the plan service. They wrap.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub struct PlanCounters {
-    /// Accepted uploads.
-    pub accepted: u32,
-    /// Uploads refused because of an item, or because of the plan as a whole.
-    pub refused: u32,
-    /// Uploads that the client cancelled or restarted, or that timed out.
-    pub abandoned: u32,
-    /// Frames that do not fit the state of an upload: items that are repeated, out of order, "guided", or part of no upload;
-    /// delayed duplicates; frames received on another link than the upload's.
-    pub out_of_place: u32,
-    /// Requests dropped because their link had no free slot for the answer.
-    pub no_answer_slot: u32,
-    /// Failed attempts to write plans to storage.
-    pub not_saved: u32,
-}
-
-impl PlanCounters {
-    const ZERO: Self = Self { accepted: 0, refused: 0, abandoned: 0, out_of_place: 0, no_answer_slot: 0, not_saved: 0 };
+counters! {
+    /// Counters of the plan service. They wrap.
+    PlanCounters {
+        /// Accepted uploads.
+        count accepted,
+        /// Uploads refused because of an item, or because of the plan as a whole.
+        count refused,
+        /// Uploads that the client cancelled or restarted, or that timed out.
+        count abandoned,
+        /// Frames that do not fit the state of an upload: items that are repeated, out of order, "guided", or part of no upload;
+        /// delayed duplicates; frames received on another link than the upload's.
+        drop out_of_place,
+        /// Requests dropped because their link had no free slot for the answer.
+        drop no_answer_slot,
+        /// Failed attempts to write plans to storage.
+        count not_saved,
+    }
 }
 
 /// What a handler needs besides the engine and the vehicle.
@@ -202,22 +197,25 @@ pub struct Missions {
 }
 
 impl Missions {
-    #[cfg(test)]
-    pub(crate) const fn new() -> Self {
-        Self {
-            upload: None,
-            commit: None,
-            heard_at: Instant::ZERO,
-            schedule: Schedule::NEW,
-            durability: Durability::Durable,
-            is_loading: false,
-            done: None,
-            second_answer: None,
-            sessions: Sessions::new(),
-            current: Current::new(),
-            reached: Reached::new(),
-            counters: PlanCounters::ZERO,
-        }
+    /// All zero bits: the `Some`s are, `None` is not. [`reset`](Self::reset) sets them to `None`.
+    const VACANT: Self = Self {
+        upload: Some(Upload::VACANT),
+        commit: Some(Commit::VACANT),
+        done: Some(Done::VACANT),
+        second_answer: Some((Instant::ZERO, LinkId(0), Reply::NONE)),
+        schedule: Schedule::NEW,
+        durability: Durability::Durable,
+        is_loading: false,
+        current: Current::VACANT,
+        heard_at: Instant::ZERO,
+        sessions: Sessions::new(),
+        reached: Reached::new(),
+        counters: PlanCounters::ZERO,
+    };
+
+    fn reset(&mut self) {
+        (self.upload, self.commit, self.done, self.second_answer) = (None, None, None, None);
+        self.current.begin();
     }
 
     /// Returns the counters.
@@ -259,9 +257,9 @@ impl Missions {
         }
         if !can_name(frame.header().version, mission_type) {
             if !is_request(frame.id()) {
-                self.counters.out_of_place = self.counters.out_of_place.wrapping_add(1);
+                increment(&mut self.counters.out_of_place);
             } else if caller.replies.is_full() {
-                self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
+                increment(&mut self.counters.no_answer_slot);
             } else {
                 caller.ack(mission_type, MavMissionResult::UNSUPPORTED, 0);
             }
@@ -272,7 +270,7 @@ impl Missions {
         }
         // The memory for an upload is in use while stored plans are loaded.
         if caller.replies.is_full() || self.is_loading() {
-            self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
+            increment(&mut self.counters.no_answer_slot);
             return;
         }
         match frame.id() {
@@ -350,28 +348,13 @@ pub(crate) fn work<'a, 'p, F: Firmware>(cx: &'a mut Cx<'p, F>) -> Option<(Work<'
 }
 
 impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
-    /// All zero bits: the `Some`s are, `None` is not. [`begin`](Service::begin) sets them to `None`.
-    const NEW: Self = Self {
-        upload: Some(Upload::VACANT),
-        commit: Some(Commit::VACANT),
-        done: Some(Done::VACANT),
-        second_answer: Some((Instant::ZERO, LinkId(0), Reply::NONE)),
-        schedule: Schedule::NEW,
-        durability: Durability::Durable,
-        is_loading: false,
-        current: Current::VACANT,
-        heard_at: Instant::ZERO,
-        sessions: Sessions::new(),
-        reached: Reached::new(),
-        counters: PlanCounters::ZERO,
-    };
+    const NEW: Self = Self::VACANT;
     type Link = Replies;
     const VACANT: Replies = Replies::new();
     const CAPABILITIES: MavProtocolCapability = capabilities(&F::Plans::CAPACITIES);
 
     fn begin(&mut self, _: &Config) {
-        (self.upload, self.commit, self.done, self.second_answer) = (None, None, None, None);
-        self.current.begin();
+        self.reset();
     }
 
     /// Runs the timers, and queues MISSION_ITEM_REACHED for the items that the vehicle's hooks reported.
@@ -457,7 +440,7 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
 
     #[cfg(feature = "defmt")]
     fn drops(&self) -> u32 {
-        drops(&self.counters)
+        self.counters.drops()
     }
 
     #[cfg(feature = "defmt")]
@@ -541,13 +524,4 @@ impl<F: Firmware> Service<F> for WithoutPlans {
     fn due(&self, view: &View<'_>, _: &Port, link: &Refusals, turn: Turn) -> Instant {
         if turn == Turn::MissionAck && !link.is_empty() { view.now } else { Instant::NEVER }
     }
-}
-
-/// Returns the sum of the counters that count drops. The pattern names every field: a new counter does not compile until this
-/// function says whether it counts drops.
-#[cfg(feature = "defmt")]
-fn drops(counters: &PlanCounters) -> u32 {
-    // The end of an upload and a failed write are not dropped frames; both are reported elsewhere.
-    let PlanCounters { accepted: _, refused: _, abandoned: _, out_of_place, no_answer_slot, not_saved: _ } = *counters;
-    super::sum([out_of_place, no_answer_slot])
 }

@@ -17,9 +17,9 @@ use crate::dialect::{MavMissionResult, MavMissionType, MissionRequest, MissionRe
 use crate::frame::Frame;
 use crate::link::Outbox;
 use crate::message::{Address, CommandRule, Digest, Item, Message};
+use crate::service::increment;
 use crate::time::{Duration, Instant};
-use crate::types::PlanType;
-use crate::types::{LinkId, Peer};
+use crate::types::{LinkId, Peer, PlanType};
 
 /// For this long after an upload has ended, a COUNT equal to its COUNT may be a delayed duplicate (M-22).
 const DUPLICATE_WINDOW: Duration = Duration::from_secs(1);
@@ -415,7 +415,7 @@ impl Missions {
             MavMissionResult::ACCEPTED => &mut self.counters.accepted,
             _ => &mut self.counters.refused,
         };
-        *counter = counter.wrapping_add(1);
+        increment(counter);
         self.done = Some(done);
     }
 
@@ -553,7 +553,7 @@ impl Missions {
     #[inline(never)]
     fn abandon(&mut self, cx: &mut Work<'_, '_>) {
         if self.upload.take().is_some() {
-            self.counters.abandoned = self.counters.abandoned.wrapping_add(1);
+            increment(&mut self.counters.abandoned);
         }
         cx.plans.staging.clear();
     }
@@ -586,14 +586,14 @@ impl Missions {
     }
 
     fn out_of_place(&mut self) {
-        self.counters.out_of_place = self.counters.out_of_place.wrapping_add(1);
+        increment(&mut self.counters.out_of_place);
     }
 
     /// Whether a durable change has no free slot for its result. Its request is then dropped and counted.
     fn lacks_result_slot(&mut self, caller: &Caller<'_>) -> bool {
         let lacks = self.is_durable() && caller.replies.has_result();
         if lacks {
-            self.counters.no_answer_slot = self.counters.no_answer_slot.wrapping_add(1);
+            increment(&mut self.counters.no_answer_slot);
         }
         lacks
     }

@@ -34,34 +34,33 @@ const EPOCH: u64 = 1_420_070_400;
 /// How far a peer's clock may be ahead of the time set by the vehicle (10 µs): a day, to tolerate badly set clocks (G-17).
 const DAY: u64 = 24 * 60 * MINUTE;
 
-/// Counters of accepted and refused frames, on all links. They wrap.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[non_exhaustive]
-pub struct SigningCounters {
-    /// Frames with a correct signature that are newer than those before them.
-    pub verified: u32,
-    /// Unsigned frames on a link that does not accept them, including those of MAVLink 1 (G-9). As long as there is no
-    /// key, also signed frames on such a link, because nothing can verify them.
-    pub unsigned: u32,
-    /// Frames whose signature was made with another key or for other bytes (G-10); the two cannot be distinguished.
-    pub bad_signature: u32,
-    /// Frames with a correct signature that are not newer than the last one of their stream (G-6).
-    pub replayed: u32,
-    /// Frames with a correct signature that would begin a stream, but are more than a minute old (G-6), or from before
-    /// a restart.
-    pub too_old: u32,
-    /// Frames with a correct signature and a timestamp more than a day ahead of the time set by the vehicle. Also
-    /// frames with the last 48-bit timestamp, which has no successor (G-17).
-    pub too_far_ahead: u32,
-    /// Frames with a correct signature that would begin a stream, for which the table has no room (G-8).
-    pub no_stream_slot: u32,
-    /// Calls of [`set_time`](Signing::set_time) that were refused because the time was too far ahead (G-14).
-    pub refused_times: u32,
-    /// SETUP_SIGNING messages that were executed.
-    pub setups: u32,
-    /// SETUP_SIGNING messages that were accepted on their link, but not executed: a text says why (G-11).
-    pub refused_setups: u32,
+counters! {
+    /// Counters of accepted and refused frames, on all links. They wrap.
+    SigningCounters {
+        /// Frames with a correct signature that are newer than those before them.
+        count verified,
+        /// Unsigned frames on a link that does not accept them, including those of MAVLink 1 (G-9). As long as there is no
+        /// key, also signed frames on such a link, because nothing can verify them.
+        drop unsigned,
+        /// Frames whose signature was made with another key or for other bytes (G-10); the two cannot be distinguished.
+        drop bad_signature,
+        /// Frames with a correct signature that are not newer than the last one of their stream (G-6).
+        drop replayed,
+        /// Frames with a correct signature that would begin a stream, but are more than a minute old (G-6), or from before
+        /// a restart.
+        drop too_old,
+        /// Frames with a correct signature and a timestamp more than a day ahead of the time set by the vehicle. Also
+        /// frames with the last 48-bit timestamp, which has no successor (G-17).
+        drop too_far_ahead,
+        /// Frames with a correct signature that would begin a stream, for which the table has no room (G-8).
+        drop no_stream_slot,
+        /// Calls of [`set_time`](Signing::set_time) that were refused because the time was too far ahead (G-14).
+        drop refused_times,
+        /// SETUP_SIGNING messages that were executed.
+        count setups,
+        /// SETUP_SIGNING messages that were accepted on their link, but not executed: a text says why (G-11).
+        drop refused_setups,
+    }
 }
 
 /// Signing: the key, the time, and the timestamps of each sender. Declared by `signing` in [`stack!`](crate::stack),
@@ -189,18 +188,7 @@ impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
             floor: 0,
             clock_set: None,
             heard: None,
-            counters: SigningCounters {
-                verified: 0,
-                unsigned: 0,
-                bad_signature: 0,
-                replayed: 0,
-                too_old: 0,
-                too_far_ahead: 0,
-                no_stream_slot: 0,
-                refused_times: 0,
-                setups: 0,
-                refused_setups: 0,
-            },
+            counters: SigningCounters::ZERO,
             #[cfg(feature = "storage")]
             saving: Saving::NEW,
             streams: [SigningStream::NONE; STREAMS],
@@ -565,7 +553,7 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing
 
     #[cfg(feature = "defmt")]
     fn drops(&self) -> u32 {
-        drops(&self.counters)
+        self.counters.drops()
     }
 
     #[cfg(feature = "defmt")]
@@ -665,32 +653,4 @@ fn offset(now: Instant, timestamp: u64) -> i64 {
 #[inline(never)]
 const fn at(now: Instant, offset: i64) -> u64 {
     units(now).saturating_add_signed(offset)
-}
-
-/// The sum of the counters that count drops. The pattern names every field, so that a new counter does not compile until it is
-/// decided here whether it counts drops.
-#[cfg(feature = "defmt")]
-fn drops(counters: &SigningCounters) -> u32 {
-    let SigningCounters {
-        verified: _,
-        unsigned,
-        bad_signature,
-        replayed,
-        too_old,
-        too_far_ahead,
-        no_stream_slot,
-        refused_times,
-        setups: _,
-        refused_setups,
-    } = *counters;
-    super::sum([
-        unsigned,
-        bad_signature,
-        replayed,
-        too_old,
-        too_far_ahead,
-        no_stream_slot,
-        refused_times,
-        refused_setups,
-    ])
 }

@@ -154,8 +154,10 @@ impl Bench {
     }
 
     fn of(float_form: bool, version: Version) -> Self {
+        let mut missions = Missions::VACANT;
+        missions.reset();
         Self {
-            missions: Missions::new(),
+            missions,
             memory: Memory::new(),
             float_form,
             second_ack: false,
