@@ -2,8 +2,9 @@
 //! `embassy`. For tests only.
 #![no_std]
 #![no_main]
-#![allow(unsafe_code, reason = "priorities and handlers of the executors' interrupts")]
 
+#[path = "embassy/executors.rs"]
+mod executors;
 #[path = "embassy/time.rs"]
 mod time;
 #[allow(dead_code, reason = "the other kinds of traffic are for the firmware `work`")]
@@ -11,7 +12,6 @@ mod time;
 mod traffic;
 
 use cortex_m_rt::entry;
-use embassy_executor::InterruptExecutor;
 use embassy_futures::select::select;
 use embassy_futures::yield_now;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -22,7 +22,6 @@ use mavstack::LinkId;
 use mavstack::frame::MAX_FRAME_LEN;
 use mavstack_demo::{App, LINKS};
 use mavstack_qemu::board::{self, Board};
-use mavstack_qemu::device::{Interrupt, interrupt};
 use mavstack_qemu::jitter::{BYTES, Delays, PERIOD, SlowStore, Way};
 use mavstack_qemu::memory;
 use static_cell::StaticCell;
@@ -46,13 +45,6 @@ fn wake_transmitters(except: Option<LinkId>) {
     }
 }
 
-static FLIGHT: InterruptExecutor = InterruptExecutor::new();
-const FLIGHT_PRIORITY: u8 = 0x80;
-static COMMS: InterruptExecutor = InterruptExecutor::new();
-const COMMS_PRIORITY: u8 = 0xC0;
-static STORAGE: InterruptExecutor = InterruptExecutor::new();
-const STORAGE_PRIORITY: u8 = 0xE0;
-
 #[entry]
 fn main() -> ! {
     static APP: StaticCell<SharedApp> = StaticCell::new();
@@ -68,22 +60,16 @@ fn main() -> ! {
     let store = &*STORE.init(Mutex::new(store));
     time::start(board.alarm);
 
-    // SAFETY: no critical section is active that relies on priorities.
-    unsafe {
-        core.NVIC.set_priority(Interrupt::GPIO0, FLIGHT_PRIORITY);
-        core.NVIC.set_priority(Interrupt::GPIO1, COMMS_PRIORITY);
-        core.NVIC.set_priority(Interrupt::TIMER0, STORAGE_PRIORITY);
-    }
+    let [flights, comms, storage] = executors::start(&mut core.NVIC);
     // No spawn fails, because each pool has enough slots.
-    FLIGHT.start(Interrupt::GPIO0).spawn(flight(app, Delays::new("embassy", way)).unwrap());
-    let comms = COMMS.start(Interrupt::GPIO1);
+    flights.spawn(flight(app, Delays::new("embassy", way)).unwrap());
     let kinds = [Kind::Commands, Kind::Upload, Kind::Nothing];
     for ((link, kind), bytes) in (0..).map(LinkId).zip(kinds).zip(BYTES) {
         comms.spawn(receive(app, link, Sender::new(kind), bytes).unwrap());
         comms.spawn(transmit(app, link, bytes).unwrap());
     }
     comms.spawn(exchange(app, store, way).unwrap());
-    STORAGE.start(Interrupt::TIMER0).spawn(run(store).unwrap());
+    storage.spawn(run(store).unwrap());
     // Does not sleep: the emulator's timers are late after it has skipped idle time.
     loop {
         cortex_m::asm::nop();
@@ -196,22 +182,4 @@ async fn run(store: &'static SharedStore) {
         store.lock().await.run();
         DONE.signal(());
     }
-}
-
-#[interrupt]
-fn GPIO0() {
-    // SAFETY: this is the handler of the interrupt that the executor was started with. Nothing raises it before.
-    unsafe { FLIGHT.on_interrupt() }
-}
-
-#[interrupt]
-fn GPIO1() {
-    // SAFETY: as above.
-    unsafe { COMMS.on_interrupt() }
-}
-
-#[interrupt]
-fn TIMER0() {
-    // SAFETY: as above.
-    unsafe { STORAGE.on_interrupt() }
 }

@@ -23,15 +23,14 @@
 //! When flight hangs in an `await`, the heartbeats stop and comms continues. When it hangs in a busy loop, both are silent.
 #![no_std]
 #![no_main]
-#![allow(unsafe_code, reason = "priorities and handlers of the executors' interrupts")]
 
+mod executors;
 mod time;
 mod uart;
 
 use core::future::pending;
 
 use cortex_m_rt::entry;
-use embassy_executor::InterruptExecutor;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::mutex::Mutex;
@@ -42,7 +41,7 @@ use mavstack::LinkId;
 use mavstack::frame::MAX_FRAME_LEN;
 use mavstack_demo::{App, LINKS};
 use mavstack_qemu::board::{self, Board};
-use mavstack_qemu::device::{Interrupt, interrupt};
+use mavstack_qemu::device::interrupt;
 use mavstack_qemu::memory::{self, FlashStore};
 use static_cell::StaticCell;
 use uart::{Receiver, Sender, Uart};
@@ -75,15 +74,6 @@ static TELEMETRY: Uart<128> = Uart::new();
 static COMPANION: Uart<1024> = Uart::new();
 static SATELLITE: Uart<32> = Uart::new();
 
-/// Each executor runs in an interrupt, at a lower priority than the UARTs and the timer (0). STORAGE could be the thread-mode
-/// executor. But that sleeps with WFE, which the emulator treats as a busy loop.
-static FLIGHT: InterruptExecutor = InterruptExecutor::new();
-const FLIGHT_PRIORITY: u8 = 0x80;
-static COMMS: InterruptExecutor = InterruptExecutor::new();
-const COMMS_PRIORITY: u8 = 0xC0;
-static STORAGE: InterruptExecutor = InterruptExecutor::new();
-const STORAGE_PRIORITY: u8 = 0xE0;
-
 #[entry]
 fn main() -> ! {
     static APP: StaticCell<SharedApp> = StaticCell::new();
@@ -99,15 +89,9 @@ fn main() -> ! {
     let store = &*STORE.init(Mutex::new(store));
     time::start(board.alarm);
 
-    // SAFETY: no critical section is active that relies on priorities.
-    unsafe {
-        core.NVIC.set_priority(Interrupt::GPIO0, FLIGHT_PRIORITY);
-        core.NVIC.set_priority(Interrupt::GPIO1, COMMS_PRIORITY);
-        core.NVIC.set_priority(Interrupt::TIMER0, STORAGE_PRIORITY);
-    }
+    let [flights, comms, storage] = executors::start(&mut core.NVIC);
     // No spawn fails, because each pool has enough slots.
-    FLIGHT.start(Interrupt::GPIO0).spawn(flight(app).unwrap());
-    let comms = COMMS.start(Interrupt::GPIO1);
+    flights.spawn(flight(app).unwrap());
     let [uart0, uart1, uart2] = board.uarts;
     let lines = [TELEMETRY.start(uart0), COMPANION.start(uart1), SATELLITE.start(uart2)];
     for (link, (rx, tx)) in (0..).map(LinkId).zip(lines) {
@@ -115,7 +99,7 @@ fn main() -> ! {
         comms.spawn(transmit(app, link, tx).unwrap());
     }
     comms.spawn(exchange(app, store).unwrap());
-    STORAGE.start(Interrupt::TIMER0).spawn(run(store).unwrap());
+    storage.spawn(run(store).unwrap());
     loop {
         cortex_m::asm::wfi();
     }
@@ -235,24 +219,6 @@ async fn run(store: &'static SharedStore) {
         store.lock().await.run();
         DONE.signal(());
     }
-}
-
-#[interrupt]
-fn GPIO0() {
-    // SAFETY: this is the handler of the interrupt that the executor was started with. Nothing raises it before.
-    unsafe { FLIGHT.on_interrupt() }
-}
-
-#[interrupt]
-fn GPIO1() {
-    // SAFETY: as above.
-    unsafe { COMMS.on_interrupt() }
-}
-
-#[interrupt]
-fn TIMER0() {
-    // SAFETY: as above.
-    unsafe { STORAGE.on_interrupt() }
 }
 
 #[interrupt]
