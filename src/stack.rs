@@ -118,7 +118,7 @@ impl<D: Declares, const LINKS: usize> core::fmt::Debug for Stack<D, LINKS> {
 }
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
-    /// A stack that is not [started](Self::begin) yet: all zero bits, so a `static` with it lies in `.bss`.
+    /// A stack that is not [started](Self::begin) yet: all zero bits, so a `static` with it is placed in `.bss`.
     pub const VACANT: Self = Self {
         shared: Shared::VACANT,
         services: Services::NEW,
@@ -220,7 +220,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
                     left = left.saturating_sub(len);
                     self.handle_received(now, link, len, vehicle, allowance);
                 }
-                // Reception goes on (S-20).
+                // Reception continues (S-20).
                 Err(error) => {
                     if let Some(link) = self.link_mut(link) {
                         increment(&mut link.port.counters.read_errors);
@@ -288,7 +288,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 
     /// Takes received bytes, for interrupts and DMA, and handles the frames in them, up to the budget of one poll.
     /// Returns the number of bytes that there was room for. Call it again with the rest, or with none when
-    /// [`next_deadline`] says so.
+    /// [`next_deadline`] requires it.
     ///
     /// [`next_deadline`]: Self::next_deadline
     pub fn receive(&mut self, now: Instant, link: LinkId, bytes: &[u8], vehicle: &mut D::Vehicle) -> usize {
@@ -323,7 +323,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Returns the bytes to be sent next on a link, at most the rest of one frame; then call
-    /// [`transmitted`](Self::transmitted). Empty if nothing is to be sent.
+    /// [`transmitted`](Self::transmitted). Empty if there is nothing to send.
     #[inline(never)]
     pub fn transmit(&mut self, now: Instant, link: LinkId, vehicle: &mut D::Vehicle) -> &[u8] {
         let index = usize::from(link.0);

@@ -31,7 +31,7 @@ def mode_of(gcs, number, timeout=5):
 
 
 def test_modes(mavproxy, other):
-    """Changes modes in flight by number. MAVProxy's names stand for ArduPilot's numbers, which are refused without any effect."""
+    """Changes modes in flight by number. MAVProxy's names mean ArduPilot's numbers, which are refused without any effect."""
     mavproxy.expect(f"Mode({HOLD})")
     mavproxy.say("arm throttle")
     mavproxy.expect("COMMAND_ACK: COMPONENT_ARM_DISARM: ACCEPTED")

@@ -27,7 +27,7 @@ HOME = (47.397742, 8.545594, 488.0)
 # The length of a degree of latitude (m).
 DEGREE = 111_319.5
 
-# MAVSDK's names of telemetry with a rate, and the messages that they stand for.
+# MAVSDK's names of telemetry with a rate, and their messages.
 RATES = {
     "attitude_euler": "ATTITUDE",
     "attitude_quaternion": "ATTITUDE_QUATERNION",

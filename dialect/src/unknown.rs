@@ -7,7 +7,7 @@
 //! |---|---|
 //! | `v` | the value of a scalar field |
 //! | `[v]` | the value of all elements of an array |
-//! | `[v:]` | the value of the first element, which stands for the whole array |
+//! | `[v:]` | the value of the first element, which applies to the whole array |
 //! | `[v,,w,]` | the values of the elements, with gaps |
 
 use crate::{

@@ -151,7 +151,7 @@ enum Verdict {
     Need(usize),
     /// Not a frame.
     Reject(Reason),
-    /// A whole frame with a known id, whose checksum is to be verified.
+    /// A whole frame with a known id. Its checksum is not verified yet.
     Check(Extent, &'static MessageInfo),
     /// A whole frame with an unknown id.
     Unknown(Extent),
@@ -195,7 +195,7 @@ impl Decoder {
     /// radios pause in the middle of a frame.
     pub const STALE_AFTER: Duration = Duration::from_millis(500);
 
-    /// A decoder before [`configure`](Self::configure): all zero bits, so that it lies in `.bss`.
+    /// A decoder before [`configure`](Self::configure): all zero bits, so that it is placed in `.bss`.
     pub(crate) const VACANT: Self = Self::with(0, 0);
 
     /// Returns an empty decoder that drops an incomplete candidate `stale_after` its last byte; 71 minutes or more

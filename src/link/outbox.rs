@@ -52,7 +52,7 @@ pub(crate) struct Outbox {
     signs: bool,
     #[cfg(feature = "signing")]
     signature: Signature,
-    /// The frame is `bytes[start..end]`, of which everything before `sent` was sent.
+    /// The frame is `bytes[start..end]`; everything before `sent` was sent.
     start: u16,
     end: u16,
     sent: u16,

@@ -16,7 +16,7 @@ pub struct Item {
     /// What `x`, `y` and `z` are measured in. [`MavFrame::GLOBAL`] and [`MavFrame::GLOBAL_INT`] mean the same, and so do
     /// the other pairs (M-4).
     pub frame: MavFrame,
-    /// What is to be done.
+    /// The command.
     pub command: MavCmd,
     /// Whether the next item follows without being asked for: any value but 0 says so (M-71).
     pub autocontinue: u8,
@@ -140,7 +140,7 @@ impl PartialEq for Item {
     fn eq(&self, other: &Self) -> bool {
         let bits = |item: &Self| (item.params.map(f32::to_bits), item.z.to_bits());
         let (([a1, a2, a3, a4], az), ([b1, b2, b3, b4], bz)) = (bits(self), bits(other));
-        // Field by field: of a whole plan this is to be quick.
+        // Field by field, which is fast enough for a whole plan.
         (self.frame, self.command, self.autocontinue) == (other.frame, other.command, other.autocontinue)
             && (self.x, self.y, az) == (other.x, other.y, bz)
             && (a1, a2, a3, a4) == (b1, b2, b3, b4)

@@ -78,7 +78,7 @@ impl ParamRule {
         Self::new(index, Values::Listed(values))
     }
 
-    /// NaN passes as well: it means "default" (M-70), and the vehicle knows one.
+    /// NaN passes too: it means "default" (M-70), and the vehicle knows one.
     #[must_use]
     pub const fn or_nan(self) -> Self {
         Self { nan: true, ..self }
@@ -332,7 +332,7 @@ impl CommandRule {
     ///
     /// # Errors
     ///
-    /// The first fault's code, in the order of frame, parameters 1 to 4, x, y, z.
+    /// The code of the first fault; the order is frame, parameters 1 to 4, x, y, z.
     pub fn check(&self, item: &Item) -> Result<(), MavMissionResult> {
         let position = position(item.frame).filter(|_| self.frames & frame_bit(item.frame) != 0);
         let is_global = position.ok_or(MavMissionResult::UNSUPPORTED_FRAME)? == Position::Global;

@@ -157,7 +157,7 @@ pub(crate) fn cut(text: &[u8], max: usize) -> usize {
     (min..=max).rev().find(is_start).unwrap_or(max)
 }
 
-/// The digits of a number that is to be appended to a text.
+/// The digits of a number, to be appended to a text.
 struct Digits {
     rest: u32,
     radix: u32,

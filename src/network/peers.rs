@@ -22,7 +22,7 @@ use crate::types::{LinkClass, LinkId, MAX_LINKS, Peer, PeerEvent};
 ///
 /// # Eviction from a full table
 ///
-/// A new sender evicts a peer of the first row below that has a candidate, namely the peer that has been silent longest
+/// A new sender evicts a peer of the first row below that has a candidate: the peer that has been silent longest
 /// (H-12).
 ///
 /// | evicted | by |

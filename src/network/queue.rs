@@ -1,4 +1,4 @@
-//! The queue of frames that are to be forwarded to a link: a ring of bytes with a prefix of length and time for each
+//! A queue of frames to forward to a link: a ring of bytes with a prefix of length and time for each
 //! frame. A full queue drops whole frames.
 
 use crate::time::{Duration, Instant};

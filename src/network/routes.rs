@@ -92,5 +92,5 @@ pub(crate) fn target_of(frame: &Frame<'_>) -> Address {
     Address::new(byte(system), byte(info.target_component()))
 }
 
-/// Where MANUAL_CONTROL.target stands.
+/// The offset of MANUAL_CONTROL.target.
 const MANUAL_CONTROL_TARGET: u8 = 10;

@@ -52,7 +52,7 @@ pub trait SigningGate<L> {
 
 /// Examines received frames, and queues those that are forwarded.
 pub trait ForwardingGate<F: Firmware>: Service<F> {
-    /// Decides whether a frame is to be forwarded, accepted or not, before anything is learned from it.
+    /// Decides whether to forward a frame, accepted or not, before anything is learned from it.
     fn examine(&mut self, cx: &Cx<'_, F>, port: &Port, frame: &Frame<'_>, is_accepted: bool) -> Passage;
 
     /// Queues an examined frame for the links of its routes. `booking` is the result of recording its sender in the

@@ -2,7 +2,7 @@
 //!
 //! Implements <https://mavlink.io/en/services/manual_control.html>, MANUAL_CONTROL and its alternative
 //! RC_CHANNELS_OVERRIDE, rules J-1 to J-5. Neither message is answered. The vehicle decides what a stick does: it reads
-//! the input in every pass of its loop, and gets `None` when nobody steers.
+//! the input in every pass of its loop, and gets `None` when no one is steering.
 //!
 //! [`ManualInput`] shows which sender steers, and for how long.
 
@@ -220,7 +220,7 @@ counters! {
 ///     struct Mavlink for Rover { links: 1, manual_control }
 /// }
 ///
-/// /// Called once, before the loop: until then nobody may steer.
+/// /// Called once, before the loop: until then no one may steer.
 /// fn configure(stack: &mut Mavlink) {
 ///     stack.manual_input_mut().set_source(ControlSource::GroundStation);
 /// }
@@ -254,7 +254,7 @@ impl ManualInput {
     /// messages.
     pub const TIMEOUT: Duration = Duration::from_millis(500);
 
-    /// Returns the state in which nobody steers. `source` may; its input is valid for `timeout`, and with a timeout of
+    /// Returns the state in which no one is steering. `source` may; its input is valid for `timeout`, and with a timeout of
     /// zero never.
     const fn new(source: ControlSource, timeout: Duration) -> Self {
         let (channels, until) = ([0; CHANNELS], [Instant::ZERO; CHANNELS]);
@@ -262,7 +262,7 @@ impl ManualInput {
     }
 
     /// Sets who may steer. A change ends the turn of the steering sender; it may begin again with its next message if
-    /// it is still authorised. Until the first call nobody may steer.
+    /// it is still authorised. Until the first call no one may steer.
     pub fn set_source(&mut self, source: ControlSource) {
         if self.source != source {
             self.source = source;
@@ -276,7 +276,7 @@ impl ManualInput {
         self.timeout = timeout;
     }
 
-    /// Returns the sticks now; `None` if nobody moves them: initially, and once the last MANUAL_CONTROL is as old as
+    /// Returns the sticks now; `None` without current input: initially, and once the last MANUAL_CONTROL is as old as
     /// the timeout (J-3).
     pub fn manual_control(&self, now: Instant) -> Option<ManualControlInput> {
         self.sticks.filter(|&(_, until)| now < until).map(|(sticks, _)| sticks)

@@ -29,7 +29,7 @@ pub const MAX_MODES: usize = 32;
 const MAX_NAME: usize = 34;
 
 /// The revision of the table, the same in AVAILABLE_MODES and AVAILABLE_MODES_MONITOR. It starts at 0 and counts
-/// changes, of which a constant table has none. Source: mavlink#2557.
+/// changes; a constant table has none. Source: mavlink#2557.
 const SEQ: u8 = 0;
 
 /// A flight mode: a row of [`Modes::MODES`].
@@ -195,7 +195,7 @@ pub trait Modes: Vehicle {
 const SET_MODE: MavCmd = MavCmd(11);
 const _: () = assert!(SetMode::ID == 11);
 
-/// Converts a SET_MODE to a command. A parameter cannot always hold its number, so that stands beside it.
+/// Converts a SET_MODE to a command. A parameter cannot always hold the mode number, so the request carries it separately.
 fn from_set_mode(message: &SetMode, origin: Origin) -> Request {
     let command = Command {
         id: MavCmd::DO_SET_MODE,

@@ -77,7 +77,7 @@ impl Schedule {
         matches!(self.phase, Phase::Dirty | Phase::Urgent)
     }
 
-    /// Whether content is to be written, or being written.
+    /// Whether content is pending or being written.
     pub(crate) fn is_pending(&self) -> bool {
         self.phase != Phase::Saved
     }
@@ -87,7 +87,7 @@ impl Schedule {
         now < self.due
     }
 
-    /// Returns the number that stands for the content.
+    /// Returns the version of the content.
     pub(crate) const fn version(&self) -> u32 {
         self.version
     }
@@ -97,7 +97,7 @@ impl Schedule {
         (self.phase, self.has_failed, self.stored_differs) = (Phase::Saved, false, false);
     }
 
-    /// Changes the number that stands for the content, because it has changed: what was written so far is of no use.
+    /// Changes the version because the content has changed: what was written so far is useless.
     pub(crate) const fn restart(&mut self) {
         self.version = self.version.wrapping_add(1);
     }

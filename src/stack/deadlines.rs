@@ -275,7 +275,7 @@ enum Event {
     Wake,
     /// The vehicle gets into a fault, or out of it.
     Fault,
-    /// The firmware wakes, and each turn but one is asked: what that one has to send stays.
+    /// The firmware wakes, and each turn but one may send: the messages of that one stay pending.
     Turns(Option<Turn>),
 }
 
@@ -473,7 +473,7 @@ impl World {
                 return;
             }
         }
-        panic!("there is no end of what is sent");
+        panic!("it never stops sending");
     }
 
     /// The same, and looks at each turn but `skipped`.
@@ -483,7 +483,7 @@ impl World {
             let mut count = 0;
             while self.turn(link, skipped) {
                 count += 1;
-                assert!(count < 1_000, "there is no end of what is sent");
+                assert!(count < 1_000, "it never stops sending");
             }
         }
     }

@@ -172,7 +172,7 @@ impl<const N: usize> TextMemory for StatusTexts<[TextEntry; N]> {
 ///
 /// # In a static
 ///
-/// `VACANT` is all zero bits, so a `static` with it lies in `.bss` and takes no flash. [`begin`](crate::Stack::begin)
+/// `VACANT` is all zero bits, so a `static` with it is placed in `.bss` and takes no flash. [`begin`](crate::Stack::begin)
 /// starts it in place, without a copy on the call stack:
 ///
 /// ```
@@ -415,7 +415,7 @@ macro_rules! __declared {
         ::core::compile_error!(::core::concat!(
             "`",
             ::core::stringify!($entry),
-            "` stands twice in this `stack!`: leave one of the two out"
+            "` is given twice in `stack!`: remove one of the two"
         ));
     };
 

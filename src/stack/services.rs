@@ -184,7 +184,7 @@ macro_rules! send {
                 ))*
             }
 
-            /// Returns when something is to be sent on the link, as far as its transport accepts bytes.
+            /// Returns when the link has something to send, as far as its transport accepts bytes.
             pub(crate) fn due(&self, view: &View<'_>, port: &Port, state: &States<D>) -> Instant {
                 let is_stalled = match port.transport {
                     // The rest of a frame waits for the next poll's budget.

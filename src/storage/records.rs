@@ -15,7 +15,7 @@ pub const MAX_RECORD_LEN: usize = PAYLOAD;
 
 /// The hooks for a firmware's own records, declared by `storage: { records: N }`.
 ///
-/// `Stack::save_record` has a record written. It is written when storage is free and the vehicle
+/// `Stack::save_record` requests a write. The record is written when storage is free and the vehicle
 /// [permits](crate::Vehicle::may_persist) it; then [`save_record`](Self::save_record) is asked for the content. Records are
 /// not rate-limited: each takes 256 bytes of the log, so do not save one more often than the storage endures.
 ///
@@ -48,7 +48,7 @@ pub const MAX_RECORD_LEN: usize = PAYLOAD;
 /// }
 /// ```
 pub trait Records {
-    /// Takes the stored content of a record, when it is restored. It is as it was written, in full.
+    /// Takes the stored content of a record when it is restored: exactly what was written.
     fn load_record(&mut self, cx: &mut Context<'_>, number: u8, bytes: &[u8]);
 
     /// Writes the content of a record to the start of `bytes`, which has room for [`MAX_RECORD_LEN`] bytes. Returns its
@@ -59,7 +59,7 @@ pub trait Records {
 /// The service of a firmware's own records, at most 8.
 #[derive(Debug)]
 pub struct RecordService<const N: usize> {
-    /// The records that are to be written, and the one that is being written: a bit each.
+    /// The records to write, including the one that is being written: a bit each.
     pending: u8,
     writing: u8,
     /// After a failure, nothing is written until then.
@@ -67,7 +67,7 @@ pub struct RecordService<const N: usize> {
 }
 
 impl<const N: usize> RecordService<N> {
-    /// Has a record written. Does nothing if there is no such record.
+    /// Requests a write of a record. Does nothing if there is no such record.
     pub(crate) fn save(&mut self, number: u8) {
         if usize::from(number) < N {
             self.pending |= 1u8.checked_shl(number.into()).unwrap_or(0);

@@ -204,7 +204,7 @@ pub struct Config {
     /// The time between heartbeats on a link: 1 s by default (H-1). A value below 10 ms counts as that.
     pub heartbeat_period: Duration,
     /// How long a pass of the flight loop may take before the heartbeats stop: 500 ms by default (H-5). Poll the stack
-    /// more often than this, or when [`next_deadline`](crate::Stack::next_deadline) says so.
+    /// more often than this, or as [`next_deadline`](crate::Stack::next_deadline) requires.
     pub max_loop_gap: Duration,
     /// The time without a heartbeat after which a peer has timed out: 5 s by default (H-11).
     pub peer_timeout: Duration,

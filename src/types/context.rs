@@ -28,7 +28,7 @@ pub struct Context<'a> {
 /// Requests of the hooks that no service has taken up yet.
 #[derive(Debug)]
 pub(crate) struct Requests {
-    /// A bit for each of the vehicle's streams that is to be sent once on every normal link.
+    /// A bit for each of the vehicle's streams: set if it must be sent once on every normal link.
     pub(crate) announced: u32,
     /// Mission items that were reached.
     pub(crate) reached: Vec<u16, 4, u8>,

@@ -27,7 +27,7 @@ impl PlanType {
     /// Every kind.
     pub const ALL: [Self; 3] = [Self::Mission, Self::Fence, Self::Rally];
 
-    /// Whether plan memory with these capacities, in the order of [`ALL`](Self::ALL), has room for items of this plan.
+    /// Whether plan memory with these capacities, ordered as [`ALL`](Self::ALL), has room for items of this plan.
     pub const fn is_served(self, capacities: &[u16; 3]) -> bool {
         let [mission, fence, rally] = *capacities;
         0 < match self {
@@ -181,7 +181,7 @@ pub trait PlanMemory {
     /// Three empty plans.
     #[doc(hidden)]
     const EMPTY: Self;
-    /// The maximum number of items of each plan, in the order of [`PlanType::ALL`]; 0 for a plan that is not served.
+    /// The maximum number of items in each plan, ordered as [`PlanType::ALL`]; 0 for a plan that is not served.
     const CAPACITIES: [u16; 3];
 
     /// Returns a live plan. Uploaded items are not in it before the upload is complete (M-39).

@@ -7,7 +7,7 @@ use crate::dialect::RadioStatus;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Accept {
-    /// Signed and unsigned frames: for a wire that nobody else can reach.
+    /// Signed and unsigned frames: for a wire that no one else can reach.
     Open,
     /// Signed frames, and unsigned frames with these message ids; all frames as long as the vehicle has no key.
     SignedExcept(&'static [u32]),

@@ -104,7 +104,7 @@ impl Wide {
 
     /// Returns the bits of the nearest `f32`, ties to even; `None` if that is infinity.
     pub(super) fn round(&self) -> Option<u32> {
-        // Three words, of which the first is not zero unless they are the last: at least 33 significant bits.
+        // Three words. The first is not zero unless they are the last ones: at least 33 significant bits.
         let skipped = self.words.iter().take(15).take_while(|word| **word == 0).count();
         let base = 16u32.wrapping_mul(u32::try_from(15usize.wrapping_sub(skipped)).unwrap_or(0));
         let [high, middle, lowest, rest @ ..] = self.words.get(skipped..)? else { return None };

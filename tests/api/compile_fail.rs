@@ -187,12 +187,12 @@ fn cases() -> Vec<Case> {
             declares("links: 1, commands: 2"),
             "`commands` is no entry of a stack, or not written like this",
         ),
-        ("entry_twice", declares("links: 1, peers: 4, links: 2"), "`links` stands twice in this `stack!`: leave one"),
-        ("flag_twice", declares("links: 1, time, texts: 2, time"), "`time` stands twice in this `stack!`: leave one"),
+        ("entry_twice", declares("links: 1, peers: 4, links: 2"), "`links` is given twice in `stack!`: remove one"),
+        ("flag_twice", declares("links: 1, time, texts: 2, time"), "`time` is given twice in `stack!`: remove one"),
         (
             "entry_twice_in_two_forms",
             declares("links: 1, forwarding, forwarding: { bytes: 512 }"),
-            "`forwarding` stands twice in this `stack!`: leave one",
+            "`forwarding` is given twice in `stack!`: remove one",
         ),
         ("links_missing", declares("peers: 8"), "say how many links the vehicle has: `links: 1`"),
         ("links_0", declares("links: 0"), links),
@@ -237,7 +237,7 @@ fn cases() -> Vec<Case> {
         (
             "streams_twice",
             streams("Stream::of::<Attitude>(), Stream::of::<Attitude>()"),
-            "a message stands once in `STREAMS`",
+            "a message is twice in `STREAMS`",
         ),
         ("streams_heartbeat", streams("Stream::of::<Heartbeat>()"), "the stack sends this message by itself"),
         (

@@ -43,7 +43,7 @@ fn the_loop<U: Read + ReadReady + Write + WriteReady>(clock: Clock, mut uart: U,
         vehicle.control_step(now, stack.mission().items());
         PULSE.tick();                         // no tick, no heartbeat
         stack.poll(now, &mut vehicle);        // timers
-        // A bounded read, the answers, a bounded write. Never waits. After an error the link goes on.
+        // A bounded read, the answers, a bounded write. Never waits. The link survives errors.
         if let Err(error) = stack.poll_link(now, LinkId(0), &mut uart, &mut vehicle) {
             errors.note(error);
         }

@@ -430,7 +430,7 @@ fn rooms_use_only_those_above_them() {
     }
 }
 
-/// Where `pattern` stands in the code of the modules for which `is_in` is true; `*` is any token. Returns the modules.
+/// Returns the modules with `pattern` in their code, of those for which `is_in` is true; `*` is any token.
 fn places<'a>(modules: &'a Modules, is_in: impl Fn(&[String]) -> bool, pattern: &[&str]) -> Vec<&'a ModulePath> {
     let has = |module: &Module| {
         let mut windows = module.code.windows(pattern.len());

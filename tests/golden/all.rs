@@ -2,7 +2,7 @@
 //! the crate's, so no new message is forgotten.
 
 #![allow(unused_imports, reason = "what the generated text imports")]
-#![allow(dead_code, reason = "a test uses what it needs")]
+#![allow(dead_code, reason = "each test uses its own part")]
 
 use mavstack::Message;
 use std::fmt::Debug;

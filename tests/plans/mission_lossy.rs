@@ -197,7 +197,7 @@ fn a_thousand_uploads(name: Client) {
     println!("{name:?}: {tally:?}");
     assert!(tally.longest <= secs(60), "{tally:?}");
     assert!(tally.completed >= 740 && tally.failed <= 80, "{tally:?}");
-    // No flood: an item is requested until it arrives, which takes 1.56 requests, of which 1.31 arrive.
+    // No flood: an item is requested until it arrives, which takes 1.56 requests; 1.31 of them arrive.
     let items = tally.completed as usize * usize::from(LEN);
     assert!(tally.requests * 100 <= items * 135, "{tally:?}");
 }

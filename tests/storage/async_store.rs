@@ -234,7 +234,7 @@ fn what_is_accepted_is_restored() {
     assert_eq!(again.borrow().stack.parameters().get(Tuning::CRUISE), 7.0);
 }
 
-/// M-44: a task that is aborted in any operation, and goes on with the same store: what is accepted is stored. No byte is
+/// M-44: a task that is aborted in any operation, and continues with the same store: what is accepted is stored. No byte is
 /// written twice, which the flash checks.
 #[test]
 fn a_dropped_future_counts_as_a_failure() {
@@ -275,7 +275,7 @@ fn a_dropped_future_counts_as_a_failure() {
             break;
         }
     }
-    // An erase, and the pages of a record but for its last bytes: after those, what can be read counts.
+    // An erase, and the pages of a record without its last bytes: after those, the record counts.
     assert!(refused >= 3 && cut > refused, "{refused} of {cut}");
 }
 
@@ -310,7 +310,7 @@ fn a_dropped_restore_loses_nothing() {
                 clock.set(clock.now().after(READ));
             }
         }
-        // The loop goes on as if nothing had happened: a read that failed is repeated.
+        // The loop continues as if nothing had happened: a read that failed is repeated.
         for _ in 0..20_000 {
             let now = clock.now().after(millis(1));
             clock.set(now);
@@ -324,7 +324,7 @@ fn a_dropped_restore_loses_nothing() {
     }
 }
 
-/// A job runs once, whoever calls `run` how often: a second write of the same place would damage flash with ECC.
+/// A job runs once, however often `run` is called: a second write of the same place would damage flash with ECC.
 #[test]
 fn a_job_runs_once() {
     let world = new_world();

@@ -246,7 +246,7 @@ fn items(count: i32) -> impl ExactSizeIterator<Item = Item> + Clone {
     (0..count).map(|x| Item { command: MavCmd::NAV_WAYPOINT, autocontinue: 1, x, y: 1, ..Item::default() })
 }
 
-/// A start with this chip. Returns the number of items that were restored, after storing so many others.
+/// Starts with this chip. Returns the number of items that were restored, after storing this many others.
 fn restart(chip: &Shared, count: Option<i32>) -> Option<usize> {
     let mut store = Store::new(Eeprom::new::<0x8000, 64>(chip.clone(), chip.clone()).ok()?, 0..0x8000);
     let setup = Setup::<1>::new();

@@ -16,15 +16,15 @@ mavstack::stack! {
     }
 }
 
-/// The pages of what is stored: 21 rows of a plan, and nine parameters.
+/// The pages of the content: 21 rows of a plan, and nine parameters.
 const PLAN: u32 = 3;
 const PARAMETERS: u32 = 1;
 
-/// Saves the parameters so many times, beside a plan. Returns the number of erases of each unit.
+/// Saves the parameters this many times, beside a plan. Returns the number of erases of each unit.
 fn wear<const ERASE: usize>(units: u32, saves: u32) -> Vec<u32> {
     let len = units * ERASE as u32;
     let setup = Setup::<1>::new();
-    // The vehicle's own writes are not rate-limited, but for ten seconds between two of them.
+    // The vehicle's own writes are not rate-limited, except that there are ten seconds between two of them.
     let mut stack =
         begun::<Mavlink, 1>(Config { storage_refill: mavstack::Duration::ZERO, ..setup.config }, setup.links);
     let mut vehicle = TestVehicle::new();

@@ -210,7 +210,7 @@ fn command(world: &mut PaceWorld, store: &mut Store, action: f32) -> MavResult {
     }
 }
 
-/// D-5, SEC-12: plans, parameters and key are to be written at the same time. Each pass erases one unit or writes one page, and
+/// D-5, SEC-12: plans, parameters and key are due to be written at the same time. Each pass erases one unit or writes one page, and
 /// all are written.
 #[test]
 fn each_pass_does_one_step() {

@@ -283,7 +283,7 @@ fn the_answer_is_sent_within_a_second() {
             let erases = u64::from(store.flash().erases - before.0);
             let bytes = store.flash().bytes_written - before.1;
             assert!(erases + bytes.div_ceil(256) <= 1, "one step: {erases} erases, {bytes} bytes");
-            // The processor stands still.
+            // The processor stops.
             world.clock.set(world.now().after(millis(100 * erases + bytes.div_ceil(256))));
             upload.poll(world.now(), &mut world.gcs[0]);
             if upload.items_sent() == 250 {

@@ -251,7 +251,7 @@ fn a_damaged_record_is_reported() {
     }
 }
 
-/// G-18: a read fails at the start. The records are restored late, but for one that is to be written: that one is newer.
+/// G-18: a read fails at the start. The records are restored late, except one that is waiting to be written: it is newer.
 #[test]
 fn records_are_restored_late() {
     let whole = with([b"zero", b"old", b"two"]);

@@ -97,7 +97,7 @@ fn frame_at(bytes: &[u8], table: MessageTable, is_known: impl Fn([u8; 2]) -> boo
     (fits && bytes[end..end + 2] == sum.to_le_bytes()).then_some((len, true))
 }
 
-/// Corrects the checksums of candidates with a known id. `which` selects them: bit n stands for candidates n, n + 4, n + 8 and so on.
+/// Corrects the checksums of candidates with a known id. `which` selects them: bit n selects candidates n, n + 4, n + 8 and so on.
 pub fn mend(stream: &mut [u8], table: MessageTable, which: u8) {
     let (mut at, mut bit) = (0, 1);
     while at < stream.len() && which != 0 {

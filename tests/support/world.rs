@@ -122,7 +122,7 @@ impl<const N: usize, D: Declares<Vehicle: Default>> World<N, D> {
         }
     }
 
-    /// Runs one pass at the next deadline of the stack, the lines or the ground stations, at `due` at the latest. Skipping idle
+    /// Runs one pass at the next deadline of the stack, the lines or the ground stations, but no later than `due`. Skipping idle
     /// passes saves most of the run time of a test of several minutes.
     pub fn skip_to(&mut self, due: Instant) {
         // The flight loop must not seem to hang.

@@ -168,7 +168,7 @@ fn interval_is_set_clamped_or_refused() {
     }
 }
 
-/// an interval belongs to one link, whoever uses it.
+/// an interval belongs to one link, whichever client uses it.
 #[test]
 fn interval_is_per_link() {
     let mut world = World::new(Setup::<2>::new());

@@ -231,7 +231,7 @@ fn a_backend_is_checked() {
     assert_eq!(unsorted.vehicle.check_params(UNSORTED), Err(ParamFault::Taken));
 }
 
-/// A reopened link begins anew: no list that was announced to the peers before.
+/// A reopened link starts again: it sends no list that was announced to the previous peers.
 #[test]
 fn a_reopened_link_has_nothing_pending() {
     let mut world = world();

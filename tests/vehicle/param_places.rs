@@ -190,7 +190,7 @@ pub(super) type Place<T, const CAST: bool = false> = World<2, Declared<T, CAST>>
 
 /// A place for parameters.
 pub(super) trait Kind: ParamMemory + Values + Sized + 'static {
-    /// The declarations, in the order of the indices.
+    /// The declarations, ordered by index.
     fn order() -> Vec<ParamInfo> {
         Fixed::INFO.to_vec()
     }

@@ -31,7 +31,7 @@ fn known<const N: usize>(world: &World<N>, link: usize) -> BTreeMap<u16, ParamVa
     world.gcs[link].all::<ParamValue>().into_iter().map(|(_, value)| (value.param_index, value)).collect()
 }
 
-/// P-20: the hash covers all persistent parameters, in the order of their names: here nine, of which the last is volatile.
+/// P-20: the hash covers all persistent parameters, in the order of their names: here nine; the last one is volatile.
 #[test]
 fn hash_covers_all_persistent_parameters() {
     let mut crc = crc_any::CRCu32::create_crc(0xEDB8_8320, 32, 0, 0, true);

@@ -68,7 +68,7 @@ fn serve_udp(uart: TcpListener, socket: UdpSocket, tlog: Option<Arc<Tlog>>) -> i
         loop {
             match socket_in.recv(&mut bytes) {
                 Ok(len) if uart_out.write_all(&bytes[..len]).is_ok() => received.pass(&bytes[..len]),
-                // That is the answer to a datagram that we sent while nobody listened.
+                // That is the answer to a datagram that we sent while nothing was listening.
                 Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {}
                 _ => return,
             }
@@ -87,8 +87,8 @@ fn serve_udp(uart: TcpListener, socket: UdpSocket, tlog: Option<Arc<Tlog>>) -> i
     }
 }
 
-/// Connects the UART that calls `uart` with whoever calls `port`, one after the other, and logs what passes. Bytes to nobody
-/// are lost, as they are at the emulator's own ports.
+/// Connects the UART that calls `uart` with the clients that call `port`, one at a time, and logs the traffic. Bytes without a
+/// client are lost, as at the emulator's own ports.
 pub fn start_tcp(uart: TcpListener, port: TcpListener, tlog: Arc<Tlog>) {
     thread::spawn(move || {
         // It ends with the emulator.

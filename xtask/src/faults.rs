@@ -69,7 +69,7 @@ pub fn play(scenario: Option<&str>, choice: Option<Choice>) -> Result {
     Ok(())
 }
 
-/// Runs the firmware to its end, and hands on each line that it says, with how long it took for it.
+/// Runs the firmware to its end, and passes on each line that it prints, with the time that the line took.
 pub fn run(mut command: Command, mut each: impl FnMut(&str, Duration)) -> Result {
     let (mut emulator, output) = emulator::start(&mut command)?;
     let lines = emulator::Lines::of(output);

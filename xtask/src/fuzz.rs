@@ -14,20 +14,20 @@ pub const TARGETS: [&str; 7] = ["decode", "wpl", "roundtrip", "sign", "record", 
 
 /// An input that takes longer than this (s) ends the run.
 const TIMEOUT: u32 = 1;
-/// No input takes longer than this (ms), by itself, at the best of so many times: the machine has other things to do too.
+/// No input may take longer than this (ms), measured alone; the best of several runs counts, because other programs share the machine.
 const SLOWEST: u64 = 10;
 const TIMES: u32 = 5;
 
 /// Of what is checked in beside the seeds.
 const MAX_BYTES: u64 = 100_000;
 
-/// What is to be done.
+/// What to do.
 pub struct Options {
-    /// How long each target runs, unless so many executions are asked for.
+    /// How long each target runs, unless a number of executions is given.
     pub seconds: u32,
     /// Executions of each target.
     pub executions: Option<u64>,
-    /// Nothing is run; the corpora that are checked in are made anew of what was found.
+    /// Run nothing: rebuild the checked-in corpora from what was found.
     pub minimises: bool,
     /// All, when none is named.
     pub targets: Vec<String>,
@@ -63,7 +63,7 @@ pub fn fuzz(options: &Options) -> Result {
         "{:<10} {:>13} {:>9} {:>7} {:>7} {:>7} {:>11}",
         "target", "executions", "each s", "edges", "feats", "corpus", "slowest ms"
     );
-    // The next one to whoever is free.
+    // Whichever worker is free takes the next one.
     let (left, failed) = (Mutex::new(targets.iter()), Mutex::new(Vec::new()));
     let next = || left.lock().ok()?.next();
     let run_all = || {
@@ -307,7 +307,7 @@ impl Log {
         line.split_whitespace().skip_while(|word| *word != name).nth(1)
     }
 
-    /// From the last line with `word` on, at most so many lines; without one, the last ones.
+    /// Returns at most this many lines, starting with the last one that contains `word`; without one, the last lines.
     fn tail(&self, word: &str, lines: usize) -> String {
         let all: Vec<_> = self.text.lines().collect();
         let at = all.iter().rposition(|line| line.contains(word)).unwrap_or(all.len().saturating_sub(lines));

@@ -154,7 +154,7 @@ impl Drop for Process {
     }
 }
 
-/// Whether it succeeds; an error when we are asked to stop.
+/// Returns whether it succeeds; an error if we were told to stop.
 fn wait(mut process: Process, stop: &mpsc::Receiver<()>) -> Result<bool> {
     loop {
         if let Some(status) = process.0.try_wait().map_err(|error| error.to_string())? {
@@ -232,7 +232,7 @@ impl Program {
     }
 }
 
-/// Ports in a row that nobody uses; the first of them.
+/// The first of several consecutive free ports.
 fn free_ports() -> Result<u16> {
     let is_free = |port| {
         let address = (Ipv4Addr::LOCALHOST, port);

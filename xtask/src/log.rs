@@ -28,7 +28,7 @@ pub fn read(table: &Table, mut input: impl Read, mut print: impl FnMut(String), 
                     None => print(frame.display(colored).to_string()),
                 },
                 Err(DecodeError::UnexpectedEof) => break,
-                // The stream decoder goes on behind it.
+                // The stream decoder continues after it.
                 Err(DecodeError::Malformed) => print("(a line of the log was damaged)".to_owned()),
             }
         }

@@ -128,7 +128,7 @@ impl Frames {
         self.find(Instant::ZERO, bytes, |_| true, each);
     }
 
-    /// Like [`cut`](Self::cut), for bytes received at `now`, any of which may be noise. `is_known` is as in
+    /// Like [`cut`](Self::cut), for bytes received at `now`, which may contain noise. `is_known` is as in
     /// [`Decoder::next`].
     fn find(
         &mut self,

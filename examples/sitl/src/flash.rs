@@ -173,7 +173,7 @@ mod tests {
         }
     }
 
-    /// Returns a file that is erased but for two pages with this content.
+    /// Returns a file that is erased except for two pages with this content.
     fn pages(first: &[u8], second: &[u8]) -> Vec<u8> {
         let mut bytes = vec![ERASED; LEN as usize];
         bytes[..first.len()].copy_from_slice(first);

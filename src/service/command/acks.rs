@@ -9,7 +9,7 @@ use crate::types::Outcome;
 /// Capacity of the queue: a power of two, because the index into the ring wraps.
 const SLOTS: usize = 4;
 
-/// The pending answers of a link, in the order of the commands: a ring buffer.
+/// The pending answers of a link, ordered as the commands: a ring buffer.
 #[derive(Clone, Debug)]
 pub(crate) struct Acks {
     slots: [Ack; SLOTS],

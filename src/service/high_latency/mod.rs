@@ -50,11 +50,11 @@ pub struct HighLatencyConfig {
     /// Whether one message is sent after the start, as soon as there was a [sample](HighLatency::sample), so that the
     /// ground learns that the link exists (L-14). False by default.
     pub announce_once: bool,
-    /// The time without a living ground station on any normal link after which the service goes on by itself, if there
+    /// The time without a living ground station on any normal link after which the service switches itself on, if there
     /// was one before. `None`, the default, means never. A loss is noticed after
     /// [`peer_timeout`](crate::Config::peer_timeout), to which this time is added.
     ///
-    /// When a ground station is heard again, the service goes off, unless it was commanded on meanwhile. STOP turns it
+    /// When a ground station is heard again, the service switches itself off, unless it was commanded on meanwhile. STOP turns it
     /// off until the next loss. Messages are never sent sooner than a period after the last, however often the ground
     /// station disappears and returns.
     pub on_link_loss_after: Option<Duration>,
@@ -109,7 +109,7 @@ enum State {
     Off,
     /// On by command, or by the vehicle's own call.
     Commanded,
-    /// On by itself, because no ground station is left.
+    /// Switched itself on, because no ground station is left.
     LinkLost,
 }
 
@@ -242,7 +242,7 @@ pub struct HighLatency {
     /// When every link sends its next message, and the links that have not adopted this time yet.
     next: Instant,
     rescheduled: LinkMask,
-    /// Links on which one message is to be sent although the service is off.
+    /// Links on which one message is pending although the service is off.
     announcing: LinkMask,
     has_announced: bool,
     /// When the last message was made.
@@ -262,7 +262,7 @@ impl HighLatency {
     /// message contains the mean or the extreme of some fields, and the last value of the others. Its timestamp is that
     /// of the last sample, so out-of-date content is recognisable.
     pub fn sample(&mut self, now: Instant, sample: &HighLatencySample) {
-        // Samples from before the service went on are discarded, except those of the last period.
+        // Samples from before the service was on are discarded, except those of the last period.
         let waits = self.is_on() || !self.announcing.is_empty();
         if !waits && now.since(self.open.begun) >= self.config.period() {
             self.open = Window::new(now);
@@ -292,7 +292,7 @@ impl HighLatency {
         self.state != State::Off
     }
 
-    /// Whether the service went on by itself, because no ground station was left on normal links.
+    /// Whether the service switched itself on, because no ground station was left on normal links.
     pub fn is_on_by_itself(&self) -> bool {
         self.state == State::LinkLost
     }
@@ -325,7 +325,7 @@ impl HighLatency {
         self.rescheduled = self.rescheduled.without(LinkMask::of(port.id));
     }
 
-    /// Whether a message is to be sent on a link.
+    /// Whether a link sends messages.
     fn is_wanted(&self, port: &Port) -> bool {
         self.is_on() || self.announcing.contains(LinkMask::of(port.id))
     }
@@ -386,7 +386,7 @@ impl HighLatency {
         }
     }
 
-    /// Returns when the ground stations have been lost for so long that the service goes on by itself.
+    /// Returns when the ground stations have been lost for so long that the service switches itself on.
     fn loss_deadline(&self) -> Instant {
         match (self.ground, self.config.on_link_loss_after) {
             (Ground::LostSince(since), Some(after)) => since.after(after),

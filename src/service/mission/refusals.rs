@@ -1,4 +1,4 @@
-//! The pending refusals of one link, for a vehicle without plans: a short queue, in the order of the requests.
+//! The pending refusals of one link, for a vehicle without plans: a short queue, ordered as the requests.
 
 use crate::dialect::{MavMissionResult, MavMissionType, MissionAck};
 use crate::link::Outbox;

@@ -1,4 +1,4 @@
-//! The pending answers of one link: a short queue, in the order of the requests.
+//! The pending answers of one link: a short queue, ordered as the requests.
 //!
 //! Each link has its own queue, so a stalled link does not block the others. A slot holds the request, not the answer's content.
 //! The content is looked up when the answer is sent, so it is always up to date.
@@ -108,7 +108,7 @@ pub struct Replies {
     /// The final answer of an upload or clear that a timer or storage ended. Not an `Option`: the bits of `None` are not all
     /// zero, so every link would need an initialiser copied from flash.
     result: Reply,
-    /// Until this time, in [`coarse`](Instant::coarse) time, stray items are not answered, whoever sends them.
+    /// Until this time, in [`coarse`](Instant::coarse) time, stray items are not answered, regardless of the sender.
     strays_from: u32,
 }
 
@@ -122,7 +122,7 @@ impl Replies {
         self.has_result() || self.slots.iter().any(Reply::is_ack)
     }
 
-    /// Whether anything but a MISSION_ACK is owed.
+    /// Whether anything but a MISSION_ACK is pending.
     pub(super) fn has_part(&self) -> bool {
         !self.slots.iter().all(Reply::is_ack)
     }

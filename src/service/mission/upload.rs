@@ -188,8 +188,8 @@ impl Missions {
         };
         let duplicate_of = self.done.as_ref().filter(is_duplicate).map(|done| done.last);
         if duplicate_of.is_none() {
-            // This ends an earlier upload of the same client and cancels its pending answer (M-22, M-24), as well as an upload
-            // that a delayed duplicate began. A COUNT after the first item may be a delayed duplicate too; then items are
+            // This ends an earlier upload of the same client and cancels its pending answer (M-22, M-24). It also
+            // ends an upload that a delayed duplicate began. A COUNT after the first item may be a delayed duplicate too; then items are
             // requested twice. But it may also start another plan: if the old request stayed pending, the new plan's items
             // would complete the old plan.
             self.forget_answer(caller);

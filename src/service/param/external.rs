@@ -98,7 +98,7 @@ impl<B: ParamBackend> Rows for Backed<'_, B> {
 #[derive(Debug)]
 pub struct ExternalService {
     links: Links,
-    /// The links on which all values are to be sent, after the active list.
+    /// The links on which all values must be sent, after the active list.
     relisted: LinkMask,
     /// Limits the writes that peers cause.
     bucket: TokenBucket,
@@ -123,7 +123,7 @@ impl ExternalService {
         self.links.pending = table.state.pending_links();
     }
 
-    /// When all values are to be sent on the link, and no list is active.
+    /// When to send all values on the link; `None` if they are not pending, or a list is active.
     fn relist_at(&self, port: &Port, list: &List) -> Option<Instant> {
         let is_relisted = self.relisted.contains(LinkMask::of(port.id)) && !list.is_active();
         is_relisted.then_some(list.begins_at())

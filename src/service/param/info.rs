@@ -178,7 +178,7 @@ impl ParamInfo {
             if i > 0 {
                 assert!(
                     is_less(&table[i - 1].name, &table[i].name),
-                    "the parameters of a table are in the order of ASCII, each name once: sort their lines"
+                    "the parameters of a table must be in ASCII order, each name once: sort their lines"
                 );
             }
             i += 1;

@@ -397,8 +397,8 @@ impl ParamService {
         result
     }
 
-    /// Sets the time in which storage regains one token for a write that peers cause (C-15).
-    /// Storage is attached; nothing was read yet.
+    /// Records that storage is attached; nothing was read yet. `refill` is the time in which it regains one token for a write
+    /// that peers cause (C-15).
     pub(crate) fn attach<T: ParamTable>(&mut self, table: &mut T, refill: Duration) {
         self.saving(table, |saving, generation| {
             saving.schedule.bucket.set_refill(refill);
@@ -411,7 +411,7 @@ impl ParamService {
         self.saving(table, |saving, generation| saving.keeps_values(generation))
     }
 
-    /// Has the values written again.
+    /// Requests that the values are written again.
     pub(crate) fn save_again<T: ParamTable>(&mut self, table: &mut T) {
         self.saving(table, |saving, generation| saving.set_unsaved(generation));
     }

@@ -11,7 +11,7 @@ use crate::message::{Message, Text};
 use crate::types::{LinkId, LinkMask, ONE_FRAME};
 
 impl<R: Rows> Table<'_, R> {
-    /// Handles a request. Returns `Err` with index and value if a parameter is to be set to a different, valid value: the caller
+    /// Handles a request. Returns `Err` with index and value if it sets a parameter to a different, valid value: the caller
     /// asks the vehicle, sets it, and calls [`on_decided`](Self::on_decided).
     pub(super) fn on_request(
         &mut self,

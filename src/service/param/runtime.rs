@@ -82,7 +82,7 @@ impl<const N: usize> RuntimeTable<N> {
         Self { info: [ParamInfo::VACANT; N], memory: ParamValues::VACANT, count: 0, is_sealed: false }
     }
 
-    /// Adds a parameter, with its default value. It takes its place in the order of the names, so the indices of others change.
+    /// Adds a parameter, with its default value. Parameters are sorted by name, so the indices of others change.
     ///
     /// # Errors
     ///
@@ -99,7 +99,7 @@ impl<const N: usize> RuntimeTable<N> {
         Ok(())
     }
 
-    /// Returns the declarations, in the order of the indices.
+    /// Returns the declarations, ordered by index.
     pub fn info(&self) -> &[ParamInfo] {
         self.info.get(..usize::from(self.count)).unwrap_or_default()
     }
@@ -137,7 +137,7 @@ impl<const N: usize> RuntimeTable<N> {
     }
 }
 
-/// Inserts a row in the order of the names, of which `count` are in use. Returns how many are in use then.
+/// Inserts a row into the first `count` rows, which are sorted by name. Returns the new number of rows.
 #[inline(never)]
 fn insert(rows: &mut [ParamInfo], values: &mut [u32], count: u16, info: ParamInfo) -> Result<u16, ParamFault> {
     let (used, spare) = rows.split_at_checked(usize::from(count)).ok_or(ParamFault::NoRoom)?;

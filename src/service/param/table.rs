@@ -115,7 +115,7 @@ impl<const N: usize> ParamValues<N> {
         T::from_bits(self.values.get(usize::from(param.index)).copied().unwrap_or(0))
     }
 
-    /// Returns the values, of which the first ones are in use.
+    /// Returns the values; only the first ones are in use.
     pub(super) const fn values_mut(&mut self) -> &mut [u32] {
         &mut self.values
     }
@@ -281,7 +281,7 @@ impl TableMut<'_> {
     note = "declare it with `parameters!`, or write `RuntimeTable<N>`"
 )]
 pub trait ParamTable: ParamMemory + Sized {
-    /// The declarations, in the order of the indices. A [`RuntimeTable`](super::RuntimeTable) has as many vacant ones as it has
+    /// The declarations, ordered by index. A [`RuntimeTable`](super::RuntimeTable) has as many vacant ones as it has
     /// room for; [`RuntimeTable::info`](super::RuntimeTable::info) returns its own.
     const INFO: &'static [ParamInfo];
     /// The units; empty for a parameter without a unit. For tools on a host: a firmware that does not use them does not have them

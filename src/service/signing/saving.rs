@@ -71,7 +71,7 @@ impl Signing {
         (self.saving.is_lost, self.saving.has_old_key) = (may_come_back || !self.is_active(), true);
     }
 
-    /// Records that no stored key can become readable: the key that the vehicle has set is to be stored.
+    /// Records that no stored key can become readable: the key that the vehicle has set must be stored.
     pub(crate) const fn nothing_stored(&mut self) {
         self.saving.has_old_key = false;
         if core::mem::replace(&mut self.saving.is_lost, false) && self.is_active() {
@@ -84,7 +84,7 @@ impl Signing {
         self.saving.is_lost
     }
 
-    /// Returns the number of the version that is to be stored now, if any. The same number means the same content.
+    /// Returns the number of the version to store now, if any. The same number means the same content.
     pub(crate) fn pending_write(&mut self, now: Instant) -> Option<u32> {
         let time = self.time(now);
         let is_active = self.is_active();

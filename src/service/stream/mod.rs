@@ -128,7 +128,7 @@ impl Stream {
             }
             j = 0;
             while j < i {
-                assert!(table[i].id != table[j].id, "a message stands once in `STREAMS`: leave the other out");
+                assert!(table[i].id != table[j].id, "a message is twice in `STREAMS`: remove one of the two");
                 j += 1;
             }
             i += 1;
@@ -290,7 +290,7 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
     }
 }
 
-/// Whether streams are sent on the link: to a peer that is alive there, or to whoever may be there (H-8).
+/// Whether streams are sent on the link: to a peer that is alive there, or to any that may be there (H-8).
 fn has_listener(shared: &Shared, peers: &[PeerInfo], port: &Port) -> bool {
     !shared.config.streams_wait_for_peer || peers.iter().any(|info| info.is_alive && info.peer.link == port.id)
 }

@@ -296,7 +296,7 @@ impl Streams {
         }
     }
 
-    /// Returns when the stream of a slot is due, as of the last sweep. `shift` stands for the slot's units.
+    /// Returns when the stream of a slot is due, as of the last sweep. `shift` selects the slot's units.
     fn due(&self, slot: &Slot, shift: u32) -> Instant {
         let ahead = u64::from(slot.left.saturating_sub(DUE));
         let due = self.swept.as_micros().wrapping_shr(shift).saturating_add(ahead).wrapping_shl(shift);

@@ -92,7 +92,7 @@ pub struct TimeSample {
 #[derive(Clone, Debug)]
 pub struct Time {
     sample: Option<TimeSample>,
-    /// Links on which a request of the vehicle's own is to be sent.
+    /// Links on which the vehicle's own request is pending.
     asks: LinkMask,
 }
 

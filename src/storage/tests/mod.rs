@@ -78,7 +78,7 @@ impl<const W: usize, const E: usize> Rig<W, E> {
         self.log.done(self.now, is_done, &mut self.page)
     }
 
-    /// Runs until nothing is to be done, not even after some time, or the power is off.
+    /// Runs until there is nothing to do, not even after some time, or the power is off.
     fn settle(&mut self) {
         for _ in 0..100_000 {
             match self.log.next(self.now, true, &mut self.page) {

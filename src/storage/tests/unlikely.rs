@@ -6,7 +6,7 @@ use super::*;
 const W: usize = 8;
 const E: usize = 1024;
 
-/// A log of 8 units with three kinds, after so many saves of the second.
+/// A log of 8 units with three kinds, after this many saves of the second.
 fn filled(saves: u32) -> (Rig<W, E>, Model) {
     let mut rig = Rig::<W, E>::blank(8 * E as u32);
     let mut model = Model::from([(1, content(3 * PAYLOAD, 1)), (2, content(40, 2)), (3, content(41, 3))]);

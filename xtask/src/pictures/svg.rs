@@ -86,7 +86,7 @@ impl Svg {
         self.turned(class, (x, y), 0.0, text);
     }
 
-    /// A text that is turned clockwise by so many degrees.
+    /// A text, rotated clockwise by this many degrees.
     pub fn turned(&mut self, class: &str, (x, y): Point, angle: f64, text: &str) {
         let (x, y, angle) = (short(x), short(y), short(angle));
         let turn = if angle == "0" { String::new() } else { format!(" transform=\"rotate({angle} {x} {y})\"") };

@@ -5,7 +5,7 @@
 //! gives CONDITION_DISTANCE a meaning; PX4 accepts CONDITION_DELAY and CONDITION_DISTANCE but ignores them.
 //!
 //! When a leg ends before its conditions are met, ArduPilot drops the deferred items. This vehicle waits at the end of the
-//! leg, so that every item is executed (M-73). DO_ items after the last leg are executed as well.
+//! leg, so that every item is executed (M-73). DO_ items after the last leg are executed too.
 //!
 //! DO_JUMP items are counted in a table of [`JUMPS`] entries. A jump that has reached its repeat count is skipped from then
 //! on, even inside an outer loop. The counters restart with a new plan, and with a reset of the mission.

@@ -49,7 +49,7 @@ const BYTES: usize = if cfg!(feature = "forwarding-1024") { 1024 } else { 512 };
 const SEEN: usize = if cfg!(feature = "forwarding-seen-512") { 512 } else { 256 };
 const SENDERS: usize = if cfg!(feature = "signing-32") { 32 } else { 16 };
 
-/// Defines a macro that adds an entry to the declaration of the stack, if a feature is enabled, and goes on with the next macro.
+/// Defines a macro that adds an entry to the declaration of the stack, if a feature is enabled, and continues with the next macro.
 /// `$d` is a dollar sign.
 macro_rules! entry {
     ($d:tt $feature:literal $name:ident $next:ident [$($entry:tt)*]) => {

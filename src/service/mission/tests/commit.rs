@@ -455,7 +455,7 @@ fn nothing_is_loaded_during_an_upload() {
     let one = core::iter::once(item(3, 0));
     let loaded = bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, PlanType::Mission, one));
     assert_eq!(loaded, Err(PlanFault { seq: None, result: DENIED }));
-    assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "it goes on");
+    assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "it continues");
 }
 
 /// While stored plans are loaded in the staging area, a request that needs it is dropped and counted: its client asks again.
@@ -519,7 +519,7 @@ fn a_write_is_abandoned_once_armed() {
             upload_to_storage(&mut bench, A, MISSION, &plan(2, 3));
         }
         refused(&mut bench);
-        assert!(bench.drain().is_empty() && bench.unsaved().is_some(), "it goes on");
+        assert!(bench.drain().is_empty() && bench.unsaved().is_some(), "it continues");
         bench.vehicle.may_change = Err(DENIED);
         refused(&mut bench);
         assert_eq!(bench.drain(), [(A.address, named, Ack(DENIED, 0))]);

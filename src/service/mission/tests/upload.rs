@@ -226,7 +226,7 @@ fn a_lost_final_answer_is_repeated() {
     bench.ask(A, &count(MISSION, 3));
     bench.ask(A, &int(MISSION, 0, &item(1, 0)));
     for _ in 0..2 {
-        assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [to_a(Ack(DENIED, 0))], "a refusal as well");
+        assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [to_a(Ack(DENIED, 0))], "a refusal too");
     }
 }
 

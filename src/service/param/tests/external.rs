@@ -98,7 +98,7 @@ impl Bench {
         [Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList].into_iter().any(|turn| self.take(link, turn))
     }
 
-    /// A link is asked in this turn. Returns whether it sent.
+    /// Lets a link send in this turn. Returns whether it did.
     fn take(&mut self, link: usize, turn: Turn) -> bool {
         let (port, list) = (&mut self.ports[link], &mut self.lists[link]);
         let Rest { shared, peers, texts } = &self.rest;

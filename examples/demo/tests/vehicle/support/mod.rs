@@ -152,7 +152,7 @@ impl Flight {
         result
     }
 
-    /// MISSION_SET_CURRENT, as the stack hands it on.
+    /// Handles MISSION_SET_CURRENT, as passed on by the stack.
     pub fn set_current(&mut self, seq: u16, reset: bool) -> MavResult {
         let result = self.hook(|vehicle, cx| vehicle.set_current(cx, seq, reset));
         self.collect_texts();
@@ -233,12 +233,13 @@ impl Flight {
         core::mem::take(&mut self.texts)
     }
 
-    /// What came down the line.
+    /// Collects the texts and reached items that were sent.
     fn collect_texts(&mut self) {
         let before = self.texts.len();
         self.hear();
         if self.texts.len() > before {
-            // The stack says nothing twice within five seconds, as long as it has the text. Of the vehicle everything is heard.
+            // The stack drops a text that it still has from the last five seconds. Other texts evict it, so that every text of the
+            // vehicle is sent.
             let (now, said) = (self.now(), self.texts.len());
             for text in ["one", "two", "three", "four"] {
                 self.stack.send_text(now, MavSeverity::DEBUG, text);
