@@ -1,18 +1,11 @@
 //! Requests for another flight mode: rules C-32, C-1, C-4, C-5, C-8, C-9, D-3.
 
+use super::modes::{ACCEPTED, CUSTOM, DENIED, INF, NAN, SET, SET_STANDARD};
 use crate::support::pilot::*;
 use crate::support::*;
 use mavstack::config::LinkClass;
 use mavstack::dialect::*;
 use mavstack::{Address, LinkId, ModeRequest, Outcome, Peer};
-
-const NAN: f32 = f32::NAN;
-const INF: f32 = f32::INFINITY;
-const ACCEPTED: MavResult = MavResult::ACCEPTED;
-const DENIED: MavResult = MavResult::DENIED;
-const SET: MavCmd = MavCmd::DO_SET_MODE;
-const SET_STANDARD: MavCmd = MavCmd::DO_SET_STANDARD_MODE;
-const CUSTOM: f32 = 1.0;
 
 /// Sends each of `rows` as COMMAND_LONG and as COMMAND_INT: the parameters, and the requested mode, or `None` for DENIED.
 fn check_rows<const W: u8>(id: MavCmd, rows: &[(&[f32], Option<u32>)]) {

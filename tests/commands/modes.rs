@@ -8,13 +8,13 @@ use mavstack::dialect::*;
 use mavstack::{LinkConfig, LinkId, Message, VehicleState};
 use proptest::prelude::*;
 
-const NAN: f32 = f32::NAN;
-const INF: f32 = f32::INFINITY;
-const ACCEPTED: MavResult = MavResult::ACCEPTED;
-const DENIED: MavResult = MavResult::DENIED;
-const SET: MavCmd = MavCmd::DO_SET_MODE;
-const SET_STANDARD: MavCmd = MavCmd::DO_SET_STANDARD_MODE;
-const CUSTOM: f32 = 1.0;
+pub(super) const NAN: f32 = f32::NAN;
+pub(super) const INF: f32 = f32::INFINITY;
+pub(super) const ACCEPTED: MavResult = MavResult::ACCEPTED;
+pub(super) const DENIED: MavResult = MavResult::DENIED;
+pub(super) const SET: MavCmd = MavCmd::DO_SET_MODE;
+pub(super) const SET_STANDARD: MavCmd = MavCmd::DO_SET_STANDARD_MODE;
+pub(super) const CUSTOM: f32 = 1.0;
 
 /// Returns the indices of the received AVAILABLE_MODES, in order.
 fn indices<const N: usize, const W: u8>(world: &Piloted<N, W>, link: usize) -> Vec<u8> {

@@ -10,17 +10,18 @@ use mavstack::{Address, LinkConfig, Outcome};
 use proptest::prelude::*;
 use std::collections::VecDeque;
 
-const RADIO: usize = 0;
-const SAT: usize = 1;
-const START: f32 = 1.0;
-const STOP: f32 = 0.0;
-const DONE: MavResult = MavResult::ACCEPTED;
-const LATER: MavResult = MavResult::TEMPORARILY_REJECTED;
-const ONCE: MavCmd = MavCmd::DO_REPEAT_SERVO;
+pub(super) const RADIO: usize = 0;
+pub(super) const SAT: usize = 1;
+pub(super) const START: f32 = 1.0;
+pub(super) const STOP: f32 = 0.0;
+pub(super) const DONE: MavResult = MavResult::ACCEPTED;
+pub(super) const LATER: MavResult = MavResult::TEMPORARILY_REJECTED;
+pub(super) const ONCE: MavCmd = MavCmd::DO_REPEAT_SERVO;
 const CALIBRATE: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
 const PARAMS: [f32; 7] = [1.0, 0.0, 3.0, 0.5, 0.0, 0.0, f32::NAN];
 
-const LINKS: [LinkConfig; 2] = [LinkConfig::uart(57_600), LinkConfig::uart(9_600).with_class(LinkClass::HighLatency)];
+pub(super) const LINKS: [LinkConfig; 2] =
+    [LinkConfig::uart(57_600), LinkConfig::uart(9_600).with_class(LinkClass::HighLatency)];
 
 /// A telemetry radio and a satellite modem; one ground station uses both.
 fn world() -> World<2> {

@@ -1,6 +1,7 @@
 //! Commands that a satellite delays, with signatures: the timestamp says when a command was sent, and so in which control.
 //! L-15, L-16, C-12, G-15.
 
+use super::delayed::{DONE, LATER, LINKS, ONCE, RADIO, SAT, START, STOP};
 use crate::support::signer::{KEY, NOW, Signer};
 use crate::support::*;
 use mavstack::config::LinkClass;
@@ -8,16 +9,6 @@ use mavstack::dialect::{CommandAck, CommandLong, Heartbeat, HighLatency2, MavCmd
 use mavstack::high_latency::HighLatencyConfig;
 use mavstack::signing::{LinkSigning, SigningKey};
 use mavstack::{Address, Duration, Instant, LinkConfig};
-
-const RADIO: usize = 0;
-const SAT: usize = 1;
-const START: f32 = 1.0;
-const STOP: f32 = 0.0;
-const DONE: MavResult = MavResult::ACCEPTED;
-const LATER: MavResult = MavResult::TEMPORARILY_REJECTED;
-const ONCE: MavCmd = MavCmd::DO_REPEAT_SERVO;
-
-const LINKS: [LinkConfig; 2] = [LinkConfig::uart(57_600), LinkConfig::uart(9_600).with_class(LinkClass::HighLatency)];
 
 /// A second in units of a signing timestamp.
 const SECOND: u64 = 100_000;

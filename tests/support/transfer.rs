@@ -73,8 +73,8 @@ impl Session {
         None
     }
 
-    fn is_for_us(&self, system: u8, component: u8) -> bool {
-        Address::new(system, component) == self.from
+    fn is_for_us(&self, system: u8, component: u8, plan: MavMissionType) -> bool {
+        Address::new(system, component) == self.from && plan == self.plan
     }
 
     fn refresh(&mut self, now: Instant) {
@@ -167,20 +167,17 @@ impl Upload {
         {
             let frame = gcs.received[index].clone();
             if let Some(request) = frame.decode::<MissionRequestInt>()
-                && self.session.is_for_us(request.target_system, request.target_component)
-                && request.mission_type == self.session.plan
+                && self.session.is_for_us(request.target_system, request.target_component, request.mission_type)
             {
                 if !self.is_dronekit {
                     self.on_request(now, usize::from(request.seq), gcs);
                 }
             } else if let Some(request) = frame.decode::<MissionRequest>()
-                && self.session.is_for_us(request.target_system, request.target_component)
-                && request.mission_type == self.session.plan
+                && self.session.is_for_us(request.target_system, request.target_component, request.mission_type)
             {
                 self.on_old_request(now, usize::from(request.seq), gcs);
             } else if let Some(ack) = frame.decode::<MissionAck>()
-                && self.session.is_for_us(ack.target_system, ack.target_component)
-                && ack.mission_type == self.session.plan
+                && self.session.is_for_us(ack.target_system, ack.target_component, ack.mission_type)
             {
                 let is_complete = self.next == self.items.len();
                 self.result = Some(match ack.r#type {
@@ -308,23 +305,20 @@ impl Download {
         {
             let frame = gcs.received[index].clone();
             if let Some(count) = frame.decode::<MissionCount>()
-                && self.session.is_for_us(count.target_system, count.target_component)
-                && count.mission_type == self.session.plan
+                && self.session.is_for_us(count.target_system, count.target_component, count.mission_type)
                 && self.count.is_none()
             {
                 self.count = Some(count.count);
                 self.go_on(now, gcs);
             } else if let Some(item) = frame.decode::<MissionItemInt>()
-                && self.session.is_for_us(item.target_system, item.target_component)
-                && item.mission_type == self.session.plan
+                && self.session.is_for_us(item.target_system, item.target_component, item.mission_type)
                 && usize::from(item.seq) == self.items.len()
                 && self.count.is_some()
             {
                 self.items.push(item);
                 self.go_on(now, gcs);
             } else if let Some(ack) = frame.decode::<MissionAck>()
-                && self.session.is_for_us(ack.target_system, ack.target_component)
-                && ack.mission_type == self.session.plan
+                && self.session.is_for_us(ack.target_system, ack.target_component, ack.mission_type)
                 && ack.r#type != MavMissionResult::ACCEPTED
             {
                 self.result = Some(Err(TransferError::Refused(ack.r#type)));
@@ -427,8 +421,7 @@ impl Clear {
             && let Some(index) = self.session.next_frame(gcs)
         {
             if let Some(ack) = gcs.received[index].decode::<MissionAck>()
-                && self.session.is_for_us(ack.target_system, ack.target_component)
-                && ack.mission_type == self.session.plan
+                && self.session.is_for_us(ack.target_system, ack.target_component, ack.mission_type)
             {
                 self.result = Some(match ack.r#type {
                     MavMissionResult::ACCEPTED => Ok(ack),
