@@ -229,48 +229,36 @@ impl Scalar {
         Self::Char,
     ];
 
+    /// Returns the size on the wire in bytes, MAVLink's name, and the name in generated code.
+    const fn properties(self) -> (usize, &'static str, &'static str) {
+        match self {
+            Self::U8 => (1, "uint8_t", "u8"),
+            Self::I8 => (1, "int8_t", "i8"),
+            Self::U16 => (2, "uint16_t", "u16"),
+            Self::I16 => (2, "int16_t", "i16"),
+            Self::U32 => (4, "uint32_t", "u32"),
+            Self::I32 => (4, "int32_t", "i32"),
+            Self::U64 => (8, "uint64_t", "u64"),
+            Self::I64 => (8, "int64_t", "i64"),
+            Self::F32 => (4, "float", "f32"),
+            Self::F64 => (8, "double", "f64"),
+            Self::Char => (1, "char", "Char"),
+        }
+    }
+
     /// Returns the size on the wire in bytes.
     pub fn size(self) -> usize {
-        match self {
-            Self::U8 | Self::I8 | Self::Char => 1,
-            Self::U16 | Self::I16 => 2,
-            Self::U32 | Self::I32 | Self::F32 => 4,
-            Self::U64 | Self::I64 | Self::F64 => 8,
-        }
+        self.properties().0
     }
 
     /// Returns MAVLink's name, which is a part of `CRC_EXTRA`.
     pub fn wire_name(self) -> &'static str {
-        match self {
-            Self::U8 => "uint8_t",
-            Self::I8 => "int8_t",
-            Self::U16 => "uint16_t",
-            Self::I16 => "int16_t",
-            Self::U32 => "uint32_t",
-            Self::I32 => "int32_t",
-            Self::U64 => "uint64_t",
-            Self::I64 => "int64_t",
-            Self::F32 => "float",
-            Self::F64 => "double",
-            Self::Char => "char",
-        }
+        self.properties().1
     }
 
     /// Returns the type's name in generated code.
     pub fn rust_name(self) -> &'static str {
-        match self {
-            Self::U8 => "u8",
-            Self::I8 => "i8",
-            Self::U16 => "u16",
-            Self::I16 => "i16",
-            Self::U32 => "u32",
-            Self::I32 => "i32",
-            Self::U64 => "u64",
-            Self::I64 => "i64",
-            Self::F32 => "f32",
-            Self::F64 => "f64",
-            Self::Char => "Char",
-        }
+        self.properties().2
     }
 
     /// Returns the smallest and the largest value of an integer type; `None` for other types.

@@ -95,6 +95,17 @@ fn address(leaf: usize, person: u8) -> Address {
     Address::new(10 + 80 * leaf as u8 + person, 1)
 }
 
+/// Lets five components of each leaf send a broadcast.
+fn introduce_all<const PEERS: usize>(network: &mut Network<PEERS>, leaves: [usize; 3]) {
+    for (leaf, line) in leaves.into_iter().enumerate() {
+        for person in 0..5 {
+            let hello = frame(address(leaf, person), Address::new(0, 0), 100, 1_000 + leaf * 10 + usize::from(person));
+            network.send(line, hello);
+            network.run_for(millis(40));
+        }
+    }
+}
+
 /// Sends all letters and returns their frames.
 fn post<const PEERS: usize>(network: &mut Network<PEERS>, leaves: [usize; 3], letters: &[Letter]) -> Vec<Vec<u8>> {
     let mut frames = Vec::new();
@@ -156,13 +167,7 @@ proptest! {
     #[test]
     fn every_frame_is_delivered_once(joined in joined(0.0), letters in letters(5, 40, 1..100)) {
         let (mut network, leaves) = joined.network::<64>();
-        for (leaf, line) in leaves.into_iter().enumerate() {
-            for person in 0..5 {
-                let hello = frame(address(leaf, person), Address::new(0, 0), 100, 1_000 + leaf * 10 + usize::from(person));
-                network.send(line, hello);
-                network.run_for(millis(40));
-            }
-        }
+        introduce_all(&mut network, leaves);
         network.run_for(secs(1));
         let frames = post(&mut network, leaves, &letters);
         network.run_for(secs(2));
@@ -190,13 +195,7 @@ proptest! {
     ) {
         let joined = Joined { rate, ..joined };
         let (mut network, leaves) = joined.network::<64>();
-        for (leaf, line) in leaves.into_iter().enumerate() {
-            for person in 0..5 {
-                let hello = frame(address(leaf, person), Address::new(0, 0), 100, 1_000 + leaf * 10 + usize::from(person));
-                network.send(line, hello);
-                network.run_for(millis(40));
-            }
-        }
+        introduce_all(&mut network, leaves);
         let (mut drops, mut frames) = (Vec::new(), Vec::new());
         for (number, letter) in letters.iter().enumerate() {
             let target = letter.to.map_or(Address::new(0, 0), |(leaf, person)| address(leaf, person));

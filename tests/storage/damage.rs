@@ -6,7 +6,7 @@ use crate::pages::{self, KEY as KIND_OF_KEY, PAGE, PARAMETERS, PLANS as KIND_OF_
 use crate::support::flash::{Fault, RamFlash};
 use crate::support::signer::*;
 use crate::support::*;
-use crate::{OnlyKey, of_key, of_parameters, of_plans};
+use crate::{OnlyKey, of_key, of_parameters, of_plans, upload};
 use mavstack::dialect::*;
 use mavstack::frame::Version;
 use mavstack::message::Secret;
@@ -555,15 +555,6 @@ fn fence() -> Vec<MissionItemInt> {
         (item.param1, item.param2) = (100.0, 0.0);
     }
     items
-}
-
-fn upload(world: &mut PlanWorld, store: &mut Plans<'_>, items: &[MissionItemInt]) -> MavMissionResult {
-    let mut upload = Upload::new(&world.gcs[0], items);
-    while upload.result().is_none() {
-        run_plans(world, store, millis(1));
-        upload.poll(world.now(), &mut world.gcs[0]);
-    }
-    upload.answer()
 }
 
 /// Starts a vehicle. Returns its store, and whether the plans were restored.

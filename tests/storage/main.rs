@@ -27,10 +27,13 @@ mod signing_key;
 mod spi;
 mod stall;
 
+use embedded_storage::nor_flash::NorFlash;
+use mavstack::__private::{Declares, Storage};
 use mavstack::Config;
+use mavstack::dialect::{MavMissionResult, MissionItemInt};
 use mavstack::plan::Durability;
-use mavstack::storage::{RestoreError, RestoreErrors};
-use support::Setup;
+use mavstack::storage::{RestoreError, RestoreErrors, Store};
+use support::{Setup, Upload, World};
 
 #[cfg(feature = "signing")]
 mavstack::stack! {
@@ -58,4 +61,19 @@ fn of_plans(restored: Result<(), RestoreErrors>) -> Result<(), RestoreError> {
 fn setup(durability: Durability) -> Setup<1> {
     let setup = Setup::new();
     Setup { config: Config { durability, ..setup.config }, ..setup }
+}
+
+/// Uploads a plan while storage runs, and returns the answer.
+fn upload<const N: usize, D: Declares<Storage = Storage, Vehicle: Default>, F: NorFlash>(
+    world: &mut World<N, D>,
+    store: &mut Store<F>,
+    items: &[MissionItemInt],
+) -> MavMissionResult {
+    let mut upload = Upload::new(&world.gcs[0], items);
+    while upload.result().is_none() {
+        world.step();
+        world.stack.persist(world.now(), store, &mut world.vehicle);
+        upload.poll(world.now(), &mut world.gcs[0]);
+    }
+    upload.answer()
 }

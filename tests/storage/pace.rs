@@ -4,6 +4,7 @@
 use crate::pages::{COPY, KEY, LAST, PAGE, PARAMETERS, PLANS};
 use crate::support::flash::{FlashError, RamFlash};
 use crate::support::*;
+use crate::upload;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use mavstack::dialect::*;
 use mavstack::message::Secret;
@@ -184,21 +185,6 @@ fn items(plan: MavMissionType, len: u16, variant: u16) -> Vec<MissionItemInt> {
     items
 }
 
-/// Uploads a plan while storage runs, and returns the answer.
-fn upload<const ERASE: usize>(
-    world: &mut PaceWorld,
-    store: &mut Store<ERASE>,
-    items: &[MissionItemInt],
-) -> MavMissionResult {
-    let mut upload = Upload::new(&world.gcs[0], items);
-    while upload.result().is_none() {
-        world.step();
-        store.persist(world);
-        upload.poll(world.now(), &mut world.gcs[0]);
-    }
-    upload.answer()
-}
-
 fn command(world: &mut PaceWorld, store: &mut Store, action: f32) -> MavResult {
     world.gcs[0].forget();
     world.gcs[0].command_long(MavCmd::PREFLIGHT_STORAGE, store_now(action));
@@ -223,7 +209,7 @@ fn each_pass_does_one_step() {
         let key = SigningKey::new([round as u8 + 1; 32]);
         world.stack.signing_mut().set_key(now, key, 1);
         assert_eq!(
-            upload(&mut world, &mut store, &items(MavMissionType::MISSION, 9, round)),
+            upload(&mut world, &mut store.0, &items(MavMissionType::MISSION, 9, round)),
             MavMissionResult::ACCEPTED
         );
         for _ in 0..1_500 {
@@ -243,7 +229,7 @@ fn a_loop_of_persist_ends() {
     let mut world = world(|config| Config { durability: Durability::Deferred, ..config }, millis(10));
     let mut store = Store::new();
     store.restore(&mut world);
-    assert_eq!(upload(&mut world, &mut store, &items(MavMissionType::MISSION, 12, 1)), MavMissionResult::ACCEPTED);
+    assert_eq!(upload(&mut world, &mut store.0, &items(MavMissionType::MISSION, 12, 1)), MavMissionResult::ACCEPTED);
     let now = world.now();
     assert!(world.stack.parameters_mut().set(Tuning::CRUISE, 9.0));
     world.stack.save_parameters(now);
@@ -277,7 +263,7 @@ fn nothing_is_written_while_armed() {
         let now = world.now();
         world.stack.signing_mut().set_key(now, SigningKey::new([3; 32]), 1);
         let before = (store.steps(), store.records());
-        assert_eq!(upload(&mut world, &mut store, &mission), MavMissionResult::DENIED);
+        assert_eq!(upload(&mut world, &mut store.0, &mission), MavMissionResult::DENIED);
         world.expect::<Statustext>(0, millis(100));
         store.run(&mut world, secs(100));
         assert_eq!((store.steps(), store.records()), before);
@@ -285,7 +271,7 @@ fn nothing_is_written_while_armed() {
         store.run(&mut world, secs(12));
         assert!(store.records()[1] > before.1[1] && store.records()[2] > before.1[2]);
     }
-    assert_eq!(upload(&mut world, &mut store, &mission), MavMissionResult::ACCEPTED);
+    assert_eq!(upload(&mut world, &mut store.0, &mission), MavMissionResult::ACCEPTED);
 }
 
 /// The time in which a bucket regains a token by default, in seconds; and the number of tokens.
@@ -349,7 +335,7 @@ fn flood<const ERASE: usize>(world: &mut PaceWorld, store: &mut Store<ERASE>, wi
         gcs.command_long(MavCmd::PREFLIGHT_STORAGE, store_now(if round.is_multiple_of(16) { 2.0 } else { 1.0 }));
         let mission_type =
             [MavMissionType::MISSION, MavMissionType::FENCE, MavMissionType::RALLY][usize::from(round % 3)];
-        let result = upload(world, store, &items(mission_type, 1, round));
+        let result = upload(world, &mut store.0, &items(mission_type, 1, round));
         denied += u32::from(result == MavMissionResult::DENIED);
         world.gcs[0].send(&clear_all());
         if with_keys {
@@ -376,7 +362,7 @@ fn a_day_of_regular_use_is_never_refused() {
     store.restore(&mut world);
     for variant in 0..20 {
         for (plan, len) in [(MavMissionType::MISSION, 12), (MavMissionType::FENCE, 4), (MavMissionType::RALLY, 2)] {
-            let result = upload(&mut world, &mut store, &items(plan, len, variant));
+            let result = upload(&mut world, &mut store.0, &items(plan, len, variant));
             assert_eq!(result, MavMissionResult::ACCEPTED, "{variant}");
         }
     }
@@ -401,7 +387,7 @@ fn a_refusal_is_reported_and_temporary() {
     let full = |variant| items(MavMissionType::MISSION, 12, variant);
     let began = world.now();
     let mut taken = 0;
-    while upload(&mut world, &mut store, &full(taken)) == MavMissionResult::ACCEPTED {
+    while upload(&mut world, &mut store.0, &full(taken)) == MavMissionResult::ACCEPTED {
         taken += 1;
         world.gcs[0].forget();
     }
@@ -410,9 +396,9 @@ fn a_refusal_is_reported_and_temporary() {
     let text: Statustext = world.expect(0, millis(100));
     assert_eq!(text.text.as_str(), Some("Mission refused: stored too often, try later"));
     world.gcs[0].forget();
-    assert_eq!(upload(&mut world, &mut store, &items(MavMissionType::FENCE, 1, 1)), MavMissionResult::ACCEPTED);
-    assert_eq!(upload(&mut world, &mut store, &items(MavMissionType::FENCE, 2, 2)), MavMissionResult::ACCEPTED);
-    assert_eq!(upload(&mut world, &mut store, &items(MavMissionType::FENCE, 1, 3)), MavMissionResult::DENIED);
+    assert_eq!(upload(&mut world, &mut store.0, &items(MavMissionType::FENCE, 1, 1)), MavMissionResult::ACCEPTED);
+    assert_eq!(upload(&mut world, &mut store.0, &items(MavMissionType::FENCE, 2, 2)), MavMissionResult::ACCEPTED);
+    assert_eq!(upload(&mut world, &mut store.0, &items(MavMissionType::FENCE, 1, 3)), MavMissionResult::DENIED);
     let clear = MissionClearAll { mission_type: MavMissionType::RALLY, ..clear_all() };
     world.gcs[0].forget();
     world.gcs[0].send(&clear);
@@ -422,8 +408,8 @@ fn a_refusal_is_reported_and_temporary() {
     assert_eq!(world.expect::<MissionAck>(0, millis(100)).r#type, MavMissionResult::DENIED);
     let left = began.after(secs(u64::from(REFILL) + 60)).since(world.now());
     store.run(&mut world, left);
-    assert_eq!(upload(&mut world, &mut store, &full(99)), MavMissionResult::DENIED);
-    assert_eq!(upload(&mut world, &mut store, &items(MavMissionType::FENCE, 1, 3)), MavMissionResult::ACCEPTED);
+    assert_eq!(upload(&mut world, &mut store.0, &full(99)), MavMissionResult::DENIED);
+    assert_eq!(upload(&mut world, &mut store.0, &items(MavMissionType::FENCE, 1, 3)), MavMissionResult::ACCEPTED);
 
     // Parameters are deferred without a text.
     for round in 0..u16::MAX {
@@ -463,7 +449,7 @@ fn storage_without_wear_is_not_limited() {
             store.restore(&mut world);
         }
         for round in 0..300 {
-            let result = upload(&mut world, &mut store, &items(MavMissionType::MISSION, 2, round));
+            let result = upload(&mut world, &mut store.0, &items(MavMissionType::MISSION, 2, round));
             assert_eq!(result, MavMissionResult::ACCEPTED);
             world.gcs[0].send(&set("RTL_ALT", f32::from(round % 100)));
             assert_eq!(command(&mut world, &mut store, 2.0), MavResult::ACCEPTED);

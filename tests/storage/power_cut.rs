@@ -3,7 +3,7 @@
 
 use crate::support::flash::{Fault, RamFlash, Torn};
 use crate::support::*;
-use crate::{of_plans, setup};
+use crate::{of_plans, setup, upload};
 use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 use mavstack::dialect::{
     MavCmd, MavFrame, MavMissionResult, MavMissionType, MavSeverity, MissionAck, MissionItemInt, Statustext,
@@ -148,14 +148,8 @@ fn with_plans() -> Flash {
     let mut store = mavstack::storage::Store::new(&mut flash, 0..REGION);
     let mut world = start(&mut store, Durability::Durable);
     for (plan, len) in [(MISSION, 9), (FENCE, 2), (RALLY, 2)] {
-        let mut upload = Upload::new(&world.gcs[0], &items(plan, len, 3));
-        while upload.result().is_none() {
-            world.step();
-            world.stack.persist(world.now(), &mut store, &mut world.vehicle);
-            upload.poll(world.now(), &mut world.gcs[0]);
-        }
+        assert_eq!(upload(&mut world, &mut store, &items(plan, len, 3)), ACCEPTED);
         settle(&mut world, &mut store);
-        assert!(upload.result().is_some_and(|result| result.is_ok()));
     }
     flash
 }
@@ -439,15 +433,8 @@ fn a_live_plan_is_not_written_again() {
     let mut store = mavstack::storage::Store::new(&mut flash, 0..REGION);
     for _ in 0..3 {
         let mut world = start(&mut store, Durability::Durable);
-        let same = items(MISSION, 9, 3);
-        let mut upload = Upload::new(&world.gcs[0], &same);
         let used = (store.flash().writes, store.flash().erases);
-        while upload.result().is_none() {
-            world.step();
-            world.stack.persist(world.now(), &mut store, &mut world.vehicle);
-            upload.poll(world.now(), &mut world.gcs[0]);
-        }
-        assert_eq!(upload.result().map(|result| result.is_ok()), Some(true));
+        assert_eq!(upload(&mut world, &mut store, &items(MISSION, 9, 3)), ACCEPTED);
         assert_eq!((store.flash().writes, store.flash().erases), used);
     }
 }
