@@ -1,5 +1,5 @@
-//! Logging: one event per protocol transition, drop counters and refused requests at most once a second. It compiles to
-//! nothing without the feature `defmt`.
+//! Counters, and logging: one event per protocol transition, drop counters and refused requests at most once a second. Logging
+//! compiles to nothing without the feature `defmt`.
 
 #[cfg(any(test, feature = "defmt"))]
 use crate::time::Duration;
