@@ -64,7 +64,6 @@ pub use tested::{
     Tested, Timed, Unsigned, begun,
 };
 pub use transfer::{Clear, Download, TransferError, Upload, plan};
-pub(crate) use vehicle::wrap_plans;
 pub use vehicle::{Call, TestVehicle, Tuning};
 pub use world::{Setup, World};
 
@@ -96,3 +95,26 @@ pub fn cases(count: u32) -> Config {
     let cases = if std::env::var_os("PROPTEST_CASES").is_some() { default.cases } else { count };
     Config { cases, rng_seed, failure_persistence: None, ..default }
 }
+
+/// Implements the hooks of plans and parameters for a type that wraps a [`TestVehicle`].
+macro_rules! wrap_plans {
+    ($Vehicle:ty) => {
+        impl mavstack::Parameters for $Vehicle {
+            type Table = Tuning;
+        }
+
+        impl mavstack::Plans for $Vehicle {
+            const MISSION_COMMANDS: &'static [mavstack::CommandRule] =
+                <TestVehicle as mavstack::Plans>::MISSION_COMMANDS;
+
+            fn plan_changed(&mut self, cx: &mut mavstack::Context<'_>, change: mavstack::PlanChange<'_>) {
+                mavstack::Plans::plan_changed(&mut self.0, cx, change);
+            }
+
+            fn progress(&self) -> mavstack::Progress {
+                mavstack::Plans::progress(&self.0)
+            }
+        }
+    };
+}
+pub(crate) use wrap_plans;

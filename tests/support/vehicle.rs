@@ -286,26 +286,3 @@ impl Plans for TestVehicle {
         self.progress_verdict
     }
 }
-
-/// Implements the hooks of plans and parameters for a type that wraps a [`TestVehicle`].
-macro_rules! wrap_plans {
-    ($Vehicle:ty) => {
-        impl mavstack::Parameters for $Vehicle {
-            type Table = Tuning;
-        }
-
-        impl mavstack::Plans for $Vehicle {
-            const MISSION_COMMANDS: &'static [mavstack::CommandRule] =
-                <TestVehicle as mavstack::Plans>::MISSION_COMMANDS;
-
-            fn plan_changed(&mut self, cx: &mut mavstack::Context<'_>, change: mavstack::PlanChange<'_>) {
-                mavstack::Plans::plan_changed(&mut self.0, cx, change);
-            }
-
-            fn progress(&self) -> mavstack::Progress {
-                mavstack::Plans::progress(&self.0)
-            }
-        }
-    };
-}
-pub(crate) use wrap_plans;
