@@ -73,7 +73,7 @@ fn bytes_of(items: &[Item]) -> Vec<u8> {
 
 /// Returns the content of a record with three plans and their ids.
 fn content(plans: &[Vec<Item>; 3]) -> Vec<u8> {
-    let mut content: Vec<u8> = plans.iter().flat_map(|items| (items.len() as u16).to_le_bytes()).collect();
+    let mut content: Vec<u8> = plans.iter().flat_map(|items| (items.len() as u32).to_le_bytes()).collect();
     for items in plans {
         let id = if items.is_empty() { 0 } else { u32::from_le_bytes(crc(&bytes_of(items))).max(1) };
         content.extend(id.to_le_bytes());

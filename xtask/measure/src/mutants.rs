@@ -107,7 +107,7 @@ pub struct Options {
 #[derive(Default)]
 struct Outcome {
     caught: Vec<String>,
-    /// The tests took more than five times as long as usual, which counts as caught.
+    /// The tests took more than five times as long as usual: caught as well.
     timeout: Vec<String>,
     /// It does not compile.
     unviable: Vec<String>,
@@ -243,7 +243,7 @@ impl Area {
 
 /// Returns what is wrong with the files of the areas, and of the accepted survivors in `listed`: those that do not exist.
 fn missing(listed: &str) -> Vec<String> {
-    // A pattern means the files of a folder.
+    // A pattern stands for the files of a folder.
     let exists = |path: &str| {
         let path = root().join(path);
         match path.parent() {
