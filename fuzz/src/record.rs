@@ -401,6 +401,18 @@ mod tests {
         super::run(SCRIPT);
     }
 
+    /// The page that opened the newest segment is damaged, and a page of a much older one is whole. Its parameters were restored,
+    /// unreported (G-18).
+    #[test]
+    fn a_remnant_of_an_old_segment_is_not_restored_unreported() {
+        const SCRIPT: &[u8] = &[
+            2, 3, 2, 110, 241, 100, 249, 19, 9, 101, 5, 64, 79, 32, 120, 5, 145, 19, 6, 97, 227, 228, 176, 183, 64,
+            121, 4, 160, 109, 36, 5, 59, 85, 198, 5, 82, 180, 61, 46, 249, 243, 181, 2, 208, 186, 121, 165, 179, 223,
+            45, 3, 63, 238, 252, 92, 180, 243, 255,
+        ];
+        super::run(SCRIPT);
+    }
+
     /// Plays random scripts, this many of each mode and geometry: a search without the fuzzer.
     fn search(count: u32, seed: u64) {
         let mut state = 0x9E37_79B9_7F4A_7C15 ^ seed;

@@ -970,6 +970,10 @@ impl Log {
                     self.damaged(&footer);
                 }
             }
+            // A newer segment begins where this one did, and the record that opened it is lost.
+            Content::Whole(footer, _) if self.write.head == 0 && is_newer(footer.segment, self.open.number) => {
+                self.has_lost_all = true;
+            }
             Content::Bad(_) if position < self.write.erased => self.write.head = position.saturating_add(1),
             // A page of another segment, in a unit that was not erased as a whole: units were smaller then.
             Content::Whole(..) if position < self.write.erased => self.write.head = position.saturating_add(1),
