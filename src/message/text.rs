@@ -128,10 +128,14 @@ fn append(field: &mut [u8], text: &[u8]) -> bool {
         None => &mut [],
     };
     let front = text.get(..cut(text, room.len())).unwrap_or_default();
-    // A received field may have other bytes after the NUL. One loop for both, because `fill` links a function of its own.
-    let mut bytes = front.iter();
-    for to in room {
-        *to = bytes.next().copied().unwrap_or(0);
+    for (to, from) in room.iter_mut().zip(front) {
+        *to = *from;
+    }
+    // A received field may have other bytes after the NUL. With the condition, this is not `fill`, which links a function of its own.
+    for to in room.iter_mut().skip(front.len()) {
+        if *to != 0 {
+            *to = 0;
+        }
     }
     front.len() == text.len()
 }

@@ -2,7 +2,7 @@
 
 use embedded_storage_async::nor_flash::NorFlash;
 
-use super::log::{Job, Region};
+use super::region::{Job, Region};
 use super::slot::JobSlot;
 use super::store::store;
 

@@ -18,6 +18,7 @@ mod params;
 mod partition;
 mod plans;
 mod records;
+mod region;
 #[cfg(feature = "signing")]
 mod signing;
 mod slot;
@@ -34,9 +35,9 @@ pub use content::{Persistent, RestoreError, RestoreErrors, Storage};
 pub use eeprom::{Eeprom, EepromError};
 pub use fram::{Fram, FramError};
 pub(crate) use log::{Event, Next};
-pub use log::{Job, Region};
 pub use page::Page;
 pub use partition::{Partition, PartitionError};
 pub use records::{MAX_RECORD_LEN, RecordService, Records};
+pub use region::{Job, Region};
 pub use slot::JobSlot;
 pub use store::Store;

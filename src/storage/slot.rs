@@ -1,7 +1,7 @@
 //! A job on its way from the stack to the driver, and its result on the way back.
 
-use super::log::Job;
 use super::page::Page;
+use super::region::Job;
 
 #[derive(Clone, Debug)]
 enum State {

@@ -2,8 +2,8 @@
 
 use embedded_storage::nor_flash::NorFlash;
 
-use super::log::{Job, Region};
 use super::page::{PAGE, Page};
+use super::region::{Job, Region};
 use super::slot::JobSlot;
 
 /// A region of a storage with a blocking driver, for everything that a firmware stores.

@@ -66,7 +66,10 @@ pub(super) fn play<const W: usize, const E: usize>(flash: RamFlash<W, E>, mut u:
                         Some(page) => page.at,
                         None => usize::from(page) * PAGE % bytes.len(),
                     };
-                    flips.push(Flip { at: at + usize::from(byte), mask: mask.max(1) });
+                    // What is damaged is not hit again: that could mend it, or hide it.
+                    if !pages::is_damaged(&bytes[at..at + PAGE]) {
+                        flips.push(Flip { at: at + usize::from(byte), mask: mask.max(1) });
+                    }
                 }
                 damage(device, &mut model, &flips)
             }
@@ -176,12 +179,6 @@ fn damage<const W: usize, const E: usize>(
 ) -> Device<W, E> {
     let mut flash = device.store.into_inner();
     let open = pages::open(&flash.bytes);
-    // One wrong bit in the end of a page is mended when it is read, so that the page counts. Together with another one it does not.
-    let is_second_hit = flips.iter().any(|flip| {
-        let at = flip.at / PAGE * PAGE;
-        let page = &flash.bytes[at..at + PAGE];
-        flip.at % PAGE >= 228 && page.iter().any(|byte| *byte != 0xFF) && pages::read(page, at).is_none()
-    });
     for Flip { at, mask } in flips {
         flash.bytes[*at] ^= mask;
     }
@@ -197,10 +194,7 @@ fn damage<const W: usize, const E: usize>(
         }
     }
     let is_hit = |page: &pages::Page| flips.iter().any(|flip| (page.at + 228..page.at + PAGE).contains(&flip.at));
-    let is_fragile = is_second_hit || open.iter().filter(|page| page.opens()).all(is_hit);
-    if is_second_hit {
-        like_cut_off.extend(KINDS);
-    }
+    let is_fragile = open.iter().filter(|page| page.opens()).all(is_hit);
     if is_fragile {
         // Nothing shows that the segment is open. All its records look like writes that were cut off, but the copies.
         like_cut_off.extend(open.iter().filter(|page| page.opens()).map(|page| page.kind));

@@ -55,7 +55,7 @@ fn half(bytes: &[u8], at: usize) -> u16 {
 }
 
 /// Reads a page whose footer is whole.
-pub(crate) fn read(page: &[u8], at: usize) -> Option<Page> {
+fn read(page: &[u8], at: usize) -> Option<Page> {
     let is_footer_whole = page[239] >> 4 == 1 && page[240] <= 224 && crc(&page[228..252]) == word(page, 252);
     is_footer_whole.then(|| Page {
         segment: word(page, 228),
@@ -69,6 +69,11 @@ pub(crate) fn read(page: &[u8], at: usize) -> Option<Page> {
         is_whole: page[..4] == [b'M', b'L', 1, page[238]] && crc(&page[..248]) == word(page, 248),
         at,
     })
+}
+
+/// Whether a page is neither erased nor whole.
+pub(crate) fn is_damaged(page: &[u8]) -> bool {
+    page.iter().any(|byte| *byte != 0xFF) && read(page, 0).is_none_or(|page| !page.is_whole)
 }
 
 /// Returns the pages of the open segment whose footers are whole, in their order.

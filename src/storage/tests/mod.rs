@@ -16,8 +16,9 @@ use std::vec::Vec;
 use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 
 use self::flash::RamFlash;
-use super::log::{Event, Job, Log, Next, Region};
+use super::log::{Event, Log, Next};
 use super::page::{PAYLOAD, Page};
+use super::region::{Job, Region};
 use crate::time::{Duration, Instant};
 
 /// The content of each kind.

@@ -1,0 +1,230 @@
+//! Writing the log: a new record, and in a new segment the copies before it (SEC-11).
+
+use super::super::page::{Content, Footer, PAGE, Page, flag};
+use super::super::region::Job;
+use super::{
+    ANY_KIND, ATTEMPTS, Entry, Event, GRACE, Log, NO_ENTRY, Next, PAUSE, Pending, Record, Segment, Stage, Switch, Task,
+};
+use crate::time::Instant;
+
+impl Log {
+    /// Begins to write a record of a kind, of at most this many pages. With `is_secret`, everything older is erased once
+    /// it is complete. Returns false if there is no room for it.
+    pub(crate) fn begin(&mut self, kind: u8, schema: u16, pages: u16, is_secret: bool) -> bool {
+        let others = self.entries.iter().filter(|entry| entry.kind != 0 && entry.kind != kind);
+        let needed = others.fold(u32::from(pages), |sum, entry| {
+            sum.saturating_add(entry.pages.into()).saturating_add(entry.is_damaged.into())
+        });
+        let unknown = self.entries.iter().position(|entry| entry.kind == ANY_KIND);
+        if let Some(place) = unknown.and_then(|index| self.entries.get_mut(index))
+            && needed == u32::from(self.region.segment).saturating_add(1)
+        {
+            // Storing again is worth more than the report of an unknown loss.
+            *place = Entry::FREE;
+        } else if needed > self.region.segment.into() {
+            return false;
+        }
+        if self.slot(kind).is_none() {
+            return false;
+        }
+        self.new = Record { kind, schema, ..Record::NONE };
+        self.is_secret = is_secret;
+        let room = self.region.segment.saturating_sub(self.write.head);
+        if is_secret || self.switch != Switch::IfFull || self.open.number == 0 || pages > room {
+            self.newest = self.newest.wrapping_add(1);
+            let first = if self.open.number == 0 { 0 } else { self.region.next(self.open.first) };
+            self.write = Segment { number: self.newest, first, erased: self.next_erased, ..Segment::NONE };
+            self.next_erased = 0;
+            (self.entry, self.record) = (0, Record::NONE);
+        } else {
+            (self.entry, self.record) = (NO_ENTRY, self.new);
+        }
+        self.attempts = 0;
+        (self.task, self.stage) = (Task::Append, Stage::Content);
+        true
+    }
+
+    /// Gives up the record that is being written: it does not count. Does nothing while a page that was written is still
+    /// to be checked, because it may be the last one.
+    pub(crate) fn abandon(&mut self) {
+        if self.task == Task::Append && self.stage != Stage::Check {
+            self.stop(self.stage == Stage::Tail);
+        }
+    }
+
+    #[inline(never)]
+    pub(super) fn next_of_append(&mut self, page: &mut Page) -> Next {
+        if self.stage == Stage::Content {
+            match self.source() {
+                Source::Vehicle => return Next::Content(self.record.index),
+                Source::Copy(position) => return self.read(self.open.first, position.into()),
+                Source::Lost => {
+                    self.record = Record { index: 0, crc: 0, ..self.record };
+                    self.seal(page, 0, flag::LAST | flag::COPY | flag::LOST);
+                }
+            }
+        }
+        let Segment { first, head, erased, .. } = self.write;
+        if self.stage == Stage::Body && head >= erased {
+            return self.erase(first, erased.into(), Pending::Erase);
+        }
+        let split = if is_last(page) { PAGE.saturating_sub(self.region.tail.into()) } else { 0 };
+        let range = match self.stage {
+            Stage::Body if split > 0 => 0..split,
+            Stage::Tail => split..PAGE,
+            _ => 0..PAGE,
+        };
+        self.pending = Pending::Step;
+        let offset = self.region.at(first, head.into());
+        let offset = offset.wrapping_add(u32::try_from(range.start).unwrap_or(0));
+        Next::Job(if self.stage == Stage::Check { Job::Read { offset, range } } else { Job::Write { offset, range } })
+    }
+
+    /// Returns where the content of the next page comes from: while a segment is begun, first from the other records.
+    fn source(&mut self) -> Source {
+        while let Some(&Entry { kind, is_damaged, schema, at, pages, .. }) = self.entries.get(usize::from(self.entry)) {
+            if kind != 0 && kind != self.new.kind {
+                if self.record.kind != kind {
+                    (self.record, self.source) = (Record { kind, schema, ..Record::NONE }, 0);
+                }
+                if self.record.index < pages {
+                    return Source::Copy(at.wrapping_add(self.record.index));
+                }
+                if is_damaged {
+                    return Source::Lost;
+                }
+            }
+            self.end_copy();
+        }
+        if self.record.kind != self.new.kind {
+            self.record = self.new;
+        }
+        Source::Vehicle
+    }
+
+    /// Proceeds to the next entry to be copied.
+    fn end_copy(&mut self) {
+        (self.entry, self.record) = (self.entry.wrapping_add(1), Record::NONE);
+    }
+
+    pub(super) fn append_done(&mut self, now: Instant, is_done: bool, page: &mut Page) -> Event {
+        match self.stage {
+            Stage::Content => return self.copy_read(now, is_done, page),
+            Stage::Body if is_last(page) && usize::from(self.region.tail) < PAGE => {
+                if !is_done {
+                    return self.failed(true);
+                }
+                self.stage = Stage::Tail;
+            }
+            // What a driver says of the last write does not count: after a restart, what can be read does.
+            Stage::Body if !is_done && !is_last(page) => return self.failed(true),
+            Stage::Body | Stage::Tail => self.stage = Stage::Check,
+            Stage::Check if !is_done && self.attempts < ATTEMPTS => {
+                self.attempts = self.attempts.saturating_add(1);
+                self.retry_at = now.after(PAUSE);
+            }
+            Stage::Check => {
+                let Segment { number: segment, head: position, .. } = self.write;
+                match if is_done { page.open() } else { Content::Blank } {
+                    Content::Whole(footer, crc) if (footer.segment, footer.position) == (segment, position) => {
+                        return self.written(now, &footer, crc);
+                    }
+                    _ if self.write.number == self.open.number => {
+                        self.failed(true);
+                        return Event::Failed { is_doubtful: true };
+                    }
+                    // It might be whole after a restart, or look like damage, and count for the segment that it opens.
+                    _ => self.task = Task::Undo,
+                }
+            }
+        }
+        Event::Nothing
+    }
+
+    /// Takes a page that is to be copied.
+    fn copy_read(&mut self, now: Instant, is_done: bool, page: &mut Page) -> Event {
+        let Record { kind, index, .. } = self.record;
+        let is_next = |footer: &Footer| {
+            (footer.segment, footer.kind, footer.index, footer.previous) == (self.open.number, kind, index, self.source)
+        };
+        match if is_done { page.open() } else { Content::Blank } {
+            Content::Whole(footer, crc) if is_next(&footer) => {
+                (self.source, self.attempts) = (crc, 0);
+                self.seal(page, footer.len, (footer.flags & flag::LAST) | flag::COPY);
+                Event::Nothing
+            }
+            _ if self.attempts < ATTEMPTS => {
+                self.attempts = self.attempts.saturating_add(1);
+                self.retry_at = now.after(PAUSE);
+                Event::Nothing
+            }
+            _ => {
+                // It was whole, and is lost. The new segment will say so.
+                self.attempts = 0;
+                if let Some(entry) = self.entries.get_mut(usize::from(self.entry)) {
+                    (entry.pages, entry.is_damaged) = (0, true);
+                }
+                Event::Lost(kind)
+            }
+        }
+    }
+
+    /// Takes a page that was written and is whole.
+    fn written(&mut self, now: Instant, footer: &Footer, crc: u32) -> Event {
+        self.write.head = self.write.head.saturating_add(1);
+        self.record.advance(crc);
+        (self.stage, self.attempts) = (Stage::Content, 0);
+        if !footer.is_last() {
+            return Event::Nothing;
+        }
+        let Record { kind, schema, index: pages, .. } = self.record;
+        let at = self.write.head.saturating_sub(pages);
+        (self.write.count, self.write.before) = (self.write.count.wrapping_add(1), kind);
+        if footer.flags & flag::LOST != 0 {
+            self.end_copy();
+            return Event::Nothing;
+        }
+        if let Some(entry) = self.entries.get_mut(usize::from(self.entry)) {
+            entry.moved = at;
+            return Event::Nothing;
+        }
+        if self.write.number != self.open.number {
+            self.switch = Switch::IfFull;
+            for entry in &mut self.entries {
+                entry.at = entry.moved;
+            }
+            if self.must_scrub() {
+                self.scrub = self.region.units();
+            }
+        }
+        self.set_entry(Entry { kind, is_damaged: false, schema, at, pages, moved: at });
+        (self.open, self.task) = (self.write, Task::Idle);
+        (self.has_written, self.rest_until) = (true, now.after(GRACE));
+        Event::Written
+    }
+
+    /// Ends writing: it failed.
+    pub(super) fn failed(&mut self, is_dirty: bool) -> Event {
+        if self.switch == Switch::Once && self.write.number != self.open.number {
+            self.switch = Switch::IfFull;
+        }
+        self.stop(is_dirty);
+        Event::Failed { is_doubtful: false }
+    }
+}
+
+/// Where the content of a page comes from.
+enum Source {
+    /// It is new.
+    Vehicle,
+    /// The page at this position of the open segment.
+    Copy(u16),
+    /// There is none: it says that a record is lost.
+    Lost,
+}
+
+/// Returns whether a page that is to be written is the last one of its record.
+#[inline(never)]
+fn is_last(page: &Page) -> bool {
+    page.bytes().last_chunk().and_then(Footer::read).is_some_and(|(footer, _)| footer.is_last())
+}
