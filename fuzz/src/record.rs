@@ -39,9 +39,9 @@ mavstack::stack! {
 static PULSE: Pulse = Pulse::new();
 const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
 const LINKS: [LinkConfig; 1] = [LinkConfig::uart(115_200)];
-/// The time of the first key, in units of 10 µs, and the time between two keys.
+/// The time of the first key, in units of 10 µs, and the time between two keys: two days. Each restart moves the time on by a minute.
 const KEY_TIME: u64 = 37_000_000_000_000;
-const KEY_STEP: u64 = 1_000_000_000;
+const KEY_STEP: u64 = 20_000_000_000;
 
 /// A vehicle that keeps records.
 #[derive(Default)]
