@@ -2,6 +2,8 @@
 
 import concurrent.futures
 import contextlib
+import itertools
+import random
 import socket
 import subprocess
 import time
@@ -20,23 +22,26 @@ DELAYS = (0.05, 0.25, 0.5, 0.8)
 PORTS = 4
 
 
-def free_ports():
-    """Returns the first of a few consecutive free ports."""
-    while True:
-        with contextlib.ExitStack() as stack:
-            first = stack.enter_context(socket.create_server(("127.0.0.1", 0))).getsockname()[1]
-            try:
-                for port in range(first + 1, first + PORTS):
-                    stack.enter_context(socket.create_server(("127.0.0.1", port)))
-                return first
-            except (OSError, OverflowError):
-                continue
+def is_free(port):
+    try:
+        with socket.create_server(("127.0.0.1", port)):
+            return True
+    except OSError:
+        return False
+
+
+def free_ports(count):
+    """Returns the first ports for this many vehicles. They are none of those that the system gives to clients, which could take
+    one before its vehicle does."""
+    blocks = list(range(20_000, 30_000, PORTS))
+    random.shuffle(blocks)
+    free = (first for first in blocks if all(map(is_free, range(first, first + PORTS))))
+    return list(itertools.islice(free, count))
 
 
 @contextlib.contextmanager
-def sitl(program):
-    """Runs a vehicle for one test and yields the port of its telemetry link."""
-    port = free_ports()
+def sitl(program, port):
+    """Runs a vehicle for one test, whose telemetry link has this port."""
     process = subprocess.Popen([program, "--port-base", str(port)], stdout=subprocess.DEVNULL)
     try:
         deadline = time.monotonic() + 10
@@ -47,16 +52,17 @@ def sitl(program):
                 break
             assert process.poll() is None and time.monotonic() < deadline, "the vehicle does not start"
             time.sleep(0.01)
-        yield port
+        assert process.poll() is None, "the vehicle has ended"
+        yield
     finally:
         process.kill()
         process.wait()
 
 
-def upload_from_afar(program, delay):
+def upload_from_afar(program, port, delay):
     """Uploads a plan over a link with this one-way delay. Returns the duration (s)."""
     items = plan(4)
-    with sitl(program) as port, contextlib.closing(Far(port, delay)) as far, found_by_mavsdk(far.url) as system:
+    with sitl(program, port), contextlib.closing(Far(port, delay)) as far, found_by_mavsdk(far.url) as system:
         began = time.monotonic()
         MissionRaw(system).upload_mission([MissionItem(**item) for item in items])
         took = time.monotonic() - began
@@ -72,7 +78,10 @@ def test_mavsdk_uploads_over_any_distance(target, request, figure):
         pytest.skip("runs on sitl only: the code is the same, and each distance needs its own vehicle")
     program = request.config.getoption("program")
     with concurrent.futures.ThreadPoolExecutor() as pool:
-        uploads = {delay: pool.submit(upload_from_afar, program, delay) for delay in DELAYS}
+        uploads = {
+            delay: pool.submit(upload_from_afar, program, port, delay)
+            for port, delay in zip(free_ports(len(DELAYS)), DELAYS, strict=True)
+        }
     failures = {delay: upload.exception() for delay, upload in uploads.items() if upload.exception()}
     assert not failures
     for delay, upload in uploads.items():
