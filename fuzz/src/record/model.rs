@@ -36,8 +36,8 @@ pub(super) fn play<const W: usize, const E: usize>(flash: RamFlash<W, E>, mut u:
     let mut model = KINDS.map(|_| Known { history: BTreeSet::from([Vec::new()]), ..Known::default() });
     let mut device = Device::boot(flash);
     // Each save restarts the vehicle, which takes most of the time.
-    let mut saves = 20;
-    for _ in 0..24 {
+    let mut saves = 14;
+    for _ in 0..16 {
         if u.is_empty() {
             break;
         }
