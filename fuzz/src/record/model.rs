@@ -183,8 +183,6 @@ fn damage<const W: usize, const E: usize>(
 ) -> Device<W, E> {
     let mut flash = device.store.into_inner();
     let open = pages::open(&flash.bytes);
-    let ends = flips.iter().filter(|flip| flip.at % PAGE >= 228).map(|flip| flip.at / PAGE * PAGE);
-    let ends: Vec<_> = ends.filter_map(|at| pages::read(&flash.bytes[at..at + PAGE], at)).collect();
     for Flip { at, mask } in flips {
         flash.bytes[*at] ^= mask;
     }
@@ -202,10 +200,9 @@ fn damage<const W: usize, const E: usize>(
     let is_hit = |page: &pages::Page| flips.iter().any(|flip| (page.at + 228..page.at + PAGE).contains(&flip.at));
     let is_fragile = open.iter().filter(|page| page.opens()).all(is_hit);
     if is_fragile {
-        // Nothing shows that the segment is open. All its records look like writes that were cut off, but the copies.
-        like_cut_off.extend(open.iter().filter(|page| page.opens()).map(|page| page.kind));
-        // The segment before is then in use, whose newest record may be hit in the same way.
-        like_cut_off.extend(ends.iter().map(|page| page.kind));
+        // Nothing shows that the segment is open: its records look like writes that were cut off. So may the newest ones of the
+        // segment before, which is then in use.
+        like_cut_off.extend(KINDS);
     }
     let device = Device::boot(flash);
     let (found, reported) = (device.values(), device.damaged());

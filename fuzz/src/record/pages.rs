@@ -55,7 +55,7 @@ fn half(bytes: &[u8], at: usize) -> u16 {
 }
 
 /// Reads a page whose footer is whole.
-pub(crate) fn read(page: &[u8], at: usize) -> Option<Page> {
+fn read(page: &[u8], at: usize) -> Option<Page> {
     let is_footer_whole = page[239] >> 4 == 1 && page[240] <= 224 && crc(&page[228..252]) == word(page, 252);
     is_footer_whole.then(|| Page {
         segment: word(page, 228),
