@@ -192,7 +192,7 @@ pub trait Persistent<F: Firmware>: Service<F> {
         false
     }
 
-    /// Returns what is to be written now, or is being written.
+    /// Returns the content to write now, or the content that is being written.
     fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Write> {
         let _ = cx;
         None

@@ -398,7 +398,7 @@ impl Log {
         }
     }
 
-    /// Whether everything older than the segment that is begun is to be erased.
+    /// Whether to erase everything that is older than the new segment.
     const fn must_scrub(&self) -> bool {
         self.is_secret || self.scrub > 0
     }

@@ -141,7 +141,7 @@ impl Log {
         Event::Nothing
     }
 
-    /// Takes a page that is to be copied.
+    /// Takes a page that was read to copy it.
     fn copy_read(&mut self, now: Instant, is_done: bool, page: &mut Page) -> Event {
         let Record { kind, index, .. } = self.record;
         let is_next = |footer: &Footer| {
@@ -223,7 +223,7 @@ enum Source {
     Lost,
 }
 
-/// Returns whether a page that is to be written is the last one of its record.
+/// Whether the page in the buffer is the last one of its record.
 #[inline(never)]
 fn is_last(page: &Page) -> bool {
     page.bytes().last_chunk().and_then(Footer::read).is_some_and(|(footer, _)| footer.is_last())

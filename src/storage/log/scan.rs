@@ -185,7 +185,7 @@ impl Log {
         self.write.count = footer.count;
     }
 
-    /// Records were lost, and nobody knows of which kinds.
+    /// Records of unknown kinds were lost: marks all kinds.
     fn all_damaged(&mut self) {
         self.mark_damaged(ANY_KIND);
         for entry in &mut self.entries {
