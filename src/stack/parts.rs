@@ -111,10 +111,10 @@ impl<D, const LINKS: usize, const N: usize> Stack<D, LINKS>
 where
     D: Declares<Vehicle: Telemetry, Stream = StreamService<N>>,
 {
-    /// Sends message `M` once on every normal link, whatever its interval there: for content that has changed and must
-    /// not wait for its turn, such as HOME_POSITION when home is set (O-6). The next [`poll`](Self::poll) takes it up. It
-    /// is filled when the link has room, and left out if the vehicle cannot [fill](Telemetry::fill) it then. A message that is announced again before that is
-    /// sent once.
+    /// Sends message `M`, all its instances, once on every normal link, whatever its interval there: for content that has
+    /// changed and must not wait for its turn, such as HOME_POSITION when home is set (O-6). The next [`poll`](Self::poll)
+    /// takes it up. It is filled when the link has room, and left out if the vehicle cannot [fill](Telemetry::fill) it
+    /// then. A message that is announced again before that is sent once.
     ///
     /// `M` must be one of the vehicle's [`STREAMS`](Telemetry::STREAMS); otherwise this does not compile:
     ///
@@ -139,6 +139,6 @@ where
     /// }
     /// ```
     pub fn announce<M: Message>(&mut self) {
-        self.shared.requests.announce(const { Stream::number_of::<M>(<D::Vehicle as Telemetry>::STREAMS) });
+        self.shared.requests.announced |= const { Stream::rows_of::<M>(<D::Vehicle as Telemetry>::STREAMS) };
     }
 }

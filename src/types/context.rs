@@ -37,11 +37,6 @@ pub(crate) struct Requests {
 impl Requests {
     pub(crate) const NONE: Self = Self { announced: 0, reached: Vec::new() };
 
-    /// Sends a stream once on every normal link.
-    pub(crate) fn announce(&mut self, number: u8) {
-        self.announced |= 1u32.wrapping_shl(u32::from(number));
-    }
-
     /// Whether a request is pending for the next poll.
     pub(crate) fn is_pending(&self) -> bool {
         self.announced != 0 || !self.reached.is_empty()

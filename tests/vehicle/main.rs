@@ -4,6 +4,7 @@
 mod support;
 
 mod heartbeat;
+mod instances;
 mod manual_control;
 mod manual_properties;
 mod messages;

@@ -46,6 +46,7 @@ pub struct Stream {
     /// Default intervals (µs); 0 is off.
     radio: u32,
     onboard: u32,
+    instance: u16,
     /// The group of REQUEST_DATA_STREAM; [`MavDataStream::ALL`] if it is in none.
     group: MavDataStream,
 }
@@ -53,7 +54,28 @@ pub struct Stream {
 impl Stream {
     /// Returns the message `M`, which is sent only on request.
     pub const fn of<M: Message>() -> Self {
-        Self { id: M::ID, radio: 0, onboard: 0, group: MavDataStream::ALL }
+        Self { id: M::ID, radio: 0, onboard: 0, instance: 0, group: MavDataStream::ALL }
+    }
+
+    /// Returns the same message for another instance, such as the second battery: a row of its own, with its own intervals.
+    /// `instance` is the index of requests and of [`Fill::index`]; 0 by default (Q-3, Q-4).
+    ///
+    /// ```
+    /// use mavstack::dialect::{BatteryStatus, EscStatus};
+    /// use mavstack::{Duration, Stream};
+    ///
+    /// const STREAMS: &[Stream] = &[
+    ///     Stream::of::<BatteryStatus>().every(Duration::from_secs(1)),
+    ///     Stream::of::<BatteryStatus>().instance(1).every(Duration::from_secs(5)),
+    ///     // ESC_STATUS has four ESCs, and the index of the first.
+    ///     Stream::of::<EscStatus>().every(Duration::from_millis(100)),
+    ///     Stream::of::<EscStatus>().instance(4).every(Duration::from_millis(100)),
+    /// ];
+    /// ```
+    #[must_use]
+    pub const fn instance(mut self, instance: u16) -> Self {
+        self.instance = instance;
+        self
     }
 
     /// Returns the same message, streamed by default: every `interval`, on every link with a profile. The interval is
@@ -94,46 +116,50 @@ impl Stream {
         }
     }
 
-    /// Returns the row of message `M` in the table.
-    #[allow(
-        clippy::indexing_slicing,
-        clippy::arithmetic_side_effects,
-        clippy::as_conversions,
-        reason = "const-evaluated; a table has at most 32 rows"
-    )]
-    pub(crate) const fn number_of<M: Message>(table: &[Self]) -> u8 {
-        let mut number = 0;
-        while number < table.len() && table[number].id != M::ID {
-            number += 1;
-        }
-        assert!(number < table.len(), "the vehicle does not declare this message in `STREAMS`");
-        number as u8
+    /// Returns the rows of message `M` in the table: a bit for each.
+    pub(crate) const fn rows_of<M: Message>(table: &[Self]) -> u32 {
+        let rows = rows(table, M::ID, 0);
+        assert!(rows != 0, "the vehicle does not declare this message in `STREAMS`");
+        rows
     }
 
-    /// Checks a table: at most [`MAX_STREAMS`] messages, each once, and none that the stack sends itself. The messages
-    /// about modes are among these if the vehicle declares modes.
+    /// Checks a table: at most [`MAX_STREAMS`] rows, each instance of a message once, and none that the stack sends itself.
+    /// The messages about modes are among these if the vehicle declares modes.
     #[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated")]
     #[doc(hidden)]
     pub const fn check(table: &[Self], has_modes: bool) {
         assert!(table.len() <= MAX_STREAMS, "a vehicle declares at most 32 messages");
-        let own = [Heartbeat::ID, MissionCurrent::ID, AutopilotVersion::ID, ProtocolVersion::ID, MessageInterval::ID];
         let mut i = 0;
         while i < table.len() {
             let is_of_modes = AvailableModes::ID <= table[i].id && table[i].id <= AvailableModesMonitor::ID;
             assert!(!(has_modes && is_of_modes), "the stack sends this message by itself: see `MODES`");
+            assert!(!is_own(table[i].id), "the stack sends this message by itself: leave it out of `STREAMS`");
             let mut j = 0;
-            while j < own.len() {
-                assert!(table[i].id != own[j], "the stack sends this message by itself: leave it out of `STREAMS`");
-                j += 1;
-            }
-            j = 0;
             while j < i {
-                assert!(table[i].id != table[j].id, "a message is twice in `STREAMS`: remove one of the two");
+                let is_twice = table[i].id == table[j].id && table[i].instance == table[j].instance;
+                assert!(!is_twice, "a message is twice in `STREAMS`: remove one of the two, or give it an `instance`");
                 j += 1;
             }
             i += 1;
         }
     }
+}
+
+/// Whether the stack sends this message by itself.
+pub(crate) const fn is_own(id: u32) -> bool {
+    matches!(id, Heartbeat::ID | MissionCurrent::ID | AutopilotVersion::ID | ProtocolVersion::ID | MessageInterval::ID)
+}
+
+/// Returns the rows of a message in a table, a bit for each: of one instance, or of all of them if `index` is 0.
+pub(crate) const fn rows(mut table: &[Stream], id: u32, index: u16) -> u32 {
+    let (mut rows, mut bit) = (0u32, 1u32);
+    while let [stream, rest @ ..] = table {
+        if stream.id == id && (index == 0 || stream.instance == index) {
+            rows |= bit;
+        }
+        (table, bit) = (rest, bit.wrapping_shl(1));
+    }
+    rows
 }
 
 /// Clamps an interval to the bounds. Not inlined, because it compares 64 bits and has six callers.
@@ -170,8 +196,8 @@ impl<'a> Fill<'a> {
         self.now
     }
 
-    /// Returns parameter 2 of MAV_CMD_REQUEST_MESSAGE. Each message defines its meaning: for example, which battery. 0
-    /// in a stream (Q-3).
+    /// Returns which instance is wanted, such as which battery: parameter 2 of MAV_CMD_REQUEST_MESSAGE, whose meaning each
+    /// message defines, or the [`instance`](Stream::instance) of a stream (Q-3).
     pub fn index(&self) -> u16 {
         self.index
     }
@@ -221,8 +247,8 @@ impl<const N: usize> StreamService<N> {
         }
         let Port { outbox, config, .. } = port;
         while let Some(number) = link.streams.next_due(cx.now, F::Vehicle::STREAMS, &mut link.slots, config.streams) {
-            let Some(id) = F::Vehicle::STREAMS.get(number).map(Stream::id) else { continue };
-            if requests::fill(cx.vehicle, id, &mut Fill::new(cx.now, id, 0, outbox, false)) {
+            let Some(stream) = F::Vehicle::STREAMS.get(number) else { continue };
+            if requests::fill(cx.vehicle, &mut Fill::new(cx.now, stream.id, stream.instance, outbox, false)) {
                 port.facts.own_was_last = true;
                 return true;
             }
@@ -296,10 +322,9 @@ fn has_listener(shared: &Shared, peers: &[PeerInfo], port: &Port) -> bool {
 }
 
 impl Context<'_> {
-    /// Sends message `M` once on every normal link: see [`Stack::announce`](crate::Stack::announce). `M` must be one of
-    /// the [`STREAMS`](Telemetry::STREAMS) of the vehicle `V`; otherwise this does not compile.
+    /// Sends message `M`, all its instances, once on every normal link: see [`Stack::announce`](crate::Stack::announce).
+    /// `M` must be one of the [`STREAMS`](Telemetry::STREAMS) of the vehicle `V`; otherwise this does not compile.
     pub fn announce<M: Message, V: Telemetry>(&mut self) {
-        let number = const { Stream::number_of::<M>(V::STREAMS) };
-        self.requests.announce(number);
+        self.requests.announced |= const { Stream::rows_of::<M>(V::STREAMS) };
     }
 }

@@ -1,7 +1,7 @@
 //! Requests for messages and intervals: commands, and the older REQUEST_DATA_STREAM.
 
 use super::schedule::{Slot, Streams};
-use super::{Fill, Stream, Telemetry, clamped};
+use super::{Fill, Stream, Telemetry, clamped, rows};
 use crate::dialect::{
     CurrentMode, Heartbeat, HomePosition, MavCmd, MavDataStream, MavResult, MessageInterval, MissionCurrent,
     RadioStatus, RequestDataStream,
@@ -62,14 +62,30 @@ pub(super) fn handle_command<V: Telemetry>(
         return Some(on_interval(now, fixed, port, streams, (V::STREAMS, slots), command, request));
     }
     let id = request.id?;
-    let number = position(V::STREAMS, id)?;
+    let all = rows(V::STREAMS, id, 0);
+    if all == 0 {
+        return None;
+    }
     let Some(index) = request.index else { return Some(MavResult::DENIED) };
     // A message that cannot be filled now is refused now; otherwise the client would wait for it.
-    if !fill(vehicle, id, &mut Fill::new(now, id, index, &mut port.outbox, true)) {
-        return Some(MavResult::DENIED);
+    let mut can_fill = |index| fill(vehicle, &mut Fill::new(now, id, index, &mut port.outbox, true));
+    let mut rows = rows(V::STREAMS, id, index);
+    if rows == 0 {
+        // An index that is not streamed: each message defines its meaning.
+        return Some(match can_fill(index) {
+            false => MavResult::DENIED,
+            true if streams.ask(all.trailing_zeros(), index) => MavResult::ACCEPTED,
+            true => MavResult::TEMPORARILY_REJECTED,
+        });
     }
-    let number = u8::try_from(number).unwrap_or(0);
-    Some(if streams.ask(number, index) { MavResult::ACCEPTED } else { MavResult::TEMPORARILY_REJECTED })
+    for (row, stream) in (0..).zip(V::STREAMS) {
+        let bit = 1u32.wrapping_shl(row);
+        if rows & bit != 0 && !can_fill(stream.instance) {
+            rows &= !bit;
+        }
+    }
+    streams.ask_all(rows);
+    Some(if rows == 0 { MavResult::DENIED } else { MavResult::ACCEPTED })
 }
 
 /// The parameters that the commands about messages have in common.
@@ -96,9 +112,13 @@ impl Asked {
         }
         let [id, index, ..] = command.params;
         let is_valid = command.has_response_target();
-        let index = if index.is_nan() { Some(0) } else { num::integer(index) };
-        Some(Self { id: num::integer(id), index, is_valid })
+        Some(Self { id: num::integer(id), index: index_of(index), is_valid })
     }
+}
+
+/// Returns a parameter that is an index; 0 if it is not given (C-8). `None` if it is no index.
+fn index_of(param: f32) -> Option<u16> {
+    if param.is_nan() { Some(0) } else { num::integer(param) }
 }
 
 /// Handles a command about intervals. Not generic, so that it is compiled once.
@@ -126,19 +146,25 @@ fn on_interval(
         };
     }
     let [_, micros, instance, _] = command.params;
-    let is_valid = (micros >= 0.0 || micros == -1.0) && (instance == 0.0 || instance.is_nan());
+    let is_valid = micros >= 0.0 || micros == -1.0;
     // A message that can never be sent is refused: MAVLink 1 has no room for some ids (S-10).
     let id = request.id.filter(|&id| is_valid && port.outbox.takes(id));
-    let Some(id) = id else { return MavResult::DENIED };
+    let (Some(id), Some(instance)) = (id, index_of(instance)) else { return MavResult::DENIED };
     let is_off = micros < 0.0;
     if fixed.interval(id).is_some() {
         // Clamped to its fixed interval. It cannot be stopped.
-        return if is_off { MavResult::DENIED } else { MavResult::ACCEPTED };
+        return if is_off || instance != 0 { MavResult::DENIED } else { MavResult::ACCEPTED };
     }
-    let Some(slot) = position(table, id).and_then(|number| slots.get_mut(number)) else { return MavResult::DENIED };
     let interval = if micros == 0.0 { 0 } else { clamped(u64::from(num::saturated(micros))) };
-    streams.set_interval(now, slot, (!is_off).then_some(interval));
-    MavResult::ACCEPTED
+    let mut rows = rows(table, id, instance);
+    let result = if rows == 0 { MavResult::DENIED } else { MavResult::ACCEPTED };
+    for slot in slots {
+        if rows & 1 != 0 {
+            streams.set_interval(now, slot, (!is_off).then_some(interval));
+        }
+        rows = rows.wrapping_shr(1);
+    }
+    result
 }
 
 /// Handles other messages about streams. Returns true if no other service needs the frame.
@@ -171,8 +197,8 @@ pub(super) fn handle_frame(
     true
 }
 
-/// Sends a pending MESSAGE_INTERVAL: the current interval, including the delay that a radio's full buffer adds. Returns
-/// false if none is pending.
+/// Sends a pending MESSAGE_INTERVAL: the current interval, including the delay that a radio's full buffer adds; of several
+/// instances, the shortest. Returns false if none is pending.
 pub(super) fn next_interval(
     now: Instant,
     fixed: Fixed,
@@ -184,17 +210,17 @@ pub(super) fn next_interval(
     let Port { outbox, config, .. } = port;
     let Some(message_id) = streams.take_interval_request() else { return false };
     let id = u32::from(message_id);
-    let stream = || {
-        let number = position(table, id)?;
-        let (stream, slot) = (table.get(number)?, slots.get(number)?);
-        let interval = slot.interval(stream, config.streams);
-        let interval = interval.map(|micros| micros.saturating_add(streams.slowdown(now)));
-        Some(interval.map_or(-1, |micros| i32::try_from(micros).unwrap_or(-1)))
+    let streamed = || {
+        // -1 as unsigned is the longest: it is off.
+        let intervals = table.iter().zip(slots).filter(|(stream, _)| stream.id == id).map(|(stream, slot)| {
+            let interval = slot.interval(stream, config.streams);
+            interval.map_or(u32::MAX, |micros| micros.saturating_add(streams.slowdown(now)))
+        });
+        intervals.min()
     };
-    let fixed = fixed.interval(id).and_then(|micros| i32::try_from(micros).ok());
     // 0: there is no such stream, or the link cannot carry it (S-10).
-    let interval_us = fixed.or_else(stream).filter(|_| outbox.takes(id)).unwrap_or(0);
-    outbox.send(&MessageInterval { interval_us, message_id })
+    let interval = fixed.interval(id).or_else(streamed).filter(|_| outbox.takes(id)).unwrap_or(0);
+    outbox.send(&MessageInterval { interval_us: interval.cast_signed(), message_id })
 }
 
 /// Asks the vehicle for the next requested message. Returns false if none is pending, or none can be filled.
@@ -205,8 +231,9 @@ pub(super) fn next_asked<V: Telemetry>(
     vehicle: &mut V,
 ) -> bool {
     while let Some((number, index)) = streams.take_asked() {
-        let Some(id) = V::STREAMS.get(number).map(Stream::id) else { continue };
-        if fill(vehicle, id, &mut Fill::new(now, id, index, outbox, false)) {
+        let Some(stream) = V::STREAMS.get(number) else { continue };
+        let index = index.unwrap_or(stream.instance);
+        if fill(vehicle, &mut Fill::new(now, stream.id, index, outbox, false)) {
             return true;
         }
     }
@@ -216,10 +243,6 @@ pub(super) fn next_asked<V: Telemetry>(
 /// Asks the vehicle for a message. Not inlined: the code for all its messages would be duplicated for each of the three
 /// callers.
 #[inline(never)]
-pub(super) fn fill<V: Telemetry>(vehicle: &mut V, id: u32, out: &mut Fill<'_>) -> bool {
-    vehicle.fill(id, out)
-}
-
-fn position(table: &[Stream], id: u32) -> Option<usize> {
-    table.iter().position(|stream| stream.id == id)
+pub(super) fn fill<V: Telemetry>(vehicle: &mut V, out: &mut Fill<'_>) -> bool {
+    vehicle.fill(out.id, out)
 }

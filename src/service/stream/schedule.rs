@@ -155,12 +155,10 @@ impl Streams {
         self.wake = now;
     }
 
-    /// Schedules stream `number` once. Returns false if there is no room for another index.
-    pub(super) fn ask(&mut self, number: u8, index: u16) -> bool {
-        if index == 0 {
-            self.asked |= 1u32.wrapping_shl(u32::from(number));
-            return true;
-        }
+    /// Schedules the message of row `number` once with an index that is no row's. Returns false if there is no room for another
+    /// index.
+    pub(super) fn ask(&mut self, number: u32, index: u16) -> bool {
+        let [number, ..] = number.to_le_bytes();
         let indexed = number.saturating_add(1);
         let has_room = self.indexed == 0 || (self.indexed == indexed && self.index == index);
         if has_room {
@@ -170,20 +168,20 @@ impl Streams {
         has_room
     }
 
-    /// Schedules each stream whose bit is set once.
+    /// Schedules each row whose bit is set once.
     pub(super) fn ask_all(&mut self, streams: u32) {
         self.asked |= streams;
     }
 
-    /// Takes a requested stream and its index.
-    pub(super) fn take_asked(&mut self) -> Option<(usize, u16)> {
+    /// Takes a requested row, and its index unless that is the row's instance.
+    pub(super) fn take_asked(&mut self) -> Option<(usize, Option<u16>)> {
         if self.asked != 0 {
             let number = self.asked.trailing_zeros();
             self.asked &= self.asked.wrapping_sub(1);
-            return Some((usize::try_from(number).unwrap_or(0), 0));
+            return Some((usize::try_from(number).unwrap_or(0), None));
         }
         let number = core::mem::take(&mut self.indexed).checked_sub(1)?;
-        Some((usize::from(number), self.index))
+        Some((usize::from(number), Some(self.index)))
     }
 
     /// Schedules a MESSAGE_INTERVAL for message `id`. Returns false if there is no room for it.
