@@ -210,7 +210,8 @@ pub use service::stream::{Fill, Stream, Telemetry};
 pub use stack::Stack;
 pub use time::{Duration, Instant};
 pub use types::{
-    Command, Config, Context, LinkConfig, LinkId, Outcome, Peer, PeerEvent, PlanType, Vehicle, VehicleState,
+    Command, Config, Context, Destination, LinkConfig, LinkId, Outcome, Peer, PeerEvent, PlanType, Vehicle,
+    VehicleState,
 };
 
 /// What [`Config`] and [`LinkConfig`] consist of.
@@ -284,6 +285,7 @@ pub mod __private {
     pub use crate::network::PeerInfo;
     pub use crate::service::command::{CommandSlots, NoSlots};
     pub use crate::service::forwarding::Forwarding;
+    pub use crate::service::messages::Messages;
     pub use crate::service::mission::{Missions, WithoutPlans};
     pub use crate::service::mode::ModeService;
     pub use crate::service::param::{NoParams, ParamMemory, ParamService, ParamValues, TableMut};
@@ -292,7 +294,9 @@ pub mod __private {
     pub use crate::stack::{Declares, Persistent};
     #[cfg(feature = "storage")]
     pub use crate::storage::{RecordService, Storage};
-    pub use crate::types::{Firmware, NoPlans, PlanBuffers, PlanMemory, StatusTexts, TextEntry, Values, largest};
+    pub use crate::types::{
+        Firmware, LinkQueue, NoPlans, PlanBuffers, PlanMemory, Requests, StatusTexts, TextEntry, Values, largest,
+    };
 
     /// The peer table.
     pub type PeerTable<const N: usize> = heapless::Vec<PeerInfo, N>;

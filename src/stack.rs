@@ -17,7 +17,7 @@ mod services;
 mod storage;
 mod transmit;
 
-pub use declare::{Declares, PeerMemory, Persistent, StorageMemory, TextMemory};
+pub use declare::{Declares, PeerMemory, Persistent, RequestMemory, StorageMemory, TextMemory};
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
@@ -35,8 +35,8 @@ use crate::service::param::ParamMemory;
 use crate::service::{Cx, Shared, SigningGate, View, increment};
 use crate::time::Instant;
 use crate::types::{
-    Allowance, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PeerEvent, PlanMemory, Requests, StatusTexts,
-    Values, Vehicle, VehicleAddress,
+    Allowance, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PeerEvent, PlanMemory, StatusTexts, Values,
+    Vehicle, VehicleAddress,
 };
 
 /// The vehicle's side of MAVLink for the declaration `D`, on `LINKS` links. A struct made by [`stack!`](crate::stack)
@@ -56,6 +56,7 @@ pub struct Stack<D: Declares, const LINKS: usize> {
     services: Services<D>,
     states: [States<D>; LINKS],
     links: [Link; LINKS],
+    requests: D::Requests,
     peers: D::Peers,
     parameters: D::Parameters,
     #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "there is no storage"))]
@@ -81,8 +82,9 @@ macro_rules! split {
         Cx::<D> {
             now: $now,
             shared: &mut $stack.shared,
-            peers: PeerMemory::view_mut(&mut $stack.peers),
-            texts: TextMemory::view_mut(&mut $stack.texts),
+            peers: crate::stack::PeerMemory::view_mut(&mut $stack.peers),
+            texts: crate::stack::TextMemory::view_mut(&mut $stack.texts),
+            requests: crate::stack::RequestMemory::view_mut(&mut $stack.requests),
             plans: crate::types::PlanMemory::view(&mut $stack.plans),
             parameters: &mut $stack.parameters,
             vehicle: $vehicle,
@@ -99,7 +101,7 @@ macro_rules! report {
             let mut context = Context {
                 now: $cx.now,
                 texts: &mut *$cx.texts,
-                requests: &mut $cx.shared.requests,
+                requests: &mut *$cx.requests,
                 normal: $cx.shared.normal,
                 plans: $cx.plans.as_ref(),
                 values: $cx.parameters.values(),
@@ -126,6 +128,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         states: [const { States::VACANT }; LINKS],
         peers: D::Peers::NEW,
         texts: D::Texts::NEW,
+        requests: D::Requests::NEW,
         plans: D::Plans::EMPTY,
         parameters: D::Parameters::VACANT,
         storage: D::Storage::NEW,
@@ -165,8 +168,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let timeout = cx.shared.config.peer_timeout;
         network::poll(cx.peers, now, timeout, report!(cx));
         services.poll(&mut cx, states);
-        // The remaining requests are for services that are not declared; `next_deadline` must not wait for them.
-        cx.shared.requests = Requests::NONE;
+        cx.requests.end_poll();
         #[cfg(feature = "defmt")]
         self.log_drops(now);
     }
@@ -402,7 +404,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         work(&mut Context {
             now,
             texts: self.texts.view_mut(),
-            requests: &mut self.shared.requests,
+            requests: self.requests.view_mut(),
             normal: self.shared.normal,
             plans: PlanMemory::view(&mut self.plans).as_ref(),
             values: self.parameters.values(),
@@ -436,11 +438,11 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// when a byte is received, when the transport can take more of [`transmit`](Self::transmit), and after the
     /// vehicle's state has changed.
     pub fn next_deadline(&self, now: Instant) -> Instant {
-        let shared = &self.shared;
-        if shared.has_acted || shared.requests.is_pending() {
+        let (shared, requests) = (&self.shared, self.requests.view());
+        if shared.has_acted || requests.is_due() {
             return now;
         }
-        let view = View { now, shared, peers: self.peers.view(), texts: self.texts.view() };
+        let view = View { now, shared, peers: self.peers.view(), texts: self.texts.view(), requests };
         let peers = network::deadline(view.peers, shared.config.peer_timeout);
         let mut deadline = peers.min(self.services.deadline());
         for (link, state) in self.links.iter().zip(&self.states) {

@@ -9,6 +9,7 @@ mod flight;
 mod identity;
 mod link;
 mod plans;
+mod requests;
 #[cfg(feature = "signing")]
 mod signing;
 mod texts;
@@ -19,13 +20,13 @@ pub(crate) use command::{ModeFault, Origin, Refusal, SignedAt, Why};
 pub(crate) use config::Allowance;
 pub use config::{Config, Durability, PollBudget, VehicleAddress};
 pub use context::Context;
-pub(crate) use context::Requests;
 pub use firmware::{Firmware, Values};
 pub(crate) use flight::Flight;
 pub use identity::Identity;
 pub use link::{LinkClass, LinkConfig, LinkId, MAX_LINKS, Peer, StreamProfile, TxVersion};
 pub(crate) use link::{LinkFacts, LinkMask};
 pub use plans::{MAX_ITEMS, NoPlans, PlanBuffers, PlanMemory, PlanType, PlanView, PlansMut, largest};
+pub use requests::{Destination, LinkQueue, Requests};
 #[cfg(feature = "signing")]
 pub use signing::{Accept, LinkSigning};
 pub use texts::MAX_TEXT_LEN;

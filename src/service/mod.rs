@@ -7,6 +7,7 @@
 
 mod gate;
 mod schedule;
+mod share;
 mod token_bucket;
 mod turn;
 
@@ -18,6 +19,7 @@ pub(crate) mod heartbeat;
 pub mod high_latency;
 pub(crate) mod identity;
 pub mod manual_control;
+pub(crate) mod messages;
 pub mod mission;
 pub mod mode;
 pub mod param;
@@ -183,8 +185,6 @@ pub struct Shared {
     /// The high-latency links.
     pub(crate) satellites: LinkMask,
     pub(crate) flight: Flight,
-    /// Requests of the vehicle's hooks.
-    pub(crate) requests: Requests,
     /// Work may be pending that only the vehicle knows about, on any link, so `next_deadline` returns `now`.
     pub(crate) has_acted: bool,
     /// An operation on the storage is running, so nothing else can be written.
@@ -198,7 +198,6 @@ impl Shared {
         normal: LinkMask::NONE,
         satellites: LinkMask::NONE,
         flight: Flight::new(),
-        requests: Requests::NONE,
         has_acted: false,
         is_storage_busy: false,
     };
@@ -232,6 +231,7 @@ pub struct Cx<'a, F: Firmware> {
     pub(crate) shared: &'a mut Shared,
     pub(crate) peers: &'a mut Peers,
     pub(crate) texts: &'a mut StatusTexts,
+    pub(crate) requests: &'a mut Requests,
     pub(crate) plans: Option<PlansMut<'a>>,
     pub(crate) parameters: &'a mut F::Parameters,
     pub(crate) vehicle: &'a mut F::Vehicle,
@@ -248,7 +248,7 @@ impl<F: Firmware> Cx<'_, F> {
         let context = Context {
             now: self.now,
             texts: self.texts,
-            requests: &mut self.shared.requests,
+            requests: self.requests,
             normal: self.shared.normal,
             plans: self.plans.as_ref(),
             values: self.parameters.values(),
@@ -264,6 +264,7 @@ pub struct View<'a> {
     pub(crate) shared: &'a Shared,
     pub(crate) peers: &'a [PeerInfo],
     pub(crate) texts: &'a StatusTexts,
+    pub(crate) requests: &'a Requests,
 }
 
 /// A frame that is addressed to us or to all.

@@ -10,7 +10,7 @@ use crate::link::Outbox;
 use crate::message::Dialect;
 use crate::network::PeerInfo;
 use crate::time::Instant;
-use crate::types::{Firmware, LinkId, LinkMask, NoPlans, StatusTexts, TextEntry};
+use crate::types::{Firmware, LinkId, LinkMask, LinkQueue, NoPlans, Requests, StatusTexts, TextEntry};
 
 /// What a service works with beside its own state, the vehicle and the parameters: two normal links, no plans.
 #[derive(Debug)]
@@ -18,12 +18,14 @@ pub(crate) struct Rest {
     pub(crate) shared: Shared,
     pub(crate) peers: Vec<PeerInfo, 4>,
     pub(crate) texts: StatusTexts<[TextEntry; 8]>,
+    pub(crate) requests: Requests<[LinkQueue; 0]>,
 }
 
 impl Rest {
     pub(crate) fn new() -> Self {
         let normal = LinkMask::of(LinkId(0)).with(LinkMask::of(LinkId(1)));
-        Self { shared: Shared { normal, ..Shared::VACANT }, peers: Vec::new(), texts: StatusTexts::new() }
+        let shared = Shared { normal, ..Shared::VACANT };
+        Self { shared, peers: Vec::new(), texts: StatusTexts::new(), requests: Requests::NONE }
     }
 
     pub(crate) fn cx<'a, F: Firmware<Plans = NoPlans>>(
@@ -37,6 +39,7 @@ impl Rest {
             shared: &mut self.shared,
             peers: self.peers.as_mut_view(),
             texts: &mut self.texts,
+            requests: &mut self.requests,
             plans: None,
             parameters,
             vehicle,

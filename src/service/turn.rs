@@ -28,6 +28,7 @@ macro_rules! turns {
             CurrentMode mode Room Normal "CURRENT_MODE, AVAILABLE_MODES_MONITOR" "while the link has room";
             MissionProgress mission Room Normal "MISSION_ITEM_REACHED, MISSION_CURRENT" "while the link has room";
             ModeList mode Room Normal "AVAILABLE_MODES" "while the link has room";
+            Message messages Room Normal "the vehicle's own messages" "while the link has room, at half of its rate";
             LateParamList param Room Normal "the list of all parameters" "while the link has room, if its next value has waited for 20 ms";
             ForwardedFirst forwarding Idle Normal "a forwarded frame" "while the link is idle, if a stream was last";
             Stream stream Idle Normal "streams" "while the link is idle";

@@ -13,7 +13,7 @@ use core::cell::RefCell;
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 
-use super::{Declares, PeerMemory, Stack, TextMemory, split};
+use super::{Declares, Stack, split};
 use crate::command::CommandPolicy;
 use crate::config::{LinkClass, StreamProfile, TxVersion};
 use crate::dialect::rules;
@@ -52,6 +52,7 @@ macro_rules! declare {
                 plans: { mission: 4, fence: 4, rally: 4 },
                 parameters: Tuning,
                 streams,
+                messages,
                 modes,
                 commands: { slots: 2 },
                 forwarding: { bytes: 512, seen: 16 },
@@ -301,7 +302,7 @@ fn event() -> impl Strategy<Value = Event> {
 }
 
 /// So many things the firmware may do of itself.
-const FIRMWARE: u8 = 17;
+const FIRMWARE: u8 = 19;
 
 struct World {
     stack: Everything,
@@ -421,6 +422,13 @@ impl World {
             13 => stack.high_latency_mut().start(),
             14 => stack.high_latency_mut().sample(now, &HighLatencySample::UNKNOWN),
             15 => stack.restart_link(LinkId(link)),
+            16 => {
+                let _ = stack.send::<BatteryStatus>(LinkId(link), u16::from(self.seq % 16));
+            }
+            17 => {
+                let peer = Peer { address: STATION, link: LinkId(link) };
+                let _ = stack.with_context(now, |cx| cx.send::<Attitude>(peer, 0));
+            }
             _ => {
                 self.rover.current = u16::from(link);
                 let items = [Item::from_int(&waypoint()); 2];
@@ -539,7 +547,7 @@ macro_rules! ask {
                 services.signing.prepare(now, port);
                 ForwardingGate::<D>::prepare(&mut services.forwarding, port);
                 $(if Turn::$turn.is_on(port.config.class) && skipped != Some(Turn::$turn) {
-                    let view = View { now, shared: cx.shared, peers: cx.peers, texts: cx.texts };
+                    let view = View { now, shared: cx.shared, peers: cx.peers, texts: cx.texts, requests: cx.requests };
                     let due = Service::<D>::due(&services.$service, &view, port, &state.$service, Turn::$turn);
                     let is_sent = services.$service.next(&mut cx, port, &mut state.$service, Turn::$turn);
                     look(Turn::$turn, due, is_sent);

@@ -6,7 +6,7 @@ use crate::service::command::{CommandMemory, Commands};
 use crate::service::param::ExternalService;
 use crate::service::param::ParamMemory;
 use crate::service::{Absent, ForwardingGate, Service, SigningGate};
-use crate::types::{Firmware, StatusTexts, TextEntry, Vehicle};
+use crate::types::{Firmware, LinkQueue, Requests, StatusTexts, TextEntry, Vehicle};
 
 #[cfg(feature = "storage")]
 pub use crate::storage::Persistent;
@@ -28,10 +28,12 @@ impl<F: Firmware> Persistent<F> for ExternalService where Self: Service<F> {}
 pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemory> {
     type Peers: PeerMemory;
     type Texts: TextMemory;
+    type Requests: RequestMemory;
     type Commands: CommandMemory;
     type Mission: Persistent<Self>;
     type Param: Persistent<Self>;
     type Stream: Service<Self>;
+    type Messages: Service<Self>;
     type Mode: Service<Self>;
     type Time: Service<Self>;
     type ManualControl: Service<Self>;
@@ -104,6 +106,26 @@ impl<const N: usize> TextMemory for StatusTexts<[TextEntry; N]> {
     }
 }
 
+/// The requests of the hooks.
+#[doc(hidden)]
+pub trait RequestMemory: core::fmt::Debug {
+    const NEW: Self;
+    fn view(&self) -> &Requests;
+    fn view_mut(&mut self) -> &mut Requests;
+}
+
+impl<const LINKS: usize> RequestMemory for Requests<[LinkQueue; LINKS]> {
+    const NEW: Self = Self::NONE;
+
+    fn view(&self) -> &Requests {
+        self
+    }
+
+    fn view_mut(&mut self) -> &mut Requests {
+        self
+    }
+}
+
 /// Declares the stack of a vehicle: its services, with all their memory.
 ///
 /// ```
@@ -159,6 +181,7 @@ impl<const N: usize> TextMemory for StatusTexts<[TextEntry; N]> {
 /// | `parameters: T` | a table made by [`parameters!`](crate::parameters), or a [`RuntimeTable<N>`](crate::param::RuntimeTable) that is filled at start | none | [`Parameters`](crate::Parameters) |
 /// | `parameters: ExternalParams<N>` | up to `N` parameters that [live elsewhere](crate::param::ExternalParams) | none | [`ParamBackend`](crate::ParamBackend) |
 /// | `streams` | [telemetry](crate::Telemetry), one slot for each of the vehicle's streams | none | [`Telemetry`](crate::Telemetry) |
+/// | `messages` | [messages of the vehicle's own](crate::Context::send): room for eight on each link | none | [`Telemetry`](crate::Telemetry) |
 /// | `modes` | [flight modes](crate::Modes) | none | [`Modes`](crate::Modes) |
 /// | `commands: { slots: N }` | slots for long-running [commands](crate::command::LongCommands), and for those that must not run twice | none | |
 /// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
@@ -234,6 +257,10 @@ macro_rules! stack {
             type Mission = $crate::__declared!(mission $($entries)*,);
             type Param = $crate::__declared!(param $($entries)*,);
             type Stream = $crate::__declared!(stream [$vehicle] $($entries)*,);
+            type Messages = $crate::__declared!(messages $($entries)*,);
+            type Requests = $crate::__private::Requests<$crate::__declared!(
+                queues [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,
+            )>;
             type Mode = $crate::__declared!(mode $($entries)*,);
             type Time = $crate::__declared!(time $($entries)*,);
             type ManualControl = $crate::__declared!(manual_control $($entries)*,);
@@ -310,6 +337,13 @@ macro_rules! __declared {
         $crate::__declared!(check_streams [$vehicle] [$stack] $($rest)*);
     };
 
+    (messages messages, $($rest:tt)*) => { $crate::__private::Messages };
+    (messages) => { $crate::__private::Absent };
+
+    (queues [$links:expr] messages, $($rest:tt)*) => { [$crate::__private::LinkQueue; $links] };
+    (queues [$links:expr]) => { [$crate::__private::LinkQueue; 0] };
+    (queues [$links:expr] $skipped:tt $($rest:tt)*) => { $crate::__declared!(queues [$links] $($rest)*) };
+
     (mode modes, $($rest:tt)*) => { $crate::__private::ModeService };
     (mode) => { $crate::__private::Absent };
 
@@ -371,6 +405,7 @@ macro_rules! __declared {
     (check plans: { $($plans:tt)* }, $($rest:tt)*) => { $crate::__declared!(rest plans $($rest)*); };
     (check parameters: $table:ty, $($rest:tt)*) => { $crate::__declared!(rest parameters $($rest)*); };
     (check streams, $($rest:tt)*) => { $crate::__declared!(rest streams $($rest)*); };
+    (check messages, $($rest:tt)*) => { $crate::__declared!(rest messages $($rest)*); };
     (check modes, $($rest:tt)*) => { $crate::__declared!(rest modes $($rest)*); };
     (check commands: { slots: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(rest commands $($rest)*); };
     (check time, $($rest:tt)*) => { $crate::__declared!(rest time $($rest)*); };
@@ -401,6 +436,7 @@ macro_rules! __declared {
     (once plans plans: $($rest:tt)*) => { $crate::__declared!(twice plans); };
     (once parameters parameters: $($rest:tt)*) => { $crate::__declared!(twice parameters); };
     (once streams streams, $($rest:tt)*) => { $crate::__declared!(twice streams); };
+    (once messages messages, $($rest:tt)*) => { $crate::__declared!(twice messages); };
     (once modes modes, $($rest:tt)*) => { $crate::__declared!(twice modes); };
     (once commands commands: $($rest:tt)*) => { $crate::__declared!(twice commands); };
     (once time time, $($rest:tt)*) => { $crate::__declared!(twice time); };

@@ -1,18 +1,19 @@
 //! The methods of single services. Each exists only if its service is declared.
 
-use super::{Declares, Stack};
+use super::{Declares, RequestMemory, Stack};
 use crate::message::Message;
 use crate::network::ForwardCounters;
 use crate::service::command::{CommandSlots, LongCommands};
 use crate::service::forwarding::Forwarding;
 use crate::service::high_latency::HighLatency;
 use crate::service::manual_control::ManualInput;
+use crate::service::messages::{Messages, id_of};
 use crate::service::param::ParamTable;
 #[cfg(feature = "signing")]
 use crate::service::signing::{Signing, SigningStream};
 use crate::service::stream::{Stream, StreamService, Telemetry};
 use crate::service::time::{Time, TimeSample};
-use crate::types::LinkId;
+use crate::types::{Destination, LinkId};
 
 /// With `commands: { slots: N }`.
 impl<D: Declares<Commands = CommandSlots<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
@@ -139,6 +140,20 @@ where
     /// }
     /// ```
     pub fn announce<M: Message>(&mut self) {
-        self.shared.requests.announced |= const { Stream::rows_of::<M>(<D::Vehicle as Telemetry>::STREAMS) };
+        self.requests.view_mut().announced |= const { Stream::rows_of::<M>(<D::Vehicle as Telemetry>::STREAMS) };
+    }
+}
+
+/// With `messages`.
+impl<D: Declares<Vehicle: Telemetry, Messages = Messages>, const LINKS: usize> Stack<D, LINKS> {
+    /// Sends message `M` when a link of `to` has room: see [`Context::send`](crate::Context::send).
+    #[must_use = "it is not sent if the link has no room"]
+    pub fn send<M: Message>(&mut self, to: impl Into<Destination>, index: u16) -> bool {
+        self.requests.view_mut().send(self.shared.normal, const { id_of::<M>() }, to.into(), index)
+    }
+
+    /// Returns the number of messages that a link had no room for. Wraps.
+    pub fn refused_messages(&self, link: LinkId) -> u32 {
+        self.requests.view().refused(link)
     }
 }

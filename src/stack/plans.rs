@@ -1,6 +1,6 @@
 //! The firmware's view of plans: live plans, reached items, and plans that the firmware loads itself.
 
-use super::{Cx, Declares, PeerMemory, Stack, TextMemory, split};
+use super::{Cx, Declares, Stack, split};
 use crate::message::Item;
 use crate::service::command::Commands;
 use crate::service::mission::{self, Missions, PlanCounters, PlanFault, Plans};

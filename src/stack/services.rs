@@ -159,6 +159,7 @@ services! {
     param: D::Param,
     heartbeat: Heartbeats,
     stream: D::Stream,
+    messages: D::Messages,
     time: D::Time,
     signing: D::Signing,
     manual_control: D::ManualControl,

@@ -6,7 +6,7 @@
 use embedded_storage::nor_flash::NorFlash;
 
 use super::services::{Services, States};
-use super::{Cx, Declares, PeerMemory, Stack, TextMemory, split};
+use super::{Cx, Declares, Stack, split};
 use crate::dialect::MavSeverity;
 use crate::service::param::{ParamService, ParamTable, Parameters};
 use crate::storage::{

@@ -2,17 +2,17 @@
 
 use super::link::LinkMask;
 use super::plans::{PlanType, PlanView, PlansMut};
+use super::requests::Requests;
 use super::texts::StatusTexts;
 use crate::dialect::MavSeverity;
 use crate::time::Instant;
-use heapless::Vec;
 
 /// The context of a hook: the time, the live plans and parameters, and a way to report. Each hook that decides or
 /// learns something gets one. Hooks that only describe the vehicle, such as [`Vehicle::state`](crate::Vehicle::state),
 /// [`Plans::progress`](crate::Plans::progress) and [`Telemetry::fill`](crate::Telemetry::fill), get none: the stack asks
 /// them whenever and as often as it needs, so they must have no effect.
 ///
-/// Nothing in it calls back into the stack. A text is queued and a message is announced; both are sent when a link has
+/// Nothing in it calls back into the stack. Texts are queued and messages are remembered; they are sent when a link has
 /// room.
 pub struct Context<'a> {
     pub(crate) now: Instant,
@@ -23,24 +23,6 @@ pub struct Context<'a> {
     pub(crate) values: &'a [u32],
     /// Whether there is a slot for another long-running command.
     pub(crate) can_start: bool,
-}
-
-/// Requests of the hooks that no service has taken up yet.
-#[derive(Debug)]
-pub(crate) struct Requests {
-    /// A bit for each of the vehicle's streams: set if it must be sent once on every normal link.
-    pub(crate) announced: u32,
-    /// Mission items that were reached.
-    pub(crate) reached: Vec<u16, 4, u8>,
-}
-
-impl Requests {
-    pub(crate) const NONE: Self = Self { announced: 0, reached: Vec::new() };
-
-    /// Whether a request is pending for the next poll.
-    pub(crate) fn is_pending(&self) -> bool {
-        self.announced != 0 || !self.reached.is_empty()
-    }
 }
 
 impl<'a> Context<'a> {

@@ -21,6 +21,7 @@ mavstack::stack! {
         plans: { mission: 4 },
         parameters: Tuning,
         streams,
+        messages,
         modes,
         commands: { slots: 3 },
         forwarding,
@@ -105,6 +106,7 @@ fn pending_frames_are_sent_in_order() {
     world.pulse.tick();
     world.vehicle.0.state.as_mut().unwrap().custom_mode = pilot::HOLD;
     world.stack.send_text(now, MavSeverity::INFO, "Gear down");
+    assert!(world.stack.send::<SystemTime>(LinkId(0), 0));
 
     for _ in 0..2 {
         receive(&mut world, now, 1, WINGMAN, &Tunnel { payload: [1; 128], ..Tunnel::default() });
@@ -146,6 +148,7 @@ fn pending_frames_are_sent_in_order() {
         ("CurrentMode", vec![own(CurrentMode::ID)]),
         ("MissionProgress", vec![own(MissionCurrent::ID)]),
         ("ModeList", vec![own(AvailableModes::ID)]),
+        ("Message", vec![own(SystemTime::ID)]),
         ("LateParamList", vec![]),
         ("Stream", vec![own(Attitude::ID), own(GlobalPositionInt::ID), own(SysStatus::ID)]),
         ("Forwarded", vec![(Tunnel::ID, true); 2]),

@@ -341,7 +341,7 @@ pub(crate) fn work<'a, 'p, F: Firmware>(cx: &'a mut Cx<'p, F>) -> Option<(Work<'
         texts: cx.texts,
         normal: cx.shared.normal,
         second_ack: cx.shared.config.second_mission_ack,
-        requests: &mut cx.shared.requests,
+        requests: cx.requests,
         values: cx.parameters.values(),
     };
     Some((work, cx.vehicle))
@@ -360,7 +360,7 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
     /// Runs the timers, and queues MISSION_ITEM_REACHED for the items that the vehicle's hooks reported.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Replies>) {
         let (now, repeats) = (cx.now, cx.shared.config.item_reached_repeats);
-        let reached = core::mem::take(&mut cx.shared.requests.reached);
+        let reached = core::mem::take(&mut cx.requests.reached);
         let Some((mut work, vehicle)) = work(cx) else { return };
         reached.iter().for_each(|&seq| self.reached(now, seq, work.normal, repeats));
         queue_result(links, self.run_timers(&mut work, vehicle));

@@ -14,6 +14,7 @@ mod schedule;
 mod tests;
 mod vehicle;
 
+pub(crate) use requests::fill;
 pub use schedule::Slot;
 pub use vehicle::Telemetry;
 
@@ -25,7 +26,7 @@ use crate::dialect::{
     ProtocolVersion,
 };
 use crate::link::{Outbox, Port};
-use crate::message::Message;
+use crate::message::{Address, Message};
 use crate::network::PeerInfo;
 use crate::time::{Duration, Instant};
 use crate::types::{Context, Firmware, LinkId, PlanMemory, StreamProfile};
@@ -181,6 +182,7 @@ pub struct Fill<'a> {
     now: Instant,
     id: u32,
     index: u16,
+    target: Address,
     outbox: &'a mut Outbox,
     /// Only checks whether the message is available; it is not sent yet.
     is_probe: bool,
@@ -188,7 +190,13 @@ pub struct Fill<'a> {
 
 impl<'a> Fill<'a> {
     pub(crate) fn new(now: Instant, id: u32, index: u16, outbox: &'a mut Outbox, is_probe: bool) -> Self {
-        Self { now, id, index, outbox, is_probe }
+        Self { now, id, index, target: Address::new(0, 0), outbox, is_probe }
+    }
+
+    /// Sets the address to which the message is sent.
+    pub(crate) fn to(mut self, target: Address) -> Self {
+        self.target = target;
+        self
     }
 
     /// Returns the time of the call, for the time fields.
@@ -197,9 +205,16 @@ impl<'a> Fill<'a> {
     }
 
     /// Returns which instance is wanted, such as which battery: parameter 2 of MAV_CMD_REQUEST_MESSAGE, whose meaning each
-    /// message defines, or the [`instance`](Stream::instance) of a stream.
+    /// message defines, the [`instance`](Stream::instance) of a stream, or the index that the vehicle gave to
+    /// [`Context::send`].
     pub fn index(&self) -> u16 {
         self.index
+    }
+
+    /// Returns the address for the target fields of the message: the peer to which the vehicle [sends](Context::send) it;
+    /// 0/0, which is everyone, in a stream or on request.
+    pub fn target(&self) -> Address {
+        self.target
     }
 
     /// Returns the link on which it is sent.
@@ -264,7 +279,7 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
 
     /// Takes up the messages that hooks have announced.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) {
-        let announced = core::mem::take(&mut cx.shared.requests.announced);
+        let announced = core::mem::take(&mut cx.requests.announced);
         if announced != 0 {
             links.for_each(|link| link.streams.ask_all(announced));
         }

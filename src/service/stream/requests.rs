@@ -240,9 +240,9 @@ pub(super) fn next_asked<V: Telemetry>(
     false
 }
 
-/// Asks the vehicle for a message. Not inlined: the code for all its messages would be duplicated for each of the three
+/// Asks the vehicle for a message. Not inlined: the code for all its messages would be duplicated for each of the four
 /// callers.
 #[inline(never)]
-pub(super) fn fill<V: Telemetry>(vehicle: &mut V, out: &mut Fill<'_>) -> bool {
+pub(crate) fn fill<V: Telemetry>(vehicle: &mut V, out: &mut Fill<'_>) -> bool {
     vehicle.fill(out.id, out)
 }

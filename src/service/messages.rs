@@ -1,0 +1,101 @@
+//! The vehicle's own messages: to a peer, on a link, or on every normal link, whenever the vehicle has something to say.
+//!
+//! [`Context::send`] and [`Stack::send`](crate::Stack::send) remember which message is to be sent, in eight bytes, and the
+//! vehicle [fills](Telemetry::fill) it when the link has room. So a message reports the state at the time it is sent, and
+//! the memory is bounded: each link has room for eight, and one that is pending already is not queued twice.
+//!
+//! ```text
+//!   Context::send ─▶ queue of the link ─▶ Telemetry::fill ─▶ one frame
+//! ```
+//!
+//! The messages take at most half of a link's rate, and come after all answers (D-4). They are not sent on high-latency
+//! links (L-2).
+
+use super::share::Share;
+use super::stream::{Fill, Telemetry, fill, is_own};
+use super::{Cx, Service, Turn, View};
+use crate::link::Port;
+use crate::message::Message;
+use crate::time::Instant;
+use crate::types::{Context, Destination, Firmware};
+
+/// A byte's share of a link (byte·µs): half of the link's rate.
+const COST_OF_BYTE: u32 = 2_000_000;
+
+/// Sends the vehicle's own messages.
+#[derive(Debug)]
+pub struct Messages;
+
+impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
+    const NEW: Self = Self;
+    type Link = Share;
+    const VACANT: Share = Share::NEW;
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, share: &mut Share, _: Turn) -> bool {
+        if share.due() > cx.now {
+            return false;
+        }
+        while let Some(pending) = cx.requests.take(port.id) {
+            let outbox = &mut port.outbox;
+            if fill(cx.vehicle, &mut Fill::new(cx.now, pending.id, pending.index, outbox, false).to(pending.target)) {
+                let len = u32::try_from(outbox.pending().len()).unwrap_or(0);
+                share.spend(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+                return true;
+            }
+        }
+        false
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, share: &Share, _: Turn) -> Instant {
+        if view.requests.is_pending(port.id) { share.due() } else { Instant::NEVER }
+    }
+}
+
+/// The id of a message that the vehicle sends. Fails to compile if the stack sends it by itself.
+pub(crate) const fn id_of<M: Message>() -> u32 {
+    assert!(!is_own(M::ID), "the stack sends this message by itself");
+    M::ID
+}
+
+impl Context<'_> {
+    /// Sends message `M` when a link of `to` has room: the stack then calls [`Telemetry::fill`] with this `index`, as for a
+    /// stream, but `M` need not be one of [`STREAMS`](Telemetry::STREAMS). Needs `messages` in [`stack!`](crate::stack).
+    ///
+    /// Each link has room for eight messages, sends them in order, after all answers, and uses at most half of its rate for
+    /// them. The same message to the same destination is sent once until then. Returns false if no link has room: then
+    /// nothing is sent, and it is [counted](crate::Stack::refused_messages). A message that cannot be filled when its
+    /// turn comes is left out. High-latency links send none.
+    ///
+    /// ```
+    /// use mavstack::dialect::GimbalDeviceSetAttitude;
+    /// use mavstack::*;
+    ///
+    /// # struct Camera { gimbal: Option<Peer>, angle: [f32; 4] }
+    /// # impl Camera {
+    /// fn point_at(&mut self, cx: &mut Context<'_>, angle: [f32; 4]) {
+    ///     self.angle = angle;
+    ///     if let Some(gimbal) = self.gimbal {
+    ///         let _ = cx.send::<GimbalDeviceSetAttitude>(gimbal, 0);
+    ///     }
+    /// }
+    /// # }
+    ///
+    /// impl Telemetry for Camera {
+    ///     fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
+    ///         match id {
+    ///             GimbalDeviceSetAttitude::ID => out.put(&GimbalDeviceSetAttitude {
+    ///                 q: self.angle,
+    ///                 target_system: out.target().system.0,
+    ///                 target_component: out.target().component.0,
+    ///                 ..GimbalDeviceSetAttitude::UNKNOWN
+    ///             }),
+    ///             _ => false,
+    ///         }
+    ///     }
+    /// }
+    /// ```
+    #[must_use = "it is not sent if the link has no room"]
+    pub fn send<M: Message>(&mut self, to: impl Into<Destination>, index: u16) -> bool {
+        self.requests.send(self.normal, const { id_of::<M>() }, to.into(), index)
+    }
+}
