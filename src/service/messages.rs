@@ -53,7 +53,7 @@ impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
 
 /// The id of a message that the vehicle sends. Fails to compile if the stack sends it by itself.
 pub(crate) const fn id_of<M: Message>() -> u32 {
-    assert!(!is_own(M::ID), "the stack sends this message by itself");
+    assert!(!is_own(M::ID), "the stack sends this message by itself: it cannot be sent by the vehicle");
     M::ID
 }
 

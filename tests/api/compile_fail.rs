@@ -115,6 +115,12 @@ fn telemetry(list: &str) -> String {
     )
 }
 
+/// Returns a firmware with these entries that sends this message.
+fn sends(message: &str, entries: &str) -> String {
+    let main = format!("let _ = stack.send::<{message}>(Destination::All, 0);");
+    Firmware { hooks: &telemetry(""), entries, main: &main, ..Firmware::default() }.text()
+}
+
 /// A vehicle that declares a command like this, without slots.
 fn policy(policy: &str) -> String {
     Firmware { policies: &policies(policy), entries: "links: 1", ..Firmware::default() }.text()
@@ -258,6 +264,14 @@ fn cases() -> Vec<Case> {
             announces("cx.announce::<VfrHud, Self>();", ""),
             "the vehicle does not declare this message in `STREAMS`",
         ),
+        ("send", sends("Tunnel", "links: 1, messages"), ""),
+        (
+            "send_heartbeat",
+            sends("Heartbeat", "links: 1, messages"),
+            "the stack sends this message by itself: it cannot be sent by the vehicle",
+        ),
+        ("send_undeclared", sends("Tunnel", "links: 1"), "Messages"),
+        ("messages_without_telemetry", declares("links: 1, messages"), "does not implement `Telemetry`"),
         ("modes_33", modes(&many), "a vehicle has at most 32 modes"),
         (
             "modes_twice",

@@ -152,6 +152,7 @@ pub(crate) const fn is_own(id: u32) -> bool {
 }
 
 /// Returns the rows of a message in a table, a bit for each: of one instance, or of all of them if `index` is 0.
+#[inline(never)]
 pub(crate) const fn rows(mut table: &[Stream], id: u32, index: u16) -> u32 {
     let (mut rows, mut bit) = (0u32, 1u32);
     while let [stream, rest @ ..] = table {

@@ -68,24 +68,15 @@ pub(super) fn handle_command<V: Telemetry>(
     }
     let Some(index) = request.index else { return Some(MavResult::DENIED) };
     // A message that cannot be filled now is refused now; otherwise the client would wait for it.
-    let mut can_fill = |index| fill(vehicle, &mut Fill::new(now, id, index, &mut port.outbox, true));
-    let mut rows = rows(V::STREAMS, id, index);
-    if rows == 0 {
-        // An index that is not streamed: each message defines its meaning.
-        return Some(match can_fill(index) {
-            false => MavResult::DENIED,
-            true if streams.ask(all.trailing_zeros(), index) => MavResult::ACCEPTED,
-            true => MavResult::TEMPORARILY_REJECTED,
-        });
-    }
-    for (row, stream) in (0..).zip(V::STREAMS) {
-        let bit = 1u32.wrapping_shl(row);
-        if rows & bit != 0 && !can_fill(stream.instance) {
-            rows &= !bit;
+    let mut probe = Fill::new(now, id, index, &mut port.outbox, true);
+    for stream in V::STREAMS.iter().filter(|stream| stream.id == id) {
+        probe.index = if index == 0 { stream.instance } else { index };
+        if fill(vehicle, &mut probe) {
+            let is_pending = streams.ask(rows(V::STREAMS, id, index), all, index);
+            return Some(if is_pending { MavResult::ACCEPTED } else { MavResult::TEMPORARILY_REJECTED });
         }
     }
-    streams.ask_all(rows);
-    Some(if rows == 0 { MavResult::DENIED } else { MavResult::ACCEPTED })
+    Some(MavResult::DENIED)
 }
 
 /// The parameters that the commands about messages have in common.
@@ -210,16 +201,18 @@ pub(super) fn next_interval(
     let Port { outbox, config, .. } = port;
     let Some(message_id) = streams.take_interval_request() else { return false };
     let id = u32::from(message_id);
-    let streamed = || {
-        // -1 as unsigned is the longest: it is off.
-        let intervals = table.iter().zip(slots).filter(|(stream, _)| stream.id == id).map(|(stream, slot)| {
-            let interval = slot.interval(stream, config.streams);
-            interval.map_or(u32::MAX, |micros| micros.saturating_add(streams.slowdown(now)))
-        });
-        intervals.min()
-    };
-    // 0: there is no such stream, or the link cannot carry it (S-10).
-    let interval = fixed.interval(id).or_else(streamed).filter(|_| outbox.takes(id)).unwrap_or(0);
+    // 0: there is no such stream, or the link cannot carry it (S-10). -1 as unsigned, the longest, is off.
+    let mut interval = 0u32;
+    if outbox.takes(id) {
+        interval = fixed.interval(id).unwrap_or(0);
+        for (stream, slot) in table.iter().zip(slots) {
+            if stream.id == id {
+                let micros = slot.interval(stream, config.streams).unwrap_or(u32::MAX);
+                let micros = micros.saturating_add(streams.slowdown(now));
+                interval = if interval == 0 { micros } else { interval.min(micros) };
+            }
+        }
+    }
     outbox.send(&MessageInterval { interval_us: interval.cast_signed(), message_id })
 }
 

@@ -145,6 +145,7 @@ impl Streams {
     }
 
     /// Sets the interval of a stream (µs); 0 is its default, `None` stops it.
+    #[inline(never)]
     pub(super) fn set_interval(&mut self, now: Instant, slot: &mut Slot, interval: Option<u32>) {
         slot.interval = match interval {
             None => OFF,
@@ -155,11 +156,15 @@ impl Streams {
         self.wake = now;
     }
 
-    /// Schedules the message of row `number` once with an index that is no row's. Returns false if there is no room for another
-    /// index.
-    pub(super) fn ask(&mut self, number: u32, index: u16) -> bool {
-        let [number, ..] = number.to_le_bytes();
-        let indexed = number.saturating_add(1);
+    /// Schedules each of `rows` once; without any, the message of the rows `all` with this index. Returns false if there is
+    /// no room for another index.
+    pub(super) fn ask(&mut self, rows: u32, all: u32, index: u16) -> bool {
+        if rows != 0 {
+            self.asked |= rows;
+            return true;
+        }
+        let [number, ..] = all.trailing_zeros().to_le_bytes();
+        let indexed = number.wrapping_add(1);
         let has_room = self.indexed == 0 || (self.indexed == indexed && self.index == index);
         if has_room {
             self.indexed = indexed;

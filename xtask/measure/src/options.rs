@@ -32,6 +32,7 @@ const GROUPS: [(&str, &[Row]); 9] = [
             Row("text", "room for one more text", "texts-8", "texts", 4),
             Row("streams", "streams: 4 messages of yours", "streams", SMALLEST, 1),
             Row("stream", "one more stream, on one link", "streams-20", "streams", 16),
+            Row("messages", "messages of yours to a peer or to all, on one link", "messages,streams", "streams", 1),
         ],
     ),
     (

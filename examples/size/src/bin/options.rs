@@ -11,7 +11,7 @@ use mavstack::dialect::{
     ExtendedSysState, GlobalPositionInt, GpsRawInt, Heartbeat, HomePosition, LocalPositionNed, MavCmd, MavModeFlag,
     MavParamError, MavResult, MavSeverity, MavState, MissionCount, MissionItemInt, MissionRequestList, MissionState,
     NavControllerOutput, RawImu, RcChannels, ScaledImu, ScaledPressure, ServoOutputRaw, SysStatus, SystemTime,
-    Timesync, VfrHud, Vibration, WindCov, rules,
+    Timesync, Tunnel, VfrHud, Vibration, WindCov, rules,
 };
 use mavstack::high_latency::HighLatencySample;
 use mavstack::manual_control::ControlSource;
@@ -66,7 +66,8 @@ macro_rules! entry {
 
 entry!($ "mission" with_plans with_parameters [plans: { mission: MISSION, fence: FENCE, rally: RALLY }]);
 entry!($ "parameters" with_parameters with_streams [parameters: Tuning]);
-entry!($ "streams" with_streams with_modes [streams]);
+entry!($ "streams" with_streams with_messages [streams]);
+entry!($ "messages" with_messages with_modes [messages]);
 entry!($ "modes" with_modes with_commands [modes]);
 entry!($ "commands-long" with_commands with_forwarding [commands: { slots: SLOTS }]);
 entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
@@ -286,6 +287,8 @@ impl Telemetry for Rover {
             GlobalPositionInt::ID => out.put(&GlobalPositionInt::default()),
             SysStatus::ID => out.put(&SysStatus::default()),
             BatteryStatus::ID => out.put(&BatteryStatus::default()),
+            #[cfg(feature = "messages")]
+            Tunnel::ID => out.put(&Tunnel { target_system: out.target().system.0, ..Tunnel::default() }),
             _ => false,
         }
     }
@@ -383,6 +386,8 @@ fn main() -> ! {
     loop {
         let now = Instant::from_micros(now_micros());
         PULSE.tick();
+        #[cfg(feature = "messages")]
+        let _ = stack.send::<Tunnel>(Destination::All, 0);
         #[cfg(feature = "texts")]
         stack.send_text(now, MavSeverity::INFO, "started");
         #[cfg(feature = "time")]
