@@ -106,6 +106,7 @@
 //! | [`Telemetry`] | with `streams` | fills its messages |
 //! | [`Modes`] | with `modes` | switches to another flight mode |
 //! | [`Parameters`] | with `parameters` | decides which parameter may be set |
+//! | [`CommandClient`] | with `command_client` | makes its own commands to other components |
 //! | [`ParamBackend`] | instead of `Parameters`, if they live elsewhere | has the parameters |
 //!
 //! [`stack!`] lists all entries of a declaration. What a firmware does not declare takes neither flash nor RAM. Hooks get a
@@ -201,6 +202,7 @@ pub use frame::Frame;
 pub use message::{Address, CommandRule, Item, Message, Text};
 pub use pulse::Pulse;
 pub use service::command::Commands;
+pub use service::command_client::{CommandClient, CommandReply, OutgoingCommand};
 #[cfg(test)]
 pub use service::example::Tunes;
 pub use service::mission::{PlanChange, Plans, Progress};
@@ -210,7 +212,7 @@ pub use service::stream::{Fill, Stream, Telemetry};
 pub use stack::Stack;
 pub use time::{Duration, Instant};
 pub use types::{
-    Command, Config, Context, Destination, LinkConfig, LinkId, Outcome, Peer, PeerEvent, PlanType, Vehicle,
+    Command, Config, Context, Destination, LinkConfig, LinkId, Outcome, Peer, PeerEvent, PlanType, Recipient, Vehicle,
     VehicleState,
 };
 
@@ -284,6 +286,7 @@ pub use defmt as __defmt;
 pub mod __private {
     pub use crate::network::PeerInfo;
     pub use crate::service::command::{CommandSlots, NoSlots};
+    pub use crate::service::command_client::Client;
     pub use crate::service::forwarding::Forwarding;
     pub use crate::service::messages::Messages;
     pub use crate::service::mission::{Missions, WithoutPlans};

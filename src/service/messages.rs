@@ -17,7 +17,7 @@ use super::{Cx, Service, Turn, View};
 use crate::link::Port;
 use crate::message::Message;
 use crate::time::Instant;
-use crate::types::{Context, Destination, Firmware};
+use crate::types::{Context, Destination, Firmware, Pending};
 
 /// A byte's share of a link (byte·µs): half of the link's rate.
 const COST_OF_BYTE: u32 = 2_000_000;
@@ -35,9 +35,9 @@ impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
         if share.due() > cx.now {
             return false;
         }
-        while let Some(pending) = cx.requests.take(port.id) {
+        while let Some(Pending::Message { id, index, target }) = cx.requests.take_message(port.id) {
             let outbox = &mut port.outbox;
-            if fill(cx.vehicle, &mut Fill::new(cx.now, pending.id, pending.index, outbox, false).to(pending.target)) {
+            if fill(cx.vehicle, &mut Fill::new(cx.now, id.get(), index, outbox, false).to(target)) {
                 let len = u32::try_from(outbox.pending().len()).unwrap_or(0);
                 share.spend(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
                 return true;
@@ -47,7 +47,7 @@ impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
     }
 
     fn due(&self, view: &View<'_>, port: &Port, share: &Share, _: Turn) -> Instant {
-        if view.requests.is_pending(port.id) { share.due() } else { Instant::NEVER }
+        if view.requests.has_message(port.id) { share.due() } else { Instant::NEVER }
     }
 }
 
@@ -63,7 +63,7 @@ impl Context<'_> {
     ///
     /// Each link has room for eight messages, sends them in order, after all answers, and uses at most half of its rate for
     /// them. The same message to the same destination is sent once until then. Returns false if no link has room: then
-    /// nothing is sent, and it is [counted](crate::Stack::refused_messages). A message that cannot be filled when its
+    /// nothing is sent, and it is [counted](crate::Stack::refused_requests). A message that cannot be filled when its
     /// turn comes is left out. High-latency links send none.
     ///
     /// ```

@@ -12,6 +12,7 @@ mod token_bucket;
 mod turn;
 
 pub mod command;
+pub(crate) mod command_client;
 #[cfg(test)]
 pub mod example;
 pub(crate) mod forwarding;

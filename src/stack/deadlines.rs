@@ -25,8 +25,9 @@ use crate::message::{Address, Item, Message, Secret, Text};
 use crate::service::{Cx, ForwardingGate, Service, SigningGate, TABLE, Turn, View, turns};
 use crate::time::{Duration, Instant};
 use crate::{
-    Command, CommandRule, Commands, Config, Context, Fill, FlightMode, LinkConfig, LinkId, ModeRequest, Modes, Outcome,
-    Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry, Vehicle, VehicleState,
+    Command, CommandClient, CommandReply, CommandRule, Commands, Config, Context, Fill, FlightMode, LinkConfig, LinkId,
+    ModeRequest, Modes, Outcome, OutgoingCommand, Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse,
+    Stream, Telemetry, Vehicle, VehicleState,
 };
 
 const LINKS: usize = 3;
@@ -53,6 +54,7 @@ macro_rules! declare {
                 parameters: Tuning,
                 streams,
                 messages,
+                command_client: { slots: 2 },
                 modes,
                 commands: { slots: 2 },
                 forwarding: { bytes: 512, seen: 16 },
@@ -96,6 +98,14 @@ impl Commands for Rover {
     fn cancel_command(&mut self, _: &mut Context<'_>, _: MavCmd, _: Peer) -> bool {
         true
     }
+}
+
+impl CommandClient for Rover {
+    fn command_for(&mut self, token: u16) -> Option<OutgoingCommand> {
+        (token != 3).then_some(OutgoingCommand::long(MavCmd(token % 2), [0.0; 7]))
+    }
+
+    fn command_answered(&mut self, _: &mut Context<'_>, _: u16, _: CommandReply) {}
 }
 
 impl Modes for Rover {
@@ -207,6 +217,9 @@ fn requests() -> Vec<Request> {
     ] {
         pool.push(command(id, params));
     }
+    for result in [MavResult::ACCEPTED, MavResult::IN_PROGRESS] {
+        pool.push(of(CommandAck { command: MavCmd(1), result, target_system, target_component, ..Default::default() }));
+    }
     pool.push(of(CommandCancel { command: MavCmd::DO_MOTOR_TEST, target_system, target_component }));
     pool.push(of(SetMode { custom_mode: 1, target_system, base_mode: MavModeFlag::CUSTOM_MODE_ENABLED }));
 
@@ -302,7 +315,7 @@ fn event() -> impl Strategy<Value = Event> {
 }
 
 /// So many things the firmware may do of itself.
-const FIRMWARE: u8 = 19;
+const FIRMWARE: u8 = 21;
 
 struct World {
     stack: Everything,
@@ -424,6 +437,12 @@ impl World {
             15 => stack.restart_link(LinkId(link)),
             16 => {
                 let _ = stack.send::<BatteryStatus>(LinkId(link), u16::from(self.seq % 16));
+            }
+            18 => {
+                let _ = stack.send_command(STATION, u16::from(self.seq % 4));
+            }
+            19 => {
+                let _ = stack.with_context(now, |cx| cx.cancel_sent_command(u16::from(link)));
             }
             17 => {
                 let peer = Peer { address: STATION, link: LinkId(link) };

@@ -34,6 +34,7 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type Param: Persistent<Self>;
     type Stream: Service<Self>;
     type Messages: Service<Self>;
+    type Client: Service<Self>;
     type Mode: Service<Self>;
     type Time: Service<Self>;
     type ManualControl: Service<Self>;
@@ -184,6 +185,7 @@ impl<const LINKS: usize> RequestMemory for Requests<[LinkQueue; LINKS]> {
 /// | `messages` | [messages of the vehicle's own](crate::Context::send): room for eight on each link | none | [`Telemetry`](crate::Telemetry) |
 /// | `modes` | [flight modes](crate::Modes) | none | [`Modes`](crate::Modes) |
 /// | `commands: { slots: N }` | slots for long-running [commands](crate::command::LongCommands), and for those that must not run twice | none | |
+/// | `command_client: { slots: N }` | [commands of the vehicle](crate::CommandClient) to other components, `N` at a time | none | [`CommandClient`](crate::CommandClient) |
 /// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
 /// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |
 /// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
@@ -258,6 +260,7 @@ macro_rules! stack {
             type Param = $crate::__declared!(param $($entries)*,);
             type Stream = $crate::__declared!(stream [$vehicle] $($entries)*,);
             type Messages = $crate::__declared!(messages $($entries)*,);
+            type Client = $crate::__declared!(client $($entries)*,);
             type Requests = $crate::__private::Requests<$crate::__declared!(
                 queues [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,
             )>;
@@ -340,6 +343,10 @@ macro_rules! __declared {
     (messages messages, $($rest:tt)*) => { $crate::__private::Messages };
     (messages) => { $crate::__private::Absent };
 
+    (client command_client: { slots: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__private::Client<{ $n }> };
+    (client) => { $crate::__private::Absent };
+
+    (queues [$links:expr] command_client: $($rest:tt)*) => { [$crate::__private::LinkQueue; $links] };
     (queues [$links:expr] messages, $($rest:tt)*) => { [$crate::__private::LinkQueue; $links] };
     (queues [$links:expr]) => { [$crate::__private::LinkQueue; 0] };
     (queues [$links:expr] $skipped:tt $($rest:tt)*) => { $crate::__declared!(queues [$links] $($rest)*) };
@@ -408,6 +415,9 @@ macro_rules! __declared {
     (check messages, $($rest:tt)*) => { $crate::__declared!(rest messages $($rest)*); };
     (check modes, $($rest:tt)*) => { $crate::__declared!(rest modes $($rest)*); };
     (check commands: { slots: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(rest commands $($rest)*); };
+    (check command_client: { slots: $n:expr $(,)? }, $($rest:tt)*) => {
+        $crate::__declared!(rest command_client $($rest)*);
+    };
     (check time, $($rest:tt)*) => { $crate::__declared!(rest time $($rest)*); };
     (check manual_control, $($rest:tt)*) => { $crate::__declared!(rest manual_control $($rest)*); };
     (check high_latency, $($rest:tt)*) => { $crate::__declared!(rest high_latency $($rest)*); };
@@ -439,6 +449,7 @@ macro_rules! __declared {
     (once messages messages, $($rest:tt)*) => { $crate::__declared!(twice messages); };
     (once modes modes, $($rest:tt)*) => { $crate::__declared!(twice modes); };
     (once commands commands: $($rest:tt)*) => { $crate::__declared!(twice commands); };
+    (once command_client command_client: $($rest:tt)*) => { $crate::__declared!(twice command_client); };
     (once time time, $($rest:tt)*) => { $crate::__declared!(twice time); };
     (once manual_control manual_control, $($rest:tt)*) => { $crate::__declared!(twice manual_control); };
     (once high_latency high_latency, $($rest:tt)*) => { $crate::__declared!(twice high_latency); };

@@ -4,6 +4,7 @@ use super::{Declares, RequestMemory, Stack};
 use crate::message::Message;
 use crate::network::ForwardCounters;
 use crate::service::command::{CommandSlots, LongCommands};
+use crate::service::command_client::Client;
 use crate::service::forwarding::Forwarding;
 use crate::service::high_latency::HighLatency;
 use crate::service::manual_control::ManualInput;
@@ -13,7 +14,7 @@ use crate::service::param::ParamTable;
 use crate::service::signing::{Signing, SigningStream};
 use crate::service::stream::{Stream, StreamService, Telemetry};
 use crate::service::time::{Time, TimeSample};
-use crate::types::{Destination, LinkId};
+use crate::types::{Destination, LinkId, LinkQueue, Pending, Recipient, Requests};
 
 /// With `commands: { slots: N }`.
 impl<D: Declares<Commands = CommandSlots<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
@@ -151,9 +152,27 @@ impl<D: Declares<Vehicle: Telemetry, Messages = Messages>, const LINKS: usize> S
     pub fn send<M: Message>(&mut self, to: impl Into<Destination>, index: u16) -> bool {
         self.requests.view_mut().send(self.shared.normal, const { id_of::<M>() }, to.into(), index)
     }
+}
 
-    /// Returns the number of messages that a link had no room for. Wraps.
-    pub fn refused_messages(&self, link: LinkId) -> u32 {
+/// With `messages` or `command_client`.
+impl<D: Declares<Requests = Requests<[LinkQueue; LINKS]>>, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns the number of the vehicle's messages that a link had no room for; for the first link, of its commands too. Wraps.
+    pub fn refused_requests(&self, link: LinkId) -> u32 {
         self.requests.view().refused(link)
+    }
+}
+
+/// With `command_client: { slots: N }`.
+impl<D: Declares<Client = Client<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
+    /// Sends a command to another component: see [`Context::send_command`](crate::Context::send_command).
+    #[must_use = "it is not sent if too many commands wait"]
+    pub fn send_command(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
+        self.requests.view_mut().command(Pending::Command { to: to.into(), token })
+    }
+
+    /// Cancels a command: see [`Context::cancel_sent_command`](crate::Context::cancel_sent_command).
+    #[must_use = "it is not cancelled if too many commands wait"]
+    pub fn cancel_sent_command(&mut self, token: u16) -> bool {
+        self.requests.view_mut().command(Pending::Cancel { token })
     }
 }

@@ -168,6 +168,8 @@ services! {
     statustext: Texts,
     forwarding: D::Forwarding,
     records: D::Records,
+    // Polled last, after the hooks that send commands.
+    client: D::Client,
     #[cfg(test)]
     example: Tunes,
 }

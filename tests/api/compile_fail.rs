@@ -56,6 +56,13 @@ parameters! { pub struct Tuning { A: u8 = 0, 0..=1, \"\"; } }
 impl Parameters for Rover { type Table = Tuning; }
 ";
 
+const CLIENT: &str = "
+impl CommandClient for Rover {
+    fn command_for(&mut self, _: u16) -> Option<OutgoingCommand> { None }
+    fn command_answered(&mut self, _: &mut Context<'_>, _: u16, _: CommandReply) {}
+}
+";
+
 const BACKEND: &str = "
 impl ParamBackend for Rover {
     fn param_count(&self) -> u16 { 0 }
@@ -263,6 +270,17 @@ fn cases() -> Vec<Case> {
             "announce_in_a_hook",
             announces("cx.announce::<VfrHud, Self>();", ""),
             "the vehicle does not declare this message in `STREAMS`",
+        ),
+        (
+            "client_0",
+            implements(CLIENT, "links: 1, command_client: { slots: 0 }"),
+            "a command needs a slot: `command_client: { slots: 2 }`",
+        ),
+        ("client", implements(CLIENT, "links: 1, command_client: { slots: 2 }"), ""),
+        (
+            "client_without_hooks",
+            declares("links: 1, command_client: { slots: 2 }"),
+            "does not implement `CommandClient`",
         ),
         ("send", sends("Tunnel", "links: 1, messages"), ""),
         (

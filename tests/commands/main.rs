@@ -4,6 +4,7 @@
 mod support;
 
 mod checks;
+mod client;
 mod every_command;
 mod long;
 mod mode_requests;

@@ -7,8 +7,8 @@ use mavstack::config::StreamProfile;
 use mavstack::dialect::*;
 use mavstack::param::ParamTable;
 use mavstack::{
-    Address, Commands, Context, Duration, Fill, FlightMode, Frame, Instant, LinkConfig, LinkId, Message, ModeRequest,
-    Modes, Outcome, Stream, Telemetry, Vehicle, VehicleState,
+    Address, CommandClient, CommandReply, Commands, Context, Duration, Fill, FlightMode, Frame, Instant, LinkConfig,
+    LinkId, Message, ModeRequest, Modes, Outcome, OutgoingCommand, Stream, Telemetry, Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, VecDeque};
 
@@ -22,6 +22,7 @@ mavstack::stack! {
         parameters: Tuning,
         streams,
         messages,
+        command_client: { slots: 1 },
         modes,
         commands: { slots: 3 },
         forwarding,
@@ -49,6 +50,14 @@ impl Commands for Moded {
     fn command(&mut self, cx: &mut Context<'_>, command: &mavstack::Command) -> Outcome {
         self.0.command(cx, command)
     }
+}
+
+impl CommandClient for Moded {
+    fn command_for(&mut self, _: u16) -> Option<OutgoingCommand> {
+        Some(OutgoingCommand::long(MavCmd::REQUEST_MESSAGE, [0.0; 7]))
+    }
+
+    fn command_answered(&mut self, _: &mut Context<'_>, _: u16, _: CommandReply) {}
 }
 
 impl Modes for Moded {
@@ -107,10 +116,13 @@ fn pending_frames_are_sent_in_order() {
     world.vehicle.0.state.as_mut().unwrap().custom_mode = pilot::HOLD;
     world.stack.send_text(now, MavSeverity::INFO, "Gear down");
     assert!(world.stack.send::<SystemTime>(LinkId(0), 0));
+    assert!(world.stack.send_command(STATION, 0));
 
     for _ in 0..2 {
         receive(&mut world, now, 1, WINGMAN, &Tunnel { payload: [1; 128], ..Tunnel::default() });
     }
+    // Only a living component gets commands.
+    receive(&mut world, now, 0, STATION, &Heartbeat::default());
     receive(&mut world, now, 0, STATION, &ParamRequestList { target_system: 1, target_component: 1 });
     for (command, id) in [
         (MavCmd::REQUEST_MESSAGE, AvailableModes::ID),
@@ -145,6 +157,7 @@ fn pending_frames_are_sent_in_order() {
         ("Text", vec![own(Statustext::ID)]),
         ("Identity", vec![own(AutopilotVersion::ID)]),
         ("Request", vec![own(MessageInterval::ID), own(BatteryStatus::ID)]),
+        ("OutgoingCommand", vec![own(CommandLong::ID)]),
         ("CurrentMode", vec![own(CurrentMode::ID)]),
         ("MissionProgress", vec![own(MissionCurrent::ID)]),
         ("ModeList", vec![own(AvailableModes::ID)]),

@@ -41,6 +41,7 @@ where
     type Param = V::Param;
     type Requests = Requests<[LinkQueue; 0]>;
     type Messages = Absent;
+    type Client = Absent;
     type Stream = V::Stream;
     type Mode = V::Mode;
     type Time = O::Time;

@@ -139,7 +139,7 @@ fn message_to_all_is_sent_on_normal_links() {
     for link in [LinkId(2), LinkId(3), LinkId(16), LinkId(255)] {
         assert!(!world.stack.send::<Tunnel>(link, 1), "{link:?}");
     }
-    assert_eq!([0, 1, 2, 3].map(|link| world.stack.refused_messages(LinkId(link))), [0; 4]);
+    assert_eq!([0, 1, 2, 3].map(|link| world.stack.refused_requests(LinkId(link))), [0; 4]);
 }
 
 /// D-1: a link has room for eight. Others are refused and counted, and a stalled link does not affect the others.
@@ -153,11 +153,11 @@ fn full_queue_refuses_and_counts() {
         world.run_for(millis(100));
     }
     assert_eq!(tunnels(&world, 0), (100..120).collect::<Vec<_>>());
-    assert_eq!(world.stack.refused_messages(LinkId(0)), 0);
+    assert_eq!(world.stack.refused_requests(LinkId(0)), 0);
     world.run_for(secs(2));
     let sent = tunnels(&world, 1);
     assert_eq!(sent, [0, 100, 1, 101, 2, 102, 3, 103]);
-    assert_eq!(world.stack.refused_messages(LinkId(1)), 32);
+    assert_eq!(world.stack.refused_requests(LinkId(1)), 32);
 }
 
 /// A message that is pending is not queued again, and one that cannot be filled is left out.

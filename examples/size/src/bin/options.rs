@@ -9,9 +9,9 @@ use mavstack::dialect::commands::{ComponentArmDisarm, NavTakeoff};
 use mavstack::dialect::{
     Attitude, AttitudeQuaternion, BatteryStatus, CommandAck, CommandInt, CommandLong, EstimatorStatus,
     ExtendedSysState, GlobalPositionInt, GpsRawInt, Heartbeat, HomePosition, LocalPositionNed, MavCmd, MavModeFlag,
-    MavParamError, MavResult, MavSeverity, MavState, MissionCount, MissionItemInt, MissionRequestList, MissionState,
-    NavControllerOutput, RawImu, RcChannels, ScaledImu, ScaledPressure, ServoOutputRaw, SysStatus, SystemTime,
-    Timesync, Tunnel, VfrHud, Vibration, WindCov, rules,
+    MavParamError, MavResult, MavSeverity, MavState, MavType, MissionCount, MissionItemInt, MissionRequestList,
+    MissionState, NavControllerOutput, RawImu, RcChannels, ScaledImu, ScaledPressure, ServoOutputRaw, SysStatus,
+    SystemTime, Timesync, Tunnel, VfrHud, Vibration, WindCov, rules,
 };
 use mavstack::high_latency::HighLatencySample;
 use mavstack::manual_control::ControlSource;
@@ -69,7 +69,8 @@ entry!($ "parameters" with_parameters with_streams [parameters: Tuning]);
 entry!($ "streams" with_streams with_messages [streams]);
 entry!($ "messages" with_messages with_modes [messages]);
 entry!($ "modes" with_modes with_commands [modes]);
-entry!($ "commands-long" with_commands with_forwarding [commands: { slots: SLOTS }]);
+entry!($ "commands-long" with_commands with_client [commands: { slots: SLOTS }]);
+entry!($ "client" with_client with_forwarding [command_client: { slots: if cfg!(feature = "client-4") { 4 } else { 2 } }]);
 entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
 entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
 entry!($ "time" with_time with_manual [time]);
@@ -294,6 +295,18 @@ impl Telemetry for Rover {
     }
 }
 
+#[cfg(feature = "client")]
+impl CommandClient for Rover {
+    fn command_for(&mut self, token: u16) -> Option<OutgoingCommand> {
+        let params = [f32::from(token), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        Some(OutgoingCommand::long(MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, params))
+    }
+
+    fn command_answered(&mut self, _: &mut Context<'_>, _: u16, reply: CommandReply) {
+        self.armed &= reply != CommandReply::TimedOut;
+    }
+}
+
 #[cfg(feature = "mission")]
 impl Plans for Rover {
     const MISSION_COMMANDS: &'static [CommandRule] = &[rules::NAV_WAYPOINT];
@@ -386,6 +399,8 @@ fn main() -> ! {
     loop {
         let now = Instant::from_micros(now_micros());
         PULSE.tick();
+        #[cfg(feature = "client")]
+        let _ = stack.send_command(Recipient::Type(MavType::GIMBAL), 1);
         #[cfg(feature = "messages")]
         let _ = stack.send::<Tunnel>(Destination::All, 0);
         #[cfg(feature = "texts")]

@@ -1,0 +1,396 @@
+//! The vehicle's own commands to other components: a gimbal, a camera, an arm authoriser.
+//!
+//! Implements the client's side of <https://mavlink.io/en/services/command.html>. A hook or the flight loop names the
+//! recipient and a token, [`CommandClient::command_for`] makes the command of the token, and
+//! [`CommandClient::command_answered`] learns what became of it. Each command is sent until it is answered:
+//!
+//! ```text
+//!                      ┌── no answer for 700 ms, 5 times ──▶ TimedOut
+//!   send_command ─▶ sent ─── IN_PROGRESS ──▶ running ── silent for 10 s ──▶ TimedOut
+//!                      │                        │
+//!                      └── any other result ────┴──▶ Done          cancel_command: COMMAND_CANCEL, sent in the same way
+//! ```
+//!
+//! Retransmissions have a rising `confirmation` and are sent on a link on which the recipient is alive, so a redundant link
+//! takes over. An answer does not say which of two commands it answers, so of two commands with the same number to the same
+//! component the second waits until the first has ended. High-latency links carry no answers to the vehicle (L-4), and so no commands.
+
+use super::{Cx, Handled, Received, Service, Shared, Turn, View};
+use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavResult};
+use crate::link::Port;
+use crate::message::Address;
+use crate::network::Peers;
+use crate::time::{Duration, Instant};
+use crate::types::{CommandPosition, Context, Firmware, LinkId, LinkMask, PENDING, Peer, Pending, Recipient};
+
+/// How long to wait for an answer before the command is sent again.
+const TIMEOUT: Duration = Duration::from_millis(700);
+
+/// The maximum number of transmissions of a command.
+const TRANSMISSIONS: u8 = 5;
+
+/// How long to wait after IN_PROGRESS. Its sender repeats it about every second (C-20).
+const PROGRESS_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// A command that the vehicle sends, as COMMAND_LONG or COMMAND_INT.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct OutgoingCommand {
+    id: MavCmd,
+    params: [f32; 4],
+    position: CommandPosition,
+    z: f32,
+}
+
+impl OutgoingCommand {
+    /// All zero bits.
+    const NONE: Self = Self::long(MavCmd(0), [0.0; 7]);
+
+    /// Returns a command for COMMAND_LONG. A command with a location has it in degrees.
+    pub const fn long(id: MavCmd, params: [f32; 7]) -> Self {
+        let [p1, p2, p3, p4, param5, param6, z] = params;
+        Self { id, params: [p1, p2, p3, p4], position: CommandPosition::Long { param5, param6 }, z }
+    }
+
+    /// Returns a command for COMMAND_INT: parameters 1 to 4, the position (deg·1e7 in a global frame), and parameter 7.
+    pub const fn int(id: MavCmd, frame: MavFrame, params: [f32; 4], [x, y]: [i32; 2], z: f32) -> Self {
+        Self { id, params, position: CommandPosition::Int { frame, x, y }, z }
+    }
+}
+
+/// What became of a command of the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum CommandReply {
+    /// It runs, and another reply follows. Progress in percent; 255 is unknown.
+    InProgress(u8),
+    /// It was answered: ACCEPTED, CANCELLED, or why it was refused.
+    Done {
+        /// The result.
+        result: MavResult,
+        /// COMMAND_ACK.result_param2. Each command defines its meaning.
+        result_param2: i32,
+    },
+    /// It was not sent: no such component is alive on a normal link, or the vehicle made no command of the token.
+    NotSent,
+    /// It was not answered: it was lost each time, its recipient does not know commands, or it stopped reporting progress.
+    TimedOut,
+}
+
+/// The vehicle sends commands to other components. For a vehicle that declares `command_client` in
+/// [`stack!`](crate::stack).
+///
+/// ```
+/// use mavstack::dialect::{MavCmd, MavResult, MavSeverity, MavType};
+/// use mavstack::*;
+///
+/// struct Carrier { pitch: f32 }
+///
+/// const POINT_GIMBAL: u16 = 1;
+///
+/// impl Carrier {
+///     fn point(&mut self, cx: &mut Context<'_>, pitch: f32) {
+///         self.pitch = pitch;
+///         if !cx.send_command(Recipient::Type(MavType::GIMBAL), POINT_GIMBAL) {
+///             cx.text(MavSeverity::WARNING, "Gimbal: too many commands");
+///         }
+///     }
+/// }
+///
+/// impl CommandClient for Carrier {
+///     fn command_for(&mut self, token: u16) -> Option<OutgoingCommand> {
+///         let params = [self.pitch, 0.0, f32::NAN, f32::NAN, 0.0, 0.0, 0.0];
+///         (token == POINT_GIMBAL).then_some(OutgoingCommand::long(MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, params))
+///     }
+///
+///     fn command_answered(&mut self, cx: &mut Context<'_>, _: u16, reply: CommandReply) {
+///         match reply {
+///             CommandReply::InProgress(_) | CommandReply::Done { result: MavResult::ACCEPTED, .. } => {}
+///             _ => cx.text(MavSeverity::WARNING, "Gimbal: not pointed"),
+///         }
+///     }
+/// }
+/// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not implement `CommandClient`",
+    note = "`command_client` in `stack!` needs `impl CommandClient for {Self}`: write it, or leave `command_client` out"
+)]
+pub trait CommandClient {
+    /// Returns the command that a token stands for: once, when it is first sent. Retransmissions repeat it. `None` if there
+    /// is nothing to send any more.
+    fn command_for(&mut self, token: u16) -> Option<OutgoingCommand>;
+
+    /// Called with what became of a command: any number of times with [`CommandReply::InProgress`], then once with another
+    /// reply.
+    fn command_answered(&mut self, cx: &mut Context<'_>, token: u16, reply: CommandReply);
+}
+
+/// The state of a slot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Free,
+    /// It is to be sent, the first time or again.
+    Due,
+    /// An answer is expected until [`Slot::at`].
+    Sent,
+    /// IN_PROGRESS was received. Another answer is expected until [`Slot::at`].
+    Running,
+}
+
+/// A command that was not finally answered yet.
+#[derive(Clone, Copy, Debug)]
+pub struct Slot {
+    state: State,
+    /// The number of transmissions, of COMMAND_CANCEL once `is_cancelled`.
+    sent: u8,
+    is_cancelled: bool,
+    /// The recipient, and the link on which it is sent. Component 0 is any component of the system.
+    to: Peer,
+    token: u16,
+    command: OutgoingCommand,
+    at: Instant,
+}
+
+impl Slot {
+    /// All zero bits.
+    const FREE: Self = Self {
+        state: State::Free,
+        sent: 0,
+        is_cancelled: false,
+        to: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        token: 0,
+        command: OutgoingCommand::NONE,
+        at: Instant::ZERO,
+    };
+
+    /// Whether it was sent and its answer is expected.
+    fn is_expecting(&self) -> bool {
+        self.state != State::Free && (self.sent > 0 || self.is_cancelled)
+    }
+
+    /// Schedules the next transmission.
+    fn send_again(&mut self, peers: &Peers, shared: &Shared) {
+        self.state = State::Due;
+        // The link may have died meanwhile.
+        self.to = find(peers, shared, Recipient::Address(self.to.address)).unwrap_or(self.to);
+    }
+}
+
+/// Sends the vehicle's commands and follows them, `N` at a time.
+#[derive(Debug)]
+pub struct Client<const N: usize> {
+    slots: [Slot; N],
+}
+
+impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<N> {
+    type Link = ();
+    const VACANT: () = ();
+    const NEW: Self = {
+        assert!(N > 0, "a command needs a slot: `command_client: {{ slots: 2 }}`, or leave `command_client` out");
+        Self { slots: [Slot::FREE; N] }
+    };
+
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>) {
+        run_timers(&mut self.slots, cx);
+        // A hook may request as much again, so this is bounded.
+        for _ in 0..PENDING {
+            take_cancellation(&mut self.slots, cx);
+            take_command(&mut self.slots, cx);
+        }
+        let has_room = self.slots.iter().any(|slot| slot.state == State::Free);
+        cx.requests.set_due(has_room);
+    }
+
+    fn deadline(&self) -> Instant {
+        let expecting = self.slots.iter().filter(|slot| matches!(slot.state, State::Sent | State::Running));
+        expecting.fold(Instant::NEVER, |deadline, slot| deadline.min(slot.at))
+    }
+
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut (), received: &Received<'_>) -> Handled {
+        let Some(ack) = received.frame.decode::<CommandAck>() else { return Handled::No };
+        let Some(slot) = self.slots.iter_mut().find(|slot| slot.is_answered_by(received.from.address, ack.command))
+        else {
+            return Handled::No;
+        };
+        // The next poll takes up what waits for the slot, and what the hook requests.
+        cx.requests.set_due(true);
+        if ack.result == MavResult::IN_PROGRESS {
+            (slot.state, slot.at) = (State::Running, cx.now.after(PROGRESS_TIMEOUT));
+            answered(cx, slot.token, CommandReply::InProgress(ack.progress));
+        } else {
+            let CommandAck { result, result_param2, .. } = ack;
+            end(slot, cx, CommandReply::Done { result, result_param2 });
+        }
+        Handled::Yes
+    }
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), _: Turn) -> bool {
+        let Some(slot) = self.due_on(port.id).and_then(|number| self.slots.get_mut(number)) else { return false };
+        slot.send(cx.now, port)
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, (): &(), _: Turn) -> Instant {
+        if self.due_on(port.id).is_some() { view.now } else { Instant::NEVER }
+    }
+}
+
+impl<const N: usize> Client<N> {
+    /// Returns the number of a slot that is to be sent on a link.
+    fn due_on(&self, link: LinkId) -> Option<usize> {
+        due_on(&self.slots, link)
+    }
+}
+
+/// Returns the number of a slot that is to be sent on a link, unless the answer to an equal command is expected.
+fn due_on(slots: &[Slot], link: LinkId) -> Option<usize> {
+    slots.iter().position(|slot| {
+        let is_same = |other: &Slot| {
+            other.is_expecting() && (other.to.address, other.command.id) == (slot.to.address, slot.command.id)
+        };
+        slot.state == State::Due && slot.to.link == link && (slot.is_expecting() || !slots.iter().any(is_same))
+    })
+}
+
+impl Slot {
+    /// Whether an answer to this command from this component is the one that is expected.
+    fn is_answered_by(&self, from: Address, command: MavCmd) -> bool {
+        let Address { system, component } = self.to.address;
+        let is_from = system == from.system && (component.0 == 0 || component == from.component);
+        is_from && self.command.id == command && self.is_expecting()
+    }
+
+    /// Sends the command, or its cancellation.
+    #[inline(never)]
+    fn send(&mut self, now: Instant, port: &mut Port) -> bool {
+        let OutgoingCommand { id: command, params: [param1, param2, param3, param4], position, z } = self.command;
+        let (target_system, target_component) = (self.to.address.system.0, self.to.address.component.0);
+        let confirmation = self.sent;
+        (self.state, self.at) = (State::Sent, now.after(TIMEOUT));
+        self.sent = self.sent.saturating_add(1);
+        match position {
+            _ if self.is_cancelled => port.outbox.send(&CommandCancel { command, target_system, target_component }),
+            CommandPosition::Long { param5, param6 } => port.outbox.send(&CommandLong {
+                param1,
+                param2,
+                param3,
+                param4,
+                param5,
+                param6,
+                param7: z,
+                command,
+                target_system,
+                target_component,
+                confirmation,
+            }),
+            CommandPosition::Int { frame, x, y } => port.outbox.send(&CommandInt {
+                param1,
+                param2,
+                param3,
+                param4,
+                x,
+                y,
+                z,
+                command,
+                target_system,
+                target_component,
+                frame,
+                current: 0,
+                autocontinue: 0,
+            }),
+        }
+    }
+}
+
+/// Has unanswered commands sent again, or ends them.
+fn run_timers<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut Cx<'_, F>) {
+    for slot in slots {
+        match slot.state {
+            State::Free | State::Due => {}
+            State::Sent | State::Running if cx.now < slot.at => {}
+            State::Sent if slot.sent < TRANSMISSIONS => slot.send_again(cx.peers, cx.shared),
+            State::Sent | State::Running => end(slot, cx, CommandReply::TimedOut),
+        }
+    }
+}
+
+/// Takes up a cancellation, if one is pending.
+fn take_cancellation<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut Cx<'_, F>) {
+    let is_cancellation = |request: &Pending| matches!(request, Pending::Cancel { .. });
+    let Some(Pending::Cancel { token }) = cx.requests.take_command(is_cancellation) else { return };
+    match slots.iter_mut().find(|slot| slot.state != State::Free && slot.token == token) {
+        Some(slot) if slot.is_cancelled => {}
+        Some(slot) if slot.is_expecting() => {
+            (slot.is_cancelled, slot.sent) = (true, 0);
+            slot.send_again(cx.peers, cx.shared);
+        }
+        // It was not sent yet.
+        Some(slot) => end(slot, cx, CANCELLED),
+        None => {
+            let is_it = |request: &Pending| matches!(request, Pending::Command { token: other, .. } if *other == token);
+            if cx.requests.take_command(is_it).is_some() {
+                answered(cx, token, CANCELLED);
+            }
+        }
+    }
+}
+
+/// Takes up a command, if one is pending and there is a slot for it.
+fn take_command<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut Cx<'_, F>) {
+    let Some(slot) = slots.iter_mut().find(|slot| slot.state == State::Free) else { return };
+    let is_command = |request: &Pending| matches!(request, Pending::Command { .. });
+    let Some(Pending::Command { to, token }) = cx.requests.take_command(is_command) else { return };
+    let to = find(cx.peers, cx.shared, to);
+    match to.and_then(|to| Some((to, cx.vehicle.command_for(token)?))) {
+        Some((to, command)) => *slot = Slot { state: State::Due, to, token, command, ..Slot::FREE },
+        None => answered(cx, token, CommandReply::NotSent),
+    }
+}
+
+/// The reply for a command that was cancelled before it was sent.
+const CANCELLED: CommandReply = CommandReply::Done { result: MavResult::CANCELLED, result_param2: 0 };
+
+/// Frees a slot, and tells the vehicle why.
+fn end<F: Firmware<Vehicle: CommandClient>>(slot: &mut Slot, cx: &mut Cx<'_, F>, reply: CommandReply) {
+    slot.state = State::Free;
+    answered(cx, slot.token, reply);
+}
+
+/// Not inlined: it has many callers.
+#[inline(never)]
+fn answered<F: Firmware<Vehicle: CommandClient>>(cx: &mut Cx<'_, F>, token: u16, reply: CommandReply) {
+    let (vehicle, mut context) = cx.hook();
+    vehicle.command_answered(&mut context, token, reply);
+}
+
+/// Returns the recipient, and a normal link on which it is alive.
+fn find(peers: &Peers, shared: &Shared, to: Recipient) -> Option<Peer> {
+    let own = shared.config.address.get().system;
+    let found = peers.iter().find(|info| {
+        let Address { system, component } = info.peer.address;
+        let is_it = match to {
+            Recipient::Address(to) => to.system == system && (to.component.0 == 0 || to.component == component),
+            Recipient::Type(kind) => system == own && info.r#type == kind,
+        };
+        is_it && info.is_alive && shared.normal.contains(LinkMask::of(info.peer.link))
+    });
+    let Peer { address, link } = found?.peer;
+    Some(Peer { address: if let Recipient::Address(to) = to { to } else { address }, link })
+}
+
+impl Context<'_> {
+    /// Sends a command to another component, and repeats it until it is answered: see [`CommandClient`]. The next
+    /// [`poll`](crate::Stack::poll) takes it up, or a later one if all slots are taken. Needs `command_client` in
+    /// [`stack!`](crate::stack). Returns false, and sends nothing, if eight commands and messages wait on the first link.
+    #[must_use = "it is not sent if too many commands wait"]
+    pub fn send_command(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
+        self.requests.command(Pending::Command { to: to.into(), token })
+    }
+
+    /// Cancels the command with this token: it is not sent, or else COMMAND_CANCEL is sent for it. The recipient's answer to that
+    /// goes to [`CommandClient::command_answered`]: many components know no COMMAND_CANCEL and answer the command itself in
+    /// the end. Returns false if eight commands and messages wait on the first link.
+    #[must_use = "it is not cancelled if too many commands wait"]
+    pub fn cancel_sent_command(&mut self, token: u16) -> bool {
+        self.requests.command(Pending::Cancel { token })
+    }
+}

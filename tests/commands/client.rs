@@ -1,0 +1,401 @@
+//! The vehicle's own commands to other components: rules C-3, C-13, C-20, C-23, L-4, D-1, D-3, S-10.
+
+use std::collections::BTreeMap;
+
+use crate::support::*;
+use mavstack::config::LinkClass;
+use mavstack::dialect::*;
+use mavstack::{
+    Address, Command, CommandClient, CommandReply, Commands, Context, Duration, LinkConfig, LinkId, Outcome,
+    OutgoingCommand, Recipient, Vehicle, VehicleState,
+};
+use proptest::prelude::*;
+
+const GIMBAL: Address = Address::new(1, 154);
+const AUTHORISER: Address = Address::new(10, 1);
+/// Two links, a companion and its backup, and a satellite.
+const COMPANION: usize = 1;
+const BACKUP: usize = 0;
+const SATELLITE: usize = 2;
+
+const POINT: u16 = 1;
+const REQUEST: u16 = 2;
+const GO: u16 = 3;
+const NOTHING: u16 = 4;
+/// Tokens from here on are equal commands.
+const EQUAL: u16 = 100;
+
+/// A vehicle that sends commands, and tries each again that is not sent while `is_stubborn`.
+#[derive(Default)]
+struct Carrier {
+    replies: Vec<(u16, CommandReply)>,
+    is_stubborn: bool,
+    made: BTreeMap<u16, u32>,
+}
+
+impl Vehicle for Carrier {
+    fn state(&self) -> Option<VehicleState> {
+        TestVehicle::new().state
+    }
+}
+
+impl Commands for Carrier {
+    fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
+        let is_sent = command.id == MavCmd::USER_1 && cx.send_command(Recipient::Type(MavType::GIMBAL), POINT);
+        if is_sent { MavResult::ACCEPTED } else { MavResult::UNSUPPORTED }.into()
+    }
+}
+
+impl CommandClient for Carrier {
+    fn command_for(&mut self, token: u16) -> Option<OutgoingCommand> {
+        *self.made.entry(token).or_default() += 1;
+        match token {
+            POINT => {
+                Some(OutgoingCommand::long(MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, [-30.0, 45.0, 0.5, 0.25, 2.0, 0.0, 0.0]))
+            }
+            REQUEST => Some(OutgoingCommand::long(MavCmd::REQUEST_MESSAGE, [283.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
+            GO => {
+                let (frame, place) = (MavFrame::GLOBAL, [473_977_420, 85_455_940]);
+                Some(OutgoingCommand::int(MavCmd::DO_REPOSITION, frame, [-1.0, 0.0, 0.0, f32::NAN], place, 500.0))
+            }
+            EQUAL.. => {
+                Some(OutgoingCommand::long(MavCmd::DO_SET_SERVO, [1.0, f32::from(token), 0.0, 0.0, 0.0, 0.0, 0.0]))
+            }
+            _ => None,
+        }
+    }
+
+    fn command_answered(&mut self, cx: &mut Context<'_>, token: u16, reply: CommandReply) {
+        self.replies.push((token, reply));
+        if self.is_stubborn && reply == CommandReply::NotSent {
+            let _ = cx.send_command(GIMBAL, token);
+        }
+    }
+}
+
+mavstack::stack! {
+    struct Carrying for Carrier { links: 3, command_client: { slots: 2 } }
+}
+
+type Sky = World<3, Carrying>;
+
+fn sky() -> Sky {
+    sky_at(millis(1))
+}
+
+/// Creates a world with this period of the loop.
+fn sky_at(step: Duration) -> Sky {
+    let uart = LinkConfig::uart(115_200);
+    let links = [uart, uart, uart.with_class(LinkClass::HighLatency)];
+    let mut world = Sky::of(Setup { links, step, ..Setup::new() });
+    world.run_for(millis(20));
+    beat(&mut world, COMPANION, GIMBAL, MavType::GIMBAL);
+    world
+}
+
+/// A component sends a heartbeat.
+fn beat(world: &mut Sky, link: usize, from: Address, r#type: MavType) {
+    world.gcs[link].send_from(from, &Heartbeat { r#type, ..Heartbeat::default() });
+    world.run_for(millis(10));
+}
+
+/// A component answers a command.
+fn answer(world: &mut Sky, link: usize, from: Address, ack: CommandAck) {
+    world.gcs[link].send_from(from, &ack);
+    world.run_for(millis(10));
+}
+
+fn ack(command: MavCmd, result: MavResult) -> CommandAck {
+    CommandAck { command, result, target_system: 1, target_component: 1, ..CommandAck::UNKNOWN }
+}
+
+fn done(result: MavResult) -> CommandReply {
+    CommandReply::Done { result, result_param2: 0 }
+}
+
+/// Returns the commands that a link has sent: when, which, and their confirmation.
+fn sent(world: &Sky, link: usize) -> Vec<(u64, MavCmd, u8)> {
+    let commands = world.gcs[link].all::<CommandLong>();
+    commands.into_iter().map(|(at, command)| (at.as_millis(), command.command, command.confirmation)).collect()
+}
+
+const PITCHYAW: MavCmd = MavCmd::DO_GIMBAL_MANAGER_PITCHYAW;
+
+/// A hook's command is sent to the gimbal of our system, once if it is answered, and the vehicle gets the result.
+#[test]
+fn command_to_a_gimbal_is_answered() {
+    let mut world = sky();
+    world.gcs[BACKUP].command_long(MavCmd::USER_1, [0.0; 7]);
+    world.run_for(millis(50));
+    let (_, command) = world.gcs[COMPANION].all::<CommandLong>()[0];
+    let expected = CommandLong {
+        param1: -30.0,
+        param2: 45.0,
+        param3: 0.5,
+        param4: 0.25,
+        param5: 2.0,
+        command: PITCHYAW,
+        target_system: 1,
+        target_component: 154,
+        ..CommandLong::default()
+    };
+    assert_eq!(command, expected);
+    answer(&mut world, COMPANION, GIMBAL, CommandAck { result_param2: -7, ..ack(PITCHYAW, MavResult::DENIED) });
+    world.run_for(secs(10));
+    assert_eq!(world.vehicle.replies, [(POINT, CommandReply::Done { result: MavResult::DENIED, result_param2: -7 })]);
+    assert_eq!((sent(&world, COMPANION).len(), sent(&world, BACKUP).len()), (1, 0), "on the gimbal's link only");
+}
+
+/// A command that is not answered is sent five times, 700 ms apart, with a rising confirmation.
+#[test]
+fn unanswered_command_is_repeated_and_times_out() {
+    let mut world = sky();
+    let start = world.now().as_millis();
+    assert!(world.stack.send_command(GIMBAL, REQUEST));
+    world.run_for(millis(3_450));
+    assert_eq!(world.vehicle.replies, []);
+    world.run_for(millis(100));
+    assert_eq!(world.vehicle.replies, [(REQUEST, CommandReply::TimedOut)]);
+    let sent = sent(&world, COMPANION);
+    assert_eq!(sent.iter().map(|&(.., confirmation)| confirmation).collect::<Vec<_>>(), [0, 1, 2, 3, 4]);
+    for (number, &(at, ..)) in (0..).zip(&sent) {
+        assert!((at - start).abs_diff(700 * number) <= 10 + number, "{number}: {} ms", at - start);
+    }
+    assert_eq!(world.vehicle.made[&REQUEST], 1, "retransmissions repeat the first");
+    answer(&mut world, COMPANION, GIMBAL, ack(MavCmd::REQUEST_MESSAGE, MavResult::ACCEPTED));
+    assert_eq!(world.vehicle.replies.len(), 1, "too late");
+}
+
+/// COMMAND_INT carries a position to 1e-7 degrees, and is repeated too.
+#[test]
+fn position_is_sent_as_command_int() {
+    let mut world = sky();
+    assert!(world.stack.send_command(GIMBAL, GO));
+    world.run_for(millis(1_000));
+    let commands = world.gcs[COMPANION].all::<CommandInt>();
+    assert_eq!(commands.len(), 2);
+    let (_, CommandInt { x, y, z, frame, command, param1, param4, .. }) = commands[0];
+    assert_eq!((x, y, z, frame, command), (473_977_420, 85_455_940, 500.0, MavFrame::GLOBAL, MavCmd::DO_REPOSITION));
+    assert!(param1 == -1.0 && param4.is_nan());
+}
+
+/// C-20: IN_PROGRESS ends the retransmissions. Silence for ten seconds after it is a timeout.
+#[test]
+fn progress_is_followed() {
+    let mut world = sky();
+    assert!(world.stack.send_command(GIMBAL, POINT));
+    world.run_for(millis(20));
+    for progress in [10, 55, 255] {
+        answer(&mut world, COMPANION, GIMBAL, CommandAck { progress, ..ack(PITCHYAW, MavResult::IN_PROGRESS) });
+        world.run_for(millis(9_900));
+    }
+    answer(&mut world, COMPANION, GIMBAL, ack(PITCHYAW, MavResult::ACCEPTED));
+    let running = [10, 55, 255].map(|progress| (POINT, CommandReply::InProgress(progress)));
+    assert_eq!(world.vehicle.replies, [&running[..], &[(POINT, done(MavResult::ACCEPTED))]].concat());
+    assert_eq!(sent(&world, COMPANION).len(), 1);
+
+    world.vehicle.replies.clear();
+    beat(&mut world, COMPANION, GIMBAL, MavType::GIMBAL);
+    assert!(world.stack.send_command(GIMBAL, POINT));
+    world.run_for(millis(20));
+    answer(&mut world, COMPANION, GIMBAL, ack(PITCHYAW, MavResult::IN_PROGRESS));
+    world.run_for(millis(10_100));
+    assert_eq!(world.vehicle.replies.last(), Some(&(POINT, CommandReply::TimedOut)));
+}
+
+/// C-23: a command is cancelled by COMMAND_CANCEL, sent until it is answered; one that was not sent yet is dropped.
+#[test]
+fn commands_are_cancelled() {
+    let mut world = sky();
+    for token in [POINT, EQUAL, EQUAL + 1] {
+        assert!(world.stack.send_command(GIMBAL, token));
+    }
+    world.run_for(millis(20));
+    answer(&mut world, COMPANION, GIMBAL, ack(PITCHYAW, MavResult::IN_PROGRESS));
+    for token in [POINT, EQUAL + 1, 77] {
+        assert!(world.stack.cancel_sent_command(token));
+    }
+    world.run_for(millis(800));
+    let cancels = world.gcs[COMPANION].all::<CommandCancel>();
+    assert_eq!(cancels.len(), 2, "it is repeated");
+    let (_, cancel) = cancels[0];
+    assert_eq!(cancel, CommandCancel { command: PITCHYAW, target_system: 1, target_component: 154 });
+    answer(&mut world, COMPANION, GIMBAL, ack(PITCHYAW, MavResult::CANCELLED));
+    world.run_for(secs(5));
+    let replies = [
+        (POINT, CommandReply::InProgress(255)),
+        (EQUAL + 1, done(MavResult::CANCELLED)),
+        (POINT, done(MavResult::CANCELLED)),
+        (EQUAL, CommandReply::TimedOut),
+    ];
+    assert_eq!(world.vehicle.replies, replies);
+    assert_eq!(world.gcs[COMPANION].all::<CommandCancel>().len(), 2);
+}
+
+/// An answer does not say which of two equal commands it answers, so the second is sent after the first has ended.
+#[test]
+fn equal_commands_are_sent_one_after_the_other() {
+    let mut world = sky();
+    beat(&mut world, COMPANION, AUTHORISER, MavType::ONBOARD_CONTROLLER);
+    for (to, token) in [(GIMBAL, EQUAL), (GIMBAL, EQUAL + 1)] {
+        assert!(world.stack.send_command(to, token));
+    }
+    world.run_for(millis(100));
+    let values = |world: &Sky| -> Vec<_> {
+        world.gcs[COMPANION].all::<CommandLong>().into_iter().map(|(_, command)| command.param2).collect()
+    };
+    assert_eq!(values(&world), [100.0]);
+    answer(&mut world, COMPANION, GIMBAL, ack(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED));
+    assert_eq!(values(&world), [100.0, 101.0]);
+    // The same command to another component does not wait.
+    assert!(world.stack.send_command(AUTHORISER, EQUAL + 2));
+    world.run_for(millis(50));
+    assert_eq!(values(&world), [100.0, 101.0, 102.0]);
+    answer(&mut world, COMPANION, AUTHORISER, ack(MavCmd::DO_SET_SERVO, MavResult::FAILED));
+    answer(&mut world, COMPANION, GIMBAL, ack(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED));
+    let tokens: Vec<_> = world.vehicle.replies.iter().map(|&(token, _)| token).collect();
+    assert_eq!(tokens, [EQUAL, EQUAL + 2, EQUAL + 1]);
+}
+
+/// D-1, D-3: more commands than slots wait for a slot. More than eight are refused and counted.
+#[test]
+fn commands_wait_for_a_slot() {
+    let mut world = sky();
+    let tokens: Vec<u16> = (EQUAL..EQUAL + 12).collect();
+    let is_accepted: Vec<bool> = tokens.iter().map(|&token| world.stack.send_command(GIMBAL, token)).collect();
+    assert_eq!(is_accepted, [[true; 8].as_slice(), &[false; 4]].concat());
+    assert_eq!(world.stack.refused_requests(LinkId(0)), 4);
+    for _ in 0..8 {
+        world.run_for(millis(20));
+        answer(&mut world, COMPANION, GIMBAL, ack(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED));
+    }
+    let ended: Vec<_> = world.vehicle.replies.iter().map(|&(token, _)| token).collect();
+    assert_eq!(ended, tokens[..8]);
+}
+
+/// L-4: without a living recipient on a normal link, nothing is sent. A hook that tries again at once cannot hang the stack.
+#[test]
+fn command_without_a_recipient_is_not_sent() {
+    let mut world = sky();
+    beat(&mut world, SATELLITE, AUTHORISER, MavType::ONBOARD_CONTROLLER);
+    beat(&mut world, COMPANION, Address::new(2, 100), MavType::CAMERA);
+    let recipients =
+        [Recipient::Address(AUTHORISER), Recipient::Type(MavType::CAMERA), Recipient::Address(Address::new(0, 0))];
+    for to in recipients {
+        assert!(world.stack.send_command(to, POINT));
+    }
+    assert!(world.stack.send_command(GIMBAL, NOTHING), "the vehicle makes no command of it");
+    world.run_for(millis(100));
+    let not_sent = |token| (token, CommandReply::NotSent);
+    assert_eq!(world.vehicle.replies, [not_sent(POINT), not_sent(POINT), not_sent(POINT), not_sent(NOTHING)]);
+    world.vehicle.is_stubborn = true;
+    world.run_for(secs(6));
+    world.vehicle.replies.clear();
+    assert!(world.stack.send_command(GIMBAL, POINT), "it has timed out");
+    let polls = 10;
+    for _ in 0..polls {
+        world.step();
+    }
+    assert!(world.vehicle.replies.len() <= polls * 8);
+    assert_eq!((0..3).map(|link| sent(&world, link).len()).sum::<usize>(), 0);
+}
+
+/// Retransmissions take another link on which the recipient is alive.
+#[test]
+fn redundant_link_takes_over() {
+    let mut world = sky();
+    assert!(world.stack.send_command(GIMBAL, POINT));
+    world.run_for(millis(100));
+    beat(&mut world, BACKUP, GIMBAL, MavType::GIMBAL);
+    assert_eq!(sent(&world, COMPANION).len(), 1);
+    // The gimbal on the companion's link times out; that on the backup does not.
+    for _ in 0..8 {
+        world.run_for(millis(700));
+        beat(&mut world, BACKUP, GIMBAL, MavType::GIMBAL);
+    }
+    assert!(world.stack.send_command(GIMBAL, POINT));
+    world.run_for(millis(100));
+    assert_eq!(sent(&world, BACKUP).len(), 1);
+    // An answer on any link counts.
+    answer(&mut world, COMPANION, GIMBAL, ack(PITCHYAW, MavResult::ACCEPTED));
+    assert_eq!(world.vehicle.replies.last(), Some(&(POINT, done(MavResult::ACCEPTED))));
+}
+
+/// C-13: only the answer of the recipient to this command is one; component 0 is every component of a system.
+#[test]
+fn only_the_recipient_answers() {
+    let mut world = sky();
+    beat(&mut world, COMPANION, AUTHORISER, MavType::ONBOARD_CONTROLLER);
+    answer(&mut world, COMPANION, AUTHORISER, ack(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED));
+    assert!(world.stack.send_command(Address::new(10, 0), EQUAL));
+    world.run_for(millis(50));
+    let (_, command) = world.gcs[COMPANION].all::<CommandLong>()[0];
+    assert_eq!((command.target_system, command.target_component), (10, 0));
+    answer(&mut world, COMPANION, GIMBAL, ack(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED));
+    answer(&mut world, COMPANION, AUTHORISER, ack(PITCHYAW, MavResult::ACCEPTED));
+    let other =
+        CommandAck { target_system: 255, target_component: 190, ..ack(MavCmd::DO_SET_SERVO, MavResult::DENIED) };
+    answer(&mut world, COMPANION, AUTHORISER, other);
+    assert_eq!(world.vehicle.replies, []);
+    answer(&mut world, COMPANION, Address::new(10, 7), ack(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED));
+    assert_eq!(world.vehicle.replies, [(EQUAL, done(MavResult::ACCEPTED))]);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Each accepted command ends with exactly one final reply, whatever the recipient answers and whatever is lost; and no
+    /// command is sent more than five times.
+    #[test]
+    fn every_command_ends_once(
+        events in prop::collection::vec((0u16..5, 0u8..8, 0u64..1_500), 1..60),
+    ) {
+        let mut world = sky_at(millis(10));
+        let mut accepted = 0;
+        for (token, what, pause) in events {
+            let token = [POINT, REQUEST, GO, EQUAL, EQUAL + 1][usize::from(token)];
+            let command = [PITCHYAW, MavCmd::REQUEST_MESSAGE, MavCmd::DO_REPOSITION, MavCmd::DO_SET_SERVO];
+            let command = command[usize::from(token.min(EQUAL) % 96 - 1).min(3)];
+            match what {
+                0 => beat(&mut world, COMPANION, GIMBAL, MavType::GIMBAL),
+                1 => answer(&mut world, COMPANION, GIMBAL, ack(command, MavResult::ACCEPTED)),
+                2 => answer(&mut world, COMPANION, GIMBAL, ack(command, MavResult::IN_PROGRESS)),
+                3 => {
+                    let _ = world.stack.cancel_sent_command(token);
+                }
+                4 => world.stack.restart_link(LinkId(1)),
+                _ => {
+                    // One that is pending already is the same request.
+                    world.run_for(millis(20));
+                    if world.stack.send_command(GIMBAL, token) {
+                        accepted += 1;
+                        world.run_for(millis(20));
+                    }
+                }
+            }
+            world.run_for(millis(pause));
+        }
+        let mut waited = 0;
+        let is_final = |&&(_, reply): &&(u16, CommandReply)| !matches!(reply, CommandReply::InProgress(_));
+        while world.vehicle.replies.iter().filter(is_final).count() < accepted && waited < 200 {
+            world.run_for(secs(1));
+            waited += 1;
+        }
+        world.run_for(secs(30));
+        let replies = &world.vehicle.replies;
+        let ended = replies.iter().filter(is_final).count();
+        let is_unsent = |&&(_, reply): &&(u16, CommandReply)| [CommandReply::NotSent, done(MavResult::CANCELLED)].contains(&reply);
+        let made = world.vehicle.made.values().sum::<u32>() as usize;
+        prop_assert!(ended <= accepted && made <= ended && ended - replies.iter().filter(is_unsent).count() <= made);
+        prop_assert!(sent(&world, COMPANION).len() + world.gcs[COMPANION].all::<CommandInt>().len() <= 5 * made);
+        // All slots are free again.
+        beat(&mut world, COMPANION, GIMBAL, MavType::GIMBAL);
+        world.run_for(millis(50));
+        world.gcs[COMPANION].forget();
+        for token in [POINT, REQUEST] {
+            prop_assert!(world.stack.send_command(GIMBAL, token));
+        }
+        world.run_for(millis(100));
+        prop_assert_eq!(sent(&world, COMPANION).len(), 2);
+    }
+}
