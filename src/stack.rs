@@ -27,6 +27,7 @@ use crate::frame::{RxCounters, cost_of_sending};
 use crate::link::{Link, LinkCounters, LinkError, Transport};
 #[cfg(feature = "defmt")]
 use crate::log::DropLog;
+use crate::message::Address;
 #[cfg(feature = "fmt")]
 use crate::message::Text;
 use crate::network::{self, PeerInfo};
@@ -362,6 +363,11 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             port.outbox.restart();
             self.services.restart(port, state);
         }
+    }
+
+    /// Returns the vehicle's address.
+    pub fn address(&self) -> Address {
+        self.shared.config.address.get()
     }
 
     /// Changes the vehicle's address, for a system id that is stored. Call it once, before the loop: peers that know

@@ -40,6 +40,8 @@ mavstack::stack! {
         plans: { mission: MISSION, fence: FENCE, rally: RALLY },
         parameters: Tuning,
         streams,
+        messages,
+        command_client: { slots: 2 },
         modes,
         commands: { slots: 4 },
         forwarding: { bytes: 512, seen: 256 },
@@ -130,6 +132,8 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         stack.with_context(now, |cx| vehicle.control_step(cx));
         PULSE.tick();
         vehicle.report_calibration(stack.long_commands_mut());
+        vehicle.report_arming(stack.long_commands_mut());
+        vehicle.watch_gimbal(stack.address().system.0, stack.peers());
         vehicle.store_counts(stack.parameters_mut());
         vehicle.watch_satellite(stack);
         vehicle.state() != before || stack.next_deadline(now) <= now

@@ -3,9 +3,9 @@
 use libm::{atan2f, roundf, sqrtf};
 use mavstack::dialect::{
     Attitude, AttitudeQuaternion, BatteryStatus, ComponentMetadata, ExtendedSysState, FlightInformation,
-    GlobalPositionInt, GpsFixType, GpsGlobalOrigin, GpsRawInt, HomePosition, LocalPositionNed, MavBatteryChargeState,
-    MavBatteryFunction, MavBatteryType, MavDataStream, MavLandedState, MavSysStatusSensor as Sensor, RcChannels,
-    SysStatus, SystemTime, VfrHud,
+    GimbalDeviceSetAttitude, GlobalPositionInt, GpsFixType, GpsGlobalOrigin, GpsRawInt, HomePosition, LocalPositionNed,
+    MavBatteryChargeState, MavBatteryFunction, MavBatteryType, MavDataStream, MavLandedState,
+    MavSysStatusSensor as Sensor, RcChannels, SysStatus, SystemTime, VfrHud,
 };
 use mavstack::{Duration, Fill, Instant, Message, Stream, Telemetry};
 
@@ -65,6 +65,7 @@ impl Telemetry for Quadrotor {
             GpsGlobalOrigin::ID if self.has_fix() => put(out, || self.origin(now)),
             HomePosition::ID if self.has_fix() => put(out, || self.home_position(now)),
             FlightInformation::ID => put(out, || self.flight_information(now)),
+            GimbalDeviceSetAttitude::ID => self.put_gimbal_attitude(out),
             ComponentMetadata::ID => self.put_metadata(out),
             RcChannels::ID => put(out, || self.rc_channels(now)),
             ExtendedSysState::ID => {

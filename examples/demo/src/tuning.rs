@@ -20,6 +20,8 @@ parameters! {
         BAT_V_CHARGED: f32 = 4.2, 4.0..=4.4, "V";
         /// Voltage of an empty cell.
         BAT_V_EMPTY: f32 = 3.5, 2.5..=3.9, "V";
+        /// System id of the arm authoriser, which must permit each arming; 0: none.
+        COM_ARM_AUTH_ID: i32 = 0, 0..=255, "";
         /// Minimum battery charge for arming; 0 or less: no minimum.
         COM_ARM_BAT_MIN: f32 = 0.0, -1.0..=0.9, "norm";
         /// Arming without a position fix. 0: refused, 1: allowed.

@@ -60,6 +60,7 @@ const POLICIES: &[CommandPolicy] = &[
         .no_broadcast(),
     CommandPolicy::new(rules::DO_SET_STANDARD_MODE).no_broadcast(),
     CommandPolicy::new(rules::DO_FLIGHTTERMINATION).no_broadcast(),
+    CommandPolicy::new(super::gimbal::PITCHYAW).no_broadcast(),
     CommandPolicy::new(super::ground::CALIBRATION).no_broadcast(),
     CommandPolicy::new(super::ground::REBOOT).no_broadcast(),
 ];
@@ -76,7 +77,10 @@ impl Commands for Quadrotor {
     }
 
     fn cancel_command(&mut self, cx: &mut Context<'_>, command: MavCmd, _from: Peer) -> bool {
-        self.cancel_calibration(cx, command)
+        match command {
+            MavCmd::COMPONENT_ARM_DISARM => self.cancel_authorisation(cx),
+            _ => self.cancel_calibration(cx, command),
+        }
     }
 }
 
@@ -87,7 +91,7 @@ impl Quadrotor {
         }
         let [_, p2, ..] = command.params;
         let result = match command.id {
-            MavCmd::COMPONENT_ARM_DISARM => self.arm_disarm(cx, command)?,
+            MavCmd::COMPONENT_ARM_DISARM => return self.arm_disarm(cx, command),
             MavCmd::NAV_TAKEOFF if self.may_be_delayed(command.class) => {
                 refuse(cx, MavResult::DENIED, "Takeoff refused: sent by satellite; use the radio")
             }
@@ -99,6 +103,7 @@ impl Quadrotor {
             MavCmd::CONDITION_YAW => self.turn(cx, command),
             MavCmd::DO_SET_HOME => self.set_home(cx, command)?,
             MavCmd::DO_FLIGHTTERMINATION => self.terminate(cx, command)?,
+            MavCmd::DO_GIMBAL_MANAGER_PITCHYAW => self.point_gimbal(cx, command)?,
             MavCmd::RUN_PREARM_CHECKS => self.run_checks(cx),
             MavCmd::PREFLIGHT_CALIBRATION => return self.calibrate(cx, command),
             MavCmd::PREFLIGHT_REBOOT_SHUTDOWN => self.request_reboot(cx, command)?,
@@ -111,7 +116,7 @@ impl Quadrotor {
     // would add up.
 
     #[inline(never)]
-    fn arm_disarm(&mut self, cx: &mut Context<'_>, command: &Command) -> Result<MavResult, MavResult> {
+    fn arm_disarm(&mut self, cx: &mut Context<'_>, command: &Command) -> Result<Outcome, MavResult> {
         let ComponentArmDisarm { arm, force } = command.decode()?;
         let is_forced = force == Some(FORCE);
         if !arm {
@@ -119,7 +124,7 @@ impl Quadrotor {
                 return Err(refuse(cx, MavResult::TEMPORARILY_REJECTED, "Disarming refused: in flight"));
             }
             self.disarm();
-            return Ok(MavResult::ACCEPTED);
+            return Ok(MavResult::ACCEPTED.into());
         }
         if command.is_broadcast {
             return Err(refuse(cx, MavResult::DENIED, "Arming refused: sent to all vehicles"));
@@ -137,10 +142,17 @@ impl Quadrotor {
             }
         }
         if !self.armed {
-            self.armed = true;
-            self.times.armed = self.time;
+            if !is_forced && let Some(outcome) = self.request_authorisation(cx) {
+                return Ok(outcome);
+            }
+            self.arm();
         }
-        Ok(MavResult::ACCEPTED)
+        Ok(MavResult::ACCEPTED.into())
+    }
+
+    pub(super) fn arm(&mut self) {
+        self.armed = true;
+        self.times.armed = self.time;
     }
 
     /// Returns the reason that prevents arming, if any.

@@ -1,7 +1,9 @@
 //! The vehicle: a simulated quadrotor. The simulation is deterministic: the same time steps give the same flight.
 
+mod authorise;
 mod commands;
 mod fly;
+mod gimbal;
 mod ground;
 mod manual;
 mod mission;
@@ -20,7 +22,9 @@ use crate::body::{Body, Limits, Nose, Vector};
 use crate::geo::Home;
 use crate::plan::Maneuver;
 use crate::tuning::Tuning;
+use authorise::Authorisation;
 use fly::is_above;
+use gimbal::Gimbal;
 use ground::Reboot;
 use manual::Sticks;
 use mission::Mission;
@@ -108,6 +112,9 @@ pub struct Quadrotor {
     /// When the running calibration of the sensors began.
     calibration: Option<Instant>,
     reboot: Option<Reboot>,
+    /// A command to arm that waits for the authoriser.
+    authorisation: Option<Authorisation>,
+    gimbal: Gimbal,
     last: Snapshot,
     counts: Counts,
     sticks: Option<Sticks>,
@@ -142,6 +149,8 @@ impl Quadrotor {
             is_terminated: false,
             calibration: None,
             reboot: None,
+            authorisation: None,
+            gimbal: Gimbal::NONE,
             last: Snapshot {
                 has_fix: false,
                 is_ready: false,

@@ -9,6 +9,7 @@ mod manual;
 mod mission;
 mod modes;
 mod params;
+mod partners;
 mod progress;
 mod rally;
 mod reboot;

@@ -20,6 +20,7 @@ const COMMANDS: &[(MavCmd, &[f32])] = &[
     (MavCmd::DO_SET_MODE, &[1.0, 4.0, 3.0]),
     (MavCmd::DO_SET_STANDARD_MODE, &[1.0]),
     (MavCmd::DO_FLIGHTTERMINATION, &[0.0]),
+    (MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, &[-30.0, 45.0, NAN, NAN, 32.0, 0.0, 1.0]),
     (MavCmd::RUN_PREARM_CHECKS, &[]),
     (MavCmd::PREFLIGHT_CALIBRATION, &[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
     (MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]),

@@ -1,0 +1,156 @@
+//! Components that the vehicle talks to by itself: a gimbal, and an arm authoriser (O-3).
+
+use crate::support::wire::{STATION, Wire, command_long};
+use mavstack::dialect::*;
+use mavstack::{Address, LinkId};
+use mavstack_demo::{COMPANION, TELEMETRY, Tuning};
+
+const GIMBAL: Address = Address::new(1, 154);
+const AUTHORISER: Address = Address::new(10, 190);
+const ARM: MavCmd = MavCmd::COMPONENT_ARM_DISARM;
+
+fn beat(wire: &mut Wire, link: LinkId, from: Address, r#type: MavType) {
+    wire.send_as(link, from, &Heartbeat { r#type, ..Heartbeat::default() });
+    wire.run(20);
+}
+
+/// A vehicle whose arming an authoriser on the companion's link must permit.
+fn supervised() -> Wire {
+    let mut wire = Wire::booted();
+    let (stack, _) = wire.app.parts();
+    assert!(stack.parameters_mut().set(Tuning::COM_ARM_AUTH_ID, 10));
+    beat(&mut wire, COMPANION, AUTHORISER, MavType::GCS);
+    wire
+}
+
+fn arm(wire: &mut Wire) {
+    wire.send(TELEMETRY, &command_long(1, ARM, &[1.0]));
+    wire.run(50);
+}
+
+fn authorise(wire: &mut Wire, result: MavResult, result_param2: i32) {
+    let command = MavCmd::ARM_AUTHORIZATION_REQUEST;
+    let ack =
+        CommandAck { command, result, result_param2, target_system: 1, target_component: 1, ..CommandAck::UNKNOWN };
+    wire.send_as(COMPANION, AUTHORISER, &ack);
+    wire.run(50);
+}
+
+/// Returns the results of the command to arm, without those of other commands.
+fn results(wire: &mut Wire) -> Vec<MavResult> {
+    let acks = wire.take::<CommandAck>().into_iter();
+    acks.filter(|(_, ack)| ack.command == ARM && ack.target_system == STATION.system.0)
+        .map(|(_, ack)| ack.result)
+        .collect()
+}
+
+/// O-3: the command to arm is answered IN_PROGRESS until the authoriser has said, and then with what it said.
+#[test]
+fn arming_waits_for_the_authoriser() {
+    let mut wire = supervised();
+    arm(&mut wire);
+    let requests = wire.take::<CommandLong>();
+    let [(_, request)] = &requests[..] else { panic!("{requests:?}") };
+    assert_eq!((request.command, request.param1), (MavCmd::ARM_AUTHORIZATION_REQUEST, 1.0));
+    assert_eq!((request.target_system, request.target_component), (10, 0));
+    assert_eq!(results(&mut wire), [MavResult::IN_PROGRESS]);
+    authorise(&mut wire, MavResult::IN_PROGRESS, 0);
+    wire.run(3_000);
+    assert!(!wire.vehicle().is_armed());
+    assert_eq!(wire.take::<CommandLong>().len(), 0, "IN_PROGRESS ends the retransmissions");
+    wire.take::<CommandAck>();
+    authorise(&mut wire, MavResult::ACCEPTED, 30);
+    assert!(wire.vehicle().is_armed());
+    assert_eq!(results(&mut wire), [MavResult::ACCEPTED]);
+}
+
+/// O-3, C-31: a refusal is passed on with its reason, and so is silence.
+#[test]
+fn refused_arming_has_a_reason() {
+    let mut wire = supervised();
+    arm(&mut wire);
+    wire.texts();
+    authorise(&mut wire, MavResult::DENIED, i32::from(MavArmAuthDeniedReason::BAD_WEATHER.0));
+    assert_eq!(results(&mut wire).last(), Some(&MavResult::DENIED));
+    assert_eq!(wire.texts(), ["Arming refused by the authoriser: bad weather"]);
+
+    wire.run(6_000);
+    beat(&mut wire, COMPANION, AUTHORISER, MavType::GCS);
+    arm(&mut wire);
+    wire.run(3_600);
+    assert_eq!(wire.take::<CommandLong>().len(), 6, "five times, and once before");
+    assert_eq!(results(&mut wire).last(), Some(&MavResult::FAILED));
+    assert!(wire.texts().contains(&"Arming refused: the authoriser does not answer".into()));
+
+    // By now it is not alive.
+    wire.run(6_000);
+    arm(&mut wire);
+    assert_eq!(results(&mut wire), [MavResult::IN_PROGRESS, MavResult::TEMPORARILY_REJECTED]);
+    assert!(wire.texts().contains(&"Arming refused: no authoriser".into()));
+    assert!(!wire.vehicle().is_armed());
+}
+
+/// C-23: COMMAND_CANCEL ends the waiting, and a late permission does not arm. C-21: until then the same command is rejected
+/// for now, to disarm too.
+#[test]
+fn cancelled_arming_stays_disarmed() {
+    let mut wire = supervised();
+    arm(&mut wire);
+    wire.take::<CommandAck>();
+    assert_eq!(wire.long(ARM, &[0.0]), MavResult::TEMPORARILY_REJECTED);
+    wire.send(TELEMETRY, &CommandCancel { command: ARM, target_system: 1, target_component: 1 });
+    wire.run(100);
+    assert!(results(&mut wire).contains(&MavResult::CANCELLED));
+    assert!(!wire.take::<CommandCancel>().is_empty(), "the authoriser is told");
+    authorise(&mut wire, MavResult::ACCEPTED, 30);
+    wire.run(1_000);
+    assert!(!wire.vehicle().is_armed());
+}
+
+/// The conditions for arming are checked again when the permission comes.
+#[test]
+fn permission_does_not_override_the_checks() {
+    let mut wire = supervised();
+    arm(&mut wire);
+    let (stack, _) = wire.app.parts();
+    assert!(
+        stack.parameters_mut().set(Tuning::COM_ARM_BAT_MIN, 0.9)
+            && stack.parameters_mut().set(Tuning::SIM_AMP_OFF, 5.0)
+    );
+    assert!(stack.parameters_mut().set(Tuning::BAT_CAPACITY, 100.0));
+    wire.run(9_000);
+    authorise(&mut wire, MavResult::IN_PROGRESS, 0);
+    beat(&mut wire, COMPANION, AUTHORISER, MavType::GCS);
+    arm(&mut wire);
+    wire.run(3_000);
+    authorise(&mut wire, MavResult::ACCEPTED, 30);
+    assert!(!wire.vehicle().is_armed());
+}
+
+/// A command to the gimbal becomes GIMBAL_DEVICE_SET_ATTITUDE to the gimbal, on its link only.
+#[test]
+fn gimbal_is_pointed() {
+    let mut wire = Wire::booted();
+    let point = |wire: &mut Wire, pitch: f32, yaw: f32| {
+        wire.long(MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, &[pitch, yaw, f32::NAN, f32::NAN, 32.0, 0.0, 0.0])
+    };
+    assert_eq!(point(&mut wire, -30.0, 90.0), MavResult::TEMPORARILY_REJECTED);
+    beat(&mut wire, COMPANION, Address::new(2, 154), MavType::GIMBAL);
+    assert_eq!(point(&mut wire, -30.0, 90.0), MavResult::TEMPORARILY_REJECTED, "another system's");
+    beat(&mut wire, COMPANION, GIMBAL, MavType::GIMBAL);
+    assert_eq!(point(&mut wire, -30.0, 90.0), MavResult::ACCEPTED);
+    wire.run(50);
+    assert_eq!(
+        (wire.count::<GimbalDeviceSetAttitude>(COMPANION), wire.count::<GimbalDeviceSetAttitude>(TELEMETRY)),
+        (1, 0)
+    );
+    let (_, set) = wire.take::<GimbalDeviceSetAttitude>()[0];
+    assert_eq!((set.target_system, set.target_component), (1, 154));
+    // Yaw by 90°, then pitch by -30°.
+    let expected = [0.683_012_7, 0.183_012_7, -0.183_012_7, 0.683_012_7];
+    for (is, should) in set.q.into_iter().zip(expected) {
+        assert!((is - should).abs() < 1e-6, "{:?}", set.q);
+    }
+    assert!(set.angular_velocity_x.is_nan());
+    assert_eq!(point(&mut wire, -91.0, 0.0), MavResult::DENIED);
+}
