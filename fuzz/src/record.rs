@@ -413,6 +413,15 @@ mod tests {
         super::run(SCRIPT);
     }
 
+    /// Both pages of the newest plans are damaged, the second at its end, and so is the page of a write that was cut off after
+    /// them: nothing shows that the plans were ever whole.
+    #[test]
+    fn three_damaged_pages_look_like_two_cuts() {
+        const SCRIPT: &[u8] =
+            &[2, 3, 5, 132, 72, 114, 18, 80, 223, 23, 7, 208, 188, 3, 33, 119, 8, 99, 5, 237, 172, 162, 144, 120, 204];
+        super::run(SCRIPT);
+    }
+
     /// Plays random scripts, this many of each mode and geometry: a search without the fuzzer.
     fn search(count: u32, seed: u64) {
         let mut state = 0x9E37_79B9_7F4A_7C15 ^ seed;

@@ -187,17 +187,17 @@ fn damage<const W: usize, const E: usize>(
         flash.bytes[*at] ^= mask;
     }
     flash.fault = Fault::None;
-    // A last page whose footer is damaged looks like one whose write was cut off, unless another record follows.
+    // A last page whose footer is damaged looks like one whose write was cut off, unless another record follows that is whole so
+    // far.
+    let is_hit = |page: &pages::Page| flips.iter().any(|flip| (page.at + 228..page.at + PAGE).contains(&flip.at));
     let mut like_cut_off = BTreeSet::new();
     for page in open.iter().rev() {
-        let is_footer_damaged = (228..PAGE).any(|byte| flips.iter().any(|flip| flip.at == page.at + byte));
-        if is_footer_damaged {
+        if is_hit(page) {
             like_cut_off.insert(page.kind);
-        } else if page.index == 0 || page.is_last() {
+        } else if (page.index == 0 || page.is_last()) && !flips.iter().any(|flip| flip.at / PAGE == page.at / PAGE) {
             break;
         }
     }
-    let is_hit = |page: &pages::Page| flips.iter().any(|flip| (page.at + 228..page.at + PAGE).contains(&flip.at));
     let is_fragile = open.iter().filter(|page| page.opens()).all(is_hit);
     if is_fragile {
         // Nothing shows that the segment is open: its records look like writes that were cut off. So may the newest ones of the
