@@ -48,6 +48,30 @@ const fn ended(result: MavResult) -> (MavResult, u8) {
     (result, 255)
 }
 
+/// C-24: a command that is repeated within three seconds is a retransmission, unless its sender has given another one with
+/// the same id meanwhile, such as to disarm after arming.
+#[test]
+fn another_command_ends_the_memory_of_the_first() {
+    const OTHER: [f32; 7] = [0.0; 7];
+    for has_other in [false, true] {
+        let mut world = world::<1>();
+        send(&mut world, 0, CALIBRATE, PARAMS, 0);
+        assert!(world.stack.long_commands_mut().finish(CALIBRATE, MavResult::ACCEPTED));
+        world.run_for(millis(5));
+        if has_other {
+            world.vehicle.long.remove(&CALIBRATE.0);
+            world.vehicle.outcomes.insert(CALIBRATE.0, MavResult::ACCEPTED.into());
+            send(&mut world, 0, CALIBRATE, OTHER, 0);
+            world.vehicle.outcomes.remove(&CALIBRATE.0);
+            world.vehicle.long.insert(CALIBRATE.0);
+        }
+        results(&mut world, 0);
+        send(&mut world, 0, CALIBRATE, PARAMS, 0);
+        let expected = if has_other { running(255) } else { ended(MavResult::ACCEPTED) };
+        assert_eq!(results(&mut world, 0), [expected]);
+    }
+}
+
 /// C-20: IN_PROGRESS is sent at once, then once a second and when the progress changes, then one final ACK.
 #[test]
 fn long_command_reports_progress() {

@@ -187,7 +187,7 @@ impl CommandSlot {
 
     /// Whether this slot counts the runs of `command`.
     fn is_run_of(&self, command: &Command) -> bool {
-        self.state == State::Done && !self.is_long && self.is_same(command)
+        self.state == State::Done && !self.is_long && self.pending.is_empty() && self.is_same(command)
     }
 
     /// Whether an ACK is pending on `link` in this state; if so, clears that.
@@ -265,7 +265,8 @@ impl CommandSlot {
 /// - It sends IN_PROGRESS once a second, and when the progress changes, at most ten times a second; not on high-latency links.
 /// - It sends the final ACK on every link on which the command was received.
 /// - While the command runs, other commands with its id get `TEMPORARILY_REJECTED`.
-/// - It answers duplicates without running the command again, and handles COMMAND_CANCEL.
+/// - It answers duplicates without running the command again, until its sender has given another command with its id; and it
+///   handles COMMAND_CANCEL.
 ///
 /// A slot is in use until three seconds after the command has ended. Without a free slot, a command is `TEMPORARILY_REJECTED`
 /// (C-22). A slot takes 88 bytes.
@@ -414,6 +415,13 @@ impl LongCommands {
         outcome: Outcome,
         once: Once,
     ) {
+        // Its sender has gone on, from arming to disarming for example, so its earlier command is not a retransmission when it
+        // is received again.
+        for slot in &mut self.slots {
+            let is_another =
+                slot.command() == command.id && slot.from == command.from.address && !slot.is_same(command);
+            slot.is_long &= !is_another;
+        }
         if outcome.result == MavResult::IN_PROGRESS {
             // Without a free slot, the vehicle must not have started it; no final ACK will be sent.
             if let Some(slot) = self.free_slot().and_then(|index| self.slots.get_mut(index)) {
