@@ -1,6 +1,6 @@
 //! The vehicle's own commands to other components: a gimbal, a camera, an arm authoriser.
 //!
-//! Implements the client's side of <https://mavlink.io/en/services/command.html>. A hook or the flight loop names the
+//! Implements the client's side of <https://mavlink.io/en/services/command.html>; arm authorisation (O-3) is built on it. A hook or the flight loop names the
 //! recipient and a token, [`CommandClient::command_for`] makes the command of the token, and
 //! [`CommandClient::command_answered`] learns what became of it. Each command is sent until it is answered:
 //!
