@@ -191,6 +191,7 @@ mod service;
 mod stack;
 #[cfg(feature = "storage")]
 pub mod storage;
+pub mod telemetry;
 mod time;
 mod types;
 pub mod wpl;
