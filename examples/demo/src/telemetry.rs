@@ -57,7 +57,7 @@ impl Telemetry for Quadrotor {
             Attitude::ID => put(out, || self.motion().attitude(now)),
             AttitudeQuaternion::ID => put(out, || self.attitude_quaternion(now)),
             LocalPositionNed::ID => put(out, || self.local_position_ned(now)),
-            GlobalPositionInt::ID => match self.motion().global_position_int(now) {
+            GlobalPositionInt::ID => match self.global_position_int(now) {
                 Some(message) => out.put(&message),
                 None => false,
             },
@@ -132,7 +132,7 @@ impl Quadrotor {
         let speed = self.ground_speed();
         GpsFix {
             fix_type: GpsFixType::_3D_FIX,
-            position: Some(LatLon { latitude: position.latitude, longitude: position.longitude }),
+            position: Some(position.into()),
             altitude: position.altitude,
             alt_ellipsoid: position.altitude + f32::from(self.last().geoid_separation),
             hdop: 0.8,
@@ -148,12 +148,12 @@ impl Quadrotor {
         }
     }
 
+    /// Returns the motion without the position, which only one message has.
     pub(crate) fn motion(&self) -> Motion {
         let Vector { north, east, down } = self.velocity();
         let height = -self.local_position().down;
-        let position = self.global_position();
         Motion {
-            position: position.map(|at| LatLon { latitude: at.latitude, longitude: at.longitude }),
+            position: None,
             altitude: self.home().altitude + height,
             relative_altitude: self.home().spot.down + height,
             velocity: [north, east, down],
@@ -168,6 +168,11 @@ impl Quadrotor {
                 true => 50.0,
             },
         }
+    }
+
+    fn global_position_int(&self, now: Instant) -> Option<GlobalPositionInt> {
+        let position = self.global_position().map(LatLon::from);
+        Motion { position, ..self.motion() }.global_position_int(now)
     }
 
     fn attitude_quaternion(&self, now: Instant) -> AttitudeQuaternion {

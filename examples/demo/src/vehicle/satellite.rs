@@ -62,7 +62,7 @@ impl Quadrotor {
         let (eph, epv) = if self.last.has_fix { GPS_ERROR } else { UNKNOWN };
         let position = self.global_position();
         HighLatencySample {
-            position: position.map(|at| LatLon { latitude: at.latitude, longitude: at.longitude }),
+            position: position.map(LatLon::from),
             altitude: motion.altitude,
             target_altitude: goal.map_or(f32::NAN, |goal| self.home.altitude - goal.down),
             heading: self.body.yaw().to_degrees(),
