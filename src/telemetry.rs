@@ -1,5 +1,7 @@
 //! Telemetry messages from SI values, with MAVLink's units, rounding and values for "unknown".
 //!
+//! Implements the fields' descriptions in <https://mavlink.io/en/messages/common.html>.
+//!
 //! | fill | to get |
 //! |---|---|
 //! | [`Motion`] | [`attitude`](Motion::attitude), [`global_position_int`](Motion::global_position_int), [`vfr_hud`](Motion::vfr_hud) |
@@ -10,8 +12,8 @@
 //!
 //! - NaN, infinity and `None` mean "unknown". They are sent as the value that the definitions call `invalid`, which is also in
 //!   the message's constant `UNKNOWN`. A float field is sent as NaN. An integer field without such a value is sent as 0.
-//! - A known value is rounded to the nearest one that the field can hold. It never becomes the value for "unknown": 70 V in
-//!   millivolts is 65,534, because 65,535 means "unknown".
+//! - A known value is rounded to the nearest one that the field can hold. It never becomes the value for "unknown": SYS_STATUS
+//!   reports 70 V as 65,534 mV, because 65,535 means "unknown".
 //! - Angles are in radians. Any angle is accepted, and is wrapped to the field's range.
 //!
 //! Struct update adds what is not measured, such as the type of a battery or the health of sensors:
