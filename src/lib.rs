@@ -91,7 +91,7 @@
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //! | [`mod@io`], `storage` | transports between the stack and a UART; flash and FRAM |
 //!
-//! [`wpl`] reads and writes plans as files. With the feature `fmt`, `metadata` writes the files from which ground stations take the
+//! [`mod@telemetry`] makes telemetry messages from SI values. [`wpl`] reads and writes plans as files. With the feature `fmt`, `metadata` writes the files from which ground stations take the
 //! units and ranges of parameters.
 //!
 //! # The vehicle
@@ -192,6 +192,7 @@ mod service;
 mod stack;
 #[cfg(feature = "storage")]
 pub mod storage;
+pub mod telemetry;
 mod time;
 mod types;
 pub mod wpl;

@@ -44,6 +44,14 @@ impl Instant {
         num::quotient(self.0, THOUSAND)
     }
 
+    /// Returns the milliseconds since boot as messages carry them, in fields such as `time_boot_ms`: they wrap after 49
+    /// days (D-1).
+    #[inline]
+    pub const fn time_boot_ms(self) -> u32 {
+        let [a, b, c, d, ..] = self.as_millis().to_le_bytes();
+        u32::from_le_bytes([a, b, c, d])
+    }
+
     /// Returns the time in units of 1,024 µs. It wraps after 50 days: compare by wrapping difference. It saves memory
     /// where a comparison may be wrong once in 50 days.
     #[inline]

@@ -80,6 +80,11 @@ impl PeerInfo {
         self.has_heartbeat.then_some(self.heartbeat)
     }
 
+    /// Whether it is a ground station that is alive, on this link.
+    pub fn is_living_station(&self) -> bool {
+        self.r#type == MavType::GCS && self.is_alive
+    }
+
     /// Returns when its last frame was received. On a link that requires signatures, an exempt unsigned frame such as
     /// RADIO_STATUS counts only until a verified frame was received.
     pub const fn last_heard(&self) -> Instant {

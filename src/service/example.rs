@@ -47,10 +47,9 @@ impl<F: Firmware> Service<F> for Tunes {
 
     /// Sends the answer, which is built when the link has room for it.
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TuneLink, _: Turn) -> bool {
-        let [a, b, c, d, ..] = cx.now.as_millis().to_le_bytes();
         core::mem::take(&mut link.is_answer_pending)
             && port.outbox.send(&NamedValueInt {
-                time_boot_ms: u32::from_le_bytes([a, b, c, d]),
+                time_boot_ms: cx.now.time_boot_ms(),
                 value: self.received.cast_signed(),
                 name: Text::new("TUNES"),
             })

@@ -11,7 +11,7 @@ use crate::dialect::{ManualControl, MavType, RcChannels, RcChannelsOverride};
 use crate::frame::Frame;
 use crate::link::Port;
 use crate::message::{Address, Message, SystemId};
-use crate::network::Peers;
+use crate::network::{PeerInfo, Peers};
 use crate::time::{Duration, Instant};
 use crate::types::{Config, Firmware, LinkId, Peer};
 
@@ -57,6 +57,17 @@ impl ControlSource {
                     && info.is_alive
             }),
         }
+    }
+
+    /// Whether a ground station that may steer is alive, on any link.
+    pub(crate) fn is_alive(self, peers: &[PeerInfo]) -> bool {
+        let systems = match self {
+            Self::Nobody => return false,
+            Self::System(only) => only..=only,
+            Self::Systems { first, last } => first..=last,
+            Self::GroundStation => SystemId(0)..=SystemId(u8::MAX),
+        };
+        peers.iter().any(|info| info.is_living_station() && systems.contains(&info.peer.address.system))
     }
 }
 
@@ -143,7 +154,7 @@ impl RcOverride {
         }
         let [c1, c2, c3, c4, c5, c6, c7, c8, c9, c10, c11, c12, c13, c14, c15, c16, c17, c18] = channels;
         RcChannels {
-            time_boot_ms: millis(now),
+            time_boot_ms: now.time_boot_ms(),
             chan1_raw: c1,
             chan2_raw: c2,
             chan3_raw: c3,
@@ -203,7 +214,7 @@ counters! {
 /// pilot.
 ///
 /// Manual control does not show that its sender is alive: only heartbeats do (H-10). To count it too, check
-/// [`ManualInput::holder`] before you act on [`Lost`](crate::PeerEvent::Lost).
+/// [`ManualInput::holder`] besides [`Stack::has_controller`](crate::Stack::has_controller).
 ///
 /// Input that is older than the timeout is never returned, neither a stick nor a channel; each channel has its own
 /// timeout (J-3). Input from a high-latency link is not accepted (J-5).
@@ -292,6 +303,11 @@ impl ManualInput {
             }
         }
         channels.iter().any(|&raw| raw != 0).then_some(RcOverride { channels })
+    }
+
+    /// Returns who may steer, as last set.
+    pub const fn source(&self) -> ControlSource {
+        self.source
     }
 
     /// Returns the steering sender. Nobody else can steer until it was silent for the timeout.
@@ -395,12 +411,6 @@ const fn raw_channels(message: &RcChannelsOverride) -> [u16; CHANNELS] {
         message.chan17_raw,
         message.chan18_raw,
     ]
-}
-
-/// Returns the milliseconds since boot as sent on the wire: they wrap (D-1).
-fn millis(now: Instant) -> u32 {
-    let [a, b, c, d, ..] = now.as_millis().to_le_bytes();
-    u32::from_le_bytes([a, b, c, d])
 }
 
 impl<F: Firmware> Service<F> for ManualInput {

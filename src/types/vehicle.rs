@@ -144,8 +144,10 @@ pub trait Vehicle {
     /// extra heartbeat on each normal link; each link sends at most one of those every 200 ms (H-16).
     fn state(&self) -> Option<VehicleState>;
 
-    /// Called when a peer was found, has timed out, or has reconnected. Use it for the failsafe that monitors the
-    /// ground station.
+    /// Called when a peer was found, has timed out, or has reconnected, on each link by itself. A ground station with two
+    /// links is reported as lost when one of them fails. A failsafe that monitors the ground station asks
+    /// [`Stack::has_ground_station`](crate::Stack::has_ground_station) or
+    /// [`Stack::has_controller`](crate::Stack::has_controller) instead.
     fn peer(&mut self, cx: &mut Context<'_>, event: PeerEvent) {
         let _ = (cx, event);
     }

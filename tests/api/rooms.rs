@@ -6,7 +6,7 @@ use std::path::Path;
 
 /// The rooms, from the ground up. `message` and `dialect` are one room. Each service is a room of its own: services may use
 /// each other, but not in a ring.
-const ROOMS: [&[&str]; 20] = [
+const ROOMS: [&[&str]; 21] = [
     &["num"],
     &["list"],
     &["crc"],
@@ -24,6 +24,7 @@ const ROOMS: [&[&str]; 20] = [
     &["storage"],
     &["stack"],
     &["io"],
+    &["telemetry"],
     &["wpl"],
     &["metadata"],
     &["guides"],

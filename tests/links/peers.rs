@@ -7,11 +7,14 @@ use mavstack::dialect::{
     Attitude, CommandAck, Heartbeat, MavAutopilot, MavCmd, MavSeverity, MavType, RadioStatus, Statustext,
 };
 use mavstack::frame::Version;
+use mavstack::manual_control::ControlSource;
+use mavstack::message::SystemId;
 use mavstack::network::PeerInfo;
 use mavstack::{Address, Duration, LinkConfig, LinkId, Peer, PeerEvent};
 
 const ANTENNA: Address = Address::new(255, 197);
 const CAMERA: Address = Address::new(1, 100);
+const ONBOARD: Address = Address::new(255, 191);
 
 fn on_link_0(address: Address) -> Peer {
     Peer { address, link: LinkId(0) }
@@ -99,6 +102,77 @@ fn every_component_on_every_link_is_a_peer() {
     assert_eq!(events, expected);
     let versions: Vec<_> = world.stack.peers().iter().map(|info| (info.peer, info.version)).collect();
     assert!(versions.contains(&(elsewhere, Version::V1)) && versions.contains(&(on_link_0(STATION), Version::V2)));
+}
+
+/// H-11: a ground station with two links is alive while one of them works, and until the timeout after the last heartbeat on
+/// either.
+#[test]
+fn station_is_alive_while_one_of_its_links_works() {
+    let mut world = World::new(Setup::<2>::new());
+    let is_alive = |world: &World<2, Tested<NoPlans, 8>>| {
+        let alive = world.stack.has_ground_station();
+        assert_eq!(world.stack.has_controller(ControlSource::System(STATION.system)), alive);
+        alive
+    };
+    assert!(!is_alive(&world), "nobody was heard");
+    world.gcs[0].heartbeat_period = Some(secs(1));
+    world.gcs[1].heartbeat_period = Some(secs(1));
+    world.run_for(millis(10_500));
+    assert!(is_alive(&world));
+    world.gcs[0].heartbeat_period = None;
+    world.run_for(secs(10));
+    assert_eq!(world.vehicle.peer_events()[2..], [PeerEvent::Lost(on_link_0(STATION))]);
+    assert!(is_alive(&world), "by the other link");
+    world.gcs[1].heartbeat_period = None;
+    let last = world.stack.peers().iter().filter_map(PeerInfo::last_heartbeat).max().expect("it has one");
+    world.run_until(secs(60), |world| world.now() >= last.after(millis(4_999)));
+    assert!(is_alive(&world), "not yet");
+    world.run_for(millis(1));
+    assert!(!is_alive(&world));
+    world.gcs[0].send(&Gcs::heartbeat());
+    world.run_for(millis(10));
+    assert!(is_alive(&world), "reconnected on the first link");
+}
+
+/// H-11: only ground stations count, and for the vehicle's controller only those that it names.
+#[test]
+fn only_the_stations_in_control_are_the_controller() {
+    let mut world = World::new(Setup::<2>::new());
+    let others =
+        [(CAMERA, MavType::CAMERA), (ANTENNA, MavType::ANTENNA_TRACKER), (ONBOARD, MavType::ONBOARD_CONTROLLER)];
+    for (address, r#type) in others {
+        world.gcs[0].send_from(address, &Heartbeat { r#type, ..Gcs::heartbeat() });
+    }
+    world.gcs[0].send_from(STATION, &Attitude::default());
+    world.run_for(millis(10));
+    assert_eq!(world.vehicle.peer_events().len(), 3);
+    let range = |first, last| ControlSource::Systems { first: SystemId(first), last: SystemId(last) };
+    let named = [
+        ControlSource::System(STATION.system),
+        ControlSource::System(SystemId(250)),
+        range(240, 249),
+        range(240, 250),
+        ControlSource::GroundStation,
+        ControlSource::Nobody,
+    ];
+    let controllers = |world: &World<2, _>| named.map(|source| world.stack.has_controller(source));
+    assert!(!world.stack.has_ground_station(), "an antenna tracker beside a station that sends no heartbeats");
+    assert_eq!(controllers(&world), [false; 6]);
+    world.gcs[1].send_from(Address::new(250, 190), &Gcs::heartbeat());
+    world.run_for(millis(10));
+    assert!(world.stack.has_ground_station());
+    assert_eq!(controllers(&world), [false, true, false, true, true, false]);
+}
+
+/// H-10: heartbeats on a high-latency link keep no ground station alive.
+#[test]
+fn satellite_link_keeps_no_station_alive() {
+    let mut world = shared();
+    beat(&mut world, 2, 255, MavType::GCS);
+    assert_eq!(systems_on(&world, 2), [255]);
+    assert!(!world.stack.has_ground_station() && !world.stack.has_controller(ControlSource::GroundStation));
+    beat(&mut world, 1, 255, MavType::GCS);
+    assert!(world.stack.has_ground_station() && world.stack.has_controller(ControlSource::GroundStation));
 }
 
 /// H-12: a full table evicts peers without heartbeats first, starting with the one that has been silent longest. Evictions are

@@ -6,7 +6,7 @@ mod rover;
 
 use crate::support::*;
 use mavstack::Text;
-use mavstack::dialect::{CommandAck, Heartbeat, MavCmd, MavResult, MavType, ParamRequestList, ParamSet, ParamValue};
+use mavstack::dialect::{BatteryStatus, Heartbeat, MavCmd, MavType, ParamRequestList, ParamSet, ParamValue};
 use rover::Mavlink;
 
 /// P-18: QGroundControl considers a vehicle ready when its parameters are loaded, and needs at least one.
@@ -27,33 +27,26 @@ fn smallest_vehicle_has_a_parameter() {
         param_type: value.param_type,
     });
     assert_eq!(world.expect::<ParamValue>(0, secs(1)).param_value, 5.0);
-    assert_eq!(world.vehicle.speed_limit(world.stack.parameters()), 0.0, "disarmed");
+    let speed_limit = |world: &World<1, Mavlink>| {
+        world.vehicle.speed_limit(world.stack.parameters(), world.stack.has_ground_station())
+    };
+    world.gcs[0].heartbeat_period = Some(secs(1));
+    world.run_for(secs(2));
+    assert_eq!(speed_limit(&world), 0.0, "disarmed");
     world.gcs[0].command_long(MavCmd::COMPONENT_ARM_DISARM, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     world.run_for(millis(100));
-    assert_eq!(world.vehicle.speed_limit(world.stack.parameters()), 5.0);
+    assert_eq!(speed_limit(&world), 5.0);
+    world.gcs[0].heartbeat_period = None;
+    world.run_for(secs(10));
+    assert_eq!(speed_limit(&world), 0.0, "the ground station is lost");
 }
 
-/// a vehicle without streams accepts a request for HEARTBEAT's interval, keeps it unchanged, and cannot be told to
-/// stop HEARTBEAT. For other messages the stack answers. Q-1: HEARTBEAT can be requested.
+/// The battery is unknown until it is measured.
 #[test]
-fn vehicle_without_streams_keeps_its_heartbeat() {
-    let (yes, no) = (MavResult::ACCEPTED, MavResult::DENIED);
+fn battery_is_reported() {
     let mut world: World<1, Mavlink> = World::of(Setup::new());
-    for (command, params, result) in [
-        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, 100_000.0, 0.0, 0.0, 0.0, 0.0, 0.0], yes),
-        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, 0.0, f32::NAN, 0.0, 0.0, 0.0, f32::NAN], yes),
-        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0], no),
-        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, f32::NAN, 0.0, 0.0, 0.0, 0.0, 0.0], no),
-        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0], no),
-        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0], no),
-        (MavCmd::SET_MESSAGE_INTERVAL, [30.0, 100_000.0, 0.0, 0.0, 0.0, 0.0, 0.0], MavResult::UNSUPPORTED),
-        (MavCmd::REQUEST_MESSAGE, [0.0; 7], yes),
-    ] {
-        world.gcs[0].command_long(command, params);
-        assert_eq!(world.expect::<CommandAck>(0, millis(100)).result, result, "{command:?} {params:?}");
-    }
-    world.run_for(secs(1));
+    assert_eq!(world.expect::<BatteryStatus>(0, secs(3)), BatteryStatus::UNKNOWN);
+    world.vehicle.battery = 12.6;
     world.gcs[0].forget();
-    world.run_for(secs(10));
-    assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 10);
+    assert_eq!(world.expect::<BatteryStatus>(0, secs(3)).voltages[..2], [12_600, u16::MAX]);
 }

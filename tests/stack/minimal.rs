@@ -1,5 +1,5 @@
 //! A vehicle that implements only what it must: requests for everything else are refused, not left unanswered. Rules M-25, D-3,
-//! C-1, C-23, C-32, Q-1, J-2, T-5, H-14.
+//! C-1, C-23, C-32, Q-1, Q-4, Q-5, J-2, T-5, H-14.
 
 use crate::support::*;
 use mavstack::command::CommandPolicy;
@@ -12,6 +12,10 @@ use mavstack::{
 
 mavstack::stack! {
     struct Least for Minimal { links: 1, streams, modes, commands: { slots: 2 } }
+}
+
+mavstack::stack! {
+    struct Streamless for Minimal { links: 1 }
 }
 
 mavstack::stack! {
@@ -133,6 +137,31 @@ fn message_without_a_hook_is_refused() {
     assert_ne!(result(&mut world, MavCmd::REQUEST_MESSAGE, params), MavResult::ACCEPTED);
     world.run_for(secs(1));
     assert_eq!(world.gcs[0].count_of::<Attitude>(), 0);
+}
+
+/// a vehicle without streams accepts a request for HEARTBEAT's interval, keeps it unchanged, and cannot be told to
+/// stop HEARTBEAT. For other messages the stack answers. Q-1: HEARTBEAT can be requested.
+#[test]
+fn vehicle_without_streams_keeps_its_heartbeat() {
+    let (yes, no) = (MavResult::ACCEPTED, MavResult::DENIED);
+    let mut world: World<1, Streamless> = World::of(Setup::new());
+    for (command, params, result) in [
+        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, 100_000.0, 0.0, 0.0, 0.0, 0.0, 0.0], yes),
+        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, 0.0, f32::NAN, 0.0, 0.0, 0.0, f32::NAN], yes),
+        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0], no),
+        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, f32::NAN, 0.0, 0.0, 0.0, 0.0, 0.0], no),
+        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0], no),
+        (MavCmd::SET_MESSAGE_INTERVAL, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0], no),
+        (MavCmd::SET_MESSAGE_INTERVAL, [30.0, 100_000.0, 0.0, 0.0, 0.0, 0.0, 0.0], MavResult::UNSUPPORTED),
+        (MavCmd::REQUEST_MESSAGE, [0.0; 7], yes),
+    ] {
+        world.gcs[0].command_long(command, params);
+        assert_eq!(world.expect::<CommandAck>(0, millis(100)).result, result, "{command:?} {params:?}");
+    }
+    world.run_for(secs(1));
+    world.gcs[0].forget();
+    world.run_for(secs(10));
+    assert_eq!(world.gcs[0].count_of::<Heartbeat>(), 10);
 }
 
 /// C-23: by default every station is in control, and a command cannot be cancelled.

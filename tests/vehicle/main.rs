@@ -15,6 +15,7 @@ mod param_backend;
 mod param_places;
 mod param_run_time;
 mod params;
+mod si_values;
 mod statustext;
 mod streams;
 mod time;

@@ -473,6 +473,7 @@ fn new_policy_applies_at_once() {
     input(&mut world).set_source(ONLY_STATION);
     assert!(sticks(&world).is_some() && channels(&world).is_some());
     input(&mut world).set_source(BOTH_STATIONS);
+    assert_eq!(input(&mut world).source(), BOTH_STATIONS);
     assert_eq!((sticks(&world), channels(&world)), (None, None));
     send(&mut world, 0, OTHER_STATION, &stick(-100));
     assert_eq!(sticks(&world).unwrap().from.address, OTHER_STATION);

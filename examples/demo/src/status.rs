@@ -99,8 +99,8 @@ pub const OTHER_DROPS: [&str; 6] =
 impl Status {
     pub(crate) fn of(now: Instant, stack: &Mavlink, vehicle: &Quadrotor) -> Self {
         let mut status = Self {
-            // Wraps after 49 days. Only this display is affected.
-            time: now.as_millis() as u32,
+            // Only this display is affected when it wraps.
+            time: now.time_boot_ms(),
             is_armed: vehicle.is_armed(),
             mode: vehicle.mode(),
             mission: Mission::of(stack, vehicle),

@@ -1,16 +1,18 @@
 //! Telemetry: the messages that the vehicle fills, and their rates.
 
-use libm::{atan2f, roundf, sqrtf};
+use libm::{atan2f, sqrtf};
 use mavstack::dialect::{
     Attitude, AttitudeQuaternion, BatteryStatus, ComponentMetadata, ExtendedSysState, FlightInformation,
     GimbalDeviceSetAttitude, GlobalPositionInt, GpsFixType, GpsGlobalOrigin, GpsRawInt, HomePosition, LocalPositionNed,
     MavBatteryChargeState, MavBatteryFunction, MavBatteryType, MavDataStream, MavLandedState,
     MavSysStatusSensor as Sensor, RcChannels, SysStatus, SystemTime, VfrHud,
 };
+use mavstack::message::LatLon;
+use mavstack::telemetry::{self, GpsFix, Motion, extended_sys_state};
 use mavstack::{Duration, Fill, Instant, Message, Stream, Telemetry};
 
 use crate::angle::{cos, sin};
-use crate::battery::{Battery, Charge};
+use crate::battery::Charge;
 use crate::body::Vector;
 use crate::geo::Home;
 use crate::vehicle::{GPS_ERROR, Quadrotor, Times};
@@ -51,15 +53,15 @@ impl Telemetry for Quadrotor {
         match id {
             SysStatus::ID => put(out, || self.sys_status()),
             SystemTime::ID => put(out, || self.system_time(now)),
-            GpsRawInt::ID => put(out, || self.gps_raw(now)),
-            Attitude::ID => put(out, || self.attitude_angles(now)),
+            GpsRawInt::ID => put(out, || self.gps_fix().gps_raw_int(now)),
+            Attitude::ID => put(out, || self.motion().attitude(now)),
             AttitudeQuaternion::ID => put(out, || self.attitude_quaternion(now)),
             LocalPositionNed::ID => put(out, || self.local_position_ned(now)),
             GlobalPositionInt::ID => match self.global_position_int(now) {
                 Some(message) => out.put(&message),
                 None => false,
             },
-            VfrHud::ID => put(out, || self.vfr_hud()),
+            VfrHud::ID => put(out, || self.motion().vfr_hud()),
             // The vehicle has one battery.
             BatteryStatus::ID if out.index() == 0 => put(out, || self.battery_status()),
             GpsGlobalOrigin::ID if self.has_fix() => put(out, || self.origin(now)),
@@ -68,9 +70,7 @@ impl Telemetry for Quadrotor {
             GimbalDeviceSetAttitude::ID => self.put_gimbal_attitude(out),
             ComponentMetadata::ID => self.put_metadata(out),
             RcChannels::ID => put(out, || self.rc_channels(now)),
-            ExtendedSysState::ID => {
-                out.put(&ExtendedSysState { landed_state: self.landed_state(), ..ExtendedSysState::UNKNOWN })
-            }
+            ExtendedSysState::ID => out.put(&extended_sys_state(self.landed_state())),
             _ => false,
         }
     }
@@ -114,11 +114,7 @@ impl Quadrotor {
             onboard_control_sensors_enabled: enabled,
             onboard_control_sensors_health: health,
             // 20 %: 2 ms in every 10 ms.
-            load: 200,
-            voltage_battery: scaled(battery.voltage, 1e3) as u16,
-            current_battery: scaled(battery.current, 1e2) as i16,
-            battery_remaining: percent(battery),
-            ..SysStatus::UNKNOWN
+            ..self.pack(&[]).sys_status(20.0)
         }
     }
 
@@ -126,51 +122,65 @@ impl Quadrotor {
     #[inline(never)]
     fn put_metadata(&self, out: &mut Fill<'_>) -> bool {
         let Some(&metadata) = self.metadata() else { return false };
-        out.put(&ComponentMetadata { time_boot_ms: boot_ms(out.now()), ..metadata })
+        out.put(&ComponentMetadata { time_boot_ms: out.now().time_boot_ms(), ..metadata })
     }
 
-    fn gps_raw(&self, now: Instant) -> GpsRawInt {
+    fn gps_fix(&self) -> GpsFix {
         let Some(position) = self.global_position() else {
-            return GpsRawInt {
-                time_usec: now.as_micros(),
-                fix_type: GpsFixType::NO_FIX,
-                satellites_visible: 3,
-                ..GpsRawInt::UNKNOWN
-            };
+            return GpsFix { fix_type: GpsFixType::NO_FIX, satellites: Some(3), ..GpsFix::UNKNOWN };
         };
         let Vector { north, east, .. } = self.velocity();
         let speed = self.ground_speed();
-        GpsRawInt {
-            time_usec: now.as_micros(),
-            lat: position.latitude,
-            lon: position.longitude,
-            alt: scaled(position.altitude, 1e3),
-            eph: 80,
-            epv: 120,
-            vel: scaled(speed, 1e2) as u16,
-            // No course when the vehicle does not move.
-            cog: if speed > 0.1 { compass(atan2f(east, north)) } else { GpsRawInt::UNKNOWN.cog },
+        GpsFix {
             fix_type: GpsFixType::_3D_FIX,
-            satellites_visible: self.last().satellites,
-            alt_ellipsoid: scaled(position.altitude + f32::from(self.last().geoid_separation), 1e3),
-            h_acc: scaled(GPS_ERROR.0, 1e3) as u32,
-            v_acc: scaled(GPS_ERROR.1, 1e3) as u32,
-            vel_acc: 100,
-            ..GpsRawInt::UNKNOWN
+            position: Some(position.into()),
+            altitude: position.altitude,
+            alt_ellipsoid: position.altitude + f32::from(self.last().geoid_separation),
+            hdop: 0.8,
+            vdop: 1.2,
+            groundspeed: speed,
+            // No course when the vehicle does not move.
+            course: if speed > 0.1 { atan2f(east, north) } else { f32::NAN },
+            satellites: Some(self.last().satellites),
+            h_acc: GPS_ERROR.0,
+            v_acc: GPS_ERROR.1,
+            vel_acc: 0.1,
+            ..GpsFix::UNKNOWN
         }
     }
 
-    fn attitude_angles(&self, now: Instant) -> Attitude {
-        let [roll, pitch, yaw] = self.attitude();
-        let [rollspeed, pitchspeed, yawspeed] = self.attitude_rates();
-        Attitude { time_boot_ms: boot_ms(now), roll, pitch, yaw, rollspeed, pitchspeed, yawspeed }
+    /// Returns the motion without the position, which only one message has.
+    pub(crate) fn motion(&self) -> Motion {
+        let Vector { north, east, down } = self.velocity();
+        let height = -self.local_position().down;
+        Motion {
+            position: None,
+            altitude: self.home().altitude + height,
+            relative_altitude: self.home().spot.down + height,
+            velocity: [north, east, down],
+            attitude: self.attitude(),
+            rates: self.attitude_rates(),
+            // No wind is simulated.
+            airspeed: self.ground_speed(),
+            groundspeed: self.ground_speed(),
+            throttle: match self.is_armed() {
+                false => 0.0,
+                true if self.is_landed() => 10.0,
+                true => 50.0,
+            },
+        }
+    }
+
+    fn global_position_int(&self, now: Instant) -> Option<GlobalPositionInt> {
+        let position = self.global_position().map(LatLon::from);
+        Motion { position, ..self.motion() }.global_position_int(now)
     }
 
     fn attitude_quaternion(&self, now: Instant) -> AttitudeQuaternion {
         let [rollspeed, pitchspeed, yawspeed] = self.attitude_rates();
         let [roll, pitch, yaw] = self.attitude().map(|angle| (cos(angle / 2.0), sin(angle / 2.0)));
         AttitudeQuaternion {
-            time_boot_ms: boot_ms(now),
+            time_boot_ms: now.time_boot_ms(),
             q1: roll.0 * pitch.0 * yaw.0 + roll.1 * pitch.1 * yaw.1,
             q2: roll.1 * pitch.0 * yaw.0 - roll.0 * pitch.1 * yaw.1,
             q3: roll.0 * pitch.1 * yaw.0 + roll.1 * pitch.0 * yaw.1,
@@ -185,7 +195,7 @@ impl Quadrotor {
     fn local_position_ned(&self, now: Instant) -> LocalPositionNed {
         let (position, velocity) = (self.local_position(), self.velocity());
         LocalPositionNed {
-            time_boot_ms: boot_ms(now),
+            time_boot_ms: now.time_boot_ms(),
             x: position.north,
             y: position.east,
             z: position.down,
@@ -195,98 +205,65 @@ impl Quadrotor {
         }
     }
 
-    fn global_position_int(&self, now: Instant) -> Option<GlobalPositionInt> {
-        let position = self.global_position()?;
-        let velocity = self.velocity();
-        let [_, _, yaw] = self.attitude();
-        Some(GlobalPositionInt {
-            time_boot_ms: boot_ms(now),
-            lat: position.latitude,
-            lon: position.longitude,
-            alt: scaled(position.altitude, 1e3),
-            relative_alt: scaled(self.home().spot.down - self.local_position().down, 1e3),
-            vx: scaled(velocity.north, 1e2) as i16,
-            vy: scaled(velocity.east, 1e2) as i16,
-            vz: scaled(velocity.down, 1e2) as i16,
-            hdg: compass(yaw),
-        })
-    }
-
-    pub(crate) fn vfr_hud(&self) -> VfrHud {
-        let [_, _, yaw] = self.attitude();
-        VfrHud {
-            // No wind is simulated.
-            airspeed: self.ground_speed(),
-            groundspeed: self.ground_speed(),
-            alt: self.home().altitude - self.local_position().down,
-            climb: -self.velocity().down,
-            heading: (compass(yaw) / 100) as i16,
-            throttle: match self.is_armed() {
-                false => 0,
-                true if self.is_landed() => 10,
-                true => 50,
-            },
+    /// Returns the battery; `cells` are the voltages of its cells, if they are to be reported.
+    fn pack<'a>(&self, cells: &'a [f32]) -> telemetry::Battery<'a> {
+        let battery = self.battery();
+        telemetry::Battery {
+            cells,
+            voltage: battery.voltage,
+            current: battery.current,
+            charge_consumed: (1.0 - battery.remaining) * battery.capacity,
+            remaining: 100.0 * battery.remaining,
+            // Without a current the division gives infinity or NaN: unknown.
+            time_remaining: battery.remaining * battery.capacity / battery.current,
+            ..telemetry::Battery::UNKNOWN
         }
     }
 
     fn battery_status(&self) -> BatteryStatus {
         let battery = self.battery();
-        let mut voltages = BatteryStatus::UNKNOWN.voltages;
-        for cell in voltages.iter_mut().take(usize::from(battery.cells)) {
-            *cell = scaled(battery.voltage / f32::from(battery.cells), 1e3) as u16;
-        }
-        let seconds = if battery.current > 0.0 { battery.remaining * battery.capacity / battery.current } else { 0.0 };
+        let cells = [battery.voltage / f32::from(battery.cells); 14];
+        let cells = cells.get(..usize::from(battery.cells)).unwrap_or(&cells);
         BatteryStatus {
-            // 1 mAh is 3.6 A·s.
-            current_consumed: scaled((1.0 - battery.remaining) * battery.capacity, 1.0 / 3.6),
-            voltages,
-            current_battery: scaled(battery.current, 1e2) as i16,
             battery_function: MavBatteryFunction::ALL,
             r#type: MavBatteryType::LIPO,
-            battery_remaining: percent(battery),
-            time_remaining: seconds as i32,
             charge_state: match battery.charge {
                 Charge::Critical => MavBatteryChargeState::CRITICAL,
                 Charge::Low => MavBatteryChargeState::LOW,
                 Charge::Good => MavBatteryChargeState::OK,
             },
-            ..BatteryStatus::UNKNOWN
+            ..self.pack(cells).battery_status()
         }
     }
 
     /// Returns the origin of LOCAL_POSITION_NED.
     fn origin(&self, now: Instant) -> GpsGlobalOrigin {
         let Home { latitude, longitude, altitude, .. } = self.home();
-        GpsGlobalOrigin { latitude, longitude, altitude: scaled(altitude, 1e3), time_usec: now.as_micros() }
+        let millimetres = 1e3 * altitude + 0.5_f32.copysign(altitude);
+        GpsGlobalOrigin { latitude, longitude, altitude: millimetres as i32, time_usec: now.as_micros() }
     }
 
     fn home_position(&self, now: Instant) -> HomePosition {
         let home = self.home();
         let Vector { north, east, down } = home.spot;
         let (latitude, longitude) = home.to_global(north, east);
-        HomePosition {
-            latitude,
-            longitude,
-            altitude: scaled(home.altitude - down, 1e3),
-            x: north,
-            y: east,
-            z: down,
-            // Level ground, heading north; the approach is vertical.
-            q: [1.0, 0.0, 0.0, 0.0],
-            approach_z: -1.0,
-            time_usec: now.as_micros(),
-            ..HomePosition::UNKNOWN
-        }
+        let home = telemetry::Home {
+            position: LatLon { latitude, longitude },
+            altitude: home.altitude - down,
+            local: [north, east, down],
+        };
+        // Level ground, heading north; the approach is vertical.
+        HomePosition { q: [1.0, 0.0, 0.0, 0.0], approach_z: -1.0, ..home.home_position(now) }
     }
 
     /// The times count from boot, although two of the fields are named UTC.
     fn flight_information(&self, now: Instant) -> FlightInformation {
         let Times { armed, took_off, landed } = self.times();
         FlightInformation {
-            time_boot_ms: boot_ms(now),
+            time_boot_ms: now.time_boot_ms(),
             arming_time_utc: armed.as_micros(),
             takeoff_time_utc: took_off.as_micros(),
-            landing_time: boot_ms(landed),
+            landing_time: landed.time_boot_ms(),
             flight_uuid: self.last().flights.into(),
         }
     }
@@ -308,23 +285,4 @@ impl Quadrotor {
         let Vector { north, east, .. } = self.velocity();
         sqrtf(north * north + east * east)
     }
-}
-
-/// Returns `time_boot_ms`, which wraps after 49 days (D-1).
-fn boot_ms(now: Instant) -> u32 {
-    now.as_millis() as u32
-}
-
-/// Converts a value to the unit of a field, rounded.
-fn scaled(value: f32, scale: f32) -> i32 {
-    roundf(value * scale) as i32
-}
-
-fn percent(battery: Battery) -> i8 {
-    scaled(battery.remaining, 100.0) as i8
-}
-
-/// Converts a heading (rad) to hundredths of degrees, 0 to 35,999.
-fn compass(angle: f32) -> u16 {
-    scaled(angle.to_degrees(), 100.0).rem_euclid(36_000) as u16
 }

@@ -15,7 +15,7 @@ pub use sample::HighLatencySample;
 use self::order::{ORDERS, Order};
 use self::window::Window;
 use super::{Cx, RETRY, Request, Service, Turn, Verdict, View};
-use crate::dialect::{HighLatency2, MavCmd, MavResult, MavType};
+use crate::dialect::{HighLatency2, MavCmd, MavResult};
 use crate::link::Port;
 use crate::message::Message;
 use crate::network::{PeerInfo, Peers};
@@ -410,7 +410,7 @@ impl HighLatency {
             HighLatencyMode::High16 => [b2, b3],
         };
         let mut message = HighLatency2 {
-            timestamp: millis(self.sampled.unwrap_or(now)),
+            timestamp: self.sampled.unwrap_or(now).time_boot_ms(),
             r#type: config.r#type,
             autopilot: config.autopilot,
             custom_mode: u16::from_le_bytes(custom_mode),
@@ -419,11 +419,6 @@ impl HighLatency {
         self.closed.summary(&self.last).write_to(&mut message);
         message
     }
-}
-
-/// Returns the lower 32 bits of the milliseconds since boot.
-fn millis(at: Instant) -> u32 {
-    u32::try_from(at.as_millis() & u64::from(u32::MAX)).unwrap_or(0)
 }
 
 impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
@@ -461,11 +456,8 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
             self.announcing = cx.shared.satellites;
             self.schedule(Instant::ZERO);
         }
-        let satellites = cx.shared.satellites;
-        let is_ground = |info: &PeerInfo| {
-            info.r#type == MavType::GCS && info.is_alive && !satellites.contains(LinkMask::of(info.peer.link))
-        };
-        self.watch(cx.now, cx.peers.iter().any(is_ground));
+        // No peer is alive on a high-latency link.
+        self.watch(cx.now, cx.peers.iter().any(PeerInfo::is_living_station));
     }
 
     fn deadline(&self) -> Instant {

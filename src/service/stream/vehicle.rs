@@ -6,13 +6,15 @@ use super::{Fill, Stream};
 /// [`stack!`](crate::stack).
 ///
 /// Start from a message's constant `UNKNOWN` if you fill only a part of it. In most fields zero is a measured value,
-/// such as an empty battery, and MAVLink has another value for "unknown". `Default` is zero in every field.
+/// such as an empty battery, and MAVLink has another value for "unknown". `Default` is zero in every field. The module
+/// [`telemetry`](crate::telemetry) makes the usual messages from SI values.
 ///
 /// ```
 /// use mavstack::dialect::{Attitude, BatteryStatus, MavDataStream};
+/// use mavstack::telemetry::{Battery, Motion};
 /// use mavstack::{Duration, Fill, Message, Stream, Telemetry};
 ///
-/// struct Rover { yaw: f32, cells: [u16; 4] }
+/// struct Rover { yaw: f32, cells: [f32; 4] }
 ///
 /// impl Telemetry for Rover {
 ///     const STREAMS: &'static [Stream] = &[
@@ -21,15 +23,12 @@ use super::{Fill, Stream};
 ///     ];
 ///
 ///     fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
-///         let time_boot_ms = out.now().as_millis() as u32;
+///         let motion = Motion { attitude: [0.0, 0.0, self.yaw], ..Motion::UNKNOWN };
+///         let battery = Battery { cells: &self.cells, ..Battery::UNKNOWN };
 ///         match id {
-///             Attitude::ID => out.put(&Attitude { time_boot_ms, yaw: self.yaw, ..Attitude::UNKNOWN }),
+///             Attitude::ID => out.put(&motion.attitude(out.now())),
 ///             // The second pack is not measured.
-///             BatteryStatus::ID if out.index() == 0 => {
-///                 let mut voltages = BatteryStatus::UNKNOWN.voltages;
-///                 voltages[..4].copy_from_slice(&self.cells);
-///                 out.put(&BatteryStatus { voltages, ..BatteryStatus::UNKNOWN })
-///             }
+///             BatteryStatus::ID if out.index() == 0 => out.put(&battery.battery_status()),
 ///             _ => false,
 ///         }
 ///     }

@@ -67,8 +67,6 @@ impl WallClock {
 
     /// Returns SYSTEM_TIME at `now`. Its time since boot wraps after 49 days (D-1).
     pub fn message(&self, now: Instant) -> SystemTime {
-        let [a, b, c, d, ..] = now.as_millis().to_le_bytes();
-        let time_boot_ms = u32::from_le_bytes([a, b, c, d]);
-        SystemTime { time_unix_usec: self.unix_usec(now).unwrap_or(0), time_boot_ms }
+        SystemTime { time_unix_usec: self.unix_usec(now).unwrap_or(0), time_boot_ms: now.time_boot_ms() }
     }
 }

@@ -1,11 +1,13 @@
-//! A minimal vehicle for a ground station. It sends heartbeats, can be armed and disarmed, has one parameter, and stores a mission
-//! of up to 100 items. All boards share this crate; replace it by your own vehicle.
+//! A minimal vehicle for a ground station. It sends heartbeats and the state of its battery, can be armed and disarmed, has one
+//! parameter, and stores a mission of up to 100 items. It drives only while a ground station is alive. All boards share this crate;
+//! replace it by your own vehicle.
 #![no_std]
 #![forbid(unsafe_code)]
 
 use mavstack::dialect::commands::ComponentArmDisarm;
 use mavstack::dialect::rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
-use mavstack::dialect::{MavResult, MavType, MissionState};
+use mavstack::dialect::{BatteryStatus, MavResult, MavType, MissionState};
+use mavstack::telemetry::Battery;
 use mavstack::*;
 
 /// The driving loop ticks it. When the loop hangs, the heartbeats stop.
@@ -20,6 +22,7 @@ stack! {
         links: 1,
         plans: { mission: 100 },
         parameters: Tuning,
+        streams,
     }
 }
 
@@ -32,26 +35,34 @@ parameters! {
 }
 
 /// A rover.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Rover {
     armed: bool,
+    /// The voltage of the battery (V), as measured by your ADC. NaN is sent as "unknown".
+    pub battery: f32,
+}
+
+impl Default for Rover {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 impl Rover {
     /// Creates a disarmed rover at rest.
     pub const fn new() -> Self {
-        Self { armed: false }
+        Self { armed: false, battery: f32::NAN }
     }
 
-    /// Returns the current speed limit for the motors (m/s).
-    pub fn speed_limit(&self, tuning: &Tuning) -> f32 {
-        if self.armed { tuning.get(Tuning::SPEED_MAX) } else { 0.0 }
+    /// Returns the current speed limit for the motors (m/s): 0 while the rover is disarmed, or no ground station is alive.
+    pub fn speed_limit(&self, tuning: &Tuning, has_ground_station: bool) -> f32 {
+        if self.armed && has_ground_station { tuning.get(Tuning::SPEED_MAX) } else { 0.0 }
     }
 
     /// Runs one pass of the driving loop, and ticks the pulse.
     pub fn drive(&mut self, stack: &Mavlink) {
         // Control the motors here, from `stack.mission()` and the sensors, up to this speed.
-        let _ = self.speed_limit(stack.parameters());
+        let _ = self.speed_limit(stack.parameters(), stack.has_ground_station());
         PULSE.tick();
     }
 }
@@ -81,6 +92,16 @@ impl Plans for Rover {
 
     fn progress(&self) -> Progress {
         Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
+    }
+}
+
+impl Telemetry for Rover {
+    const STREAMS: &'static [Stream] = &[Stream::of::<BatteryStatus>().every(Duration::from_secs(2))];
+
+    fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
+        let battery = Battery { voltage: self.battery, ..Battery::UNKNOWN };
+        // The rover has one battery.
+        id == BatteryStatus::ID && out.index() == 0 && out.put(&battery.battery_status())
     }
 }
 

@@ -15,6 +15,7 @@ mod satellite;
 use mavstack::clock::WallClock;
 use mavstack::dialect::{ComponentMetadata, HomePosition, MavModeFlag, MavSeverity, MavState, SystemTime};
 use mavstack::manual_control::RcOverride;
+use mavstack::message::LatLon;
 use mavstack::{Context, Duration, Instant, Vehicle, VehicleState};
 
 use crate::battery::{Battery, Charge};
@@ -48,6 +49,12 @@ pub struct GlobalPosition {
     pub longitude: i32,
     /// Altitude above mean sea level (m).
     pub altitude: f32,
+}
+
+impl From<GlobalPosition> for LatLon {
+    fn from(position: GlobalPosition) -> Self {
+        Self { latitude: position.latitude, longitude: position.longitude }
+    }
 }
 
 /// Times of the last events since boot; zero means never.

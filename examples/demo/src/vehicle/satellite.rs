@@ -54,7 +54,7 @@ impl Quadrotor {
     fn high_latency_sample(&self, cx: &Context<'_>) -> HighLatencySample {
         const UNKNOWN: (f32, f32) = (f32::NAN, f32::NAN);
 
-        let (status, hud) = (self.sys_status(), self.vfr_hud());
+        let (status, motion) = (self.sys_status(), self.motion());
         let here = self.body.position;
         let goal = self.goal();
         let distance = goal.map_or(0.0, |goal| here.distance(goal));
@@ -62,16 +62,16 @@ impl Quadrotor {
         let (eph, epv) = if self.last.has_fix { GPS_ERROR } else { UNKNOWN };
         let position = self.global_position();
         HighLatencySample {
-            position: position.map(|at| LatLon { latitude: at.latitude, longitude: at.longitude }),
-            altitude: hud.alt,
+            position: position.map(LatLon::from),
+            altitude: motion.altitude,
             target_altitude: goal.map_or(f32::NAN, |goal| self.home.altitude - goal.down),
             heading: self.body.yaw().to_degrees(),
             target_heading: bearing.map_or(f32::NAN, f32::to_degrees),
             target_distance: distance,
-            throttle: f32::from(hud.throttle),
-            airspeed: hud.airspeed,
+            throttle: motion.throttle,
+            airspeed: motion.airspeed,
             airspeed_sp: if goal.is_some() { self.speed(cx) } else { f32::NAN },
-            groundspeed: hud.groundspeed,
+            groundspeed: motion.groundspeed,
             // No wind is simulated, so it has no direction.
             windspeed: 0.0,
             wind_from_deg: f32::NAN,
@@ -79,7 +79,7 @@ impl Quadrotor {
             epv,
             // The vehicle has no thermometer.
             temperature_air: f32::NAN,
-            climb_rate: hud.climb,
+            climb_rate: -motion.velocity[2],
             battery: 100.0 * self.battery.remaining,
             wp_num: (self.mode == Mode::Mission).then_some(self.mission.current()),
             failure_flags: HighLatencySample::failures(

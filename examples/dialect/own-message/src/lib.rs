@@ -94,7 +94,7 @@ impl Telemetry for Crane {
     fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
         match id {
             CraneReport::ID => {
-                let time_boot_ms = u32::try_from(out.now().as_millis()).unwrap_or(u32::MAX);
+                let time_boot_ms = out.now().time_boot_ms();
                 out.put(&CraneReport { time_boot_ms, line_out: self.line_out, ..CraneReport::UNKNOWN })
             }
             _ => false,
