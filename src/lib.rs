@@ -202,8 +202,8 @@ pub use frame::Frame;
 #[doc(inline)]
 pub use message::{Address, CommandRule, Item, Message, Text};
 pub use pulse::Pulse;
+pub use service::client::{CommandClient, CommandReply, OutgoingCommand, ParamAnswer};
 pub use service::command::Commands;
-pub use service::command_client::{CommandClient, CommandReply, OutgoingCommand};
 #[cfg(test)]
 pub use service::example::Tunes;
 pub use service::mission::{PlanChange, Plans, Progress};
@@ -286,8 +286,8 @@ pub use defmt as __defmt;
 #[doc(hidden)]
 pub mod __private {
     pub use crate::network::PeerInfo;
+    pub use crate::service::client::Client;
     pub use crate::service::command::{CommandSlots, NoSlots};
-    pub use crate::service::command_client::Client;
     pub use crate::service::forwarding::Forwarding;
     pub use crate::service::messages::Messages;
     pub use crate::service::mission::{Missions, WithoutPlans};

@@ -11,8 +11,8 @@ mod share;
 mod token_bucket;
 mod turn;
 
+pub(crate) mod client;
 pub mod command;
-pub(crate) mod command_client;
 #[cfg(test)]
 pub mod example;
 pub(crate) mod forwarding;

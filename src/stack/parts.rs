@@ -3,8 +3,8 @@
 use super::{Declares, RequestMemory, Stack};
 use crate::message::Message;
 use crate::network::ForwardCounters;
+use crate::service::client::{Client, CommandClient, check};
 use crate::service::command::{CommandSlots, LongCommands};
-use crate::service::command_client::Client;
 use crate::service::forwarding::Forwarding;
 use crate::service::high_latency::HighLatency;
 use crate::service::manual_control::ManualInput;
@@ -163,11 +163,25 @@ impl<D: Declares<Requests = Requests<[LinkQueue; LINKS]>>, const LINKS: usize> S
 }
 
 /// With `command_client: { slots: N }`.
-impl<D: Declares<Client = Client<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
+impl<D: Declares<Vehicle: CommandClient, Client = Client<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
     /// Sends a command to another component: see [`Context::send_command`](crate::Context::send_command).
     #[must_use = "it is not sent if too many commands wait"]
     pub fn send_command(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
         self.requests.view_mut().command(Pending::Command { to: to.into(), token })
+    }
+
+    /// Reads a parameter of another component: see [`Context::read_param`](crate::Context::read_param).
+    #[must_use = "it is not read if too many requests wait"]
+    pub fn read_param(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
+        const { check::<D::Vehicle>() };
+        self.requests.view_mut().command(Pending::Param { to: to.into(), token, is_ext: false })
+    }
+
+    /// Reads an extended parameter of another component: see [`Context::read_ext_param`](crate::Context::read_ext_param).
+    #[must_use = "it is not read if too many requests wait"]
+    pub fn read_ext_param(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
+        const { check::<D::Vehicle>() };
+        self.requests.view_mut().command(Pending::Param { to: to.into(), token, is_ext: true })
     }
 
     /// Cancels a command: see [`Context::cancel_sent_command`](crate::Context::cancel_sent_command).

@@ -64,6 +64,8 @@ pub(crate) enum Pending {
     Message { id: MessageId, index: u16, target: Address },
     /// The vehicle is to make the command of this token.
     Command { to: Recipient, token: u16 },
+    /// The parameter of this token is to be read.
+    Param { to: Recipient, token: u16, is_ext: bool },
     /// The command of this token is to be cancelled.
     Cancel { token: u16 },
 }

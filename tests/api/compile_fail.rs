@@ -282,6 +282,17 @@ fn cases() -> Vec<Case> {
             declares("links: 1, command_client: { slots: 2 }"),
             "does not implement `CommandClient`",
         ),
+        (
+            "read_param",
+            Firmware {
+                hooks: CLIENT,
+                entries: "links: 1, command_client: { slots: 1 }",
+                main: "let _ = stack.read_param(Address::new(1, 154), 0);",
+                ..Firmware::default()
+            }
+            .text(),
+            "the vehicle reads no parameters of others: set `READS_PARAMS`",
+        ),
         ("send", sends("Tunnel", "links: 1, messages"), ""),
         (
             "send_heartbeat",

@@ -1,4 +1,4 @@
-//! The vehicle's own commands to other components: rules C-3, C-13, C-20, C-23, L-4, D-1, D-3, S-10.
+//! The vehicle's own commands to other components: rules C-3, C-13, C-20, C-23, L-4, D-1, D-3, P-2, P-30.
 
 use std::collections::BTreeMap;
 
@@ -6,8 +6,8 @@ use crate::support::*;
 use mavstack::config::LinkClass;
 use mavstack::dialect::*;
 use mavstack::{
-    Address, Command, CommandClient, CommandReply, Commands, Context, Duration, LinkConfig, LinkId, Outcome,
-    OutgoingCommand, Recipient, Vehicle, VehicleState,
+    Address, Command, CommandClient, CommandReply, Commands, Context, Duration, Instant, LinkConfig, LinkId, Outcome,
+    OutgoingCommand, ParamAnswer, Recipient, Text, Vehicle, VehicleState,
 };
 use proptest::prelude::*;
 
@@ -22,6 +22,8 @@ const POINT: u16 = 1;
 const REQUEST: u16 = 2;
 const GO: u16 = 3;
 const NOTHING: u16 = 4;
+const STREAM: u16 = 5;
+const STOP: u16 = 6;
 /// Tokens from here on are equal commands.
 const EQUAL: u16 = 100;
 
@@ -31,6 +33,8 @@ struct Carrier {
     replies: Vec<(u16, CommandReply)>,
     is_stubborn: bool,
     made: BTreeMap<u16, u32>,
+    /// The parameters that were read: their tokens, and the values or why there is none.
+    params: Vec<(u16, Result<f32, &'static str>)>,
 }
 
 impl Vehicle for Carrier {
@@ -53,7 +57,9 @@ impl CommandClient for Carrier {
             POINT => {
                 Some(OutgoingCommand::long(MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, [-30.0, 45.0, 0.5, 0.25, 2.0, 0.0, 0.0]))
             }
-            REQUEST => Some(OutgoingCommand::long(MavCmd::REQUEST_MESSAGE, [283.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
+            REQUEST => Some(OutgoingCommand::request_message::<GimbalDeviceInformation>(0)),
+            STREAM => Some(OutgoingCommand::set_message_interval::<GimbalDeviceAttitudeStatus>(Some(millis(100)))),
+            STOP => Some(OutgoingCommand::set_message_interval::<GimbalDeviceAttitudeStatus>(None)),
             GO => {
                 let (frame, place) = (MavFrame::GLOBAL, [473_977_420, 85_455_940]);
                 Some(OutgoingCommand::int(MavCmd::DO_REPOSITION, frame, [-1.0, 0.0, 0.0, f32::NAN], place, 500.0))
@@ -70,6 +76,24 @@ impl CommandClient for Carrier {
         if self.is_stubborn && reply == CommandReply::NotSent {
             let _ = cx.send_command(GIMBAL, token);
         }
+    }
+
+    const READS_PARAMS: bool = true;
+
+    fn param_for(&mut self, token: u16) -> Option<Text<16>> {
+        (token != NOTHING).then_some(Text::new(if token == POINT { "GIMB_MODE" } else { "CAM_EXPOSURE_CMP" }))
+    }
+
+    fn param_answered(&mut self, _: &mut Context<'_>, token: u16, answer: ParamAnswer<'_>) {
+        let value = match answer {
+            ParamAnswer::Value(value) => Ok(value.param_value),
+            ParamAnswer::ExtValue(value) => Ok(f32::from(value.param_value.as_bytes()[0])),
+            ParamAnswer::Refused(MavParamError::DOES_NOT_EXIST) => Err("does not exist"),
+            ParamAnswer::Refused(_) => Err("refused"),
+            ParamAnswer::NotSent => Err("not sent"),
+            ParamAnswer::TimedOut => Err("timed out"),
+        };
+        self.params.push((token, value));
     }
 }
 
@@ -298,6 +322,89 @@ fn command_without_a_recipient_is_not_sent() {
     }
     assert!(world.vehicle.replies.len() <= polls * 8);
     assert_eq!((0..3).map(|link| sent(&world, link).len()).sum::<usize>(), 0);
+}
+
+/// Messages of another component are requested and streamed by commands.
+#[test]
+fn messages_are_requested() {
+    let mut world = sky();
+    for token in [REQUEST, STREAM, STOP] {
+        assert!(world.stack.send_command(GIMBAL, token));
+        world.run_for(millis(50));
+        let command = if token == REQUEST { MavCmd::REQUEST_MESSAGE } else { MavCmd::SET_MESSAGE_INTERVAL };
+        answer(&mut world, COMPANION, GIMBAL, ack(command, MavResult::ACCEPTED));
+    }
+    let sent = world.gcs[COMPANION].all::<CommandLong>();
+    let sent: Vec<_> = sent.into_iter().map(|(_, sent)| (sent.command, sent.param1, sent.param2)).collect();
+    let (request, interval) = (MavCmd::REQUEST_MESSAGE, MavCmd::SET_MESSAGE_INTERVAL);
+    assert_eq!(sent, [(request, 283.0, 0.0), (interval, 285.0, 100_000.0), (interval, 285.0, -1.0)]);
+}
+
+/// P-2: a parameter is read by its name, and the request repeated until it is answered.
+#[test]
+fn parameters_are_read() {
+    let mut world = sky();
+    assert!(world.stack.read_param(GIMBAL, POINT));
+    world.run_for(secs(1));
+    let requests = world.gcs[COMPANION].all::<ParamRequestRead>();
+    assert_eq!(requests.len(), 2);
+    let (_, request) = requests[0];
+    assert_eq!((request.param_index, request.param_id.as_str()), (-1, Some("GIMB_MODE")));
+    assert_eq!((request.target_system, request.target_component), (1, 154));
+    let value =
+        |name: &str, param_value: f32| ParamValue { param_value, param_id: Text::new(name), ..ParamValue::default() };
+    world.gcs[COMPANION].send_from(GIMBAL, &value("GIMB_MODE2", 1.0));
+    world.gcs[COMPANION].send_from(AUTHORISER, &value("GIMB_MODE", 2.0));
+    world.run_for(millis(10));
+    assert_eq!(world.vehicle.params, [], "another parameter, another component");
+    world.gcs[COMPANION].send_from(GIMBAL, &value("GIMB_MODE", 3.0));
+    world.run_for(secs(5));
+    assert_eq!(world.vehicle.params, [(POINT, Ok(3.0))]);
+    assert_eq!(world.gcs[COMPANION].all::<ParamRequestRead>().len(), 2);
+}
+
+/// P-2: extended parameters, such as a camera's, are read by their own messages.
+#[test]
+fn extended_parameters_are_read() {
+    let mut world = sky();
+    let is_requested = world.stack.with_context(Instant::ZERO, |cx| cx.read_ext_param::<Carrier>(GIMBAL, REQUEST));
+    assert!(is_requested);
+    world.run_for(millis(50));
+    let (_, request) = world.gcs[COMPANION].all::<ParamExtRequestRead>()[0];
+    assert_eq!((request.param_index, request.param_id.as_str()), (-1, Some("CAM_EXPOSURE_CMP")), "16 bytes");
+    let (param_id, param_value) = (request.param_id, Text::new("A"));
+    // An answer of the other protocol is none.
+    world.gcs[COMPANION].send_from(GIMBAL, &ParamValue { param_id, ..ParamValue::default() });
+    world.gcs[COMPANION].send_from(GIMBAL, &ParamExtValue { param_id, param_value, ..ParamExtValue::default() });
+    world.run_for(millis(10));
+    assert_eq!(world.vehicle.params, [(REQUEST, Ok(65.0))]);
+}
+
+/// P-30: PARAM_ERROR ends a request, and so do silence and a component that is not there.
+#[test]
+fn parameters_that_are_not_read_are_reported() {
+    let mut world = sky();
+    assert!(world.stack.read_param(GIMBAL, POINT) && world.stack.read_param(AUTHORISER, REQUEST));
+    assert!(world.stack.read_param(GIMBAL, NOTHING));
+    // Only commands are cancelled.
+    assert!(world.stack.cancel_sent_command(POINT));
+    world.run_for(millis(50));
+    let error = MavParamError::DOES_NOT_EXIST;
+    let (param_id, target_system, target_component) = (Text::new("GIMB_MODE"), 1, 1);
+    let error = ParamError { error, param_id, target_system, target_component, ..ParamError::default() };
+    world.gcs[COMPANION].send_from(GIMBAL, &error);
+    world.run_for(millis(50));
+    beat(&mut world, COMPANION, GIMBAL, MavType::GIMBAL);
+    assert!(world.stack.read_param(GIMBAL, REQUEST));
+    world.run_for(secs(4));
+    let expected = [
+        (REQUEST, Err("not sent")),
+        (NOTHING, Err("not sent")),
+        (POINT, Err("does not exist")),
+        (REQUEST, Err("timed out")),
+    ];
+    assert_eq!(world.vehicle.params, expected);
+    assert_eq!(world.vehicle.replies, []);
 }
 
 /// Retransmissions take another link on which the recipient is alive.

@@ -1,4 +1,5 @@
-//! The vehicle's own commands to other components: a gimbal, a camera, an arm authoriser.
+//! The vehicle's own requests to other components, such as a gimbal, a camera or an arm authoriser: commands, messages on
+//! request, and parameters.
 //!
 //! Implements the client's side of <https://mavlink.io/en/services/command.html>; arm authorisation (O-3) is built on it. A hook or the flight loop names the
 //! recipient and a token, [`CommandClient::command_for`] makes the command of the token, and
@@ -15,11 +16,19 @@
 //! takes over. An answer does not say which of two commands it answers, so of two commands with the same number to the same
 //! component the second waits until the first has ended. High-latency links carry no answers to the vehicle (L-4), and so no commands.
 
+mod param;
+
+pub use param::ParamAnswer;
+
+pub(crate) use param::check;
+
+use self::param::Query;
 use super::{Cx, Handled, Received, Service, Shared, Turn, View};
 use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavResult};
 use crate::link::Port;
-use crate::message::Address;
+use crate::message::{Address, Message, Text};
 use crate::network::Peers;
+use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{CommandPosition, Context, Firmware, LinkId, LinkMask, PENDING, Peer, Pending, Recipient};
 
@@ -50,6 +59,23 @@ impl OutgoingCommand {
     pub const fn long(id: MavCmd, params: [f32; 7]) -> Self {
         let [p1, p2, p3, p4, param5, param6, z] = params;
         Self { id, params: [p1, p2, p3, p4], position: CommandPosition::Long { param5, param6 }, z }
+    }
+
+    /// Returns MAV_CMD_REQUEST_MESSAGE: message `M`, once. Each message defines what `index` means; 0 is the default.
+    /// [`Vehicle::message`](crate::Vehicle::message) gets the message.
+    pub fn request_message<M: Message>(index: u16) -> Self {
+        Self::long(
+            MavCmd::REQUEST_MESSAGE,
+            [num::from_i32(M::ID.cast_signed()), f32::from(index), 0.0, 0.0, 0.0, 0.0, 0.0],
+        )
+    }
+
+    /// Returns MAV_CMD_SET_MESSAGE_INTERVAL: message `M` at this interval. `None` stops it, and zero is the component's
+    /// default.
+    pub fn set_message_interval<M: Message>(interval: Option<Duration>) -> Self {
+        let micros = interval
+            .map_or(-1.0, |interval| num::from_i32(i32::try_from(interval.as_micros()).unwrap_or(i32::MAX - 1)));
+        Self::long(MavCmd::SET_MESSAGE_INTERVAL, [num::from_i32(M::ID.cast_signed()), micros, 0.0, 0.0, 0.0, 0.0, 0.0])
     }
 
     /// Returns a command for COMMAND_INT: parameters 1 to 4, the position (deg·1e7 in a global frame), and parameter 7.
@@ -123,6 +149,22 @@ pub trait CommandClient {
     /// Called with what became of a command: any number of times with [`CommandReply::InProgress`], then once with another
     /// reply.
     fn command_answered(&mut self, cx: &mut Context<'_>, token: u16, reply: CommandReply);
+
+    /// Whether the vehicle also [reads parameters](Context::read_param) of other components. The code for it is left out
+    /// if not.
+    const READS_PARAMS: bool = false;
+
+    /// Returns the name of the parameter that a token stands for: at most 16 bytes. `None` if there is nothing to read any
+    /// more.
+    fn param_for(&mut self, token: u16) -> Option<Text<16>> {
+        let _ = token;
+        None
+    }
+
+    /// Called once with the answer to each [`Context::read_param`].
+    fn param_answered(&mut self, cx: &mut Context<'_>, token: u16, answer: ParamAnswer<'_>) {
+        let _ = (cx, token, answer);
+    }
 }
 
 /// The state of a slot.
@@ -137,7 +179,14 @@ enum State {
     Running,
 }
 
-/// A command that was not finally answered yet.
+/// What is requested.
+#[derive(Clone, Copy, Debug)]
+enum What {
+    Command(OutgoingCommand),
+    Param(Query),
+}
+
+/// A request that was not finally answered yet.
 #[derive(Clone, Copy, Debug)]
 pub struct Slot {
     state: State,
@@ -147,7 +196,7 @@ pub struct Slot {
     /// The recipient, and the link on which it is sent. Component 0 is any component of the system.
     to: Peer,
     token: u16,
-    command: OutgoingCommand,
+    what: What,
     at: Instant,
 }
 
@@ -159,7 +208,7 @@ impl Slot {
         is_cancelled: false,
         to: Peer { address: Address::new(0, 0), link: LinkId(0) },
         token: 0,
-        command: OutgoingCommand::NONE,
+        what: What::Command(OutgoingCommand::NONE),
         at: Instant::ZERO,
     };
 
@@ -176,7 +225,7 @@ impl Slot {
     }
 }
 
-/// Sends the vehicle's commands and follows them, `N` at a time.
+/// Sends the vehicle's requests and follows them, `N` at a time.
 #[derive(Debug)]
 pub struct Client<const N: usize> {
     slots: [Slot; N],
@@ -195,7 +244,7 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
         // A hook may request as much again, so this is bounded.
         for _ in 0..PENDING {
             take_cancellation(&mut self.slots, cx);
-            take_command(&mut self.slots, cx);
+            take_request(&mut self.slots, cx);
         }
         let has_room = self.slots.iter().any(|slot| slot.state == State::Free);
         cx.requests.set_due(has_room);
@@ -207,8 +256,17 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut (), received: &Received<'_>) -> Handled {
-        let Some(ack) = received.frame.decode::<CommandAck>() else { return Handled::No };
-        let Some(slot) = self.slots.iter_mut().find(|slot| slot.is_answered_by(received.from.address, ack.command))
+        let Some(ack) = received.frame.decode::<CommandAck>() else {
+            return if F::Vehicle::READS_PARAMS {
+                param::take_answer(&mut self.slots, cx, received)
+            } else {
+                Handled::No
+            };
+        };
+        let Some(slot) = self
+            .slots
+            .iter_mut()
+            .find(|slot| slot.expects(received.from.address) && slot.command() == Some(ack.command))
         else {
             return Handled::No;
         };
@@ -219,14 +277,19 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
             answered(cx, slot.token, CommandReply::InProgress(ack.progress));
         } else {
             let CommandAck { result, result_param2, .. } = ack;
-            end(slot, cx, CommandReply::Done { result, result_param2 });
+            slot.state = State::Free;
+            answered(cx, slot.token, CommandReply::Done { result, result_param2 });
         }
         Handled::Yes
     }
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), _: Turn) -> bool {
         let Some(slot) = self.due_on(port.id).and_then(|number| self.slots.get_mut(number)) else { return false };
-        slot.send(cx.now, port)
+        slot.note_sent(cx.now);
+        match &slot.what {
+            What::Command(command) => slot.send_command(command, port),
+            What::Param(query) => F::Vehicle::READS_PARAMS && query.send(slot.to.address, port),
+        }
     }
 
     fn due(&self, view: &View<'_>, port: &Port, (): &(), _: Turn) -> Instant {
@@ -244,29 +307,38 @@ impl<const N: usize> Client<N> {
 /// Returns the number of a slot that is to be sent on a link, unless the answer to an equal command is expected.
 fn due_on(slots: &[Slot], link: LinkId) -> Option<usize> {
     slots.iter().position(|slot| {
+        let id = slot.command();
         let is_same = |other: &Slot| {
-            other.is_expecting() && (other.to.address, other.command.id) == (slot.to.address, slot.command.id)
+            id.is_some() && other.is_expecting() && (other.to.address, other.command()) == (slot.to.address, id)
         };
         slot.state == State::Due && slot.to.link == link && (slot.is_expecting() || !slots.iter().any(is_same))
     })
 }
 
 impl Slot {
-    /// Whether an answer to this command from this component is the one that is expected.
-    fn is_answered_by(&self, from: Address, command: MavCmd) -> bool {
+    /// Returns the number of its command, if it is one.
+    fn command(&self) -> Option<MavCmd> {
+        if let What::Command(command) = &self.what { Some(command.id) } else { None }
+    }
+
+    /// Whether an answer from this component is expected.
+    fn expects(&self, from: Address) -> bool {
         let Address { system, component } = self.to.address;
-        let is_from = system == from.system && (component.0 == 0 || component == from.component);
-        is_from && self.command.id == command && self.is_expecting()
+        system == from.system && (component.0 == 0 || component == from.component) && self.is_expecting()
+    }
+
+    /// Records a transmission.
+    fn note_sent(&mut self, now: Instant) {
+        (self.state, self.at) = (State::Sent, now.after(TIMEOUT));
+        self.sent = self.sent.saturating_add(1);
     }
 
     /// Sends the command, or its cancellation.
     #[inline(never)]
-    fn send(&mut self, now: Instant, port: &mut Port) -> bool {
-        let OutgoingCommand { id: command, params: [param1, param2, param3, param4], position, z } = self.command;
+    fn send_command(&self, command: &OutgoingCommand, port: &mut Port) -> bool {
+        let OutgoingCommand { id: command, params: [param1, param2, param3, param4], position, z } = *command;
         let (target_system, target_component) = (self.to.address.system.0, self.to.address.component.0);
-        let confirmation = self.sent;
-        (self.state, self.at) = (State::Sent, now.after(TIMEOUT));
-        self.sent = self.sent.saturating_add(1);
+        let confirmation = self.sent.wrapping_sub(1);
         match position {
             _ if self.is_cancelled => port.outbox.send(&CommandCancel { command, target_system, target_component }),
             CommandPosition::Long { param5, param6 } => port.outbox.send(&CommandLong {
@@ -308,7 +380,7 @@ fn run_timers<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut 
             State::Free | State::Due => {}
             State::Sent | State::Running if cx.now < slot.at => {}
             State::Sent if slot.sent < TRANSMISSIONS => slot.send_again(cx.peers, cx.shared),
-            State::Sent | State::Running => end(slot, cx, CommandReply::TimedOut),
+            State::Sent | State::Running => end(slot, cx, Failure::TimedOut),
         }
     }
 }
@@ -317,14 +389,18 @@ fn run_timers<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut 
 fn take_cancellation<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut Cx<'_, F>) {
     let is_cancellation = |request: &Pending| matches!(request, Pending::Cancel { .. });
     let Some(Pending::Cancel { token }) = cx.requests.take_command(is_cancellation) else { return };
-    match slots.iter_mut().find(|slot| slot.state != State::Free && slot.token == token) {
+    let is_it = |slot: &&mut Slot| slot.state != State::Free && slot.token == token && slot.command().is_some();
+    match slots.iter_mut().find(is_it) {
         Some(slot) if slot.is_cancelled => {}
         Some(slot) if slot.is_expecting() => {
             (slot.is_cancelled, slot.sent) = (true, 0);
             slot.send_again(cx.peers, cx.shared);
         }
         // It was not sent yet.
-        Some(slot) => end(slot, cx, CANCELLED),
+        Some(slot) => {
+            slot.state = State::Free;
+            answered(cx, token, CANCELLED);
+        }
         None => {
             let is_it = |request: &Pending| matches!(request, Pending::Command { token: other, .. } if *other == token);
             if cx.requests.take_command(is_it).is_some() {
@@ -334,25 +410,59 @@ fn take_cancellation<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx
     }
 }
 
-/// Takes up a command, if one is pending and there is a slot for it.
-fn take_command<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut Cx<'_, F>) {
+/// Takes up a command or a parameter to read, if one is pending and there is a slot for it.
+fn take_request<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut Cx<'_, F>) {
     let Some(slot) = slots.iter_mut().find(|slot| slot.state == State::Free) else { return };
-    let is_command = |request: &Pending| matches!(request, Pending::Command { .. });
-    let Some(Pending::Command { to, token }) = cx.requests.take_command(is_command) else { return };
-    let to = find(cx.peers, cx.shared, to);
-    match to.and_then(|to| Some((to, cx.vehicle.command_for(token)?))) {
-        Some((to, command)) => *slot = Slot { state: State::Due, to, token, command, ..Slot::FREE },
-        None => answered(cx, token, CommandReply::NotSent),
+    let Some(request) = cx.requests.take_command(|request| !matches!(request, Pending::Cancel { .. })) else { return };
+    let (to, token, what) = match request {
+        Pending::Command { to, token } => (to, token, cx.vehicle.command_for(token).map(What::Command)),
+        Pending::Param { to, token, is_ext } if F::Vehicle::READS_PARAMS => {
+            let name = cx.vehicle.param_for(token);
+            (to, token, name.map(|name| What::Param(Query { name, is_ext })))
+        }
+        _ => return,
+    };
+    let peer = find(cx.peers, cx.shared, to);
+    match (peer, what) {
+        (Some(to), Some(what)) => *slot = Slot { state: State::Due, to, token, what, ..Slot::FREE },
+        _ => {
+            let is_command = matches!(request, Pending::Command { .. });
+            fail(cx, is_command, token, Failure::NotSent);
+        }
     }
+}
+
+/// Why there is no answer.
+#[derive(Clone, Copy)]
+enum Failure {
+    NotSent,
+    TimedOut,
 }
 
 /// The reply for a command that was cancelled before it was sent.
 const CANCELLED: CommandReply = CommandReply::Done { result: MavResult::CANCELLED, result_param2: 0 };
 
-/// Frees a slot, and tells the vehicle why.
-fn end<F: Firmware<Vehicle: CommandClient>>(slot: &mut Slot, cx: &mut Cx<'_, F>, reply: CommandReply) {
+/// Frees a slot without an answer.
+fn end<F: Firmware<Vehicle: CommandClient>>(slot: &mut Slot, cx: &mut Cx<'_, F>, failure: Failure) {
     slot.state = State::Free;
-    answered(cx, slot.token, reply);
+    fail(cx, slot.command().is_some(), slot.token, failure);
+}
+
+/// Tells the vehicle that there is no answer.
+fn fail<F: Firmware<Vehicle: CommandClient>>(cx: &mut Cx<'_, F>, is_command: bool, token: u16, failure: Failure) {
+    if is_command || !F::Vehicle::READS_PARAMS {
+        let reply = match failure {
+            Failure::NotSent => CommandReply::NotSent,
+            Failure::TimedOut => CommandReply::TimedOut,
+        };
+        return answered(cx, token, reply);
+    }
+    let answer = match failure {
+        Failure::NotSent => ParamAnswer::NotSent,
+        Failure::TimedOut => ParamAnswer::TimedOut,
+    };
+    let (vehicle, mut context) = cx.hook();
+    vehicle.param_answered(&mut context, token, answer);
 }
 
 /// Not inlined: it has many callers.
