@@ -5,7 +5,9 @@ INTERVALS = 40
 
 
 class Meter:
-    """Takes messages in the order of reception. A message without a timestamp counts with the time of the previous one."""
+    """Takes messages in the order of reception. A message without a timestamp counts with the time of the previous one. Of
+    several batteries only the first counts.
+    """
 
     def __init__(self):
         self.now = None
@@ -17,7 +19,7 @@ class Meter:
             self.now = fields["time_boot_ms"] * 1000
         elif kind in ("GPS_RAW_INT", "HOME_POSITION"):
             self.now = fields["time_usec"]
-        if self.now:
+        if self.now and not (kind == "BATTERY_STATUS" and fields.get("id")):
             self.times.setdefault(kind, []).append(self.now)
 
     def has_enough(self, kinds):

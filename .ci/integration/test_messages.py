@@ -83,6 +83,33 @@ def test_request_message(client, name):
     assert client.wait(name, 0.5), f"no {name}"
 
 
+def test_each_battery_has_its_rate(client):
+    """Q-3, Q-4: a request and an interval apply to one battery, or to both."""
+
+    def heard(seconds):
+        """Returns how often each battery reports."""
+        client.drain()
+        counts, deadline = {0: 0, 1: 0}, time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0:
+            if message := client.wait("BATTERY_STATUS", left):
+                counts[message.id] += 1
+        return counts
+
+    battery = message_id("BATTERY_STATUS")
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, battery, -1) == ACCEPTED
+    for index, packs in [(0, {0: 1, 1: 1}), (1, {0: 0, 1: 1})]:
+        client.drain()
+        client.send_command(mavlink.MAV_CMD_REQUEST_MESSAGE, battery, index)
+        assert heard(1) == packs
+    assert client.command(mavlink.MAV_CMD_REQUEST_MESSAGE, battery, 2) == DENIED
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, battery, 200_000, 1) == ACCEPTED
+    counts = heard(4)
+    assert counts[0] == 0 and 15 <= counts[1] <= 25
+    assert client.command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, battery, 500_000) == ACCEPTED
+    counts = heard(4)
+    assert all(6 <= count <= 10 for count in counts.values())
+
+
 @pytest.mark.parametrize("number", [42_000, -1, 1.5, float("nan"), message_id("COMMAND_ACK")])
 def test_unavailable_message_is_denied(client, number):
     """Q-1: the vehicle answers DENIED, so that the client does not wait for the message."""

@@ -65,7 +65,7 @@ def test_gimbal_is_pointed_on_its_own_link(gcs, other):
     """A ground station's command becomes a message to the gimbal, and to nobody else."""
     with Component(other, GIMBAL, mavlink.MAV_TYPE_GIMBAL):
         eventually(lambda: point(gcs, 0, 0) == ACCEPTED)
-        other.drain()
+        assert other.wait("GIMBAL_DEVICE_SET_ATTITUDE")
         gcs.drain()
         for pitch, yaw in [(-30, 90), (-90, 0), (45, -180)]:
             assert point(gcs, pitch, yaw) == ACCEPTED
@@ -146,3 +146,30 @@ def test_mavsdk_authorises_arming(port, other):
             results = arm_results(gcs)
             assert results[0] == IN_PROGRESS and results[-1] == mavlink.MAV_RESULT_DENIED
             assert gcs.wait("HEARTBEAT", 5, lambda beat: not is_armed(beat))
+
+
+def test_payload_is_asked_about_itself(gcs, other):
+    """The vehicle requests GIMBAL_DEVICE_INFORMATION of a gimbal in pymavlink, and reads CAM_MODE of a camera: PARAM_EXT."""
+    camera = (1, mavlink.MAV_COMP_ID_CAMERA)
+    with Component(other, camera, mavlink.MAV_TYPE_CAMERA) as component:
+        read = other.wait("PARAM_EXT_REQUEST_READ", 5)
+        assert read and read.param_id == "CAM_MODE" and read.param_index == -1
+        assert (read.target_system, read.target_component) == camera
+        # The first request is lost.
+        again = other.wait("PARAM_EXT_REQUEST_READ", 2)
+        assert again and again.param_id == read.param_id
+        kind = mavlink.MAV_PARAM_EXT_TYPE_UINT8
+        component.mav.param_ext_value_send(b"CAM_MODE", b"\x02", kind, 1, 0)
+        assert gcs.wait("STATUSTEXT", 3, lambda text: text.text == "Camera: mode 2")
+        assert not other.wait("PARAM_EXT_REQUEST_READ", 1.5)
+    with Component(other, GIMBAL, mavlink.MAV_TYPE_GIMBAL) as component:
+        request = other.wait("COMMAND_LONG", 5)
+        assert request and request.command == mavlink.MAV_CMD_REQUEST_MESSAGE
+        assert request.param1 == mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_INFORMATION and request.confirmation == 0
+        again = other.wait("COMMAND_LONG", 2)
+        assert again and again.confirmation == 1
+        component.mav.command_ack_send(request.command, ACCEPTED, 0, 0, 1, 1)
+        limits = [-3.0, 3.0, -1.5, 0.5, -3.0, 3.0]
+        component.mav.gimbal_device_information_send(0, b"Maker", b"Model 3", b"", 0, 0, 0, 0, 0, *limits)
+        assert gcs.wait("STATUSTEXT", 3, lambda text: text.text == "Gimbal: Model 3")
+        assert not other.wait("COMMAND_LONG", 1.5)

@@ -133,7 +133,7 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         PULSE.tick();
         vehicle.report_calibration(stack.long_commands_mut());
         vehicle.report_arming(stack.long_commands_mut());
-        vehicle.watch_gimbal(stack.address().system.0, stack.peers());
+        vehicle.watch_payload(stack);
         vehicle.store_counts(stack.parameters_mut());
         vehicle.watch_satellite(stack);
         vehicle.state() != before || stack.next_deadline(now) <= now

@@ -29,6 +29,7 @@ const STREAMS: &[Stream] = &[
     stream::<GlobalPositionInt>(250, 33).in_group(MavDataStream::POSITION),
     stream::<VfrHud>(250, 100).in_group(MavDataStream::EXTRA2),
     stream::<BatteryStatus>(2_000, 1_000).in_group(MavDataStream::EXTRA3),
+    stream::<BatteryStatus>(10_000, 5_000).instance(AVIONICS).in_group(MavDataStream::EXTRA3),
     stream::<HomePosition>(5_000, 2_000),
     stream::<RcChannels>(2_000, 500).in_group(MavDataStream::RC_CHANNELS),
     Stream::of::<FlightInformation>(),
@@ -36,6 +37,9 @@ const STREAMS: &[Stream] = &[
     Stream::of::<ComponentMetadata>(),
     stream::<ExtendedSysState>(1_000, 200).in_group(MavDataStream::EXTENDED_STATUS),
 ];
+
+/// The number of the battery of the avionics. The battery of the motors is 0.
+const AVIONICS: u16 = 1;
 
 const fn stream<M: Message>(radio: u64, onboard: u64) -> Stream {
     Stream::of::<M>().every(millis(radio)).onboard(millis(onboard))
@@ -62,8 +66,8 @@ impl Telemetry for Quadrotor {
                 None => false,
             },
             VfrHud::ID => put(out, || self.motion().vfr_hud()),
-            // The vehicle has one battery.
             BatteryStatus::ID if out.index() == 0 => put(out, || self.battery_status()),
+            BatteryStatus::ID if out.index() == AVIONICS => put(out, avionics_status),
             GpsGlobalOrigin::ID if self.has_fix() => put(out, || self.origin(now)),
             HomePosition::ID if self.has_fix() => put(out, || self.home_position(now)),
             FlightInformation::ID => put(out, || self.flight_information(now)),
@@ -74,6 +78,13 @@ impl Telemetry for Quadrotor {
             _ => false,
         }
     }
+}
+
+/// Returns BATTERY_STATUS of the avionics' battery: two cells, of which only the voltage is measured.
+fn avionics_status() -> BatteryStatus {
+    let battery = telemetry::Battery { cells: &[4.05, 4.06], ..telemetry::Battery::UNKNOWN };
+    let (battery_function, r#type) = (MavBatteryFunction::AVIONICS, MavBatteryType::LION);
+    BatteryStatus { id: 1, battery_function, r#type, ..battery.battery_status() }
 }
 
 /// Puts a message. Not inlined, so that only the message that is sent takes stack.

@@ -5,14 +5,14 @@
 
 use mavstack::command::LongCommands;
 use mavstack::dialect::{MavArmAuthDeniedReason as Reason, MavCmd, MavResult, MavSeverity};
-use mavstack::{Address, CommandClient, CommandReply, Context, Outcome, OutgoingCommand};
+use mavstack::{Address, CommandReply, Context, Outcome, OutgoingCommand};
 
 use super::Quadrotor;
 use super::commands::refuse;
 use crate::tuning::Tuning;
 
 /// The token of the request to the authoriser.
-const AUTHORISE: u16 = 1;
+pub(super) const AUTHORISE: u16 = 1;
 
 /// A command to arm that waits for the authoriser.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,26 +23,23 @@ pub(super) enum Authorisation {
     Ended(MavResult),
 }
 
-impl CommandClient for Quadrotor {
-    fn command_for(&mut self, token: u16) -> Option<OutgoingCommand> {
-        match self.authorisation {
-            Some(Authorisation::Requested(system)) if token == AUTHORISE => {
-                let params = [f32::from(system), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-                Some(OutgoingCommand::long(MavCmd::ARM_AUTHORIZATION_REQUEST, params))
-            }
-            _ => None,
-        }
+impl Quadrotor {
+    /// Returns the request to the authoriser, unless it was cancelled.
+    pub(super) fn authorisation_request(&self) -> Option<OutgoingCommand> {
+        let Some(Authorisation::Requested(system)) = self.authorisation else { return None };
+        let params = [f32::from(system), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        Some(OutgoingCommand::long(MavCmd::ARM_AUTHORIZATION_REQUEST, params))
     }
 
-    fn command_answered(&mut self, cx: &mut Context<'_>, _token: u16, reply: CommandReply) {
+    /// Arms, or says why not.
+    pub(super) fn on_authorisation(&mut self, cx: &mut Context<'_>, reply: CommandReply) {
         let result = match reply {
             CommandReply::InProgress(_) => return,
             CommandReply::NotSent => Err((MavResult::TEMPORARILY_REJECTED, "Arming refused: no authoriser")),
             CommandReply::TimedOut => Err((MavResult::FAILED, "Arming refused: the authoriser does not answer")),
-            CommandReply::Done { result: MavResult::ACCEPTED, .. } => match self.check_arming(cx) {
-                Ok(()) => Ok(()),
-                Err(why) => Err((MavResult::TEMPORARILY_REJECTED, why)),
-            },
+            CommandReply::Done { result: MavResult::ACCEPTED, .. } => {
+                self.check_arming(cx).map_err(|why| (MavResult::TEMPORARILY_REJECTED, why))
+            }
             CommandReply::Done { result, result_param2 } => Err((result, reason(result_param2))),
         };
         // It was cancelled meanwhile.
@@ -57,9 +54,7 @@ impl CommandClient for Quadrotor {
         };
         self.authorisation = Some(Authorisation::Ended(result));
     }
-}
 
-impl Quadrotor {
     /// Asks the authoriser, if there is one, and answers IN_PROGRESS. `None` if arming needs no authorisation.
     pub(super) fn request_authorisation(&mut self, cx: &mut Context<'_>) -> Option<Outcome> {
         let authoriser = u8::try_from(cx.parameter(Tuning::COM_ARM_AUTH_ID)).unwrap_or(0);

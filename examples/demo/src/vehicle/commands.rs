@@ -60,7 +60,7 @@ const POLICIES: &[CommandPolicy] = &[
         .no_broadcast(),
     CommandPolicy::new(rules::DO_SET_STANDARD_MODE).no_broadcast(),
     CommandPolicy::new(rules::DO_FLIGHTTERMINATION).no_broadcast(),
-    CommandPolicy::new(super::gimbal::PITCHYAW).no_broadcast(),
+    CommandPolicy::new(super::payload::PITCHYAW).no_broadcast(),
     CommandPolicy::new(super::ground::CALIBRATION).no_broadcast(),
     CommandPolicy::new(super::ground::REBOOT).no_broadcast(),
 ];

@@ -1,14 +1,15 @@
 //! The vehicle: a simulated quadrotor. The simulation is deterministic: the same time steps give the same flight.
 
 mod authorise;
+mod client;
 mod commands;
 mod fly;
-mod gimbal;
 mod ground;
 mod manual;
 mod mission;
 mod modes;
 mod params;
+mod payload;
 mod plans;
 mod satellite;
 
@@ -16,7 +17,7 @@ use mavstack::clock::WallClock;
 use mavstack::dialect::{ComponentMetadata, HomePosition, MavModeFlag, MavSeverity, MavState, SystemTime};
 use mavstack::manual_control::RcOverride;
 use mavstack::message::LatLon;
-use mavstack::{Context, Duration, Instant, Vehicle, VehicleState};
+use mavstack::{Context, Duration, Frame, Instant, LinkId, Vehicle, VehicleState};
 
 use crate::battery::{Battery, Charge};
 use crate::body::{Body, Limits, Nose, Vector};
@@ -25,11 +26,11 @@ use crate::plan::Maneuver;
 use crate::tuning::Tuning;
 use authorise::Authorisation;
 use fly::is_above;
-use gimbal::Gimbal;
 use ground::Reboot;
 use manual::Sticks;
 use mission::Mission;
 pub use modes::Mode;
+use payload::Payload;
 pub(crate) use satellite::{CONFIG as SATELLITE_CONFIG, GPS_ERROR};
 
 /// Time step of the simulation.
@@ -121,7 +122,7 @@ pub struct Quadrotor {
     reboot: Option<Reboot>,
     /// A command to arm that waits for the authoriser.
     authorisation: Option<Authorisation>,
-    gimbal: Gimbal,
+    payload: Payload,
     last: Snapshot,
     counts: Counts,
     sticks: Option<Sticks>,
@@ -157,7 +158,7 @@ impl Quadrotor {
             calibration: None,
             reboot: None,
             authorisation: None,
-            gimbal: Gimbal::NONE,
+            payload: Payload::NONE,
             last: Snapshot {
                 has_fix: false,
                 is_ready: false,
@@ -494,6 +495,10 @@ impl Vehicle for Quadrotor {
         };
         let state = VehicleState::new(self.armed).with_mode(self.mode.number()).with_status(system_status);
         Some(state.with_flags(MavModeFlag::STABILIZE_ENABLED | flags))
+    }
+
+    fn message(&mut self, cx: &mut Context<'_>, frame: &Frame<'_>, _link: LinkId) -> bool {
+        self.on_gimbal_information(cx, frame)
     }
 
     /// Permits writing in flight too, because the simulated storage writes within microseconds. On a microcontroller's internal

@@ -2,7 +2,7 @@
 
 use crate::support::wire::{STATION, Wire, command_long};
 use mavstack::dialect::*;
-use mavstack::{Address, LinkId};
+use mavstack::{Address, LinkId, Text};
 use mavstack_demo::{COMPANION, TELEMETRY, Tuning};
 
 const GIMBAL: Address = Address::new(1, 154);
@@ -144,6 +144,13 @@ fn gimbal_is_pointed() {
         (wire.count::<GimbalDeviceSetAttitude>(COMPANION), wire.count::<GimbalDeviceSetAttitude>(TELEMETRY)),
         (1, 0)
     );
+    // When it was found it was asked what it is.
+    let asked: Vec<_> =
+        wire.take::<CommandLong>().into_iter().map(|(_, asked)| (asked.command, asked.param1)).collect();
+    assert_eq!(asked, [(MavCmd::REQUEST_MESSAGE, 283.0)]);
+    let model_name = Text::new("Brushless 3");
+    wire.send_as(COMPANION, GIMBAL, &GimbalDeviceInformation { model_name, ..GimbalDeviceInformation::default() });
+    assert!(wire.texts().contains(&"Gimbal: Brushless 3".into()));
     let (_, set) = wire.take::<GimbalDeviceSetAttitude>()[0];
     assert_eq!((set.target_system, set.target_component), (1, 154));
     // Yaw by 90°, then pitch by -30°.
@@ -153,4 +160,18 @@ fn gimbal_is_pointed() {
     }
     assert!(set.angular_velocity_x.is_nan());
     assert_eq!(point(&mut wire, -91.0, 0.0), MavResult::DENIED);
+}
+
+/// A camera's mode is read when the camera is found.
+#[test]
+fn camera_is_asked_for_its_mode() {
+    let camera = Address::new(1, 100);
+    let mut wire = Wire::booted();
+    beat(&mut wire, COMPANION, camera, MavType::CAMERA);
+    wire.run(50);
+    let (_, read) = wire.take::<ParamExtRequestRead>()[0];
+    assert_eq!((read.param_id.as_str(), read.target_component), (Some("CAM_MODE"), 100));
+    let value = ParamExtValue { param_id: read.param_id, param_value: Text::new("\u{2}"), ..ParamExtValue::default() };
+    wire.send_as(COMPANION, camera, &value);
+    assert_eq!(wire.texts(), ["Camera: mode 2"]);
 }

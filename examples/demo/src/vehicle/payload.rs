@@ -1,0 +1,113 @@
+//! A gimbal and a camera on the links.
+//!
+//! MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW of a ground station becomes GIMBAL_DEVICE_SET_ATTITUDE to the gimbal device
+//! (<https://mavlink.io/en/services/gimbal_v2.html>). When a gimbal is found, the vehicle requests GIMBAL_DEVICE_INFORMATION;
+//! when a camera is found, it reads its extended parameter CAM_MODE. The vehicle is no complete gimbal manager.
+
+use libm::{cosf, sinf};
+use mavstack::dialect::commands::DoGimbalManagerPitchyaw;
+use mavstack::dialect::rules;
+use mavstack::dialect::{
+    GimbalDeviceFlags, GimbalDeviceInformation, GimbalDeviceSetAttitude, MavResult, MavSeverity, MavType,
+};
+use mavstack::message::ParamRule;
+use mavstack::network::PeerInfo;
+use mavstack::{Command, CommandRule, Context, Fill, Frame, ParamAnswer, Peer, Text};
+
+use super::Quadrotor;
+use super::commands::refuse;
+use crate::app::Mavlink;
+
+/// Angles only, of the only gimbal; yaw relative to the vehicle.
+pub(super) const PITCHYAW: CommandRule = rules::DO_GIMBAL_MANAGER_PITCHYAW.with_params(&[
+    ParamRule::range(1, -90.0, 45.0),
+    ParamRule::range(2, -180.0, 180.0),
+    ParamRule::bits(5, GimbalDeviceFlags::YAW_IN_VEHICLE_FRAME.0 as u32),
+    ParamRule::integers(7, 0, 1).or_nan(),
+]);
+
+/// The token of the request for GIMBAL_DEVICE_INFORMATION, and of the parameter CAM_MODE.
+pub(super) const GIMBAL_INFORMATION: u16 = 2;
+pub(super) const CAMERA_MODE: u16 = 3;
+
+/// The gimbal and the camera, if there are any, and where the gimbal is to point.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Payload {
+    gimbal: Option<Peer>,
+    camera: Option<Peer>,
+    /// Pitch and yaw (deg).
+    angles: [f32; 2],
+}
+
+impl Payload {
+    pub(super) const NONE: Self = Self { gimbal: None, camera: None, angles: [0.0; 2] };
+}
+
+impl Quadrotor {
+    /// Finds the gimbal and the camera of our system among the peers, and asks them about themselves.
+    pub(crate) fn watch_payload(&mut self, stack: &mut Mavlink) {
+        let system = stack.address().system;
+        let find = |r#type: MavType| {
+            let is_it = |info: &&PeerInfo| info.is_alive && info.r#type == r#type && info.peer.address.system == system;
+            stack.peers().iter().find(is_it).map(|info| info.peer)
+        };
+        let (gimbal, camera) = (find(MavType::GIMBAL), find(MavType::CAMERA));
+        // What cannot be asked now is asked in the next pass.
+        if gimbal != self.payload.gimbal && gimbal.is_none_or(|gimbal| stack.send_command(gimbal, GIMBAL_INFORMATION)) {
+            self.payload.gimbal = gimbal;
+        }
+        if camera != self.payload.camera && camera.is_none_or(|camera| stack.read_ext_param(camera, CAMERA_MODE)) {
+            self.payload.camera = camera;
+        }
+    }
+
+    /// Handles GIMBAL_DEVICE_INFORMATION. Returns false for another message.
+    #[inline(never)]
+    pub(super) fn on_gimbal_information(&self, cx: &mut Context<'_>, frame: &Frame<'_>) -> bool {
+        let Some(information) = frame.decode::<GimbalDeviceInformation>() else { return false };
+        let mut text = Text::<50>::new("Gimbal: ");
+        text.push_str(information.model_name.as_str().unwrap_or("?"));
+        cx.text(MavSeverity::INFO, &text);
+        true
+    }
+
+    /// Handles the value of CAM_MODE: a number in its first byte.
+    pub(super) fn on_camera_mode(&self, cx: &mut Context<'_>, answer: ParamAnswer<'_>) {
+        let ParamAnswer::ExtValue(value) = answer else { return };
+        let [mode, ..] = *value.param_value.wire();
+        let mut text = Text::<50>::new("Camera: mode ");
+        text.push_number(mode.into());
+        cx.text(MavSeverity::INFO, &text);
+    }
+
+    /// MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW.
+    #[inline(never)]
+    pub(super) fn point_gimbal(&mut self, cx: &mut Context<'_>, command: &Command) -> Result<MavResult, MavResult> {
+        let what: DoGimbalManagerPitchyaw = command.decode()?;
+        let (Some(pitch), Some(yaw)) = (what.pitch_angle, what.yaw_angle) else { return Err(MavResult::DENIED) };
+        let Some(device) = self.payload.gimbal else {
+            return Err(refuse(cx, MavResult::TEMPORARILY_REJECTED, "Gimbal refused: none is connected"));
+        };
+        self.payload.angles = [pitch, yaw];
+        match cx.send::<GimbalDeviceSetAttitude>(device, 0) {
+            true => Ok(MavResult::ACCEPTED),
+            false => Err(refuse(cx, MavResult::TEMPORARILY_REJECTED, "Gimbal refused: its link is full")),
+        }
+    }
+
+    /// Fills GIMBAL_DEVICE_SET_ATTITUDE: the attitude as a quaternion, first yaw, then pitch.
+    #[inline(never)]
+    pub(crate) fn put_gimbal_attitude(&self, out: &mut Fill<'_>) -> bool {
+        let [pitch, yaw] = self.payload.angles.map(|angle| angle.to_radians() / 2.0);
+        let (sp, cp, sy, cy) = (sinf(pitch), cosf(pitch), sinf(yaw), cosf(yaw));
+        out.put(&GimbalDeviceSetAttitude {
+            q: [cy * cp, -sy * sp, cy * sp, sy * cp],
+            flags: GimbalDeviceFlags::YAW_IN_VEHICLE_FRAME
+                | GimbalDeviceFlags::ROLL_LOCK
+                | GimbalDeviceFlags::PITCH_LOCK,
+            target_system: out.target().system.0,
+            target_component: out.target().component.0,
+            ..GimbalDeviceSetAttitude::UNKNOWN
+        })
+    }
+}
