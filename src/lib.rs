@@ -245,6 +245,7 @@ pub mod plan {
 /// Parameters: tables that [`parameters!`](crate::parameters) declares, tables that are filled at run time, and parameters that
 /// live elsewhere. [`Parameters`] and [`ParamBackend`] have the hooks.
 pub mod param {
+    pub use crate::service::client::ExtParamValue;
     pub use crate::service::param::{
         ExternalParams, ParamEncoding, ParamFault, ParamHash, ParamInfo, ParamTable, ParamType, ParamUpdate,
         ParamWrite, RuntimeTable,

@@ -87,7 +87,10 @@ impl CommandClient for Carrier {
     fn param_answered(&mut self, _: &mut Context<'_>, token: u16, answer: ParamAnswer<'_>) {
         let value = match answer {
             ParamAnswer::Value(value) => Ok(value.param_value),
-            ParamAnswer::ExtValue(value) => Ok(f32::from(value.param_value.as_bytes()[0])),
+            ParamAnswer::ExtValue(value) => {
+                assert_eq!(value.r#type, MavParamExtType::INT32);
+                Ok(i32::from_le_bytes(value.bytes()) as f32)
+            }
             ParamAnswer::Refused(MavParamError::DOES_NOT_EXIST) => Err("does not exist"),
             ParamAnswer::Refused(_) => Err("refused"),
             ParamAnswer::NotSent => Err("not sent"),
@@ -372,12 +375,13 @@ fn extended_parameters_are_read() {
     world.run_for(millis(50));
     let (_, request) = world.gcs[COMPANION].all::<ParamExtRequestRead>()[0];
     assert_eq!((request.param_index, request.param_id.as_str()), (-1, Some("CAM_EXPOSURE_CMP")), "16 bytes");
-    let (param_id, param_value) = (request.param_id, Text::new("A"));
+    let (param_id, param_value, param_type) = (request.param_id, Text::new("A\u{1}"), MavParamExtType::INT32);
     // An answer of the other protocol is none.
     world.gcs[COMPANION].send_from(GIMBAL, &ParamValue { param_id, ..ParamValue::default() });
-    world.gcs[COMPANION].send_from(GIMBAL, &ParamExtValue { param_id, param_value, ..ParamExtValue::default() });
+    world.gcs[COMPANION]
+        .send_from(GIMBAL, &ParamExtValue { param_id, param_value, param_type, ..ParamExtValue::default() });
     world.run_for(millis(10));
-    assert_eq!(world.vehicle.params, [(REQUEST, Ok(65.0))]);
+    assert_eq!(world.vehicle.params, [(REQUEST, Ok(321.0))]);
 }
 
 /// P-30: PARAM_ERROR ends a request, and so do silence and a component that is not there.

@@ -18,7 +18,7 @@
 
 mod param;
 
-pub use param::ParamAnswer;
+pub use param::{ExtParamValue, ParamAnswer};
 
 pub(crate) use param::check;
 
@@ -256,31 +256,11 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut (), received: &Received<'_>) -> Handled {
-        let Some(ack) = received.frame.decode::<CommandAck>() else {
-            return if F::Vehicle::READS_PARAMS {
-                param::take_answer(&mut self.slots, cx, received)
-            } else {
-                Handled::No
-            };
-        };
-        let Some(slot) = self
-            .slots
-            .iter_mut()
-            .find(|slot| slot.expects(received.from.address) && slot.command() == Some(ack.command))
-        else {
-            return Handled::No;
-        };
-        // The next poll takes up what waits for the slot, and what the hook requests.
-        cx.requests.set_due(true);
-        if ack.result == MavResult::IN_PROGRESS {
-            (slot.state, slot.at) = (State::Running, cx.now.after(PROGRESS_TIMEOUT));
-            answered(cx, slot.token, CommandReply::InProgress(ack.progress));
-        } else {
-            let CommandAck { result, result_param2, .. } = ack;
-            slot.state = State::Free;
-            answered(cx, slot.token, CommandReply::Done { result, result_param2 });
+        match received.frame.id() {
+            CommandAck::ID => take_ack(&mut self.slots, cx, received),
+            _ if F::Vehicle::READS_PARAMS => param::take_answer(&mut self.slots, cx, received),
+            _ => Handled::No,
         }
-        Handled::Yes
     }
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), _: Turn) -> bool {
@@ -371,6 +351,29 @@ impl Slot {
             }),
         }
     }
+}
+
+/// Handles a COMMAND_ACK that may be an answer.
+#[inline(never)]
+fn take_ack<F: Firmware<Vehicle: CommandClient>>(
+    slots: &mut [Slot],
+    cx: &mut Cx<'_, F>,
+    received: &Received<'_>,
+) -> Handled {
+    let Some(ack) = received.frame.decode::<CommandAck>() else { return Handled::No };
+    let is_it = |slot: &&mut Slot| slot.expects(received.from.address) && slot.command() == Some(ack.command);
+    let Some(slot) = slots.iter_mut().find(is_it) else { return Handled::No };
+    // The next poll takes up what waits for the slot, and what the hook requests.
+    cx.requests.set_due(true);
+    let reply = if ack.result == MavResult::IN_PROGRESS {
+        (slot.state, slot.at) = (State::Running, cx.now.after(PROGRESS_TIMEOUT));
+        CommandReply::InProgress(ack.progress)
+    } else {
+        slot.state = State::Free;
+        CommandReply::Done { result: ack.result, result_param2: ack.result_param2 }
+    };
+    answered(cx, slot.token, reply);
+    Handled::Yes
 }
 
 /// Has unanswered commands sent again, or ends them.

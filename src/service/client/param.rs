@@ -2,9 +2,11 @@
 //! <https://mavlink.io/en/services/parameter_ext.html>, as far as one parameter is read by its name (P-2).
 
 use super::{CommandClient, Slot, State, What};
-use crate::dialect::{MavParamError, ParamError, ParamExtRequestRead, ParamExtValue, ParamRequestRead, ParamValue};
+use crate::dialect::{
+    MavParamError, MavParamExtType, ParamError, ParamExtRequestRead, ParamExtValue, ParamRequestRead, ParamValue,
+};
 use crate::link::Port;
-use crate::message::{Address, Text};
+use crate::message::{Address, Message, Text};
 use crate::service::{Cx, Handled, Received};
 use crate::types::{Context, Firmware, Pending, Recipient};
 
@@ -13,8 +15,8 @@ use crate::types::{Context, Firmware, Pending, Recipient};
 pub enum ParamAnswer<'a> {
     /// The parameter. Its type says how to read the value: by its bytes, or converted to a float (P-3).
     Value(&'a ParamValue),
-    /// The extended parameter. Its type says how to read the 128 bytes of the value.
-    ExtValue(&'a ParamExtValue),
+    /// The extended parameter.
+    ExtValue(ExtParamValue<'a>),
     /// The component refused it by PARAM_ERROR: it has no such parameter, for example.
     Refused(MavParamError),
     /// It was not requested: no such component is alive on a normal link, or the vehicle named no parameter for the token.
@@ -44,6 +46,31 @@ impl Query {
     }
 }
 
+/// The value of an extended parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ExtParamValue<'a> {
+    /// How to read the bytes.
+    pub r#type: MavParamExtType,
+    bytes: &'a [u8],
+}
+
+impl ExtParamValue<'_> {
+    /// The positions of name, value and type in PARAM_EXT_VALUE.
+    const NAME: usize = 4;
+    const VALUE: usize = Self::NAME + 16;
+    const TYPE: usize = Self::VALUE + 128;
+
+    /// Returns the first `N` bytes of the value, which has 128: `u32::from_le_bytes(value.bytes())`, for example, if the type
+    /// is [`MavParamExtType::UINT32`].
+    pub fn bytes<const N: usize>(&self) -> [u8; N] {
+        let mut bytes = [0; N];
+        for (to, from) in bytes.iter_mut().zip(self.bytes) {
+            *to = *from;
+        }
+        bytes
+    }
+}
+
 /// Handles a frame that may be an answer.
 #[inline(never)]
 pub(super) fn take_answer<F: Firmware<Vehicle: CommandClient>>(
@@ -51,30 +78,35 @@ pub(super) fn take_answer<F: Firmware<Vehicle: CommandClient>>(
     cx: &mut Cx<'_, F>,
     received: &Received<'_>,
 ) -> Handled {
-    let (frame, from) = (received.frame, received.from.address);
-    let mut end = |cx: &mut Cx<'_, F>, name: Text<16>, is_ext: Option<bool>, answer: ParamAnswer<'_>| {
-        let is_it = |slot: &&mut Slot| match &slot.what {
-            What::Param(query) => {
-                slot.expects(from) && query.name == name && is_ext.is_none_or(|is_ext| is_ext == query.is_ext)
-            }
-            What::Command(_) => false,
-        };
-        let Some(slot) = slots.iter_mut().find(is_it) else { return Handled::No };
-        slot.state = State::Free;
-        cx.requests.set_due(true);
-        let (vehicle, mut context) = cx.hook();
-        vehicle.param_answered(&mut context, slot.token, answer);
-        Handled::Yes
+    let frame = received.frame;
+    let value = frame.decode::<ParamValue>();
+    let error = frame.decode::<ParamError>();
+    let (name, is_ext, answer) = match (&value, error) {
+        (Some(value), _) => (value.param_id, Some(false), ParamAnswer::Value(value)),
+        (_, Some(error)) => (error.param_id, None, ParamAnswer::Refused(error.error)),
+        _ if frame.id() == ParamExtValue::ID => {
+            // Not decoded: a copy of 128 bytes would be on the call stack below the hook.
+            let field = |from, len| frame.payload().get(from..).map_or(&[][..], |rest| rest.get(..len).unwrap_or(rest));
+            let name = ExtParamValue { r#type: MavParamExtType(0), bytes: field(ExtParamValue::NAME, 16) }.bytes();
+            let [r#type] = ExtParamValue { r#type: MavParamExtType(0), bytes: field(ExtParamValue::TYPE, 1) }.bytes();
+            let value = ExtParamValue { r#type: MavParamExtType(r#type), bytes: field(ExtParamValue::VALUE, 128) };
+            (Text::from_wire(name), Some(true), ParamAnswer::ExtValue(value))
+        }
+        _ => return Handled::No,
     };
-    if let Some(value) = frame.decode::<ParamValue>() {
-        return end(cx, value.param_id, Some(false), ParamAnswer::Value(&value));
-    }
-    if let Some(error) = frame.decode::<ParamError>() {
-        return end(cx, error.param_id, None, ParamAnswer::Refused(error.error));
-    }
-    frame
-        .decode::<ParamExtValue>()
-        .map_or(Handled::No, |value| end(cx, value.param_id, Some(true), ParamAnswer::ExtValue(&value)))
+    let is_it = |slot: &&mut Slot| match &slot.what {
+        What::Param(query) => {
+            let is_same = query.name == name && is_ext.is_none_or(|is_ext| is_ext == query.is_ext);
+            is_same && slot.expects(received.from.address)
+        }
+        What::Command(_) => false,
+    };
+    let Some(slot) = slots.iter_mut().find(is_it) else { return Handled::No };
+    slot.state = State::Free;
+    cx.requests.set_due(true);
+    let (vehicle, mut context) = cx.hook();
+    vehicle.param_answered(&mut context, slot.token, answer);
+    Handled::Yes
 }
 
 impl Context<'_> {

@@ -4,7 +4,6 @@
 //! (<https://mavlink.io/en/services/gimbal_v2.html>). When a gimbal is found, the vehicle requests GIMBAL_DEVICE_INFORMATION;
 //! when a camera is found, it reads its extended parameter CAM_MODE. The vehicle is no complete gimbal manager.
 
-use libm::{cosf, sinf};
 use mavstack::dialect::commands::DoGimbalManagerPitchyaw;
 use mavstack::dialect::rules;
 use mavstack::dialect::{
@@ -16,6 +15,7 @@ use mavstack::{Command, CommandRule, Context, Fill, Frame, ParamAnswer, Peer, Te
 
 use super::Quadrotor;
 use super::commands::refuse;
+use crate::angle::{cos, sin};
 use crate::app::Mavlink;
 
 /// Angles only, of the only gimbal; yaw relative to the vehicle.
@@ -45,6 +45,7 @@ impl Payload {
 
 impl Quadrotor {
     /// Finds the gimbal and the camera of our system among the peers, and asks them about themselves.
+    #[inline(never)]
     pub(crate) fn watch_payload(&mut self, stack: &mut Mavlink) {
         let system = stack.address().system;
         let find = |r#type: MavType| {
@@ -64,17 +65,18 @@ impl Quadrotor {
     /// Handles GIMBAL_DEVICE_INFORMATION. Returns false for another message.
     #[inline(never)]
     pub(super) fn on_gimbal_information(&self, cx: &mut Context<'_>, frame: &Frame<'_>) -> bool {
-        let Some(information) = frame.decode::<GimbalDeviceInformation>() else { return false };
+        let Some(model) = model(frame) else { return false };
         let mut text = Text::<50>::new("Gimbal: ");
-        text.push_str(information.model_name.as_str().unwrap_or("?"));
+        text.push_str(model.as_str().unwrap_or("?"));
         cx.text(MavSeverity::INFO, &text);
         true
     }
 
     /// Handles the value of CAM_MODE: a number in its first byte.
+    #[inline(never)]
     pub(super) fn on_camera_mode(&self, cx: &mut Context<'_>, answer: ParamAnswer<'_>) {
         let ParamAnswer::ExtValue(value) = answer else { return };
-        let [mode, ..] = *value.param_value.wire();
+        let [mode] = value.bytes();
         let mut text = Text::<50>::new("Camera: mode ");
         text.push_number(mode.into());
         cx.text(MavSeverity::INFO, &text);
@@ -99,7 +101,7 @@ impl Quadrotor {
     #[inline(never)]
     pub(crate) fn put_gimbal_attitude(&self, out: &mut Fill<'_>) -> bool {
         let [pitch, yaw] = self.payload.angles.map(|angle| angle.to_radians() / 2.0);
-        let (sp, cp, sy, cy) = (sinf(pitch), cosf(pitch), sinf(yaw), cosf(yaw));
+        let (sp, cp, sy, cy) = (sin(pitch), cos(pitch), sin(yaw), cos(yaw));
         out.put(&GimbalDeviceSetAttitude {
             q: [cy * cp, -sy * sp, cy * sp, sy * cp],
             flags: GimbalDeviceFlags::YAW_IN_VEHICLE_FRAME
@@ -110,4 +112,10 @@ impl Quadrotor {
             ..GimbalDeviceSetAttitude::UNKNOWN
         })
     }
+}
+
+/// Returns the model's name of a GIMBAL_DEVICE_INFORMATION. Not inlined, so that the message is not on the call stack of others.
+#[inline(never)]
+fn model(frame: &Frame<'_>) -> Option<Text<32>> {
+    frame.decode::<GimbalDeviceInformation>().map(|information| information.model_name)
 }
