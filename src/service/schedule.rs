@@ -31,8 +31,8 @@ pub(crate) struct Schedule {
     /// Whether storage has other content, or none that can be used: a request then writes even what has not changed.
     pub(crate) stored_differs: bool,
     phase: Phase,
-    /// Stands for the content that is being written: other content has another number.
-    version: u32,
+    /// Stands for the content that is being written: other content has another number. It wraps, but not during a write.
+    version: u16,
     /// When the next write may begin.
     due: Instant,
     /// Limits the writes that peers cause.
@@ -88,7 +88,7 @@ impl Schedule {
     }
 
     /// Returns the version of the content.
-    pub(crate) const fn version(&self) -> u32 {
+    pub(crate) const fn version(&self) -> u16 {
         self.version
     }
 
@@ -125,7 +125,7 @@ impl Schedule {
     }
 
     /// Returns the version that is being written. Begins the requested write if it is due and there are tokens for it.
-    pub(crate) fn begin(&mut self, now: Instant, tokens: u8) -> Option<u32> {
+    pub(crate) fn begin(&mut self, now: Instant, tokens: u8) -> Option<u16> {
         if self.is_dirty() && now >= self.due && (self.phase == Phase::Urgent || self.bucket.has(now, tokens)) {
             self.bucket.spend(now, tokens);
             self.restart();

@@ -16,130 +16,133 @@ use crate::storage::{
 use crate::time::Instant;
 use crate::types::Vehicle;
 
-/// Defines what is done for each service with stored content: its index, name, type, and field of [`RestoreErrors`].
+/// What storage asks of a service, or tells it: a method of [`Persistent`] each.
+#[derive(Clone, Copy)]
+enum Op {
+    Attach,
+    Load { len: u8, is_first: bool, is_last: bool },
+    Loaded(Result<bool, RestoreError>),
+    IsReloadRequested,
+    MayLoad,
+    CancelIfRefused,
+    PendingWrite,
+    Fill(u16),
+    OnWritten(bool),
+    SaveAgain,
+    OnBlocked,
+    OnReadable,
+}
+
+/// The answer of a service. What only tells it something is answered with `No`.
+enum Answer {
+    No,
+    Yes,
+    Write(storage::Write),
+    /// The number of bytes in the page, and whether it is the last one.
+    Filled(u8, bool),
+}
+
+impl Answer {
+    const fn is_yes(&self) -> bool {
+        matches!(self, Self::Yes)
+    }
+}
+
+/// A call that concerns storage: all that it works on.
+struct Work<'a, D: Declares> {
+    cx: Cx<'a, D>,
+    services: &'a mut Services<D>,
+    states: &'a mut [States<D>],
+    storage: &'a mut Storage,
+    /// Not needed to attach storage.
+    page: Option<&'a mut Page>,
+}
+
+impl<D: Declares> Work<'_, D> {
+    /// Calls the method of a service.
+    fn call<'l, S: Persistent<D, Link: 'l>>(
+        service: &mut S,
+        links: impl Iterator<Item = &'l mut S::Link>,
+        cx: &mut Cx<'_, D>,
+        storage: &mut Storage,
+        page: Option<&mut Page>,
+        op: Op,
+    ) -> Answer {
+        if S::RECORDS == 0 {
+            return Answer::No;
+        }
+        let &mut Storage { record, is_late, .. } = storage;
+        let is_yes = match op {
+            Op::Attach => {
+                service.attach(cx);
+                false
+            }
+            Op::Load { len, is_first, is_last } => {
+                let bytes = page.map_or(&[][..], |page| page.payload(len));
+                service.load(cx, &Part { record, bytes, is_first, is_last, is_late }, &mut storage.loading)
+            }
+            Op::Loaded(result) => {
+                service.loaded(cx, result, is_late);
+                false
+            }
+            Op::IsReloadRequested => service.is_reload_requested(cx),
+            Op::MayLoad => service.may_load(cx, is_late),
+            Op::CancelIfRefused => {
+                service.cancel_if_refused(cx, links);
+                false
+            }
+            Op::PendingWrite => return service.pending_write(cx).map_or(Answer::No, Answer::Write),
+            Op::Fill(index) => {
+                let bytes = page.map(Page::payload_mut).unwrap_or_default();
+                let filled = service.fill(cx, record, index, bytes);
+                return filled.map_or(Answer::No, |(len, is_last)| Answer::Filled(len, is_last));
+            }
+            Op::OnWritten(is_saved) => {
+                service.on_written(cx, links, is_saved);
+                false
+            }
+            Op::SaveAgain => {
+                service.save_again(cx);
+                false
+            }
+            Op::OnBlocked => {
+                service.on_blocked(cx, links);
+                false
+            }
+            Op::OnReadable => service.on_readable(cx, links),
+        };
+        if is_yes { Answer::Yes } else { Answer::No }
+    }
+}
+
+/// Defines the services with stored content: the index, name, type, and field of [`RestoreErrors`] of each.
 macro_rules! contents {
     ($($index:literal $service:ident $type:ident $field:ident;)*) => {
         /// The number of services with stored content.
         const CONTENTS: u8 = 0 $(+ { let _: u8 = $index; 1 })*;
-        const LEN: usize = [$($index),*].len();
 
-        impl<D: Declares> Services<D> {
-            const KINDS: [Kind; LEN] = [$(Kind::of::<D, D::$type>()),*];
+        impl<D: Declares> Work<'_, D> {
+            const KINDS: [Kind; [$($index),*].len()] = [$(Kind::of::<D, D::$type>()),*];
 
-            fn attach(&mut self, cx: &mut Cx<'_, D>) {
-                $(self.$service.attach(cx);)*
-            }
-
-            fn load(
-                &mut self,
-                cx: &mut Cx<'_, D>,
-                index: u8,
-                part: &Part<'_>,
-                storage: &mut Storage,
-            ) -> Result<(), RestoreError> {
-                match index {
-                    $($index => self.$service.load(cx, part, &mut storage.loading),)*
-                    _ => Ok(()),
-                }
-            }
-
-            /// Ends loading, or learns that nothing can be loaded.
+            /// Asks or tells a service something.
             #[inline(never)]
-            fn set_loaded(
-                &mut self,
-                cx: &mut Cx<'_, D>,
-                index: u8,
-                result: Result<bool, RestoreError>,
-                storage: &mut Storage,
-            ) {
-                match index {
-                    $($index => {
-                        Persistent::loaded(&mut self.$service, cx, result, storage.is_late);
-                        if let Err(error) = result {
-                            storage.errors.$field = Some(error);
-                        } else if storage.errors.$field == Some(RestoreError::Unreadable) {
-                            storage.errors.$field = None;
-                        }
-                    })*
-                    _ => {}
-                }
-            }
-
-            /// Has a service wait for its stored content.
-            fn on_blocked(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>], index: u8) {
+            fn ask(&mut self, index: u8, op: Op) -> Answer {
+                let Self { cx, services, states, storage, page } = self;
                 match index {
                     $($index => {
                         let links = states.iter_mut().map(|state| &mut state.$service);
-                        Persistent::on_blocked(&mut self.$service, cx, links);
+                        Self::call(&mut services.$service, links, cx, storage, page.as_deref_mut(), op)
                     })*
-                    _ => {}
+                    _ => Answer::No,
                 }
             }
 
-            /// Whether content may be loaded now. Late, the service is asked whether it still wants it.
-            fn may_load(&mut self, cx: &mut Cx<'_, D>, index: u8, is_late: bool) -> bool {
+            /// Returns the place for the reason why the content of a service was not restored.
+            fn error(&mut self, index: u8) -> &mut Option<RestoreError> {
+                let errors = &mut self.storage.errors;
                 match index {
-                    $($index => self.$service.may_load(cx, is_late),)*
-                    _ => false,
-                }
-            }
-
-            fn on_readable(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>], index: u8) -> bool {
-                match index {
-                    $($index => self.$service.on_readable(cx, states.iter_mut().map(|state| &mut state.$service)),)*
-                    _ => false,
-                }
-            }
-
-            /// Returns the services that must load their stored content again: a bit each.
-            fn reloads(&mut self, cx: &mut Cx<'_, D>) -> u8 {
-                0 $(| if Persistent::is_reload_requested(&self.$service, cx) { 1 << $index } else { 0 })*
-            }
-
-            /// Cancels the writes that the vehicle no longer permits.
-            fn cancel_refused(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>]) {
-                $(
-                    let links = states.iter_mut().map(|state| &mut state.$service);
-                    self.$service.cancel_if_refused(cx, links);
-                )*
-            }
-
-            /// Returns what a service has to write.
-            #[inline(never)]
-            fn pending_write(&mut self, cx: &mut Cx<'_, D>, index: u8) -> Option<storage::Write> {
-                match index {
-                    $($index if !self.$service.is_paused(cx.now) => {
-                        Persistent::pending_write(&mut self.$service, cx)
-                    })*
-                    _ => None,
-                }
-            }
-
-            fn fill_page(
-                &mut self,
-                cx: &mut Cx<'_, D>,
-                index: u8,
-                record: u8,
-                page: u16,
-                bytes: &mut [u8],
-            ) -> Option<(u8, bool)> {
-                match index {
-                    $($index => self.$service.fill(cx, record, page, bytes),)*
-                    _ => None,
-                }
-            }
-
-            #[inline(never)]
-            fn on_written(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>], index: u8, result: Option<bool>) {
-                match index {
-                    $($index => {
-                        let links = states.iter_mut().map(|state| &mut state.$service);
-                        match result {
-                            Some(is_saved) => self.$service.on_written(cx, links, is_saved),
-                            None => Persistent::save_again(&mut self.$service, cx),
-                        }
-                    })*
-                    _ => {}
+                    $($index => &mut errors.$field,)*
+                    _ => &mut errors.region,
                 }
             }
         }
@@ -154,10 +157,10 @@ contents! {
     3 records Records records;
 }
 
-impl<D: Declares> Services<D> {
-    /// Returns the number of pages of all records and of the reports that one is lost, and the pages of the longest record.
+impl<D: Declares> Work<'_, D> {
+    /// The number of pages of all records and of the reports that one is lost, and the pages of the longest record.
     #[allow(clippy::as_conversions, reason = "`from` is not const")]
-    const fn pages() -> (u32, u16) {
+    const PAGES: (u32, u16) = {
         let (mut all, mut most, mut kinds): (u32, u16, &[Kind]) = (1, 0, &Self::KINDS);
         while let [kind, rest @ ..] = kinds {
             if kind.records > 0 {
@@ -168,11 +171,11 @@ impl<D: Declares> Services<D> {
         }
         // Without a record, not even the page that begins a segment is needed.
         (if most == 0 { 0 } else { all }, most)
-    }
+    };
 
-    /// Returns a mask of all records: eight bits for each service.
+    /// The mask of all records: eight bits for each service.
     #[allow(clippy::as_conversions, reason = "`from` is not const")]
-    const fn all_records() -> u32 {
+    const ALL_RECORDS: u32 = {
         let (mut mask, mut shift, mut kinds): (u32, u32, &[Kind]) = (0, 0, &Self::KINDS);
         while let [kind, rest @ ..] = kinds {
             let records = 1u32.wrapping_shl(kind.records as u32).wrapping_sub(1);
@@ -180,154 +183,160 @@ impl<D: Declares> Services<D> {
             (shift, kinds) = (shift.wrapping_add(8), rest);
         }
         mask
-    }
-
-    /// Returns the mask of a record.
-    fn bit(index: u8, record: u8) -> u32 {
-        1u32.wrapping_shl(shift(index).wrapping_add(record.into()))
-    }
+    };
 
     /// Returns the mask of all records of a service.
     fn records(index: u8) -> u32 {
-        Self::all_records() & 0xFFu32.wrapping_shl(shift(index))
+        Self::ALL_RECORDS & 0xFFu32.wrapping_shl(shift(index))
     }
 
-    /// Ends loading, and reports the result.
-    fn loaded(&mut self, cx: &mut Cx<'_, D>, index: u8, result: Result<bool, RestoreError>, storage: &mut Storage) {
-        self.set_loaded(cx, index, result, storage);
+    /// Adds the current record to those that are to be loaded.
+    fn load_again(&mut self) {
+        let &mut Storage { service, record, .. } = self.storage;
+        self.storage.to_load |= 1u32.wrapping_shl(shift(service).wrapping_add(record.into()));
+    }
+
+    /// Tells every service something.
+    fn tell_all(&mut self, op: Op) {
+        for index in 0..CONTENTS {
+            self.ask(index, op);
+        }
+    }
+
+    /// Ends loading, or learns that nothing can be loaded, and reports the result.
+    #[inline(never)]
+    fn loaded(&mut self, index: u8, result: Result<bool, RestoreError>) {
+        self.ask(index, Op::Loaded(result));
+        let is_late = self.storage.is_late;
+        let place = self.error(index);
+        if let Err(error) = result {
+            *place = Some(error);
+        } else if *place == Some(RestoreError::Unreadable) {
+            *place = None;
+        }
         if let Some(kind) = Self::KINDS.get(usize::from(index)) {
-            kind.report(cx, result, storage.is_late);
+            kind.report(&mut self.cx, result, is_late);
         }
     }
 
     /// Begins the next load or save, if there is one.
-    fn begin_next(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>], storage: &mut Storage, may_write: bool) {
-        let reloads = self.reloads(cx);
+    fn begin_next(&mut self, may_write: bool) {
         for index in 0..CONTENTS {
-            if reloads & 1u8.wrapping_shl(index.into()) != 0 {
-                storage.to_load |= Self::records(index);
+            if self.ask(index, Op::IsReloadRequested).is_yes() {
+                self.storage.to_load |= Self::records(index);
             }
         }
         let mut blocked = 0u8;
-        let mut to_load = storage.to_load;
-        while let Some(bit) = to_load.checked_ilog2().map(|_| to_load.trailing_zeros()) {
+        let mut to_load = self.storage.to_load;
+        while to_load != 0 {
+            let [bit, ..] = to_load.trailing_zeros().to_le_bytes();
             to_load &= to_load.wrapping_sub(1);
-            let [bit, ..] = bit.to_le_bytes();
             let (index, record) = (bit.wrapping_shr(3), bit & 7);
-            if !self.may_load(cx, index, storage.is_late) {
+            if !self.ask(index, Op::MayLoad).is_yes() {
                 blocked |= 1u8.wrapping_shl(index.into());
-                self.on_blocked(cx, states, index);
+                self.ask(index, Op::OnBlocked);
                 continue;
             }
-            storage.to_load &= !Self::bit(index, record);
-            if self.begin_load(cx, states, storage, index, record) {
+            self.storage.to_load &= !1u32.wrapping_shl(bit.into());
+            if self.begin_load(index, record) {
                 return;
             }
         }
         // Whatever is requested from now on is not late.
-        storage.is_late &= storage.to_load != 0;
+        self.storage.is_late &= self.storage.to_load != 0;
         if !may_write {
             return;
         }
         for step in 0..CONTENTS {
-            let index = storage.turn.wrapping_add(step) % CONTENTS;
+            let index = self.storage.turn.wrapping_add(step) % CONTENTS;
             if blocked & 1u8.wrapping_shl(index.into()) != 0 {
                 continue;
             }
-            let Some(write) = self.pending_write(cx, index) else { continue };
+            let Answer::Write(write) = self.ask(index, Op::PendingWrite) else { continue };
             let Some(kind) = Self::KINDS.get(usize::from(index)) else { continue };
+            let storage = &mut *self.storage;
             storage.turn = index.wrapping_add(1) % CONTENTS;
             (storage.service, storage.record, storage.version) = (index, write.record, write.version);
             let number = kind.first.wrapping_add(write.record);
             if storage.log.begin(number, kind.schema, kind.pages, write.is_secret) {
                 return;
             }
-            self.on_written(cx, states, index, Some(false));
+            self.ask(index, Op::OnWritten(false));
         }
     }
 
     /// Begins to load a record. Returns false if there is nothing to load.
-    fn begin_load(
-        &mut self,
-        cx: &mut Cx<'_, D>,
-        states: &mut [States<D>],
-        storage: &mut Storage,
-        index: u8,
-        record: u8,
-    ) -> bool {
-        if !self.on_readable(cx, states, index) {
+    fn begin_load(&mut self, index: u8, record: u8) -> bool {
+        if !self.ask(index, Op::OnReadable).is_yes() {
             return false;
         }
         let Some(kind) = Self::KINDS.get(usize::from(index)) else { return false };
-        let entry = storage.log.find(kind.first.wrapping_add(record));
-        let found = kind.judge(entry);
+        let storage = &mut *self.storage;
+        let number = kind.first.wrapping_add(record);
+        let found = kind.judge(storage.log.find(number));
         (storage.service, storage.record) = (index, record);
-        if found == Ok(true) && storage.log.load(kind.first.wrapping_add(record)) {
-            return true;
+        if found == Ok(true) {
+            storage.log.load(number);
+        } else {
+            self.loaded(index, found);
         }
-        self.loaded(cx, index, found, storage);
-        false
+        found == Ok(true)
     }
 
     /// Whether the record that is being written is still the one that is wanted.
-    fn is_wanted(&mut self, cx: &mut Cx<'_, D>, storage: &Storage) -> bool {
-        let write = self.pending_write(cx, storage.service);
-        write.is_some_and(|write| (write.record, write.version) == (storage.record, storage.version))
+    fn is_wanted(&mut self) -> bool {
+        let Answer::Write(write) = self.ask(self.storage.service, Op::PendingWrite) else { return false };
+        (write.record, write.version) == (self.storage.record, self.storage.version)
     }
 
-    fn next_job(
-        &mut self,
-        cx: &mut Cx<'_, D>,
-        states: &mut [States<D>],
-        storage: &mut Storage,
-        page: &mut Page,
-    ) -> Option<Job> {
-        let may_write = cx.vehicle.may_persist();
-        self.cancel_refused(cx, states);
-        if storage.log.writing() != 0 {
-            if !self.is_wanted(cx, storage) {
-                storage.log.abandon();
+    /// Returns the next job.
+    fn next_job(&mut self) -> Option<Job> {
+        let may_write = self.cx.vehicle.may_persist();
+        self.tell_all(Op::CancelIfRefused);
+        if self.storage.log.writing() != 0 {
+            if !self.is_wanted() {
+                self.storage.log.abandon();
             }
-        } else if storage.log.is_foreign() {
-            self.refuse_all(cx, storage);
+        } else if self.storage.log.is_foreign() {
+            self.refuse_all();
         }
-        if storage.log.is_waiting() || storage.log.is_foreign() {
+        if self.storage.log.is_waiting() || self.storage.log.is_foreign() {
             for index in 0..CONTENTS {
-                if storage.log.is_foreign() || storage.to_load & Self::records(index) != 0 {
-                    self.on_blocked(cx, states, index);
+                if self.storage.log.is_foreign() || self.storage.to_load & Self::records(index) != 0 {
+                    self.ask(index, Op::OnBlocked);
                 }
             }
         }
-        if storage.log.is_idle() {
-            self.begin_next(cx, states, storage, may_write);
+        if self.storage.log.is_idle() {
+            self.begin_next(may_write);
         }
-        match storage.log.next(cx.now, may_write, page) {
-            Next::Job(job) => Some(job),
-            Next::Idle => None,
-            Next::Content(index) => {
-                let (service, record) = (storage.service, storage.record);
-                let filled = self.fill_page(cx, service, record, index, page.payload_mut());
-                let Some((len, is_last)) = filled else {
-                    storage.log.abandon();
-                    self.on_written(cx, states, service, Some(false));
-                    return None;
-                };
-                storage.log.put(page, len, is_last);
-                match storage.log.next(cx.now, may_write, page) {
-                    Next::Job(job) => Some(job),
-                    Next::Idle | Next::Content(_) => None,
+        // Twice, if content is needed first.
+        for _ in 0..2 {
+            let page = self.page.as_deref_mut()?;
+            match self.storage.log.next(self.cx.now, may_write, page) {
+                Next::Job(job) => return Some(job),
+                Next::Idle => return None,
+                Next::Content(index) => {
+                    let service = self.storage.service;
+                    let Answer::Filled(len, is_last) = self.ask(service, Op::Fill(index)) else {
+                        self.storage.log.abandon();
+                        self.ask(service, Op::OnWritten(false));
+                        return None;
+                    };
+                    self.storage.log.put(self.page.as_deref_mut()?, len, is_last);
                 }
             }
         }
+        None
     }
 
     /// The log is of another version: nothing can be loaded.
-    fn refuse_all(&mut self, cx: &mut Cx<'_, D>, storage: &mut Storage) {
-        if core::mem::replace(&mut storage.to_load, 0) != 0 {
-            storage.errors.region = Some(RestoreError::Foreign);
+    fn refuse_all(&mut self) {
+        if core::mem::replace(&mut self.storage.to_load, 0) != 0 {
+            self.storage.errors.region = Some(RestoreError::Foreign);
             for (index, kind) in (0..).zip(&Self::KINDS) {
                 if kind.records > 0 {
-                    self.loaded(cx, index, Err(RestoreError::Foreign), storage);
+                    self.loaded(index, Err(RestoreError::Foreign));
                 }
             }
         }
@@ -335,76 +344,75 @@ impl<D: Declares> Services<D> {
 
     /// Takes a page of the record that is loaded.
     // Apart from `on_event`, because the checks of a plan need much of the call stack.
-    fn on_loaded(&mut self, cx: &mut Cx<'_, D>, storage: &mut Storage, bytes: &[u8], is_first: bool, is_last: bool) {
-        let index = storage.service;
-        if storage.is_late && !self.may_load(cx, index, true) {
+    fn on_loaded(&mut self, len: u8, is_first: bool, is_last: bool) {
+        let &mut Storage { service: index, record, is_late, .. } = self.storage;
+        if is_late && !self.ask(index, Op::MayLoad).is_yes() {
             // The vehicle has armed meanwhile.
-            storage.log.end_load();
-            storage.to_load |= Self::bit(index, storage.record);
-            return self.set_loaded(cx, index, Err(RestoreError::Unreadable), storage);
+            self.storage.log.end_load();
+            self.load_again();
+            return self.loaded(index, Err(RestoreError::Unreadable));
         }
-        let part = Part { record: storage.record, bytes, is_first, is_last, is_late: storage.is_late };
-        let result = self.load(cx, index, &part, storage);
-        if result.is_err() || is_last {
-            storage.log.end_load();
-            let is_damaged = Self::KINDS
-                .get(usize::from(index))
-                .is_some_and(|kind| storage.log.find(kind.first.wrapping_add(storage.record)).is_damaged);
-            let result = if is_damaged { Err(RestoreError::Damaged) } else { result.map(|()| true) };
-            self.loaded(cx, index, result, storage);
+        let is_valid = self.ask(index, Op::Load { len, is_first, is_last }).is_yes();
+        if is_last || !is_valid {
+            self.storage.log.end_load();
+            let Some(kind) = Self::KINDS.get(usize::from(index)) else { return };
+            let is_damaged = !is_valid || self.storage.log.find(kind.first.wrapping_add(record)).is_damaged;
+            self.loaded(index, if is_damaged { Err(RestoreError::Damaged) } else { Ok(true) });
         }
     }
 
     /// Takes what a job has led to.
-    #[inline(never)]
-    fn on_event(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>], storage: &mut Storage, event: Event) {
-        let index = storage.service;
+    fn on_event(&mut self, event: Event) {
+        let index = self.storage.service;
         match event {
             Event::Nothing => {}
             Event::Found => {
-                if storage.log.has_other_data() {
-                    storage.errors.region = Some(RestoreError::OtherData);
-                    storage::report(cx, MavSeverity::WARNING, "Storage has other data, which is erased");
+                if self.storage.log.has_other_data() {
+                    self.storage.errors.region = Some(RestoreError::OtherData);
+                    let text = "Storage has other data, which is erased";
+                    storage::report(&mut self.cx, MavSeverity::WARNING, text);
                 }
             }
             Event::Unreadable { was_loading } => {
                 if was_loading {
-                    storage.to_load |= Self::bit(index, storage.record);
+                    self.load_again();
                 }
-                let is_new = !storage.is_late;
-                for (index, kind) in (0..).zip(&Self::KINDS) {
-                    if storage.to_load & Self::records(index) != 0 {
-                        let error = Err(RestoreError::Unreadable);
-                        self.set_loaded(cx, index, error, storage);
-                        if is_new {
-                            kind.report(cx, error, false);
-                        }
+                for index in 0..CONTENTS {
+                    if self.storage.to_load & Self::records(index) != 0 {
+                        self.loaded(index, Err(RestoreError::Unreadable));
                     }
                 }
-                storage.is_late = true;
+                self.storage.is_late = true;
             }
-            // `on_loaded` takes it.
-            Event::Loaded { .. } => {}
+            Event::Loaded { len, is_first, is_last } => self.on_loaded(len, is_first, is_last),
             Event::Written => {
-                self.cancel_refused(cx, states);
-                let is_wanted = self.is_wanted(cx, storage);
-                self.on_written(cx, states, index, is_wanted.then_some(true));
+                self.tell_all(Op::CancelIfRefused);
+                let is_wanted = self.is_wanted();
+                self.ask(index, if is_wanted { Op::OnWritten(true) } else { Op::SaveAgain });
             }
             Event::Failed { is_doubtful } => {
                 // A service that no longer wants it knows that already.
-                if self.is_wanted(cx, storage) {
-                    self.on_written(cx, states, index, Some(false));
+                if self.is_wanted() {
+                    self.ask(index, Op::OnWritten(false));
                 }
                 if is_doubtful {
-                    self.on_written(cx, states, index, None);
+                    self.ask(index, Op::SaveAgain);
                 }
             }
             Event::Lost(kind) => {
-                storage::report(cx, MavSeverity::WARNING, "Stored data was lost, and is stored again");
+                storage::report(&mut self.cx, MavSeverity::WARNING, "Stored data was lost, and is stored again");
                 if let Some((index, _)) = (0..).zip(&Self::KINDS).find(|(_, known)| known.has(kind)) {
-                    self.on_written(cx, states, index, None);
+                    self.ask(index, Op::SaveAgain);
                 }
             }
+        }
+    }
+
+    /// Takes the result of the last job.
+    fn done(&mut self, is_done: bool) {
+        if let Some(page) = self.page.as_deref_mut() {
+            let event = self.storage.log.done(self.cx.now, is_done, page);
+            self.on_event(event);
         }
     }
 }
@@ -418,7 +426,7 @@ impl<F: NorFlash> Store<F> {
     /// many erase units as its longest records fill, one of each. A longer region wears less: see
     /// [the format](crate::storage#wear).
     pub const fn region_len<D: Declares>() -> u32 {
-        Self::region_len_for(Services::<D>::pages().0)
+        Self::region_len_for(Work::<D>::PAGES.0)
     }
 }
 
@@ -427,7 +435,7 @@ impl<F: embedded_storage_async::nor_flash::NorFlash> storage::AsyncStore<F> {
     /// Returns the least length of the region for everything that the firmware declares, in bytes, like
     /// [`Store::region_len`].
     pub const fn region_len<D: Declares>() -> u32 {
-        Self::region_len_for(Services::<D>::pages().0)
+        Self::region_len_for(Work::<D>::PAGES.0)
     }
 }
 
@@ -437,10 +445,23 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     /// what changes. Call it once, before the loop. [`restore`](Self::restore) does it for a blocking driver.
     #[inline(never)]
     pub fn attach_storage(&mut self, now: Instant, region: Region, vehicle: &mut D::Vehicle) {
-        let (mut cx, services, _, storage) = split!(&mut *self, now, vehicle, storage);
-        (storage.to_load, storage.is_late, storage.errors) = (Services::<D>::all_records(), false, RestoreErrors::NONE);
-        storage.log.attach(region, Services::<D>::pages().1);
-        services.attach(&mut cx);
+        let mut work = self.storage_work(now, None, vehicle);
+        let storage = &mut *work.storage;
+        (storage.to_load, storage.is_late, storage.errors) = (Work::<D>::ALL_RECORDS, false, RestoreErrors::NONE);
+        storage.log.attach(region, Work::<D>::PAGES.1);
+        work.tell_all(Op::Attach);
+    }
+
+    /// Collects what a call that concerns storage works on.
+    #[inline(never)]
+    fn storage_work<'a>(
+        &'a mut self,
+        now: Instant,
+        page: Option<&'a mut Page>,
+        vehicle: &'a mut D::Vehicle,
+    ) -> Work<'a, D> {
+        let (cx, services, states, storage) = split!(self, now, vehicle, storage);
+        Work { cx, services, states, storage, page }
     }
 
     /// Returns the next operation on the storage, if one is to be done now. Carry it out with `page`, and report the
@@ -453,27 +474,21 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     /// Call it in every pass of the loop, or whenever the storage is free: a client that has uploaded a plan waits for
     /// it.
     pub fn storage_job(&mut self, now: Instant, page: &mut Page, vehicle: &mut D::Vehicle) -> Option<Job> {
-        let (mut cx, services, states, storage) = split!(&mut *self, now, vehicle, storage);
-        if storage.log.is_busy() {
-            let event = storage.log.done(now, false, page);
-            services.on_event(&mut cx, states, storage, event);
+        let mut work = self.storage_work(now, Some(page), vehicle);
+        if work.storage.log.is_busy() {
+            work.done(false);
         }
-        let job = services.next_job(&mut cx, states, storage, page);
-        cx.shared.is_storage_busy = job.is_some();
+        let job = work.next_job();
+        work.cx.shared.is_storage_busy = job.is_some();
         job
     }
 
     /// Takes the result of the [job](Self::storage_job): whether the driver reported success.
     pub fn storage_done(&mut self, now: Instant, is_done: bool, page: &mut Page, vehicle: &mut D::Vehicle) {
-        let (mut cx, services, states, storage) = split!(&mut *self, now, vehicle, storage);
-        cx.shared.is_storage_busy = false;
-        match storage.log.done(now, is_done, page) {
-            Event::Loaded { len, is_first, is_last } => {
-                services.on_loaded(&mut cx, storage, page.payload(len), is_first, is_last);
-            }
-            event => services.on_event(&mut cx, states, storage, event),
-        }
-        if storage.log.is_idle() {
+        let mut work = self.storage_work(now, Some(&mut *page), vehicle);
+        work.cx.shared.is_storage_busy = false;
+        work.done(is_done);
+        if work.storage.log.is_idle() {
             page.wipe();
         }
     }
@@ -598,11 +613,7 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
         vehicle: &mut D::Vehicle,
     ) -> Result<(), RestoreErrors> {
         self.attach_storage(now, store.region(), vehicle);
-        while self.is_restoring() {
-            let Some(job) = self.storage_job(now, store.page_mut(), vehicle) else { break };
-            let is_done = store.carry_out(&job);
-            self.storage_done(now, is_done, store.page_mut(), vehicle);
-        }
+        while self.is_restoring() && self.run_job(now, store, vehicle).is_some() {}
         self.restore_errors().result()
     }
 
@@ -623,16 +634,23 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
         const JOBS: u8 = 4;
         for done in 0..2 * JOBS {
             let was_within = self.storage.log.is_within_page();
-            let Some(job) = self.storage_job(now, store.page_mut(), vehicle) else { return done > 0 };
-            let is_done = store.carry_out(&job);
-            self.storage_done(now, is_done, store.page_mut(), vehicle);
+            let Some(is_erase) = self.run_job(now, store, vehicle) else { return done > 0 };
             let is_within = self.storage.log.is_within_page();
             let is_end = was_within || done.wrapping_add(1) >= JOBS;
-            if matches!(job, Job::Erase { .. }) || is_end && !is_within {
+            if is_erase || is_end && !is_within {
                 break;
             }
         }
         true
+    }
+
+    /// Runs the next job, if there is one. Returns whether it has erased.
+    #[inline(never)]
+    fn run_job<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>, vehicle: &mut D::Vehicle) -> Option<bool> {
+        let job = self.storage_job(now, store.page_mut(), vehicle)?;
+        let is_done = store.carry_out(&job);
+        self.storage_done(now, is_done, store.page_mut(), vehicle);
+        Some(matches!(job, Job::Erase { .. }))
     }
 }
 

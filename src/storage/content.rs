@@ -5,7 +5,6 @@ use super::plans;
 use crate::dialect::{MavModeFlag, MavSeverity};
 use crate::service::mission::WithoutPlans;
 use crate::service::{Absent, Cx, Service, WithoutSigning};
-use crate::time::Instant;
 use crate::types::{Firmware, Vehicle};
 
 /// Why stored content was not restored, or not completely. A STATUSTEXT reports it, too.
@@ -107,7 +106,7 @@ pub struct Write {
     /// Which of the service's records, counted from 0.
     pub(crate) record: u8,
     /// Stands for the content: other content has another number.
-    pub(crate) version: u32,
+    pub(crate) version: u16,
     /// Whether to erase all older content afterwards.
     pub(crate) is_secret: bool,
 }
@@ -150,14 +149,10 @@ pub trait Persistent<F: Firmware>: Service<F> {
         let _ = cx;
     }
 
-    /// Takes the next page of a record.
-    ///
-    /// # Errors
-    ///
-    /// The content is invalid.
-    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, plans: &mut plans::Loading) -> Result<(), RestoreError> {
+    /// Takes the next page of a record. Returns whether the content is valid so far.
+    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, plans: &mut plans::Loading) -> bool {
         let _ = (cx, part, plans);
-        Ok(())
+        true
     }
 
     /// Called after the last page, or if there is nothing to load. The result is true if content was loaded.
@@ -177,19 +172,12 @@ pub trait Persistent<F: Firmware>: Service<F> {
         true
     }
 
-    /// Whether content is not to be written now.
-    fn is_paused(&self, now: Instant) -> bool {
-        let _ = now;
-        false
-    }
-
-    /// Cancels a write that the vehicle no longer permits. Returns true if there was one.
-    fn cancel_if_refused<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) -> bool
+    /// Cancels a write that the vehicle no longer permits.
+    fn cancel_if_refused<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>)
     where
         Self::Link: 'l,
     {
         let _ = (cx, links);
-        false
     }
 
     /// Returns the content to write now, or the content that is being written.
@@ -247,22 +235,24 @@ pub(super) fn is_disarmed(vehicle: &impl Vehicle) -> bool {
 }
 
 /// The state of storage in the stack, declared by `storage`: the log, and what is loaded or written.
+// Small fields are first: shorter instructions reach them there.
 #[derive(Debug)]
+#[repr(C)]
 pub struct Storage {
-    pub(crate) log: Log,
-    /// The records that are still to be loaded: eight bits for each service.
-    pub(crate) to_load: u32,
-    /// Whether the first attempt to read has failed.
-    pub(crate) is_late: bool,
     /// The service that is loaded or written, and which of its records.
     pub(crate) service: u8,
     pub(crate) record: u8,
-    /// The version that is written.
-    pub(crate) version: u32,
     /// The service whose turn to write it is.
     pub(crate) turn: u8,
-    pub(crate) loading: plans::Loading,
+    /// Whether the first attempt to read has failed.
+    pub(crate) is_late: bool,
     pub(crate) errors: RestoreErrors,
+    /// The version that is written.
+    pub(crate) version: u16,
+    /// The records that are still to be loaded: eight bits for each service.
+    pub(crate) to_load: u32,
+    pub(crate) log: Log,
+    pub(crate) loading: plans::Loading,
 }
 
 impl Storage {
@@ -347,6 +337,8 @@ impl Kind {
         let (severity, text) = match result {
             Ok(_) if is_late => (MavSeverity::INFO, self.texts.readable),
             Ok(_) => return,
+            // It was reported when reading failed first.
+            Err(RestoreError::Unreadable) if is_late => return,
             Err(RestoreError::Unreadable) => (MavSeverity::ERROR, self.texts.unreadable),
             Err(_) => (MavSeverity::ERROR, self.texts.damaged),
         };

@@ -1,6 +1,6 @@
 //! A firmware's own small records: an odometer, a count of starts, a calibration.
 
-use super::content::{Part, Persistent, RestoreError, Texts, Write};
+use super::content::{Part, Persistent, Texts, Write};
 use super::page::PAYLOAD;
 use super::plans::Loading;
 use crate::service::{Cx, Service};
@@ -95,16 +95,19 @@ impl<F: Firmware<Vehicle: Records>, const N: usize> Persistent<F> for RecordServ
         readable: "Stored records can be read again",
     };
 
-    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> Result<(), RestoreError> {
+    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> bool {
         let is_newer = part.is_late && self.pending & 1u8.checked_shl(part.record.into()).unwrap_or(0) != 0;
         if !is_newer {
             let (vehicle, mut context) = cx.hook();
             vehicle.load_record(&mut context, part.record, part.bytes);
         }
-        Ok(())
+        true
     }
 
-    fn pending_write(&mut self, _: &mut Cx<'_, F>) -> Option<Write> {
+    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Write> {
+        if cx.now < self.retry_at {
+            return None;
+        }
         if self.writing == 0 {
             self.writing = self.pending & self.pending.wrapping_neg();
             self.pending &= !self.writing;
@@ -120,10 +123,6 @@ impl<F: Firmware<Vehicle: Records>, const N: usize> Persistent<F> for RecordServ
         let (vehicle, mut context) = cx.hook();
         let len = vehicle.save_record(&mut context, record, bytes);
         Some((u8::try_from(len.min(PAYLOAD)).unwrap_or(0), true))
-    }
-
-    fn is_paused(&self, now: Instant) -> bool {
-        now < self.retry_at
     }
 
     fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>, is_saved: bool) {

@@ -433,23 +433,22 @@ impl Missions {
         self.commit.is_some()
     }
 
-    /// Whether access to storage is paused: never while a client waits for an answer.
-    pub(crate) fn is_storage_paused(&self, now: Instant) -> bool {
-        self.commit.is_none() && self.schedule.is_resting(now)
+    /// Returns the number of the version to write now, if any. The same number means the same content. Writing pauses after a
+    /// write or a failure, but never while a client waits for an answer.
+    pub(crate) fn pending_write(&self, now: Instant) -> Option<u16> {
+        let is_due = self.is_committing() || self.schedule.is_dirty() && !self.schedule.is_resting(now);
+        is_due.then_some(self.schedule.version())
     }
 
-    /// Returns the content to write, if there is any: the job number, which changes with the content, and the three plans.
-    pub(crate) fn content<'a>(&self, plans: &'a PlansMut<'_>) -> Option<(u32, [PlanView<'a>; 3])> {
-        if self.commit.is_none() && !self.schedule.is_dirty() {
-            return None;
-        }
+    /// Returns the content to write: the three plans.
+    pub(crate) fn content<'a>(&self, plans: &'a PlansMut<'_>) -> [PlanView<'a>; 3] {
         let change = self.commit.as_ref().map(|commit| commit.change);
         let view = |plan| match change {
             Some(Change::Upload { plan: new, id, .. }) if new == plan => plans.staged_as(id),
             Some(Change::Clear(only)) if only.is_none_or(|only| only == plan) => PlanView::EMPTY,
             _ => plans.live(plan),
         };
-        Some((self.schedule.version(), PlanType::ALL.map(view)))
+        PlanType::ALL.map(view)
     }
 
     /// Handles a completed write of [`content`](Self::content): the change goes live. Returns the answer and its link.

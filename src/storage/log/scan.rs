@@ -23,12 +23,12 @@ impl Log {
     pub(super) fn found(&mut self, is_done: bool, page: &Page) {
         let is_examined = core::mem::replace(&mut self.task, Task::Find) == Task::Examine;
         if !is_done {
-            self.unreadable = self.unreadable.saturating_add(1);
+            self.unreadable = self.unreadable.wrapping_add(1);
             return;
         }
         let tail = page.bytes().last_chunk::<TAIL>().copied().unwrap_or_default();
         if !is_examined {
-            self.used = self.used.saturating_add(is_used(&tail).into());
+            self.used = self.used.wrapping_add(is_used(&tail).into());
         }
         let (footer, is_ours) = match Footer::read(&tail) {
             Some(read) => read,
@@ -127,7 +127,7 @@ impl Log {
     pub(super) fn replay(&mut self, is_done: bool, page: &Page) {
         let position = u16::try_from(self.page).unwrap_or(u16::MAX);
         let content = if is_done { page.open() } else { Content::Bad(None) };
-        self.unreadable = self.unreadable.saturating_add((!is_done).into());
+        self.unreadable = self.unreadable.wrapping_add((!is_done).into());
         let is_here = |footer: &Footer| footer.segment == self.open.number && footer.position == position;
         let record = core::mem::replace(&mut self.record, Record::NONE);
         let is_own = match content {
@@ -140,7 +140,7 @@ impl Log {
         }
         match content {
             Content::Whole(footer, crc) if is_here(&footer) => {
-                (self.write.head, self.write.erased) = (position.saturating_add(1), self.region.end_of_unit(position));
+                (self.write.head, self.write.erased) = (position.wrapping_add(1), self.region.end_of_unit(position));
                 if footer.index == 0 {
                     self.check_count(&footer);
                     self.record = Record { kind: footer.kind, schema: footer.schema, index: 1, crc };
@@ -156,7 +156,7 @@ impl Log {
             }
             Content::Bad(Some(footer)) if is_here(&footer) => {
                 // Its unit was erased for it. It must stay until a new record replaces it: nothing else shows the damage.
-                (self.write.head, self.write.erased) = (position.saturating_add(1), self.region.end_of_unit(position));
+                (self.write.head, self.write.erased) = (position.wrapping_add(1), self.region.end_of_unit(position));
                 if footer.is_last() {
                     self.damaged(&footer);
                 }
@@ -165,9 +165,9 @@ impl Log {
             Content::Whole(footer, _) if self.write.head == 0 && is_newer(footer.segment, self.open.number) => {
                 self.has_lost_all = true;
             }
-            Content::Bad(_) if position < self.write.erased => self.write.head = position.saturating_add(1),
+            Content::Bad(_) if position < self.write.erased => self.write.head = position.wrapping_add(1),
             // A page of another segment, in a unit that was not erased as a whole: units were smaller then.
-            Content::Whole(..) if position < self.write.erased => self.write.head = position.saturating_add(1),
+            Content::Whole(..) if position < self.write.erased => self.write.head = position.wrapping_add(1),
             // A page of another segment, from before its unit was erased.
             Content::Whole(..) | Content::Bad(_) | Content::Blank => {}
         }
@@ -208,7 +208,7 @@ impl Log {
             return self.mark_damaged(kind);
         }
         self.has_old_secret |= footer.flags & flag::SECRET != 0;
-        let at = footer.position.saturating_add(1).saturating_sub(pages);
+        let at = footer.position.wrapping_add(1).wrapping_sub(pages);
         self.set_entry(Entry { kind, is_damaged: false, schema, at, pages, moved: at });
     }
 }
