@@ -1,6 +1,6 @@
 //! `cargo measure miri`: the library's tests in Miri, an interpreter that detects undefined behaviour.
 //!
-//! The library has no `unsafe`, but its dependencies have: heapless, embedded-io, postcard, sha2, zeroize.
+//! The library has no `unsafe`, but its dependencies have: heapless, embedded-io, sha2, zeroize.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
