@@ -18,7 +18,7 @@
 mod append;
 mod scan;
 
-use super::page::{Content, Footer, PAGE, Page, TAIL, flag};
+use super::page::{Content, Footer, PAGE, Page, TAIL, VERSION, flag};
 use super::region::{Job, PAGE_LEN, Region};
 use crate::time::{Duration, Instant};
 
@@ -430,7 +430,8 @@ impl Log {
     fn seal(&mut self, page: &mut Page, len: u8, flags: u8) {
         let Segment { number: segment, head: position, count, before, .. } = self.write;
         let Record { kind, schema, index, crc: previous } = self.record;
-        page.seal(&Footer { segment, position, index, schema, kind, flags, len, before, count, previous });
+        let flags = flags | const { VERSION << 4 };
+        page.seal(&Footer { segment, position, index, schema, kind, flags, len, before, count, previous, crc: 0 });
         self.stage = Stage::Body;
     }
 
@@ -560,7 +561,7 @@ impl Log {
                 if self.page < self.region.pages { Event::Nothing } else { self.end_of_find(now) }
             }
             Task::Replay => {
-                let is_bad = is_done && matches!(page.open(), Content::Bad(_));
+                let is_bad = is_done && matches!(page.open(), Content::Bad | Content::Damaged(_));
                 if is_bad && !core::mem::replace(&mut self.is_read_twice, true) {
                     return Event::Nothing;
                 }
@@ -570,8 +571,8 @@ impl Log {
                 if self.page < self.region.segment.into() { Event::Nothing } else { self.end_of_scan(now) }
             }
             Task::Load => match if is_done { page.open() } else { Content::Blank } {
-                Content::Whole(footer, crc) if self.record.continues(&footer) && footer.segment == self.open.number => {
-                    self.record.advance(crc);
+                Content::Whole(footer) if self.record.continues(&footer) && footer.segment == self.open.number => {
+                    self.record.advance(footer.crc);
                     Event::Loaded { len: footer.len, is_first: footer.index == 0, is_last: footer.is_last() }
                 }
                 _ => self.wait(now, PAUSE),

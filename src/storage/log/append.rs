@@ -125,8 +125,8 @@ impl Log {
             Stage::Check => {
                 let Segment { number: segment, head: position, .. } = self.write;
                 match if is_done { page.open() } else { Content::Blank } {
-                    Content::Whole(footer, crc) if (footer.segment, footer.position) == (segment, position) => {
-                        return self.written(now, &footer, crc);
+                    Content::Whole(footer) if (footer.segment, footer.position) == (segment, position) => {
+                        return self.written(now, &footer);
                     }
                     _ if self.write.number == self.open.number => {
                         self.failed(true);
@@ -147,8 +147,8 @@ impl Log {
             (footer.segment, footer.kind, footer.index, footer.previous) == (self.open.number, kind, index, self.source)
         };
         match if is_done { page.open() } else { Content::Blank } {
-            Content::Whole(footer, crc) if is_next(&footer) => {
-                (self.source, self.attempts) = (crc, 0);
+            Content::Whole(footer) if is_next(&footer) => {
+                (self.source, self.attempts) = (footer.crc, 0);
                 self.seal(page, footer.len, (footer.flags & flag::LAST) | flag::COPY);
                 Event::Nothing
             }
@@ -170,9 +170,9 @@ impl Log {
 
     /// Takes a page that was written and is whole.
     #[inline(never)]
-    fn written(&mut self, now: Instant, footer: &Footer, crc: u32) -> Event {
+    fn written(&mut self, now: Instant, footer: &Footer) -> Event {
         self.write.head = self.write.head.wrapping_add(1);
-        self.record.advance(crc);
+        self.record.advance(footer.crc);
         (self.stage, self.attempts) = (Stage::Content, 0);
         if !footer.is_last() {
             return Event::Nothing;
@@ -227,5 +227,5 @@ enum Source {
 /// Whether the page in the buffer is the last one of its record.
 #[inline(never)]
 fn is_last(page: &Page) -> bool {
-    page.bytes().last_chunk().and_then(Footer::read).is_some_and(|(footer, _)| footer.is_last())
+    Footer::read(page.tail()).is_some_and(|footer| footer.is_last())
 }
