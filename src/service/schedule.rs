@@ -68,8 +68,9 @@ impl Schedule {
         core::mem::replace(&mut self.is_attached, true)
     }
 
+    /// Whether storage is attached. Without the feature `storage` the compiler knows that it is not.
     pub(crate) const fn is_attached(&self) -> bool {
-        self.is_attached
+        cfg!(any(feature = "storage", test)) && self.is_attached
     }
 
     /// Whether content must be written, and no write of it has begun.
@@ -111,7 +112,7 @@ impl Schedule {
 
     /// Requests a write after changes were collected for this time, unless one is pending.
     pub(crate) fn collect(&mut self, now: Instant, time: Duration) {
-        if self.is_attached && !self.is_pending() {
+        if self.is_attached() && !self.is_pending() {
             self.phase = Phase::Dirty;
             self.due = now.after(time).max(self.due);
         }

@@ -99,9 +99,8 @@ impl Missions {
         if cfg!(any(feature = "storage", test)) { self.commit.as_mut() } else { None }
     }
 
-    /// Whether storage is attached. Without the feature `storage` the compiler knows that it is not.
     const fn is_attached(&self) -> bool {
-        cfg!(any(feature = "storage", test)) && self.schedule.is_attached()
+        self.schedule.is_attached()
     }
 
     /// Whether changes are stored before they are accepted.
@@ -373,10 +372,10 @@ fn ask_vehicle<V: Plans>(cx: &mut Work<'_, '_>, vehicle: &mut V, plan: PlanType)
 
 /// Returns the cost of a write of `count` items: a token for each quarter of plan memory, at least one (C-15).
 fn tokens(cx: &Work<'_, '_>, count: u16) -> u8 {
-    let total = PlanType::ALL.into_iter().fold(0u32, |sum, plan| sum.saturating_add(cx.plans.capacity(plan).into()));
-    let quarters = u32::from(count).saturating_mul(4);
-    let is_beyond = |part: u32| u8::from(quarters > total.saturating_mul(part));
-    [1, 2, 3].into_iter().map(is_beyond).fold(1, u8::saturating_add)
+    let total = PlanType::ALL.into_iter().fold(0u32, |sum, plan| sum.wrapping_add(cx.plans.capacity(plan).into()));
+    let quarters = u32::from(count).wrapping_mul(4).saturating_sub(1).checked_div(total).unwrap_or(0);
+    let [quarters, ..] = quarters.min(3).to_le_bytes();
+    quarters.wrapping_add(1)
 }
 
 /// The interface to storage.
