@@ -100,6 +100,10 @@ pub struct Texts {
     pub(super) readable: &'static str,
 }
 
+impl Texts {
+    const NONE: Self = Self { unreadable: "", damaged: "", readable: "" };
+}
+
 /// Content to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Write {
@@ -142,7 +146,7 @@ pub trait Persistent<F: Firmware>: Service<F> {
     const USES_OLDER: bool = true;
 
     /// The texts that report its state.
-    const TEXTS: Texts = Texts { unreadable: "", damaged: "", readable: "" };
+    const TEXTS: Texts = Texts::NONE;
 
     /// Storage is attached. Nothing was read yet.
     fn attach(&mut self, cx: &mut Cx<'_, F>) {
@@ -303,7 +307,7 @@ impl Kind {
             schema: S::SCHEMA,
             pages: if pages > 0 { pages as u16 } else { 1 },
             uses_older: S::USES_OLDER,
-            texts: S::TEXTS,
+            texts: if F::HAS_TEXTS || cfg!(feature = "defmt") { S::TEXTS } else { Texts::NONE },
         }
     }
 
@@ -325,10 +329,9 @@ impl Kind {
 }
 
 /// Sends a text about stored content.
-#[inline(never)]
 pub(crate) fn report<F: Firmware>(cx: &mut Cx<'_, F>, severity: MavSeverity, text: &'static str) {
     event!("storage: {=str}", text);
-    cx.texts.push(cx.now, cx.shared.normal, severity, text.as_bytes());
+    cx.say(severity, text.as_bytes());
 }
 
 impl Kind {

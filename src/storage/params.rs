@@ -9,7 +9,7 @@ use super::page::PAYLOAD;
 use super::plans::Loading;
 use crate::crc32::Crc32;
 use crate::service::Cx;
-use crate::service::param::{ParamInfo, ParamService, ParamTable, Parameters, Stored, Work};
+use crate::service::param::{ParamInfo, ParamService, ParamTable, Parameters, Stored};
 use crate::types::{Firmware, Vehicle};
 
 /// A row: the key of a parameter and its value, in little-endian order.
@@ -132,8 +132,7 @@ where
         if is_saved {
             self.on_saved(cx.now, cx.parameters);
         } else {
-            let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
-            self.on_save_failed(&mut work, cx.parameters);
+            self.on_save_failed(cx);
         }
     }
 }

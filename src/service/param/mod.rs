@@ -423,10 +423,10 @@ impl ParamService {
     }
 
     /// Records that the write failed; it is retried (P-14, last row).
-    #[inline(never)]
-    pub(crate) fn on_save_failed<T: ParamTable>(&mut self, work: &mut Work<'_>, table: &mut T) {
-        if self.saving(table, |saving, _| saving.schedule.on_failed(work.now)) {
-            work.texts.push(work.now, work.normal, MavSeverity::ERROR, b"Parameters not saved");
+    pub(crate) fn on_save_failed<F: Firmware<Parameters: ParamTable>>(&mut self, cx: &mut Cx<'_, F>) {
+        let now = cx.now;
+        if self.saving(cx.parameters, |saving, _| saving.schedule.on_failed(now)) {
+            cx.say(MavSeverity::ERROR, b"Parameters not saved");
         }
     }
 }

@@ -30,8 +30,8 @@ impl Bench {
 
     /// Reports that storage failed.
     fn not_saved(&mut self) {
-        let Rest { shared, texts, .. } = &mut self.rest;
-        self.params.on_save_failed(&mut Work { now: self.now, texts, normal: shared.normal }, &mut self.table);
+        let (params, mut cx, _) = self.parts();
+        params.on_save_failed(&mut cx);
     }
 
     fn set_byte(&mut self, value: u32) {
