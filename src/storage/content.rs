@@ -287,7 +287,6 @@ pub(crate) struct Kind {
     /// Maximum length of a record in pages.
     pub(crate) pages: u16,
     pub(crate) uses_older: bool,
-    pub(crate) texts: Texts,
 }
 
 impl Kind {
@@ -307,7 +306,6 @@ impl Kind {
             schema: S::SCHEMA,
             pages: if pages > 0 { pages as u16 } else { 1 },
             uses_older: S::USES_OLDER,
-            texts: if F::HAS_TEXTS || cfg!(feature = "defmt") { S::TEXTS } else { Texts::NONE },
         }
     }
 
@@ -334,16 +332,16 @@ pub(crate) fn report<F: Firmware>(cx: &mut Cx<'_, F>, severity: MavSeverity, tex
     cx.say(severity, text.as_bytes());
 }
 
-impl Kind {
-    /// Reports the result of loading content by a text.
+impl Texts {
+    /// Reports the result of loading content.
     pub(crate) fn report<F: Firmware>(&self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
         let (severity, text) = match result {
-            Ok(_) if is_late => (MavSeverity::INFO, self.texts.readable),
+            Ok(_) if is_late => (MavSeverity::INFO, self.readable),
             Ok(_) => return,
             // It was reported when reading failed first.
             Err(RestoreError::Unreadable) if is_late => return,
-            Err(RestoreError::Unreadable) => (MavSeverity::ERROR, self.texts.unreadable),
-            Err(_) => (MavSeverity::ERROR, self.texts.damaged),
+            Err(RestoreError::Unreadable) => (MavSeverity::ERROR, self.unreadable),
+            Err(_) => (MavSeverity::ERROR, self.damaged),
         };
         report(cx, severity, text);
     }

@@ -30,7 +30,7 @@ mod tests;
 
 #[cfg(feature = "embedded-storage-async")]
 pub use async_store::AsyncStore;
-pub(crate) use content::{Kind, Part, Write, report};
+pub(crate) use content::{Kind, Part, Texts, Write, report};
 pub use content::{Persistent, RestoreError, RestoreErrors, Storage};
 pub use eeprom::{Eeprom, EepromError};
 pub use fram::{Fram, FramError};

@@ -175,11 +175,6 @@ impl Page {
         self.0.get_mut(START..START + PAYLOAD).unwrap_or_default()
     }
 
-    /// Returns the first `len` bytes of the payload.
-    pub(crate) fn payload(&self, len: u8) -> &[u8] {
-        self.0.get(START..).and_then(|rest| rest.get(..usize::from(len).min(PAYLOAD))).unwrap_or_default()
-    }
-
     /// Returns the end of the page, with the footer.
     pub(crate) fn tail(&self) -> &[u8; TAIL] {
         self.0.last_chunk().unwrap_or(&[0; TAIL])
