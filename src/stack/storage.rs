@@ -9,7 +9,7 @@ use embedded_storage::nor_flash::NorFlash;
 
 use super::{Cx, Declares, PeerMemory, Stack, TextMemory, split};
 use crate::service::param::{ParamService, ParamTable, Parameters};
-use crate::storage::{self, Job, JobSlot, Page, RecordService, Region, RestoreErrors, Storage, Store};
+use crate::storage::{Job, JobSlot, Page, RecordService, Region, RestoreErrors, Storage, Store};
 use crate::time::Instant;
 use work::{Op, Work};
 
@@ -23,7 +23,7 @@ impl<F: NorFlash> Store<F> {
 }
 
 #[cfg(feature = "embedded-storage-async")]
-impl<F: embedded_storage_async::nor_flash::NorFlash> storage::AsyncStore<F> {
+impl<F: embedded_storage_async::nor_flash::NorFlash> crate::storage::AsyncStore<F> {
     /// Returns the least length of the region for everything that the firmware declares, in bytes, like
     /// [`Store::region_len`].
     pub const fn region_len<D: Declares>() -> u32 {
@@ -150,7 +150,7 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     pub async fn restore_async<F: embedded_storage_async::nor_flash::NorFlash>(
         &mut self,
         now: Instant,
-        store: &mut storage::AsyncStore<F>,
+        store: &mut crate::storage::AsyncStore<F>,
         vehicle: &mut D::Vehicle,
     ) -> Result<(), RestoreErrors> {
         self.attach_storage(now, store.region(), vehicle);

@@ -32,7 +32,8 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Sign
     }
 
     fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> bool {
-        load(self, cx.now, part.bytes).is_some()
+        // A key that was set while this one was read takes precedence.
+        !self.is_lost() || load(self, cx.now, part.bytes).is_some()
     }
 
     fn loaded(&mut self, _: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
