@@ -9,7 +9,7 @@ use embedded_storage::nor_flash::NorFlash;
 
 use super::{Cx, Declares, PeerMemory, Stack, TextMemory, split};
 use crate::service::param::{ParamService, ParamTable, Parameters};
-use crate::storage::{Job, JobSlot, Page, RecordService, Region, RestoreErrors, Storage, Store};
+use crate::storage::{Event, Job, JobSlot, Page, RecordService, Region, RestoreErrors, Storage, Store};
 use crate::time::Instant;
 use work::{Op, Work};
 
@@ -68,7 +68,8 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     pub fn storage_job(&mut self, now: Instant, page: &mut Page, vehicle: &mut D::Vehicle) -> Option<Job> {
         let mut work = self.storage_work(now, Some(page), vehicle);
         if work.storage.log.is_busy() {
-            work.done(false);
+            let event = work.done(false);
+            work.on_event(event);
         }
         let job = work.next_job();
         work.cx.shared.is_storage_busy = job.is_some();
@@ -79,7 +80,10 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     pub fn storage_done(&mut self, now: Instant, is_done: bool, page: &mut Page, vehicle: &mut D::Vehicle) {
         let mut work = self.storage_work(now, Some(&mut *page), vehicle);
         work.cx.shared.is_storage_busy = false;
-        work.done(is_done);
+        match work.done(is_done) {
+            Event::Loaded { len, is_first, is_last } => work.on_loaded(len, is_first, is_last),
+            event => work.on_event(event),
+        }
         if work.storage.log.is_idle() {
             page.wipe();
         }

@@ -594,6 +594,7 @@ impl Log {
     }
 
     /// Repeats reading from the start after this time.
+    #[inline(never)]
     fn wait(&mut self, now: Instant, time: Duration) -> Event {
         let was_loading = self.is_loading();
         self.task = Task::Waiting;

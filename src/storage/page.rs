@@ -180,6 +180,11 @@ impl Page {
         self.0.last_chunk().unwrap_or(&[0; TAIL])
     }
 
+    /// Returns the first `len` bytes of the payload.
+    pub(crate) fn payload(&self, len: u8) -> &[u8] {
+        self.0.get(START..).and_then(|rest| rest.get(..usize::from(len).min(PAYLOAD))).unwrap_or_default()
+    }
+
     /// Completes a page, whose payload is in place.
     pub(crate) fn seal(&mut self, footer: &Footer) {
         let [m0, m1] = MAGIC;

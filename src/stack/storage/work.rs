@@ -10,7 +10,6 @@ use crate::types::Vehicle;
 #[derive(Clone, Copy)]
 pub(super) enum Op {
     Attach,
-    Load { len: u8, is_first: bool, is_last: bool },
     Loaded(Result<bool, RestoreError>),
     IsReloadRequested,
     MayLoad,
@@ -70,10 +69,6 @@ impl<D: Declares> Work<'_, D> {
         let &mut Storage { record, is_late, .. } = storage;
         match op {
             Op::Attach => service.attach(cx),
-            Op::Load { is_first, is_last, .. } => {
-                let part = Part { record, bytes, is_first, is_last, is_late };
-                return service.load(cx, &part, &mut storage.loading).into();
-            }
             Op::Loaded(result) => service.loaded(cx, result, is_late),
             Op::IsReloadRequested => return service.is_reload_requested(cx).into(),
             Op::MayLoad => return service.may_load(cx, is_late).into(),
@@ -107,14 +102,25 @@ macro_rules! contents {
             fn ask(&mut self, index: u8, op: Op) -> Answer {
                 let Self { cx, services, states, storage, page } = self;
                 let bytes = page.as_deref_mut().map(Page::payload_mut).unwrap_or_default();
-                let len = if let Op::Load { len, .. } = op { len.into() } else { bytes.len() };
-                let bytes = bytes.get_mut(..len).unwrap_or_default();
                 match index {
                     $($index => {
                         let links = states.iter_mut().map(|state| &mut state.$service);
                         Self::call(&mut services.$service, links, cx, storage, bytes, op)
                     })*
                     _ => Answer::No,
+                }
+            }
+
+            /// Loads a page with `len` bytes of the current record. Returns whether it is valid.
+            // Apart from `ask`, because the checks of a plan need much of the call stack.
+            fn load(&mut self, len: u8, is_first: bool, is_last: bool) -> bool {
+                let Self { cx, services, storage, page, .. } = self;
+                let &mut Storage { record, is_late, .. } = &mut **storage;
+                let bytes = page.as_deref().map(|page| page.payload(len)).unwrap_or_default();
+                let part = Part { record, bytes, is_first, is_last, is_late };
+                match storage.service {
+                    $($index => services.$service.load(cx, &part, &mut storage.loading),)*
+                    _ => false,
                 }
             }
 
@@ -324,8 +330,7 @@ impl<D: Declares> Work<'_, D> {
     }
 
     /// Takes a page of the record that is loaded.
-    // Apart from `on_event`, because the checks of a plan need much of the call stack.
-    fn on_loaded(&mut self, len: u8, is_first: bool, is_last: bool) {
+    pub(super) fn on_loaded(&mut self, len: u8, is_first: bool, is_last: bool) {
         let &mut Storage { service: index, record, is_late, .. } = self.storage;
         if is_late && !self.ask(index, Op::MayLoad).is_yes() {
             // The vehicle has armed meanwhile.
@@ -333,7 +338,7 @@ impl<D: Declares> Work<'_, D> {
             self.load_again();
             return self.loaded(index, Err(RestoreError::Unreadable));
         }
-        let is_valid = self.ask(index, Op::Load { len, is_first, is_last }).is_yes();
+        let is_valid = self.load(len, is_first, is_last);
         if is_last || !is_valid {
             self.storage.log.end_load();
             let Some(kind) = Self::KINDS.get(usize::from(index)) else { return };
@@ -343,7 +348,8 @@ impl<D: Declares> Work<'_, D> {
     }
 
     /// Takes what a job has led to.
-    fn on_event(&mut self, event: Event) {
+    #[inline(never)]
+    pub(super) fn on_event(&mut self, event: Event) {
         let index = self.storage.service;
         match event {
             Event::Nothing => {}
@@ -365,7 +371,8 @@ impl<D: Declares> Work<'_, D> {
                 }
                 self.storage.is_late = true;
             }
-            Event::Loaded { len, is_first, is_last } => self.on_loaded(len, is_first, is_last),
+            // `on_loaded` takes it.
+            Event::Loaded { .. } => {}
             Event::Written => {
                 self.tell_all(Op::CancelIfRefused);
                 let is_wanted = self.is_wanted();
@@ -390,11 +397,9 @@ impl<D: Declares> Work<'_, D> {
     }
 
     /// Takes the result of the last job.
-    pub(super) fn done(&mut self, is_done: bool) {
-        if let Some(page) = self.page.as_deref_mut() {
-            let event = self.storage.log.done(self.cx.now, is_done, page);
-            self.on_event(event);
-        }
+    pub(super) fn done(&mut self, is_done: bool) -> Event {
+        let Some(page) = self.page.as_deref_mut() else { return Event::Nothing };
+        self.storage.log.done(self.cx.now, is_done, page)
     }
 }
 

@@ -137,7 +137,7 @@ impl<const W: usize, const E: usize> Rig<W, E> {
             match self.run(&job) {
                 Event::Loaded { len, is_first, is_last } => {
                     assert_eq!(is_first, content.is_empty());
-                    content.extend_from_slice(&self.page.payload_mut()[..len.into()]);
+                    content.extend_from_slice(self.page.payload(len));
                     if is_last {
                         self.log.end_load();
                         return Some(content);
