@@ -11,7 +11,7 @@ use super::{Cx, Declares, PeerMemory, Stack, TextMemory, split};
 use crate::service::param::{ParamService, ParamTable, Parameters};
 use crate::storage::{Event, Job, JobSlot, Page, RecordService, Region, RestoreErrors, Storage, Store};
 use crate::time::Instant;
-use work::{Op, Work};
+use work::Work;
 
 impl<F: NorFlash> Store<F> {
     /// Returns the least length of the region for everything that the firmware declares, in bytes: two segments of as
@@ -37,21 +37,15 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     /// what changes. Call it once, before the loop. [`restore`](Self::restore) does it for a blocking driver.
     #[inline(never)]
     pub fn attach_storage(&mut self, now: Instant, region: Region, vehicle: &mut D::Vehicle) {
-        let mut work = self.storage_work(now, None, vehicle);
-        let storage = &mut *work.storage;
+        let (mut cx, services, _, storage) = split!(&mut *self, now, vehicle, storage);
         (storage.to_load, storage.is_late, storage.errors) = (Work::<D>::ALL_RECORDS, false, RestoreErrors::NONE);
         storage.log.attach(region, Work::<D>::PAGES.1);
-        work.tell_all(Op::Attach);
+        Work::attach(&mut cx, services);
     }
 
     /// Collects what a call that concerns storage works on.
     #[inline(never)]
-    fn storage_work<'a>(
-        &'a mut self,
-        now: Instant,
-        page: Option<&'a mut Page>,
-        vehicle: &'a mut D::Vehicle,
-    ) -> Work<'a, D> {
+    fn storage_work<'a>(&'a mut self, now: Instant, page: &'a mut Page, vehicle: &'a mut D::Vehicle) -> Work<'a, D> {
         let (cx, services, states, storage) = split!(self, now, vehicle, storage);
         Work { cx, services, states, storage, page }
     }
@@ -66,7 +60,7 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     /// Call it in every pass of the loop, or whenever the storage is free: a client that has uploaded a plan waits for
     /// it.
     pub fn storage_job(&mut self, now: Instant, page: &mut Page, vehicle: &mut D::Vehicle) -> Option<Job> {
-        let mut work = self.storage_work(now, Some(page), vehicle);
+        let mut work = self.storage_work(now, page, vehicle);
         if work.storage.log.is_busy() {
             let event = work.done(false);
             work.on_event(event);
@@ -78,7 +72,7 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
 
     /// Takes the result of the [job](Self::storage_job): whether the driver reported success.
     pub fn storage_done(&mut self, now: Instant, is_done: bool, page: &mut Page, vehicle: &mut D::Vehicle) {
-        let mut work = self.storage_work(now, Some(&mut *page), vehicle);
+        let mut work = self.storage_work(now, &mut *page, vehicle);
         work.cx.shared.is_storage_busy = false;
         match work.done(is_done) {
             Event::Loaded { len, is_first, is_last } => work.on_loaded(len, is_first, is_last),

@@ -315,7 +315,7 @@ impl Kind {
     }
 
     /// Returns how a record of this service can be loaded.
-    pub(crate) fn judge(&self, entry: Entry) -> Result<bool, RestoreError> {
+    pub(crate) fn judge(&self, entry: &Entry) -> Result<bool, RestoreError> {
         match entry.pages {
             0 if entry.is_damaged => Err(RestoreError::Damaged),
             0 => Ok(false),

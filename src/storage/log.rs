@@ -372,9 +372,9 @@ impl Log {
     }
 
     /// Returns the newest record of a kind, and whether a newer one was lost.
-    pub(crate) fn find(&self, kind: u8) -> Entry {
-        let entry = self.index_of(kind).and_then(|index| self.entries.get(index)).copied();
-        entry.unwrap_or_else(|| Entry { is_damaged: self.index_of(ANY_KIND).is_some(), ..Entry::FREE })
+    pub(crate) fn find(&self, kind: u8) -> &Entry {
+        let index = self.index_of(kind).or_else(|| self.index_of(ANY_KIND));
+        index.and_then(|index| self.entries.get(index)).unwrap_or(&Entry::FREE)
     }
 
     /// Returns the index of a kind's entry.
@@ -436,7 +436,6 @@ impl Log {
     }
 
     /// Returns the next job, or what is needed first. Writes and erases only if `may_write` is set.
-    #[inline(never)]
     pub(crate) fn next(&mut self, now: Instant, may_write: bool, page: &mut Page) -> Next {
         if self.is_busy() || now < self.retry_at {
             return Next::Idle;

@@ -52,7 +52,7 @@ fn rows(bytes: &[u8]) -> &[Row] {
 /// The stored plans while they are loaded.
 #[derive(Clone, Copy, Debug)]
 pub struct Loading {
-    counts: [u16; 3],
+    counts: [u32; 3],
     ids: [u32; 3],
     /// The index of the plan whose items are next, and the number of its items so far.
     plan: u8,
@@ -116,22 +116,21 @@ impl Loading {
     /// Takes the first row.
     fn begin(&mut self, row: &Row) {
         let [a, b, c, d, e, f, ..] = row.map(u32::from_le_bytes);
-        let counts = [a, b, c].map(|count| u16::try_from(count).unwrap_or(u16::MAX));
-        *self = Self { counts, ids: [d, e, f], digest: Digest::new(), ..Self::NEW };
+        *self = Self { counts: [a, b, c], ids: [d, e, f], digest: Digest::new(), ..Self::NEW };
     }
 
-    fn plan(&self) -> Option<(PlanType, u16, u32)> {
+    fn plan(&self) -> Option<(PlanType, u32, u32)> {
         let index = usize::from(self.plan);
         Some((*PlanType::ALL.get(index)?, *self.counts.get(index)?, *self.ids.get(index)?))
     }
 
     /// Makes each plan live whose items are complete.
     fn finish<V: Plans>(&mut self, missions: &mut Missions, cx: &mut Work<'_, '_>, vehicle: &mut V, is_late: bool) {
-        while let Some((plan, count, id)) = self.plan().filter(|(_, count, _)| *count == self.items) {
+        while let Some((plan, _, id)) = self.plan().filter(|(_, count, _)| *count == u32::from(self.items)) {
             // A plan that was uploaded in the meantime is newer.
             if !(is_late && cx.plans.count(plan) > 0) {
                 let result = if self.fault == NO_FAULT {
-                    missions.make_loaded(cx, vehicle, plan, Some((count, id)), self.digest)
+                    missions.make_loaded(cx, vehicle, plan, Some((self.items, id)), self.digest)
                 } else {
                     Err(self.fault)
                 };
@@ -191,15 +190,12 @@ where
     #[inline(never)]
     fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, loading: &mut Loading) -> bool {
         let Some((mut cx, vehicle)) = mission::work(cx) else { return true };
-        let mut rows = rows(part.bytes).iter();
-        if part.is_first {
-            let Some(head) = rows.next() else { return false };
-            loading.begin(head);
-            self.set_loading(&mut cx, true);
-            loading.finish(self, &mut cx, vehicle, part.is_late);
-        }
-        for row in rows {
-            if !loading.item(&mut cx, vehicle, row) {
+        let mut is_head = part.is_first;
+        for row in rows(part.bytes) {
+            if core::mem::replace(&mut is_head, false) {
+                loading.begin(row);
+                self.set_loading(&mut cx, true);
+            } else if !loading.item(&mut cx, vehicle, row) {
                 return false;
             }
             loading.finish(self, &mut cx, vehicle, part.is_late);
@@ -207,7 +203,7 @@ where
         if part.is_last {
             self.set_stored_differs(loading.differs);
         }
-        !part.is_last || loading.plan().is_none()
+        !is_head && (!part.is_last || loading.plan().is_none())
     }
 
     fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, _: bool) {

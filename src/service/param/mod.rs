@@ -371,7 +371,7 @@ impl ParamService {
     where
         F: Firmware<Parameters: ParamTable, Vehicle: Parameters<Table = F::Parameters>>,
     {
-        let Some((info, old)) = self.table(cx.parameters).get(index) else { return };
+        let Some((info, old)) = cx.parameters.table_mut().get(index) else { return };
         let bits = if stored.is_default { info.default_bits() } else { stored.bits };
         if keeps_value && old != info.default_bits() {
             return;

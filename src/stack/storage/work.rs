@@ -9,7 +9,6 @@ use crate::types::Vehicle;
 /// What storage asks of a service, or tells it: a method of [`Persistent`] each.
 #[derive(Clone, Copy)]
 pub(super) enum Op {
-    Attach,
     Loaded(Result<bool, RestoreError>),
     IsReloadRequested,
     MayLoad,
@@ -49,8 +48,7 @@ pub(super) struct Work<'a, D: Declares> {
     pub(super) services: &'a mut Services<D>,
     pub(super) states: &'a mut [States<D>],
     pub(super) storage: &'a mut Storage,
-    /// Not needed to attach storage.
-    pub(super) page: Option<&'a mut Page>,
+    pub(super) page: &'a mut Page,
 }
 
 impl<D: Declares> Work<'_, D> {
@@ -60,7 +58,7 @@ impl<D: Declares> Work<'_, D> {
         links: impl Iterator<Item = &'l mut S::Link>,
         cx: &mut Cx<'_, D>,
         storage: &mut Storage,
-        bytes: &mut [u8],
+        page: &mut Page,
         op: Op,
     ) -> Answer {
         if S::RECORDS == 0 {
@@ -68,14 +66,13 @@ impl<D: Declares> Work<'_, D> {
         }
         let &mut Storage { record, is_late, .. } = storage;
         match op {
-            Op::Attach => service.attach(cx),
             Op::Loaded(result) => service.loaded(cx, result, is_late),
             Op::IsReloadRequested => return service.is_reload_requested(cx).into(),
             Op::MayLoad => return service.may_load(cx, is_late).into(),
             Op::CancelIfRefused => service.cancel_if_refused(cx, links),
             Op::PendingWrite => return service.pending_write(cx).map_or(Answer::No, Answer::Write),
             Op::Fill(index) => {
-                let filled = service.fill(cx, record, index, bytes);
+                let filled = service.fill(cx, record, index, page.payload_mut());
                 return filled.map_or(Answer::No, |(len, is_last)| Answer::Filled(len, is_last));
             }
             Op::OnWritten(is_saved) => service.on_written(cx, links, is_saved),
@@ -97,15 +94,19 @@ macro_rules! contents {
             const KINDS: [Kind; [$($index),*].len()] = [$(Kind::of::<D, D::$type>()),*];
             const TEXTS: [Texts; [$($index),*].len()] = [$(<D::$type as Persistent<D>>::TEXTS),*];
 
+            /// Attaches storage to every service.
+            pub(super) fn attach(cx: &mut Cx<'_, D>, services: &mut Services<D>) {
+                $(services.$service.attach(cx);)*
+            }
+
             /// Asks or tells a service something.
             #[inline(never)]
             fn ask(&mut self, index: u8, op: Op) -> Answer {
                 let Self { cx, services, states, storage, page } = self;
-                let bytes = page.as_deref_mut().map(Page::payload_mut).unwrap_or_default();
                 match index {
                     $($index => {
                         let links = states.iter_mut().map(|state| &mut state.$service);
-                        Self::call(&mut services.$service, links, cx, storage, bytes, op)
+                        Self::call(&mut services.$service, links, cx, storage, page, op)
                     })*
                     _ => Answer::No,
                 }
@@ -116,8 +117,7 @@ macro_rules! contents {
             fn load(&mut self, len: u8, is_first: bool, is_last: bool) -> bool {
                 let Self { cx, services, storage, page, .. } = self;
                 let &mut Storage { record, is_late, .. } = &mut **storage;
-                let bytes = page.as_deref().map(|page| page.payload(len)).unwrap_or_default();
-                let part = Part { record, bytes, is_first, is_last, is_late };
+                let part = Part { record, bytes: page.payload(len), is_first, is_last, is_late };
                 match storage.service {
                     $($index => services.$service.load(cx, &part, &mut storage.loading),)*
                     _ => false,
@@ -299,8 +299,7 @@ impl<D: Declares> Work<'_, D> {
         }
         // Twice, if content is needed first.
         for _ in 0..2 {
-            let page = self.page.as_deref_mut()?;
-            match self.storage.log.next(self.cx.now, may_write, page) {
+            match self.storage.log.next(self.cx.now, may_write, self.page) {
                 Next::Job(job) => return Some(job),
                 Next::Idle => return None,
                 Next::Content(index) => {
@@ -310,7 +309,7 @@ impl<D: Declares> Work<'_, D> {
                         self.ask(service, Op::OnWritten(false));
                         return None;
                     };
-                    self.storage.log.put(self.page.as_deref_mut()?, len, is_last);
+                    self.storage.log.put(self.page, len, is_last);
                 }
             }
         }
@@ -398,8 +397,7 @@ impl<D: Declares> Work<'_, D> {
 
     /// Takes the result of the last job.
     pub(super) fn done(&mut self, is_done: bool) -> Event {
-        let Some(page) = self.page.as_deref_mut() else { return Event::Nothing };
-        self.storage.log.done(self.cx.now, is_done, page)
+        self.storage.log.done(self.cx.now, is_done, self.page)
     }
 }
 

@@ -102,6 +102,7 @@ impl Log {
     }
 
     /// Proceeds to the next entry to be copied.
+    #[inline(never)]
     fn end_copy(&mut self) {
         (self.entry, self.record) = (self.entry.wrapping_add(1), Record::NONE);
     }
