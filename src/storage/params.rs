@@ -109,7 +109,6 @@ where
         Some(Write { record: 0, version, is_secret: false })
     }
 
-    #[inline(never)]
     fn fill(&mut self, cx: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
         let table = cx.parameters.table_mut();
         let first = page.checked_mul(ROWS)?;
