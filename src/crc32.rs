@@ -44,6 +44,15 @@ impl Crc32 {
     /// [`sum`](Self::sum).
     pub(crate) const ZERO: Self = Self(0);
 
+    /// Returns the CRC-32 of `bytes`.
+    #[cfg(feature = "storage")]
+    #[inline(never)]
+    pub(crate) fn of(bytes: &[u8]) -> u32 {
+        let mut crc = Self::new();
+        crc.add(bytes);
+        crc.sum()
+    }
+
     /// Adds `bytes`: four bits at a time, with a table of 64 bytes. Words of four bytes take 7 instructions a byte on a
     /// Cortex-M4, single bytes 13.
     #[inline(never)]

@@ -523,8 +523,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         {
             let (vehicle, mut context) = cx.hook();
             vehicle.peer(&mut context, PeerEvent::AddressConflict(link));
-            // Compiled out if there is no queue of texts.
-            if !D::Texts::IS_EMPTY {
+            if D::HAS_TEXTS {
                 receive::report_conflict(&mut cx);
             }
         }

@@ -42,14 +42,14 @@ use crate::dialect::{MavCmd, MavProtocolCapability, MavResult, MavSeverity};
 use crate::frame::Frame;
 use crate::link::Port;
 pub(crate) use crate::log::increment;
-use crate::message::{Address, ComponentId, Text};
+use crate::message::{Address, ComponentId};
 use crate::network::{PeerInfo, Peers};
 use crate::time::{Duration, Instant};
 #[cfg(feature = "defmt")]
 use crate::types::LinkId;
 use crate::types::{
-    Command, Config, Context, Firmware, Flight, LinkMask, MAX_TEXT_LEN, Origin, Outcome, Peer, PlansMut, Refusal,
-    Requests, SignedAt, StatusTexts, Values,
+    Command, Config, Context, Firmware, Flight, LinkMask, Origin, Outcome, Peer, PlansMut, Refusal, Requests, SignedAt,
+    StatusTexts, Values,
 };
 
 /// A service of the firmware `F`. It calls the hooks of the firmware's vehicle.
@@ -239,9 +239,12 @@ pub struct Cx<'a, F: Firmware> {
 }
 
 impl<F: Firmware> Cx<'_, F> {
-    /// Sends a text on every normal link.
-    pub(crate) fn say(&mut self, severity: MavSeverity, text: &Text<MAX_TEXT_LEN>) {
-        self.texts.push(self.now, self.shared.normal, severity, text.as_bytes());
+    /// Sends a text on every normal link. Compiled out if there is no queue of texts.
+    #[inline(never)]
+    pub(crate) fn say(&mut self, severity: MavSeverity, text: &[u8]) {
+        if F::HAS_TEXTS {
+            self.texts.push(self.now, self.shared.normal, severity, text);
+        }
     }
 
     /// Returns the vehicle, and the context for its hooks.

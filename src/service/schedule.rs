@@ -31,8 +31,8 @@ pub(crate) struct Schedule {
     /// Whether storage has other content, or none that can be used: a request then writes even what has not changed.
     pub(crate) stored_differs: bool,
     phase: Phase,
-    /// Stands for the content that is being written: other content has another number.
-    version: u32,
+    /// Stands for the content that is being written: other content has another number. It wraps, but not during a write.
+    version: u16,
     /// When the next write may begin.
     due: Instant,
     /// Limits the writes that peers cause.
@@ -68,8 +68,9 @@ impl Schedule {
         core::mem::replace(&mut self.is_attached, true)
     }
 
+    /// Whether storage is attached. Without the feature `storage` the compiler knows that it is not.
     pub(crate) const fn is_attached(&self) -> bool {
-        self.is_attached
+        cfg!(any(feature = "storage", test)) && self.is_attached
     }
 
     /// Whether content must be written, and no write of it has begun.
@@ -88,7 +89,7 @@ impl Schedule {
     }
 
     /// Returns the version of the content.
-    pub(crate) const fn version(&self) -> u32 {
+    pub(crate) const fn version(&self) -> u16 {
         self.version
     }
 
@@ -111,7 +112,7 @@ impl Schedule {
 
     /// Requests a write after changes were collected for this time, unless one is pending.
     pub(crate) fn collect(&mut self, now: Instant, time: Duration) {
-        if self.is_attached && !self.is_pending() {
+        if self.is_attached() && !self.is_pending() {
             self.phase = Phase::Dirty;
             self.due = now.after(time).max(self.due);
         }
@@ -125,7 +126,7 @@ impl Schedule {
     }
 
     /// Returns the version that is being written. Begins the requested write if it is due and there are tokens for it.
-    pub(crate) fn begin(&mut self, now: Instant, tokens: u8) -> Option<u32> {
+    pub(crate) fn begin(&mut self, now: Instant, tokens: u8) -> Option<u16> {
         if self.is_dirty() && now >= self.due && (self.phase == Phase::Urgent || self.bucket.has(now, tokens)) {
             self.bucket.spend(now, tokens);
             self.restart();

@@ -35,6 +35,7 @@ impl TokenBucket {
     }
 
     /// Whether the bucket holds at least this many tokens.
+    #[inline(never)]
     pub(crate) fn has(&self, now: Instant, tokens: u8) -> bool {
         let left = CAPACITY.saturating_sub(tokens.into());
         self.full_at.since(now) <= self.time(left)

@@ -89,14 +89,12 @@ impl<const N: usize> PeerMemory for heapless::Vec<PeerInfo, N> {
 #[doc(hidden)]
 pub trait TextMemory: core::fmt::Debug {
     const NEW: Self;
-    const IS_EMPTY: bool;
     fn view(&self) -> &StatusTexts;
     fn view_mut(&mut self) -> &mut StatusTexts;
 }
 
 impl<const N: usize> TextMemory for StatusTexts<[TextEntry; N]> {
     const NEW: Self = Self::new();
-    const IS_EMPTY: bool = N == 0;
 
     fn view(&self) -> &StatusTexts {
         self
@@ -250,6 +248,7 @@ macro_rules! stack {
             type Plans = $crate::__declared!(plans $($entries)*,);
             type Parameters = $crate::__declared!(parameters $($entries)*,);
             const HAS_MODES: bool = $crate::__declared!(has_modes $($entries)*,);
+            const HAS_TEXTS: bool = $crate::__declared!(texts $($entries)*,) > 0;
         }
 
         impl $crate::__private::Declares for $name {

@@ -204,5 +204,5 @@ pub(super) fn report_conflict<D: Declares>(cx: &mut Cx<'_, D>) {
     let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
     text.push_str("Another vehicle has system id ");
     text.push_number(u32::from(cx.shared.config.address.get().system.0));
-    cx.say(MavSeverity::WARNING, &text);
+    cx.say(MavSeverity::WARNING, text.as_bytes());
 }

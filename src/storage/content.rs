@@ -5,7 +5,6 @@ use super::plans;
 use crate::dialect::{MavModeFlag, MavSeverity};
 use crate::service::mission::WithoutPlans;
 use crate::service::{Absent, Cx, Service, WithoutSigning};
-use crate::time::Instant;
 use crate::types::{Firmware, Vehicle};
 
 /// Why stored content was not restored, or not completely. A STATUSTEXT reports it, too.
@@ -101,13 +100,17 @@ pub struct Texts {
     pub(super) readable: &'static str,
 }
 
+impl Texts {
+    const NONE: Self = Self { unreadable: "", damaged: "", readable: "" };
+}
+
 /// Content to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Write {
     /// Which of the service's records, counted from 0.
     pub(crate) record: u8,
     /// Stands for the content: other content has another number.
-    pub(crate) version: u32,
+    pub(crate) version: u16,
     /// Whether to erase all older content afterwards.
     pub(crate) is_secret: bool,
 }
@@ -143,21 +146,17 @@ pub trait Persistent<F: Firmware>: Service<F> {
     const USES_OLDER: bool = true;
 
     /// The texts that report its state.
-    const TEXTS: Texts = Texts { unreadable: "", damaged: "", readable: "" };
+    const TEXTS: Texts = Texts::NONE;
 
     /// Storage is attached. Nothing was read yet.
     fn attach(&mut self, cx: &mut Cx<'_, F>) {
         let _ = cx;
     }
 
-    /// Takes the next page of a record.
-    ///
-    /// # Errors
-    ///
-    /// The content is invalid.
-    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, plans: &mut plans::Loading) -> Result<(), RestoreError> {
+    /// Takes the next page of a record. Returns whether the content is valid so far.
+    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, plans: &mut plans::Loading) -> bool {
         let _ = (cx, part, plans);
-        Ok(())
+        true
     }
 
     /// Called after the last page, or if there is nothing to load. The result is true if content was loaded.
@@ -177,19 +176,12 @@ pub trait Persistent<F: Firmware>: Service<F> {
         true
     }
 
-    /// Whether content is not to be written now.
-    fn is_paused(&self, now: Instant) -> bool {
-        let _ = now;
-        false
-    }
-
-    /// Cancels a write that the vehicle no longer permits. Returns true if there was one.
-    fn cancel_if_refused<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) -> bool
+    /// Cancels a write that the vehicle no longer permits.
+    fn cancel_if_refused<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>)
     where
         Self::Link: 'l,
     {
         let _ = (cx, links);
-        false
     }
 
     /// Returns the content to write now, or the content that is being written.
@@ -247,22 +239,24 @@ pub(super) fn is_disarmed(vehicle: &impl Vehicle) -> bool {
 }
 
 /// The state of storage in the stack, declared by `storage`: the log, and what is loaded or written.
+// Small fields are first: shorter instructions reach them there.
 #[derive(Debug)]
+#[repr(C)]
 pub struct Storage {
-    pub(crate) log: Log,
-    /// The records that are still to be loaded: eight bits for each service.
-    pub(crate) to_load: u32,
-    /// Whether the first attempt to read has failed.
-    pub(crate) is_late: bool,
     /// The service that is loaded or written, and which of its records.
     pub(crate) service: u8,
     pub(crate) record: u8,
-    /// The version that is written.
-    pub(crate) version: u32,
     /// The service whose turn to write it is.
     pub(crate) turn: u8,
-    pub(crate) loading: plans::Loading,
+    /// Whether the first attempt to read has failed.
+    pub(crate) is_late: bool,
     pub(crate) errors: RestoreErrors,
+    /// The version that is written.
+    pub(crate) version: u16,
+    /// The records that are still to be loaded: eight bits for each service.
+    pub(crate) to_load: u32,
+    pub(crate) log: Log,
+    pub(crate) loading: plans::Loading,
 }
 
 impl Storage {
@@ -293,7 +287,6 @@ pub(crate) struct Kind {
     /// Maximum length of a record in pages.
     pub(crate) pages: u16,
     pub(crate) uses_older: bool,
-    pub(crate) texts: Texts,
 }
 
 impl Kind {
@@ -313,7 +306,6 @@ impl Kind {
             schema: S::SCHEMA,
             pages: if pages > 0 { pages as u16 } else { 1 },
             uses_older: S::USES_OLDER,
-            texts: S::TEXTS,
         }
     }
 
@@ -323,7 +315,7 @@ impl Kind {
     }
 
     /// Returns how a record of this service can be loaded.
-    pub(crate) fn judge(&self, entry: Entry) -> Result<bool, RestoreError> {
+    pub(crate) fn judge(&self, entry: &Entry) -> Result<bool, RestoreError> {
         match entry.pages {
             0 if entry.is_damaged => Err(RestoreError::Damaged),
             0 => Ok(false),
@@ -335,20 +327,21 @@ impl Kind {
 }
 
 /// Sends a text about stored content.
-#[inline(never)]
 pub(crate) fn report<F: Firmware>(cx: &mut Cx<'_, F>, severity: MavSeverity, text: &'static str) {
     event!("storage: {=str}", text);
-    cx.texts.push(cx.now, cx.shared.normal, severity, text.as_bytes());
+    cx.say(severity, text.as_bytes());
 }
 
-impl Kind {
-    /// Reports the result of loading content by a text.
+impl Texts {
+    /// Reports the result of loading content.
     pub(crate) fn report<F: Firmware>(&self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
         let (severity, text) = match result {
-            Ok(_) if is_late => (MavSeverity::INFO, self.texts.readable),
+            Ok(_) if is_late => (MavSeverity::INFO, self.readable),
             Ok(_) => return,
-            Err(RestoreError::Unreadable) => (MavSeverity::ERROR, self.texts.unreadable),
-            Err(_) => (MavSeverity::ERROR, self.texts.damaged),
+            // It was reported when reading failed first.
+            Err(RestoreError::Unreadable) if is_late => return,
+            Err(RestoreError::Unreadable) => (MavSeverity::ERROR, self.unreadable),
+            Err(_) => (MavSeverity::ERROR, self.damaged),
         };
         report(cx, severity, text);
     }

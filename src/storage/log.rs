@@ -18,7 +18,7 @@
 mod append;
 mod scan;
 
-use super::page::{Content, Footer, PAGE, Page, TAIL, flag};
+use super::page::{Content, Footer, PAGE, Page, TAIL, VERSION, flag};
 use super::region::{Job, PAGE_LEN, Region};
 use crate::time::{Duration, Instant};
 
@@ -111,7 +111,7 @@ impl Record {
     }
 
     fn advance(&mut self, crc: u32) {
-        (self.index, self.crc) = (self.index.saturating_add(1), crc);
+        (self.index, self.crc) = (self.index.wrapping_add(1), crc);
     }
 }
 
@@ -214,40 +214,24 @@ pub(crate) enum Event {
 }
 
 /// The log. All zero bits while no storage is attached.
+// Small fields are first: shorter instructions reach them there.
 #[derive(Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(C)]
 pub(crate) struct Log {
-    region: Region,
     task: Task,
     stage: Stage,
     pending: Pending,
-    /// The segment with the live records, and the one that is written: the same one, or the next.
-    open: Segment,
-    write: Segment,
-    /// The greatest number of a segment. No number is used twice.
-    newest: u32,
-    /// Whether records of unknown kinds are lost that may be newer than all others.
-    has_lost_all: bool,
-    /// The newest segment with a whole copy: all there is if no segment is open.
-    copied: Segment,
-    /// Whether the page did not match its checksums, and is read again.
-    is_read_twice: bool,
     /// Whether the next record begins a segment.
     switch: Switch,
-    /// The page that is examined, counted from the start of the region or of the open segment.
-    page: u32,
-    entries: [Entry; ENTRIES],
-    /// The record that is read, or copied, or written.
-    record: Record,
-    /// While a segment is begun: the new record, and the record's checksum at the source of a copy.
-    new: Record,
-    source: u32,
     /// The entry that is copied next, or loaded; [`NO_ENTRY`] if none is.
     entry: u8,
-    /// The number of pages that could not be read, and of attempts to read them.
-    unreadable: u32,
+    /// The number of attempts to read, or to check what was written.
     attempts: u8,
-    retry_at: Instant,
+    /// Whether records of unknown kinds are lost that may be newer than all others.
+    has_lost_all: bool,
+    /// Whether the page did not match its checksums, and is read again.
+    is_read_twice: bool,
     /// Whether the region has other data, a log, and a log of another version.
     has_other_data: bool,
     has_log: bool,
@@ -256,21 +240,40 @@ pub(crate) struct Log {
     has_written: bool,
     /// Whether the new record replaces a key: what is older is erased.
     is_secret: bool,
+    /// Whether pages outside of the open segment may have an old key.
+    has_old_secret: bool,
     /// The number of pages of the largest record.
     largest: u16,
     /// The first pages of the next segment that are erased.
     next_erased: u16,
+    region: Region,
+    /// The segment with the live records, and the one that is written: the same one, or the next.
+    open: Segment,
+    write: Segment,
+    /// The record that is read, or copied, or written.
+    record: Record,
+    /// The page that is examined, counted from the start of the region or of the open segment.
+    page: u32,
+    /// The greatest number of a segment. No number is used twice.
+    newest: u32,
+    /// The number of pages that could not be read.
+    unreadable: u32,
     /// The number of units, from the start of the open segment on, that may have an old key. Those that the segment does
     /// not use are erased.
     scrub: u32,
-    /// The number of pages that are not blank, outside of the open segment once that is read; and whether those may have an
-    /// old key.
+    /// The number of pages that are not blank, outside of the open segment once that is read.
     used: u32,
-    has_old_secret: bool,
+    /// While a segment is begun: the new record, and the record's checksum at the source of a copy.
+    new: Record,
+    source: u32,
+    /// The newest segment with a whole copy: all there is if no segment is open.
+    copied: Segment,
+    retry_at: Instant,
     /// Until then, nothing is erased ahead.
     rest_until: Instant,
     /// After a failure, nothing is erased because of an old key until then.
     scrub_from: Instant,
+    entries: [Entry; ENTRIES],
 }
 
 impl Log {
@@ -369,26 +372,29 @@ impl Log {
     }
 
     /// Returns the newest record of a kind, and whether a newer one was lost.
-    pub(crate) fn find(&self, kind: u8) -> Entry {
-        let of = |kind| self.entries.iter().find(|entry| entry.kind == kind).copied();
-        of(kind).unwrap_or(Entry { is_damaged: of(ANY_KIND).is_some(), ..Entry::FREE })
+    pub(crate) fn find(&self, kind: u8) -> &Entry {
+        let index = self.index_of(kind).or_else(|| self.index_of(ANY_KIND));
+        index.and_then(|index| self.entries.get(index)).unwrap_or(&Entry::FREE)
+    }
+
+    /// Returns the index of a kind's entry.
+    #[inline(never)]
+    fn index_of(&self, kind: u8) -> Option<usize> {
+        self.entries.iter().position(|entry| entry.kind == kind)
     }
 
     /// Returns the index of a kind's entry, or of a free one.
     #[inline(never)]
     fn slot(&self, kind: u8) -> Option<usize> {
-        let of = |kind| self.entries.iter().position(|entry| entry.kind == kind);
-        of(kind).or_else(|| of(0))
+        self.index_of(kind).or_else(|| self.index_of(0))
     }
 
-    /// Begins to load the newest record of a kind. Returns false if there is none.
-    pub(crate) fn load(&mut self, kind: u8) -> bool {
-        let Some(index) = self.entries.iter().position(|entry| entry.kind == kind && entry.pages > 0) else {
-            return false;
-        };
-        (self.task, self.record) = (Task::Load, Record::of(kind));
-        self.entry = u8::try_from(index).unwrap_or(0);
-        true
+    /// Begins to load the newest record of a kind, which was [found](Self::find).
+    pub(crate) fn load(&mut self, kind: u8) {
+        if let Some(index) = self.index_of(kind) {
+            (self.task, self.record) = (Task::Load, Record::of(kind));
+            self.entry = u8::try_from(index).unwrap_or(0);
+        }
     }
 
     /// Ends loading, after the last page or before.
@@ -407,7 +413,7 @@ impl Log {
     #[inline(never)]
     fn stop(&mut self, is_dirty: bool) {
         self.task = Task::Idle;
-        self.write.head = self.write.head.saturating_add(is_dirty.into());
+        self.write.head = self.write.head.wrapping_add(is_dirty.into());
         if self.write.number == self.open.number {
             self.open = self.write;
         } else {
@@ -424,12 +430,12 @@ impl Log {
     fn seal(&mut self, page: &mut Page, len: u8, flags: u8) {
         let Segment { number: segment, head: position, count, before, .. } = self.write;
         let Record { kind, schema, index, crc: previous } = self.record;
-        page.seal(&Footer { segment, position, index, schema, kind, flags, len, before, count, previous });
+        let flags = flags | const { VERSION << 4 };
+        page.seal(&Footer { segment, position, index, schema, kind, flags, len, before, count, previous, crc: 0 });
         self.stage = Stage::Body;
     }
 
     /// Returns the next job, or what is needed first. Writes and erases only if `may_write` is set.
-    #[inline(never)]
     pub(crate) fn next(&mut self, now: Instant, may_write: bool, page: &mut Page) -> Next {
         if self.is_busy() || now < self.retry_at {
             return Next::Idle;
@@ -451,7 +457,7 @@ impl Log {
             Task::Idle if may_write => self.erase_ahead(now),
             Task::Undo if may_write => {
                 let Segment { first, head, .. } = self.write;
-                let unit = u32::from(self.region.end_of_unit(head)).saturating_sub(self.region.unit);
+                let unit = u32::from(self.region.end_of_unit(head)).wrapping_sub(self.region.unit);
                 self.erase(first, unit, Pending::Step)
             }
             Task::Append | Task::Idle | Task::Undo | Task::Detached | Task::Foreign => Next::Idle,
@@ -487,15 +493,15 @@ impl Log {
         let ahead = self.largest.min(u16::try_from(self.region.unit.div_ceil(4)).unwrap_or(u16::MAX));
         let needed = if self.has_written && now >= self.rest_until { ahead } else { 0 };
         // From the last unit on, down to those that the open segment uses.
-        let scrubbed = self.scrub.saturating_sub(1).saturating_mul(self.region.unit);
+        let scrubbed = self.scrub.wrapping_sub(1).wrapping_mul(self.region.unit);
         if scrubbed < erased.into() {
             self.scrub = 0;
         }
         if self.scrub > 0 && now >= self.scrub_from {
             self.erase(first, scrubbed, Pending::Scrub)
-        } else if erased < end && erased.saturating_sub(head) < needed {
+        } else if erased < end && erased.wrapping_sub(head) < needed {
             self.erase(first, erased.into(), Pending::Erase)
-        } else if end.saturating_sub(head) < needed && self.next_erased == 0 {
+        } else if end.wrapping_sub(head) < needed && self.next_erased == 0 {
             self.erase(next, 0, Pending::EraseNext)
         } else {
             Next::Idle
@@ -528,7 +534,7 @@ impl Log {
                 Event::Nothing
             }
             Pending::Scrub if is_done => {
-                self.scrub = self.scrub.saturating_sub(1);
+                self.scrub = self.scrub.wrapping_sub(1);
                 Event::Nothing
             }
             Pending::Scrub => {
@@ -550,22 +556,22 @@ impl Log {
                 if self.task == Task::Examine {
                     return Event::Nothing;
                 }
-                self.page = self.page.saturating_add(1);
+                self.page = self.page.wrapping_add(1);
                 if self.page < self.region.pages { Event::Nothing } else { self.end_of_find(now) }
             }
             Task::Replay => {
-                let is_bad = is_done && matches!(page.open(), Content::Bad(_));
+                let is_bad = is_done && matches!(page.open(), Content::Bad | Content::Damaged(_));
                 if is_bad && !core::mem::replace(&mut self.is_read_twice, true) {
                     return Event::Nothing;
                 }
                 self.is_read_twice = false;
                 self.replay(is_done, page);
-                self.page = self.page.saturating_add(1);
+                self.page = self.page.wrapping_add(1);
                 if self.page < self.region.segment.into() { Event::Nothing } else { self.end_of_scan(now) }
             }
             Task::Load => match if is_done { page.open() } else { Content::Blank } {
-                Content::Whole(footer, crc) if self.record.continues(&footer) && footer.segment == self.open.number => {
-                    self.record.advance(crc);
+                Content::Whole(footer) if self.record.continues(&footer) && footer.segment == self.open.number => {
+                    self.record.advance(footer.crc);
                     Event::Loaded { len: footer.len, is_first: footer.index == 0, is_last: footer.is_last() }
                 }
                 _ => self.wait(now, PAUSE),
@@ -573,7 +579,7 @@ impl Log {
             Task::Append => self.append_done(now, is_done, page),
             Task::Undo if is_done => self.failed(true),
             Task::Undo if self.attempts < 2 * ATTEMPTS => {
-                self.attempts = self.attempts.saturating_add(1);
+                self.attempts = self.attempts.wrapping_add(1);
                 self.retry_at = now.after(LONG_PAUSE);
                 Event::Nothing
             }
@@ -587,6 +593,7 @@ impl Log {
     }
 
     /// Repeats reading from the start after this time.
+    #[inline(never)]
     fn wait(&mut self, now: Instant, time: Duration) -> Event {
         let was_loading = self.is_loading();
         self.task = Task::Waiting;

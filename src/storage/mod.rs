@@ -30,14 +30,14 @@ mod tests;
 
 #[cfg(feature = "embedded-storage-async")]
 pub use async_store::AsyncStore;
-pub(crate) use content::{Kind, Part, Write, report};
+pub(crate) use content::{Kind, Part, Texts, Write, report};
 pub use content::{Persistent, RestoreError, RestoreErrors, Storage};
 pub use eeprom::{Eeprom, EepromError};
 pub use fram::{Fram, FramError};
 pub(crate) use log::{Event, Next};
 pub use page::Page;
 pub use partition::{Partition, PartitionError};
-pub use records::{MAX_RECORD_LEN, RecordService, Records};
+pub use records::{MAX_RECORD_LEN, RecordService, Records, decode_record, encode_record};
 pub use region::{Job, Region};
 pub use slot::JobSlot;
 pub use store::Store;

@@ -9,25 +9,26 @@ use super::page::PAYLOAD;
 use super::plans::Loading;
 use crate::crc32::Crc32;
 use crate::service::Cx;
-use crate::service::param::{ParamService, ParamTable, Parameters, Stored, Work};
+use crate::service::param::{ParamInfo, ParamService, ParamTable, Parameters, Stored};
 use crate::types::{Firmware, Vehicle};
 
-/// Length of a row in bytes.
-const ROW: usize = 8;
+/// A row: the key of a parameter and its value, in little-endian order.
+type Row = [[u8; 4]; 2];
 /// Number of rows in a page.
 const ROWS: u16 = 28;
 #[allow(clippy::as_conversions, reason = "`from` is not const")]
-const _: () = assert!(ROWS as usize * ROW == PAYLOAD);
+const _: () = assert!(ROWS as usize * size_of::<Row>() == PAYLOAD);
 
 /// The bit of a key that says that the parameter had its default.
 const DEFAULT: u32 = 1 << 31;
 
-/// Returns the key of a parameter: 31 bits of a hash of its name and type, and whether it has its default.
-fn key(stored: &Stored) -> u32 {
+/// Returns 31 bits of a hash of a parameter's name and type.
+#[inline(never)]
+fn key(info: &ParamInfo) -> u32 {
     let mut crc = Crc32::new();
-    crc.add(&stored.name);
-    crc.add(&[stored.r#type.0]);
-    (crc.sum() & !DEFAULT) | if stored.is_default { DEFAULT } else { 0 }
+    crc.add(info.wire_name());
+    crc.add(&[info.param_type().0]);
+    crc.sum() & !DEFAULT
 }
 
 /// Parameters survive a restart (P-17).
@@ -54,32 +55,33 @@ where
     /// Late, or if values were set since storage was attached, it takes only the parameters that still have their defaults: a
     /// value that was set since is newer.
     #[inline(never)]
-    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> Result<(), RestoreError> {
-        // If the operator requests the stored values, what was set since is not wanted.
-        let keeps = self.keeps_values(cx.parameters);
-        let is_late = (part.is_late || keeps) && !self.is_reload_requested(cx.parameters);
+    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> bool {
+        let keeps_values = self.saving(cx.parameters, |saving, generation| {
+            let keeps_values = saving.keeps_values(generation) || part.is_late;
+            // If the operator requests the stored values, what was set since is not wanted.
+            keeps_values && !saving.is_reload_requested
+        });
         // Both tables are sorted by name, so the search usually ends at once.
         let mut next = 0;
-        for [key, value] in part.bytes.as_chunks::<ROW>().0.iter().map(|row| {
-            let [a, b, c, d, e, f, g, h] = *row;
-            [[a, b, c, d], [e, f, g, h]].map(u32::from_le_bytes)
-        }) {
-            next = load_row::<F>(self, cx, next, key, value, is_late);
+        let rows: &[Row] = part.bytes.as_chunks().0.as_chunks().0;
+        for row in rows {
+            next = load_row::<F>(self, cx, next, row, keeps_values);
         }
-        Ok(())
+        true
     }
 
     fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
-        if is_late && !self.is_reload_requested(cx.parameters) {
-            self.reread(cx.now, cx.parameters, result != Err(RestoreError::Unreadable));
-        } else {
-            // If nothing was loaded, what was set since is still to be written.
-            self.keeps_values(cx.parameters);
-            self.loaded(cx.parameters, result == Ok(true));
-        }
-        if result == Err(RestoreError::Damaged) {
-            self.set_stored_differs(cx.parameters);
-        }
+        let now = cx.now;
+        self.saving(cx.parameters, |saving, generation| {
+            if is_late && !saving.is_reload_requested {
+                saving.reread(now, generation, result != Err(RestoreError::Unreadable));
+            } else {
+                // If nothing was loaded, what was set since is still to be written.
+                saving.keeps_values(generation);
+                saving.loaded(generation, result == Ok(true));
+            }
+            saving.schedule.stored_differs |= result == Err(RestoreError::Damaged);
+        });
     }
 
     /// A request for the stored values fails, and a write is deferred: a sleeping loop is not woken for it.
@@ -107,15 +109,15 @@ where
         Some(Write { record: 0, version, is_secret: false })
     }
 
-    #[inline(never)]
     fn fill(&mut self, cx: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
         let table = cx.parameters.table_mut();
         let first = page.checked_mul(ROWS)?;
         let mut len = 0u8;
-        for (index, row) in (first..table.count()).zip(bytes.as_chunks_mut::<ROW>().0) {
-            let stored = table.stored(index)?;
-            let [[a, b, c, d], [e, f, g, h]] = [key(&stored), stored.bits].map(u32::to_le_bytes);
-            *row = [a, b, c, d, e, f, g, h];
+        let rows: &mut [Row] = bytes.as_chunks_mut().0.as_chunks_mut().0;
+        for (index, row) in (first..table.count()).zip(rows) {
+            let (info, Stored { bits, is_default }) = table.stored(index)?;
+            let key = key(info) | if is_default { DEFAULT } else { 0 };
+            *row = [key.to_le_bytes(), bits.to_le_bytes()];
             len = len.saturating_add(8);
         }
         // An empty table has an empty page.
@@ -129,31 +131,27 @@ where
         if is_saved {
             self.on_saved(cx.now, cx.parameters);
         } else {
-            let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
-            self.on_save_failed(&mut work, cx.parameters);
+            self.on_save_failed(cx);
         }
     }
 }
 
-/// Loads the parameter with this key, if there is one; looks for it from index `from` on. Returns the index after it.
-fn load_row<F>(
-    params: &mut ParamService,
-    cx: &mut Cx<'_, F>,
-    from: u16,
-    stored_key: u32,
-    bits: u32,
-    is_late: bool,
-) -> u16
+/// Loads the parameter of a row, if there is one; looks for it from index `from` on. Returns the index after it.
+fn load_row<F>(params: &mut ParamService, cx: &mut Cx<'_, F>, from: u16, row: &Row, keeps_value: bool) -> u16
 where
     F: Firmware<Parameters: ParamTable, Vehicle: Parameters<Table = F::Parameters>>,
 {
+    let [stored_key, bits] = *row;
+    let (stored_key, bits) = (u32::from_le_bytes(stored_key), u32::from_le_bytes(bits));
     let table = cx.parameters.table_mut();
-    let count = table.count();
-    let found = (from..count).chain(0..from.min(count)).find_map(|index| {
-        let stored = table.stored(index)?;
-        ((key(&stored) ^ stored_key) & !DEFAULT == 0).then_some((index, stored))
-    });
-    let Some((index, stored)) = found else { return from };
-    params.load(cx, &Stored { bits, is_default: stored_key & DEFAULT != 0, ..stored }, is_late);
-    index.saturating_add(1)
+    let mut next = from;
+    for _ in 0..table.count() {
+        let index = if next < table.count() { next } else { 0 };
+        next = index.wrapping_add(1);
+        if table.get(index).is_some_and(|(info, _)| key(info) == stored_key & !DEFAULT) {
+            params.load(cx, index, &Stored { bits, is_default: stored_key & DEFAULT != 0 }, keeps_value);
+            return next;
+        }
+    }
+    from
 }

@@ -1,10 +1,6 @@
 //! Storage of the three plans: one record, so that they are replaced together (M-5, SEC-11).
 //!
-//! `format.md` in this folder documents the format: the struct [`Row`] in the encoding of postcard, with
-//! integers of fixed width. If you change it, increment the schema version, and keep reading the old one.
-
-use postcard::fixint::le;
-use serde::{Deserialize, Serialize};
+//! `format.md` in this folder documents the format: a head, and a row for each item. If you change it, increment the schema version, and keep reading the old one.
 
 use super::content::{Part, Persistent, RestoreError, Texts, Write, is_disarmed};
 use super::page::PAYLOAD;
@@ -13,85 +9,50 @@ use crate::message::{Digest, Item};
 use crate::service::Cx;
 use crate::service::command::Commands;
 use crate::service::mission::{self, Missions, PlanFault, Plans, Work};
-use crate::time::Instant;
 use crate::types::{Firmware, PlanMemory, PlanType, PlanView, Vehicle};
 
-/// Length of a row in bytes.
-const ROW: usize = 32;
 /// Number of rows in a page.
 const ROWS: u32 = 7;
 #[allow(clippy::as_conversions, reason = "`from` is not const")]
-const _: () = assert!(ROWS as usize * ROW == PAYLOAD);
+const _: () = assert!(ROWS as usize * size_of::<Row>() == PAYLOAD);
 
 /// Stands for no fault of a plan.
 const NO_FAULT: PlanFault = PlanFault { seq: None, result: MavMissionResult::ACCEPTED };
 
-/// A row, as words. One type for all rows takes less flash.
-#[derive(Default, Serialize, Deserialize)]
-struct Row {
-    #[serde(with = "le")]
-    a: u32,
-    #[serde(with = "le")]
-    b: u32,
-    #[serde(with = "le")]
-    c: u32,
-    #[serde(with = "le")]
-    d: u32,
-    #[serde(with = "le")]
-    e: u32,
-    #[serde(with = "le")]
-    f: u32,
-    #[serde(with = "le")]
-    g: u32,
-    #[serde(with = "le")]
-    h: u32,
+/// A row: eight words, in little-endian order.
+type Row = [[u8; 4]; 8];
+
+/// Floats are stored as their bits, so that no NaN is changed.
+fn row_of(item: &Item) -> Row {
+    let [command0, command1] = item.command.0.to_le_bytes();
+    let [a, b, c, d] = item.params.map(|param| param.to_bits().to_le_bytes());
+    let head = [item.frame.0, command0, command1, item.autocontinue];
+    [head, a, b, c, d, item.x.to_le_bytes(), item.y.to_le_bytes(), item.z.to_bits().to_le_bytes()]
 }
 
-impl Row {
-    #[inline(never)]
-    fn read(row: &[u8; ROW]) -> Option<Self> {
-        postcard::from_bytes(row).ok()
+fn item_of(row: &Row) -> Item {
+    let [[frame, command0, command1, autocontinue], a, b, c, d, x, y, z] = *row;
+    let float = |bytes| f32::from_bits(u32::from_le_bytes(bytes));
+    Item {
+        frame: MavFrame(frame),
+        command: MavCmd(u16::from_le_bytes([command0, command1])),
+        autocontinue,
+        params: [a, b, c, d].map(float),
+        x: i32::from_le_bytes(x),
+        y: i32::from_le_bytes(y),
+        z: float(z),
     }
+}
 
-    #[inline(never)]
-    fn write(&self, row: &mut [u8; ROW]) -> Option<()> {
-        postcard::to_slice(self, row).ok().map(|_| ())
-    }
-
-    /// Floats are stored as their bits, so that no NaN is changed.
-    fn of_item(item: &Item) -> Self {
-        let [command0, command1] = item.command.0.to_le_bytes();
-        let [b, c, d, e] = item.params.map(f32::to_bits);
-        Self {
-            a: u32::from_le_bytes([item.frame.0, command0, command1, item.autocontinue]),
-            b,
-            c,
-            d,
-            e,
-            f: item.x.cast_unsigned(),
-            g: item.y.cast_unsigned(),
-            h: item.z.to_bits(),
-        }
-    }
-
-    fn into_item(self) -> Item {
-        let [frame, command0, command1, autocontinue] = self.a.to_le_bytes();
-        Item {
-            frame: MavFrame(frame),
-            command: MavCmd(u16::from_le_bytes([command0, command1])),
-            autocontinue,
-            params: [self.b, self.c, self.d, self.e].map(f32::from_bits),
-            x: self.f.cast_signed(),
-            y: self.g.cast_signed(),
-            z: f32::from_bits(self.h),
-        }
-    }
+/// Returns the rows in a page.
+fn rows(bytes: &[u8]) -> &[Row] {
+    bytes.as_chunks().0.as_chunks().0
 }
 
 /// The stored plans while they are loaded.
 #[derive(Clone, Copy, Debug)]
 pub struct Loading {
-    counts: [u16; 3],
+    counts: [u32; 3],
     ids: [u32; 3],
     /// The index of the plan whose items are next, and the number of its items so far.
     plan: u8,
@@ -117,17 +78,22 @@ impl Loading {
 
 /// Writes a row of the content; `None` if it has fewer rows.
 #[inline(never)]
-fn write_row(content: &[PlanView<'_>; 3], index: u32, row: &mut [u8; ROW]) -> Option<()> {
+fn write_row(content: &[PlanView<'_>; 3], index: u32, row: &mut Row) -> Option<()> {
     let Some(index) = index.checked_sub(1) else {
-        let [a, b, c] = content.each_ref().map(|plan| u32::try_from(plan.items().len()).unwrap_or(u32::MAX));
-        let [d, e, f] = content.each_ref().map(PlanView::id);
-        return Row { a, b, c, d, e, f, ..Row::default() }.write(row);
+        let [mission, fence, rally] = content;
+        let count = |plan: &PlanView<'_>| u32::try_from(plan.items().len()).unwrap_or(u32::MAX).to_le_bytes();
+        let id = |plan: &PlanView<'_>| plan.id().to_le_bytes();
+        *row = [count(mission), count(fence), count(rally), id(mission), id(fence), id(rally), [0; 4], [0; 4]];
+        return Some(());
     };
     let mut index = usize::try_from(index).ok()?;
     for plan in content {
         match index.checked_sub(plan.items().len()) {
             Some(rest) => index = rest,
-            None => return Row::of_item(plan.items().get(index)?).write(row),
+            None => {
+                *row = row_of(plan.items().get(index)?);
+                return Some(());
+            }
         }
     }
     None
@@ -139,7 +105,7 @@ pub(super) fn fill(content: &[PlanView<'_>; 3], page: u16, bytes: &mut [u8]) -> 
     let rows = u32::try_from(rows).unwrap_or(u32::MAX);
     let first = u32::from(page).saturating_mul(ROWS);
     let mut len = 0u8;
-    for (index, row) in (first..rows).zip(bytes.as_chunks_mut().0) {
+    for (index, row) in (first..rows).zip(bytes.as_chunks_mut().0.as_chunks_mut().0) {
         write_row(content, index, row)?;
         len = len.saturating_add(32);
     }
@@ -147,26 +113,24 @@ pub(super) fn fill(content: &[PlanView<'_>; 3], page: u16, bytes: &mut [u8]) -> 
 }
 
 impl Loading {
-    /// Takes the first row. Returns `None` if it is invalid.
-    fn begin(&mut self, row: &[u8; ROW]) -> Option<()> {
-        let Row { a, b, c, d, e, f, .. } = Row::read(row)?;
-        let counts = [a, b, c].map(|count| u16::try_from(count).unwrap_or(u16::MAX));
-        *self = Self { counts, ids: [d, e, f], digest: Digest::new(), ..Self::NEW };
-        Some(())
+    /// Takes the first row.
+    fn begin(&mut self, row: &Row) {
+        let [a, b, c, d, e, f, ..] = row.map(u32::from_le_bytes);
+        *self = Self { counts: [a, b, c], ids: [d, e, f], digest: Digest::new(), ..Self::NEW };
     }
 
-    fn plan(&self) -> Option<(PlanType, u16, u32)> {
+    fn plan(&self) -> Option<(PlanType, u32, u32)> {
         let index = usize::from(self.plan);
         Some((*PlanType::ALL.get(index)?, *self.counts.get(index)?, *self.ids.get(index)?))
     }
 
     /// Makes each plan live whose items are complete.
     fn finish<V: Plans>(&mut self, missions: &mut Missions, cx: &mut Work<'_, '_>, vehicle: &mut V, is_late: bool) {
-        while let Some((plan, count, id)) = self.plan().filter(|(_, count, _)| *count == self.items) {
+        while let Some((plan, _, id)) = self.plan().filter(|(_, count, _)| *count == u32::from(self.items)) {
             // A plan that was uploaded in the meantime is newer.
             if !(is_late && cx.plans.count(plan) > 0) {
                 let result = if self.fault == NO_FAULT {
-                    missions.make_loaded(cx, vehicle, plan, Some((count, id)), self.digest)
+                    missions.make_loaded(cx, vehicle, plan, Some((self.items, id)), self.digest)
                 } else {
                     Err(self.fault)
                 };
@@ -182,14 +146,11 @@ impl Loading {
     }
 
     /// Takes the row of an item. Returns false if there is no plan for it.
-    fn item<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, row: &[u8; ROW]) -> bool {
+    fn item<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, row: &Row) -> bool {
         let Some((plan, ..)) = self.plan() else { return false };
-        let staged = match Row::read(row).map(Row::into_item) {
-            _ if self.fault != NO_FAULT => Ok(()),
-            Some(item) => Missions::stage_item(cx, vehicle, plan, &mut self.digest, item),
-            None => Err(MavMissionResult::INVALID.into()),
-        };
-        if let Err(fault) = staged {
+        if self.fault == NO_FAULT
+            && let Err(fault) = Missions::stage_item(cx, vehicle, plan, &mut self.digest, item_of(row))
+        {
             self.fault = fault;
         }
         self.items = self.items.saturating_add(1);
@@ -227,28 +188,22 @@ where
     }
 
     #[inline(never)]
-    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, loading: &mut Loading) -> Result<(), RestoreError> {
-        let Some((mut cx, vehicle)) = mission::work(cx) else { return Ok(()) };
-        let mut rows = part.bytes.as_chunks::<ROW>().0.iter();
-        if part.is_first {
-            let head = rows.next().and_then(|row| loading.begin(row));
-            head.ok_or(RestoreError::Damaged)?;
-            self.set_loading(&mut cx, true);
-            loading.finish(self, &mut cx, vehicle, part.is_late);
-        }
-        for row in rows {
-            if !loading.item(&mut cx, vehicle, row) {
-                return Err(RestoreError::Damaged);
+    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, loading: &mut Loading) -> bool {
+        let Some((mut cx, vehicle)) = mission::work(cx) else { return true };
+        let mut is_head = part.is_first;
+        for row in rows(part.bytes) {
+            if core::mem::replace(&mut is_head, false) {
+                loading.begin(row);
+                self.set_loading(&mut cx, true);
+            } else if !loading.item(&mut cx, vehicle, row) {
+                return false;
             }
             loading.finish(self, &mut cx, vehicle, part.is_late);
         }
         if part.is_last {
             self.set_stored_differs(loading.differs);
-            if loading.plan().is_some() {
-                return Err(RestoreError::Damaged);
-            }
         }
-        Ok(())
+        !is_head && (!part.is_last || loading.plan().is_none())
     }
 
     fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, _: bool) {
@@ -267,31 +222,24 @@ where
         (!is_late || is_disarmed(cx.vehicle)) && !self.is_receiving()
     }
 
-    fn is_paused(&self, now: Instant) -> bool {
-        self.is_storage_paused(now)
-    }
-
     #[inline(never)]
-    fn cancel_if_refused<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) -> bool
+    fn cancel_if_refused<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>)
     where
         Self::Link: 'l,
     {
-        let Some((mut cx, vehicle)) = mission::work(cx) else { return false };
+        let Some((mut cx, vehicle)) = mission::work(cx) else { return };
         let answer = self.refuse_commit(&mut cx, vehicle);
-        let is_refused = answer.is_some();
         mission::queue_result(links, answer);
-        is_refused
     }
 
     fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Write> {
-        let (version, _) = self.content(cx.plans.as_ref()?)?;
+        let version = Missions::pending_write(self, cx.now)?;
         Some(Write { record: 0, version, is_secret: false })
     }
 
     #[inline(never)]
     fn fill(&mut self, cx: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
-        let (_, content) = self.content(cx.plans.as_ref()?)?;
-        fill(&content, page, bytes)
+        fill(&self.content(cx.plans.as_ref()?), page, bytes)
     }
 
     #[inline(never)]

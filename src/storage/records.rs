@@ -1,6 +1,6 @@
 //! A firmware's own small records: an odometer, a count of starts, a calibration.
 
-use super::content::{Part, Persistent, RestoreError, Texts, Write};
+use super::content::{Part, Persistent, Texts, Write};
 use super::page::PAYLOAD;
 use super::plans::Loading;
 use crate::service::{Cx, Service};
@@ -56,6 +56,39 @@ pub trait Records {
     fn save_record(&mut self, cx: &mut Context<'_>, number: u8, bytes: &mut [u8]) -> usize;
 }
 
+/// Encodes a value as the content of a record, by [postcard](https://postcard.jamesmunns.com), for
+/// [`Records::save_record`]. Returns its length; `None` if it does not fit into `bytes`.
+///
+/// ```
+/// use mavstack::Context;
+/// use mavstack::storage::{Records, decode_record, encode_record};
+///
+/// #[derive(Clone, Default, serde::Serialize, serde::Deserialize)]
+/// struct Odometer { starts: u32, metres: f32 }
+///
+/// #[derive(Default)]
+/// struct Rover { odometer: Odometer }
+///
+/// impl Records for Rover {
+///     fn load_record(&mut self, _: &mut Context<'_>, _: u8, bytes: &[u8]) {
+///         // A record of an older firmware, with other fields, may not be one of these.
+///         self.odometer = decode_record(bytes).unwrap_or_default();
+///     }
+///
+///     fn save_record(&mut self, _: &mut Context<'_>, _: u8, bytes: &mut [u8]) -> usize {
+///         encode_record(&self.odometer, bytes).unwrap_or(0)
+///     }
+/// }
+/// ```
+pub fn encode_record<T: serde::Serialize + ?Sized>(value: &T, bytes: &mut [u8]) -> Option<usize> {
+    postcard::to_slice(value, bytes).ok().map(|used| used.len())
+}
+
+/// Decodes a value that [`encode_record`] has encoded. `None` if the bytes are not such a value.
+pub fn decode_record<'a, T: serde::Deserialize<'a>>(bytes: &'a [u8]) -> Option<T> {
+    postcard::from_bytes(bytes).ok()
+}
+
 /// The service of a firmware's own records, at most 8.
 #[derive(Debug)]
 pub struct RecordService<const N: usize> {
@@ -95,16 +128,19 @@ impl<F: Firmware<Vehicle: Records>, const N: usize> Persistent<F> for RecordServ
         readable: "Stored records can be read again",
     };
 
-    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> Result<(), RestoreError> {
+    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> bool {
         let is_newer = part.is_late && self.pending & 1u8.checked_shl(part.record.into()).unwrap_or(0) != 0;
         if !is_newer {
             let (vehicle, mut context) = cx.hook();
             vehicle.load_record(&mut context, part.record, part.bytes);
         }
-        Ok(())
+        true
     }
 
-    fn pending_write(&mut self, _: &mut Cx<'_, F>) -> Option<Write> {
+    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Write> {
+        if cx.now < self.retry_at {
+            return None;
+        }
         if self.writing == 0 {
             self.writing = self.pending & self.pending.wrapping_neg();
             self.pending &= !self.writing;
@@ -120,10 +156,6 @@ impl<F: Firmware<Vehicle: Records>, const N: usize> Persistent<F> for RecordServ
         let (vehicle, mut context) = cx.hook();
         let len = vehicle.save_record(&mut context, record, bytes);
         Some((u8::try_from(len.min(PAYLOAD)).unwrap_or(0), true))
-    }
-
-    fn is_paused(&self, now: Instant) -> bool {
-        now < self.retry_at
     }
 
     fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>, is_saved: bool) {

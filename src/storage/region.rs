@@ -101,7 +101,6 @@ impl Region {
     }
 
     /// Returns the address of a page, counted from the first page of a segment.
-    #[inline(never)]
     pub(super) const fn at(&self, first: u32, position: u32) -> u32 {
         let mut page = first.wrapping_add(position);
         if page >= self.pages {

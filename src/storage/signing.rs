@@ -31,8 +31,9 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Sign
         self.attach_storage(cx.shared.config.storage_refill);
     }
 
-    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> Result<(), RestoreError> {
-        load(self, cx.now, part.bytes)
+    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> bool {
+        // A key that was set while this one was read takes precedence.
+        !self.is_lost() || load(self, cx.now, part.bytes).is_some()
     }
 
     fn loaded(&mut self, _: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
@@ -83,11 +84,11 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Sign
     }
 }
 
-/// Restores the stored key and time.
-fn load(signing: &mut Signing, now: crate::time::Instant, bytes: &[u8]) -> Result<(), RestoreError> {
-    let parts = bytes.split_first_chunk::<32>().and_then(|(key, rest)| Some((key, rest.split_first_chunk::<8>()?)));
-    let Some((key, (time, [is_set]))) = parts else { return Err(RestoreError::Damaged) };
-    let key = (*is_set != 0).then(|| SigningKey::new(*key));
+/// Restores the stored key and time. Returns `None` if they are invalid.
+fn load(signing: &mut Signing, now: crate::time::Instant, bytes: &[u8]) -> Option<()> {
+    let (key, rest) = bytes.split_first_chunk::<32>()?;
+    let (time, &[is_set]) = rest.split_first_chunk::<8>()? else { return None };
+    let key = (is_set != 0).then(|| SigningKey::new(*key));
     signing.restore(now, key, u64::from_le_bytes(*time));
-    Ok(())
+    Some(())
 }

@@ -13,6 +13,8 @@ pub trait Firmware: Sized + 'static {
     type Parameters: Values;
     /// Whether the vehicle has flight modes: `modes` is declared.
     const HAS_MODES: bool = false;
+    /// Whether there is a queue of texts.
+    const HAS_TEXTS: bool = true;
 }
 
 /// The values of a table of parameters, each in 32 bits: the bits of a float, or an integer in the low bytes.

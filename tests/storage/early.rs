@@ -48,6 +48,31 @@ fn a_key_that_is_set_before_reading_stays() {
     assert!(rig.transmit(1).iter().any(|frame| frame.is_signed_with(OTHER_KEY)));
 }
 
+/// G-11, G-18: the same at any time during reading, also while a page of the key is read.
+#[test]
+fn a_key_that_is_set_during_reading_stays() {
+    for calls in 0.. {
+        let mut flash = with_key();
+        let mut store = Keys::new(&mut flash, 0..KEYS);
+        let mut rig = signing_rig();
+        rig.stack.attach_storage(rig.now, store.region(), &mut rig.vehicle);
+        for _ in 0..calls {
+            rig.stack.exchange_job(rig.now, store.slot(), &mut rig.vehicle);
+            store.run();
+        }
+        if !rig.stack.is_restoring() {
+            assert!(calls > 10);
+            break;
+        }
+        rig.receive(1, &Signer::new(KEY).unsigned(Version::V2, &setup(OTHER_KEY)));
+        while rig.stack.exchange_job(rig.now, store.slot(), &mut rig.vehicle) {
+            store.run();
+        }
+        rig.run_for(secs(1));
+        assert!(rig.transmit(1).iter().all(|frame| frame.is_signed_with(OTHER_KEY)), "after {calls} calls");
+    }
+}
+
 /// P-17: a parameter that is set before the stored ones are read keeps its value and is stored; the others are restored.
 #[test]
 fn a_parameter_that_is_set_before_reading_stays() {

@@ -6,7 +6,7 @@ use crate::support::{VEHICLE, millis, secs};
 use mavstack::dialect::{MavResult, Statustext};
 use mavstack::frame::Decoder;
 use mavstack::message::Dialect;
-use mavstack::storage::{MAX_RECORD_LEN, Records, RestoreError, RestoreErrors, Store};
+use mavstack::storage::{MAX_RECORD_LEN, Records, RestoreError, RestoreErrors, Store, decode_record, encode_record};
 use mavstack::{
     Command, Commands, Config, Context, Instant, LinkConfig, LinkId, Outcome, Pulse, Vehicle, VehicleState,
 };
@@ -290,4 +290,23 @@ fn a_failed_write_is_repeated() {
         rig.run(secs(11));
         assert_eq!(restarted(&flash)[0], b"new", "{fault:?}");
     }
+}
+
+/// Records may be any values that serde knows; what is no such value is not decoded.
+#[test]
+fn records_are_encoded_values() {
+    #[derive(Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+    struct Odometer {
+        starts: u32,
+        metres: f32,
+        name: String,
+    }
+    let odometer = Odometer { starts: 300, metres: 12.5, name: "Rover".into() };
+    let mut bytes = [0; MAX_RECORD_LEN];
+    let len = encode_record(&odometer, &mut bytes).expect("it fits");
+    assert_eq!(len, 2 + 4 + 1 + 5, "as postcard encodes it");
+    assert_eq!(decode_record(&bytes[..len]), Some(odometer));
+    assert_eq!(decode_record::<Odometer>(&bytes[..len - 1]), None);
+    assert_eq!(decode_record::<Odometer>(&[]), None);
+    assert_eq!(encode_record(&[1u8; MAX_RECORD_LEN + 1][..], &mut bytes), None);
 }

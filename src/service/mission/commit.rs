@@ -99,9 +99,8 @@ impl Missions {
         if cfg!(any(feature = "storage", test)) { self.commit.as_mut() } else { None }
     }
 
-    /// Whether storage is attached. Without the feature `storage` the compiler knows that it is not.
     const fn is_attached(&self) -> bool {
-        cfg!(any(feature = "storage", test)) && self.schedule.is_attached()
+        self.schedule.is_attached()
     }
 
     /// Whether changes are stored before they are accepted.
@@ -373,10 +372,10 @@ fn ask_vehicle<V: Plans>(cx: &mut Work<'_, '_>, vehicle: &mut V, plan: PlanType)
 
 /// Returns the cost of a write of `count` items: a token for each quarter of plan memory, at least one (C-15).
 fn tokens(cx: &Work<'_, '_>, count: u16) -> u8 {
-    let total = PlanType::ALL.into_iter().fold(0u32, |sum, plan| sum.saturating_add(cx.plans.capacity(plan).into()));
-    let quarters = u32::from(count).saturating_mul(4);
-    let is_beyond = |part: u32| u8::from(quarters > total.saturating_mul(part));
-    [1, 2, 3].into_iter().map(is_beyond).fold(1, u8::saturating_add)
+    let total = PlanType::ALL.into_iter().fold(0u32, |sum, plan| sum.wrapping_add(cx.plans.capacity(plan).into()));
+    let quarters = u32::from(count).wrapping_mul(4).saturating_sub(1).checked_div(total).unwrap_or(0);
+    let [quarters, ..] = quarters.min(3).to_le_bytes();
+    quarters.wrapping_add(1)
 }
 
 /// The interface to storage.
@@ -433,23 +432,22 @@ impl Missions {
         self.commit.is_some()
     }
 
-    /// Whether access to storage is paused: never while a client waits for an answer.
-    pub(crate) fn is_storage_paused(&self, now: Instant) -> bool {
-        self.commit.is_none() && self.schedule.is_resting(now)
+    /// Returns the number of the version to write now, if any. The same number means the same content. Writing pauses after a
+    /// write or a failure, but never while a client waits for an answer.
+    pub(crate) fn pending_write(&self, now: Instant) -> Option<u16> {
+        let is_due = self.is_committing() || self.schedule.is_dirty() && !self.schedule.is_resting(now);
+        is_due.then_some(self.schedule.version())
     }
 
-    /// Returns the content to write, if there is any: the job number, which changes with the content, and the three plans.
-    pub(crate) fn content<'a>(&self, plans: &'a PlansMut<'_>) -> Option<(u32, [PlanView<'a>; 3])> {
-        if self.commit.is_none() && !self.schedule.is_dirty() {
-            return None;
-        }
+    /// Returns the content to write: the three plans.
+    pub(crate) fn content<'a>(&self, plans: &'a PlansMut<'_>) -> [PlanView<'a>; 3] {
         let change = self.commit.as_ref().map(|commit| commit.change);
         let view = |plan| match change {
             Some(Change::Upload { plan: new, id, .. }) if new == plan => plans.staged_as(id),
             Some(Change::Clear(only)) if only.is_none_or(|only| only == plan) => PlanView::EMPTY,
             _ => plans.live(plan),
         };
-        Some((self.schedule.version(), PlanType::ALL.map(view)))
+        PlanType::ALL.map(view)
     }
 
     /// Handles a completed write of [`content`](Self::content): the change goes live. Returns the answer and its link.

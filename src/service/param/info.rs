@@ -242,7 +242,7 @@ impl ParamInfo {
     }
 
     /// Returns the 16 bytes of the name on the wire.
-    pub(super) const fn wire_name(&self) -> &[u8; 16] {
+    pub(crate) const fn wire_name(&self) -> &[u8; 16] {
         &self.name
     }
 

@@ -366,34 +366,29 @@ impl ParamService {
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 impl ParamService {
     /// Loads a parameter from storage (P-17): the stored value, or this firmware's default if the stored value was the default.
-    /// Nothing changes if no parameter has that name and type, if the value is invalid, or if `keeps_value` is set and the
-    /// parameter no longer has its default.
-    pub(crate) fn load<F>(&mut self, cx: &mut Cx<'_, F>, stored: &Stored, keeps_value: bool)
+    /// Nothing changes if the value is invalid, or if `keeps_value` is set and the parameter no longer has its default.
+    pub(crate) fn load<F>(&mut self, cx: &mut Cx<'_, F>, index: u16, stored: &Stored, keeps_value: bool)
     where
         F: Firmware<Parameters: ParamTable, Vehicle: Parameters<Table = F::Parameters>>,
     {
-        let table = self.table(cx.parameters);
-        let Some((index, (info, old))) = table.find(&stored.name).and_then(|index| Some((index, table.get(index)?)))
-        else {
-            return;
-        };
+        let Some((info, old)) = cx.parameters.table_mut().get(index) else { return };
         let bits = if stored.is_default { info.default_bits() } else { stored.bits };
         if keeps_value && old != info.default_bits() {
             return;
         }
-        let is_possible = info.param_type() == stored.r#type && !info.is_volatile() && info.has_room(bits);
-        if is_possible && self.change(cx.parameters, index, bits, cx.shared.normal) {
+        if !info.is_volatile() && info.has_room(bits) && self.change(cx.parameters, index, bits, cx.shared.normal) {
             let (vehicle, mut context) = cx.hook();
             vehicle.parameter_changed(&mut context, &ParamChange { index, bits, from: None, table: PhantomData });
         }
     }
 
     /// Calls `work` with the state of storage and the generation of the table.
-    fn saving<T: ParamTable, R>(&mut self, table: &mut T, work: impl FnOnce(&mut Saving, u32) -> R) -> R {
-        let table = self.table(table);
+    pub(crate) fn saving<T: ParamTable, R>(&mut self, table: &mut T, work: impl FnOnce(&mut Saving, u32) -> R) -> R {
+        let table = table.table_mut();
         let generation = table.generation();
-        let result = work(&mut table.state.kept.saving, generation);
-        self.cache(&table);
+        let saving = &mut table.state.kept.saving;
+        let result = work(saving, generation);
+        self.write_due = saving.deadline();
         result
     }
 
@@ -406,40 +401,19 @@ impl ParamService {
         });
     }
 
-    /// Whether a value was set before the stored ones were loaded, so that it is newer. Called before the first one is loaded.
-    pub(crate) fn keeps_values<T: ParamTable>(&mut self, table: &mut T) -> bool {
-        self.saving(table, |saving, generation| saving.keeps_values(generation))
-    }
-
     /// Requests that the values are written again.
     pub(crate) fn save_again<T: ParamTable>(&mut self, table: &mut T) {
         self.saving(table, |saving, generation| saving.set_unsaved(generation));
     }
 
-    /// Records that the stored values are damaged.
-    pub(crate) fn set_stored_differs<T: ParamTable>(&mut self, table: &mut T) {
-        self.saving(table, |saving, _| saving.schedule.stored_differs = true);
-    }
-
-    /// Records whether the stored values were read. From now on, changes are stored.
-    pub(crate) fn loaded<T: ParamTable>(&mut self, table: &mut T, is_read: bool) {
-        self.saving(table, |saving, generation| saving.loaded(generation, is_read));
-    }
-
-    /// Records whether parameters that could not be read at the start have now been read. If not, parameters set since then are
-    /// written later.
-    pub(crate) fn reread<T: ParamTable>(&mut self, now: Instant, table: &mut T, is_read: bool) {
-        self.saving(table, |saving, generation| saving.reread(now, generation, is_read));
-    }
-
     /// Whether the operator has requested the stored values: the caller [loads](Self::load) them and calls
-    /// [`loaded`](Self::loaded).
+    /// [`loaded`](Saving::loaded).
     pub(crate) fn is_reload_requested<T: ParamTable>(&self, table: &mut T) -> bool {
         table.table_mut().state.kept.saving.is_reload_requested
     }
 
     /// Returns the number of the write that is in progress or begins now; `None` if there is nothing to write.
-    pub(crate) fn pending_write<T: ParamTable>(&mut self, now: Instant, table: &mut T) -> Option<u32> {
+    pub(crate) fn pending_write<T: ParamTable>(&mut self, now: Instant, table: &mut T) -> Option<u16> {
         self.saving(table, |saving, generation| saving.pending_write(now, generation))
     }
 
@@ -449,10 +423,10 @@ impl ParamService {
     }
 
     /// Records that the write failed; it is retried (P-14, last row).
-    #[inline(never)]
-    pub(crate) fn on_save_failed<T: ParamTable>(&mut self, work: &mut Work<'_>, table: &mut T) {
-        if self.saving(table, |saving, _| saving.schedule.on_failed(work.now)) {
-            work.texts.push(work.now, work.normal, MavSeverity::ERROR, b"Parameters not saved");
+    pub(crate) fn on_save_failed<F: Firmware<Parameters: ParamTable>>(&mut self, cx: &mut Cx<'_, F>) {
+        let now = cx.now;
+        if self.saving(cx.parameters, |saving, _| saving.schedule.on_failed(now)) {
+            cx.say(MavSeverity::ERROR, b"Parameters not saved");
         }
     }
 }
@@ -478,12 +452,10 @@ fn is_armed(vehicle: &impl Vehicle) -> bool {
     vehicle.state().is_some_and(|state| state.base_mode.contains(MavModeFlag::SAFETY_ARMED))
 }
 
-/// A stored parameter.
+/// A stored value.
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Stored {
-    pub(crate) name: [u8; 16],
-    pub(crate) r#type: MavParamType,
     pub(crate) bits: u32,
     /// Whether it was the default when it was stored.
     pub(crate) is_default: bool,
@@ -492,11 +464,11 @@ pub(crate) struct Stored {
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 impl TableMut<'_> {
     /// Returns a parameter as it is stored; `None` after the last one. A volatile parameter is stored as its default.
-    pub(crate) fn stored(&self, index: u16) -> Option<Stored> {
+    pub(crate) fn stored(&self, index: u16) -> Option<(&ParamInfo, Stored)> {
         let (info, bits) = self.get(index)?;
         let is_default = info.is_volatile() || bits == info.default_bits();
         let bits = if is_default { info.default_bits() } else { bits };
-        Some(Stored { name: *info.wire_name(), r#type: info.param_type(), bits, is_default })
+        Some((info, Stored { bits, is_default }))
     }
 }
 

@@ -14,12 +14,12 @@ const COOLDOWN: Duration = Duration::from_secs(10);
 
 /// What must be written, and when.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Saving {
-    pub(super) schedule: Schedule,
+pub(crate) struct Saving {
+    pub(crate) schedule: Schedule,
     /// The generation of the table that is stored or being written.
     stored: u32,
     /// Whether the stored values must be loaded again.
-    pub(super) is_reload_requested: bool,
+    pub(crate) is_reload_requested: bool,
     /// Whether the stored values were not loaded yet, and loading them has not begun.
     is_unloaded: bool,
     is_unread: bool,
@@ -45,7 +45,7 @@ impl Saving {
     }
 
     /// Whether a value was set after storage was attached and before the stored values are loaded. Called before the first one is.
-    pub(super) const fn keeps_values(&mut self, generation: u32) -> bool {
+    pub(crate) const fn keeps_values(&mut self, generation: u32) -> bool {
         if core::mem::replace(&mut self.is_unread, false) {
             self.keeps_values = generation != self.stored;
         }
@@ -59,7 +59,7 @@ impl Saving {
 
     /// Records that the stored values were loaded: the table of this generation is equal to storage. If they could not be read,
     /// pending writes stay pending.
-    pub(super) fn loaded(&mut self, generation: u32, is_read: bool) {
+    pub(crate) fn loaded(&mut self, generation: u32, is_read: bool) {
         self.is_reload_requested = false;
         let was_unloaded = core::mem::replace(&mut self.is_unloaded, false);
         let was_attached = self.schedule.attach();
@@ -73,7 +73,7 @@ impl Saving {
 
     /// Handles a second attempt to read. Pending changes are written after a successful read; otherwise the write is deferred,
     /// so that it does not replace what is still unread.
-    pub(super) fn reread(&mut self, now: Instant, generation: u32, is_read: bool) {
+    pub(crate) fn reread(&mut self, now: Instant, generation: u32, is_read: bool) {
         if self.schedule.is_pending() {
             self.schedule.postpone(if is_read { Instant::ZERO } else { now.after(COOLDOWN) });
         } else if is_read {
@@ -106,7 +106,7 @@ impl Saving {
     }
 
     /// Returns the number of the write that is in progress or begins now.
-    pub(super) fn pending_write(&mut self, now: Instant, generation: u32) -> Option<u32> {
+    pub(super) fn pending_write(&mut self, now: Instant, generation: u32) -> Option<u16> {
         self.notice(now, generation);
         let had_begun = !self.schedule.is_dirty();
         let write = self.schedule.begin(now, 1)?;

@@ -85,7 +85,7 @@ impl Signing {
     }
 
     /// Returns the number of the version to store now, if any. The same number means the same content.
-    pub(crate) fn pending_write(&mut self, now: Instant) -> Option<u32> {
+    pub(crate) fn pending_write(&mut self, now: Instant) -> Option<u16> {
         let time = self.time(now);
         let is_active = self.is_active();
         let Saving { schedule, reserved, next, is_lost, times, .. } = &mut self.saving;

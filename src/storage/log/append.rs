@@ -13,11 +13,10 @@ impl Log {
     pub(crate) fn begin(&mut self, kind: u8, schema: u16, pages: u16, is_secret: bool) -> bool {
         let others = self.entries.iter().filter(|entry| entry.kind != 0 && entry.kind != kind);
         let needed = others.fold(u32::from(pages), |sum, entry| {
-            sum.saturating_add(entry.pages.into()).saturating_add(entry.is_damaged.into())
+            sum.wrapping_add(entry.pages.into()).wrapping_add(entry.is_damaged.into())
         });
-        let unknown = self.entries.iter().position(|entry| entry.kind == ANY_KIND);
-        if let Some(place) = unknown.and_then(|index| self.entries.get_mut(index))
-            && needed == u32::from(self.region.segment).saturating_add(1)
+        if let Some(place) = self.index_of(ANY_KIND).and_then(|index| self.entries.get_mut(index))
+            && needed == u32::from(self.region.segment).wrapping_add(1)
         {
             // Storing again is worth more than the report of an unknown loss.
             *place = Entry::FREE;
@@ -29,7 +28,7 @@ impl Log {
         }
         self.new = Record { kind, schema, ..Record::NONE };
         self.is_secret = is_secret;
-        let room = self.region.segment.saturating_sub(self.write.head);
+        let room = self.region.segment.wrapping_sub(self.write.head);
         if is_secret || self.switch != Switch::IfFull || self.open.number == 0 || pages > room {
             self.newest = self.newest.wrapping_add(1);
             let first = if self.open.number == 0 { 0 } else { self.region.next(self.open.first) };
@@ -68,7 +67,7 @@ impl Log {
         if self.stage == Stage::Body && head >= erased {
             return self.erase(first, erased.into(), Pending::Erase);
         }
-        let split = if is_last(page) { PAGE.saturating_sub(self.region.tail.into()) } else { 0 };
+        let split = if is_last(page) { PAGE.wrapping_sub(self.region.tail.into()) } else { 0 };
         let range = match self.stage {
             Stage::Body if split > 0 => 0..split,
             Stage::Tail => split..PAGE,
@@ -103,6 +102,7 @@ impl Log {
     }
 
     /// Proceeds to the next entry to be copied.
+    #[inline(never)]
     fn end_copy(&mut self) {
         (self.entry, self.record) = (self.entry.wrapping_add(1), Record::NONE);
     }
@@ -120,14 +120,14 @@ impl Log {
             Stage::Body if !is_done && !is_last(page) => return self.failed(true),
             Stage::Body | Stage::Tail => self.stage = Stage::Check,
             Stage::Check if !is_done && self.attempts < ATTEMPTS => {
-                self.attempts = self.attempts.saturating_add(1);
+                self.attempts = self.attempts.wrapping_add(1);
                 self.retry_at = now.after(PAUSE);
             }
             Stage::Check => {
                 let Segment { number: segment, head: position, .. } = self.write;
                 match if is_done { page.open() } else { Content::Blank } {
-                    Content::Whole(footer, crc) if (footer.segment, footer.position) == (segment, position) => {
-                        return self.written(now, &footer, crc);
+                    Content::Whole(footer) if (footer.segment, footer.position) == (segment, position) => {
+                        return self.written(now, &footer);
                     }
                     _ if self.write.number == self.open.number => {
                         self.failed(true);
@@ -148,13 +148,13 @@ impl Log {
             (footer.segment, footer.kind, footer.index, footer.previous) == (self.open.number, kind, index, self.source)
         };
         match if is_done { page.open() } else { Content::Blank } {
-            Content::Whole(footer, crc) if is_next(&footer) => {
-                (self.source, self.attempts) = (crc, 0);
+            Content::Whole(footer) if is_next(&footer) => {
+                (self.source, self.attempts) = (footer.crc, 0);
                 self.seal(page, footer.len, (footer.flags & flag::LAST) | flag::COPY);
                 Event::Nothing
             }
             _ if self.attempts < ATTEMPTS => {
-                self.attempts = self.attempts.saturating_add(1);
+                self.attempts = self.attempts.wrapping_add(1);
                 self.retry_at = now.after(PAUSE);
                 Event::Nothing
             }
@@ -170,15 +170,16 @@ impl Log {
     }
 
     /// Takes a page that was written and is whole.
-    fn written(&mut self, now: Instant, footer: &Footer, crc: u32) -> Event {
-        self.write.head = self.write.head.saturating_add(1);
-        self.record.advance(crc);
+    #[inline(never)]
+    fn written(&mut self, now: Instant, footer: &Footer) -> Event {
+        self.write.head = self.write.head.wrapping_add(1);
+        self.record.advance(footer.crc);
         (self.stage, self.attempts) = (Stage::Content, 0);
         if !footer.is_last() {
             return Event::Nothing;
         }
         let Record { kind, schema, index: pages, .. } = self.record;
-        let at = self.write.head.saturating_sub(pages);
+        let at = self.write.head.wrapping_sub(pages);
         (self.write.count, self.write.before) = (self.write.count.wrapping_add(1), kind);
         if footer.flags & flag::LOST != 0 {
             self.end_copy();
@@ -204,6 +205,7 @@ impl Log {
     }
 
     /// Ends writing: it failed.
+    #[inline(never)]
     pub(super) fn failed(&mut self, is_dirty: bool) -> Event {
         if self.switch == Switch::Once && self.write.number != self.open.number {
             self.switch = Switch::IfFull;
@@ -226,5 +228,5 @@ enum Source {
 /// Whether the page in the buffer is the last one of its record.
 #[inline(never)]
 fn is_last(page: &Page) -> bool {
-    page.bytes().last_chunk().and_then(Footer::read).is_some_and(|(footer, _)| footer.is_last())
+    Footer::read(page.tail()).is_some_and(|footer| footer.is_last())
 }

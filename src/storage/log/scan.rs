@@ -1,6 +1,6 @@
 //! Reading the log: where the open segment is, and its newest records (G-18).
 
-use super::super::page::{Content, Footer, Page, TAIL, flag};
+use super::super::page::{Content, Footer, Page, flag, is_all};
 use super::{
     ANY_KIND, ATTEMPTS, ENTRIES, Entry, Event, FEW, LONG_ATTEMPTS, LONG_PAUSE, Log, PAUSE, Record, Segment, Switch,
     Task, is_newer,
@@ -23,22 +23,23 @@ impl Log {
     pub(super) fn found(&mut self, is_done: bool, page: &Page) {
         let is_examined = core::mem::replace(&mut self.task, Task::Find) == Task::Examine;
         if !is_done {
-            self.unreadable = self.unreadable.saturating_add(1);
+            self.unreadable = self.unreadable.wrapping_add(1);
             return;
         }
-        let tail = page.bytes().last_chunk::<TAIL>().copied().unwrap_or_default();
-        if !is_examined {
-            self.used = self.used.saturating_add(is_used(&tail).into());
+        let is_blank = is_all(page.tail(), 0xFF);
+        if !is_examined && !is_blank {
+            self.used = self.used.wrapping_add(1);
         }
-        let (footer, is_ours) = match Footer::read(&tail) {
-            Some(read) => read,
-            None if !is_used(&tail) || tail == [0; TAIL] => return,
+        let read = Footer::read(page.tail());
+        let footer = match read {
+            Some(footer) => footer,
+            None if is_blank || is_all(page.tail(), 0) => return,
             None if !is_examined => {
                 self.task = Task::Examine;
                 return;
             }
             None => match page.open() {
-                Content::Bad(Some(footer)) => (footer, true),
+                Content::Damaged(footer) => footer,
                 _ => {
                     self.has_other_data |= !page.is_begun();
                     return;
@@ -46,7 +47,8 @@ impl Log {
             },
         };
         self.has_log = true;
-        if !is_ours {
+        // The version may be the bit that was wrong.
+        if read.is_some() && !footer.is_ours() {
             self.has_foreign = true;
             return;
         }
@@ -126,27 +128,27 @@ impl Log {
     #[inline(never)]
     pub(super) fn replay(&mut self, is_done: bool, page: &Page) {
         let position = u16::try_from(self.page).unwrap_or(u16::MAX);
-        let content = if is_done { page.open() } else { Content::Bad(None) };
-        self.unreadable = self.unreadable.saturating_add((!is_done).into());
+        let content = if is_done { page.open() } else { Content::Bad };
+        self.unreadable = self.unreadable.wrapping_add((!is_done).into());
         let is_here = |footer: &Footer| footer.segment == self.open.number && footer.position == position;
         let record = core::mem::replace(&mut self.record, Record::NONE);
         let is_own = match content {
-            Content::Whole(footer, _) | Content::Bad(Some(footer)) => is_here(&footer),
-            Content::Bad(None) => position < self.write.erased,
+            Content::Whole(footer) | Content::Damaged(footer) => is_here(&footer),
+            Content::Bad => position < self.write.erased,
             Content::Blank => false,
         };
-        if is_own && is_done && page.bytes().last_chunk().is_some_and(is_used) {
+        if is_own && is_done && !is_all(page.tail(), 0xFF) {
             self.used = self.used.saturating_sub(1);
         }
         match content {
-            Content::Whole(footer, crc) if is_here(&footer) => {
-                (self.write.head, self.write.erased) = (position.saturating_add(1), self.region.end_of_unit(position));
+            Content::Whole(footer) if is_here(&footer) => {
+                (self.write.head, self.write.erased) = (position.wrapping_add(1), self.region.end_of_unit(position));
                 if footer.index == 0 {
                     self.check_count(&footer);
-                    self.record = Record { kind: footer.kind, schema: footer.schema, index: 1, crc };
+                    self.record = Record { kind: footer.kind, schema: footer.schema, index: 1, crc: footer.crc };
                 } else if record.continues(&footer) {
                     self.record = record;
-                    self.record.advance(crc);
+                    self.record.advance(footer.crc);
                 } else if footer.is_last() {
                     self.damaged(&footer);
                 }
@@ -154,22 +156,22 @@ impl Log {
                     self.complete(&footer);
                 }
             }
-            Content::Bad(Some(footer)) if is_here(&footer) => {
+            Content::Damaged(footer) if is_here(&footer) => {
                 // Its unit was erased for it. It must stay until a new record replaces it: nothing else shows the damage.
-                (self.write.head, self.write.erased) = (position.saturating_add(1), self.region.end_of_unit(position));
+                (self.write.head, self.write.erased) = (position.wrapping_add(1), self.region.end_of_unit(position));
                 if footer.is_last() {
                     self.damaged(&footer);
                 }
             }
             // A newer segment begins where this one did, and the record that opened it is lost.
-            Content::Whole(footer, _) if self.write.head == 0 && is_newer(footer.segment, self.open.number) => {
+            Content::Whole(footer) if self.write.head == 0 && is_newer(footer.segment, self.open.number) => {
                 self.has_lost_all = true;
             }
-            Content::Bad(_) if position < self.write.erased => self.write.head = position.saturating_add(1),
-            // A page of another segment, in a unit that was not erased as a whole: units were smaller then.
-            Content::Whole(..) if position < self.write.erased => self.write.head = position.saturating_add(1),
+            Content::Blank => {}
+            // Also a page of another segment, in a unit that was not erased as a whole: units were smaller then.
+            _ if position < self.write.erased => self.write.head = position.wrapping_add(1),
             // A page of another segment, from before its unit was erased.
-            Content::Whole(..) | Content::Bad(_) | Content::Blank => {}
+            _ => {}
         }
     }
 
@@ -208,13 +210,7 @@ impl Log {
             return self.mark_damaged(kind);
         }
         self.has_old_secret |= footer.flags & flag::SECRET != 0;
-        let at = footer.position.saturating_add(1).saturating_sub(pages);
+        let at = footer.position.wrapping_add(1).wrapping_sub(pages);
         self.set_entry(Entry { kind, is_damaged: false, schema, at, pages, moved: at });
     }
-}
-
-/// Returns whether the end of a page is not blank.
-#[inline(never)]
-fn is_used(tail: &[u8; TAIL]) -> bool {
-    *tail != [0xFF; TAIL]
 }

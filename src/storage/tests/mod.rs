@@ -127,9 +127,10 @@ impl<const W: usize, const E: usize> Rig<W, E> {
 
     /// Reads a record.
     fn load(&mut self, kind: u8) -> Option<Vec<u8>> {
-        if !self.log.load(kind) {
+        if self.log.find(kind).pages == 0 {
             return None;
         }
+        self.log.load(kind);
         let mut content = Vec::new();
         for _ in 0..1_000 {
             let Next::Job(job) = self.log.next(self.now, false, &mut self.page) else { panic!("a job") };

@@ -175,9 +175,9 @@ fn deferred_plans_are_live_first() {
     assert_ne!(bench.unsaved().unwrap().0, job);
 
     for _ in 0..3 {
-        assert!(!bench.missions.is_storage_paused(bench.now));
+        assert!(bench.missions.pending_write(bench.now).is_some());
         bench.not_saved();
-        assert!(bench.missions.is_storage_paused(bench.now));
+        assert!(bench.missions.pending_write(bench.now).is_none());
         bench.wait(10_000);
     }
     assert_eq!(bench.texts(), ["Plan storage failed"]);

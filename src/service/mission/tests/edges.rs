@@ -112,10 +112,11 @@ fn storage_pauses_after_a_record() {
     let mut bench = Bench::new();
     bench.missions.attach_storage(Durability::Deferred);
     bench.upload(A, MISSION, &plan(1, 2));
-    assert!(!bench.missions.is_storage_paused(bench.now));
+    assert!(bench.missions.pending_write(bench.now).is_some());
     bench.saved();
-    assert!(bench.missions.is_storage_paused(bench.now));
-    assert!(!bench.missions.is_storage_paused(bench.now.after(Duration::from_millis(200))));
+    bench.upload(A, MISSION, &plan(2, 2));
+    assert!(bench.missions.pending_write(bench.now.after(Duration::from_micros(199_999))).is_none());
+    assert!(bench.missions.pending_write(bench.now.after(Duration::from_millis(200))).is_some());
 }
 
 /// M-22, M-44: frames that do not fit the state are counted.

@@ -243,10 +243,11 @@ impl Bench {
     }
 
     /// Returns the content to write: the job number, and each plan with its id.
-    fn unsaved(&mut self) -> Option<(u32, [OwnedPlan; 3])> {
+    fn unsaved(&mut self) -> Option<(u16, [OwnedPlan; 3])> {
         let plans = self.memory.view().expect("there are plans");
-        let (job, content) = self.missions.content(&plans)?;
-        Some((job, content.map(|plan| (plan.items().to_vec(), plan.id()))))
+        // Whatever the pause, up to which nothing is written.
+        let job = self.missions.pending_write(Instant::NEVER)?;
+        Some((job, self.missions.content(&plans).map(|plan| (plan.items().to_vec(), plan.id()))))
     }
 
     /// Reports that storage holds the content.

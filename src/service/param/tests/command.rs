@@ -8,7 +8,7 @@ const NONE: f32 = f32::NAN;
 
 fn with_storage() -> Bench {
     let mut bench = Bench::new();
-    bench.params.loaded(&mut bench.table, true);
+    bench.params.saving(&mut bench.table, |saving, generation| saving.loaded(generation, true));
     bench
 }
 
@@ -30,8 +30,8 @@ impl Bench {
 
     /// Reports that storage failed.
     fn not_saved(&mut self) {
-        let Rest { shared, texts, .. } = &mut self.rest;
-        self.params.on_save_failed(&mut Work { now: self.now, texts, normal: shared.normal }, &mut self.table);
+        let (params, mut cx, _) = self.parts();
+        params.on_save_failed(&mut cx);
     }
 
     fn set_byte(&mut self, value: u32) {
@@ -198,14 +198,14 @@ fn a_failure_is_reported_once_and_retried() {
 #[test]
 fn the_stored_values_are_loaded_again() {
     let mut bench = with_storage();
-    let stored = bench.table.table_mut().stored(1).expect("exists");
+    let (_, stored) = bench.table.table_mut().stored(1).expect("exists");
     bench.set_byte(9);
     bench.drain();
     assert_eq!(bench.command([0.0, -1.0, 0.0, 0.0]), ACCEPTED);
     assert!(bench.params.is_reload_requested(&mut bench.table));
     let (params, mut cx, _) = bench.parts();
-    params.load(&mut cx, &stored, false);
-    bench.params.loaded(&mut bench.table, true);
+    params.load(&mut cx, 1, &stored, false);
+    bench.params.saving(&mut bench.table, |saving, generation| saving.loaded(generation, true));
     assert!(!bench.params.is_reload_requested(&mut bench.table) && !bench.is_due());
     let value = bench.value(1);
     assert_eq!(bench.drain(), [vec![value.clone()], vec![value]]);
