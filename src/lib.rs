@@ -300,7 +300,7 @@ pub mod __private {
     #[cfg(feature = "storage")]
     pub use crate::storage::{RecordService, Storage};
     pub use crate::types::{
-        Firmware, LinkQueue, NoPlans, PlanBuffers, PlanMemory, Requests, StatusTexts, TextEntry, Values, largest,
+        Firmware, NoPlans, PlanBuffers, PlanMemory, RequestQueue, Requests, StatusTexts, TextEntry, Values, largest,
     };
 
     /// The peer table.

@@ -159,6 +159,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             }
         }
         self.services.begin(&shared.config);
+        self.requests.view_mut().begin(u8::try_from(D::MESSAGE_QUEUES).unwrap_or(0));
         self.parameters.begin();
     }
 

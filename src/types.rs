@@ -26,7 +26,7 @@ pub use identity::Identity;
 pub use link::{LinkClass, LinkConfig, LinkId, MAX_LINKS, Peer, StreamProfile, TxVersion};
 pub(crate) use link::{LinkFacts, LinkMask};
 pub use plans::{MAX_ITEMS, NoPlans, PlanBuffers, PlanMemory, PlanType, PlanView, PlansMut, largest};
-pub use requests::{Destination, LinkQueue, Recipient, Requests};
+pub use requests::{Destination, Recipient, RequestQueue, Requests};
 pub(crate) use requests::{PENDING, Pending};
 #[cfg(feature = "signing")]
 pub use signing::{Accept, LinkSigning};

@@ -234,6 +234,16 @@ impl Outbox {
         true
     }
 
+    /// Returns the length of the frame, with the signature that it still needs.
+    pub(crate) fn len(&self) -> usize {
+        let len = self.pending().len();
+        #[cfg(feature = "signing")]
+        if self.needs_signature() {
+            return len.saturating_add(SIGNATURE_LEN);
+        }
+        len
+    }
+
     /// Whether there is room for a frame.
     pub(crate) const fn is_empty(&self) -> bool {
         self.sent >= self.end

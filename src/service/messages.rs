@@ -2,25 +2,48 @@
 //!
 //! [`Context::send`] and [`Stack::send`](crate::Stack::send) remember which message is to be sent, in eight bytes, and the
 //! vehicle [fills](Telemetry::fill) it when the link has room. So a message reports the state at the time it is sent, and
-//! the memory is bounded: each link has room for eight, and one that is pending already is not queued twice.
+//! the memory is bounded: each link has room for eight, and one that is pending already is not queued twice (K-8).
 //!
 //! ```text
 //!   Context::send ─▶ queue of the link ─▶ Telemetry::fill ─▶ one frame
 //! ```
 //!
-//! The messages take at most half of a link's rate, and come after all answers (D-4). They are not sent on high-latency
-//! links (L-2).
+//! The messages take at most half of a link's rate, and come after all answers (D-4, K-9). On a link without a rate they are every
+//! other frame, while others have something to send. They are not sent on high-latency links (L-2).
 
 use super::share::Share;
 use super::stream::{Fill, Telemetry, fill, is_own};
 use super::{Cx, Service, Turn, View};
 use crate::link::Port;
 use crate::message::Message;
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
 use crate::types::{Context, Destination, Firmware, Pending};
 
 /// A byte's share of a link (byte·µs): half of the link's rate.
 const COST_OF_BYTE: u32 = 2_000_000;
+
+/// How long a message waits for the frames of others on a link without a rate.
+const PATIENCE: Duration = Duration::from_millis(20);
+
+/// The state of the service on a link.
+#[derive(Debug)]
+pub struct MessageLink {
+    share: Share,
+    /// When the last message was sent, and the number of frames that the link had sent before.
+    at: Instant,
+    frames: u32,
+}
+
+impl MessageLink {
+    /// Returns when the next message may be sent. Half of an unknown rate is every other frame.
+    fn due(&self, port: &Port) -> Instant {
+        let is_last = port.counters.tx_frames == self.frames.wrapping_add(1);
+        match port.config.bytes_per_second {
+            0 if is_last && self.at != Instant::ZERO => self.at.after(PATIENCE),
+            _ => self.share.due(),
+        }
+    }
+}
 
 /// Sends the vehicle's own messages.
 #[derive(Debug)]
@@ -28,26 +51,27 @@ pub struct Messages;
 
 impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
     const NEW: Self = Self;
-    type Link = Share;
-    const VACANT: Share = Share::NEW;
+    type Link = MessageLink;
+    const VACANT: MessageLink = MessageLink { share: Share::NEW, frames: 0, at: Instant::ZERO };
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, share: &mut Share, _: Turn) -> bool {
-        if share.due() > cx.now {
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut MessageLink, _: Turn) -> bool {
+        if link.due(port) > cx.now {
             return false;
         }
         while let Some(Pending::Message { id, index, target }) = cx.requests.take_message(port.id) {
             let outbox = &mut port.outbox;
             if fill(cx.vehicle, &mut Fill::new(cx.now, id.get(), index, outbox, false).to(target)) {
-                let len = u32::try_from(outbox.pending().len()).unwrap_or(0);
-                share.spend(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+                let len = u32::try_from(outbox.len()).unwrap_or(0);
+                link.share.spend(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+                (link.frames, link.at) = (port.counters.tx_frames, cx.now);
                 return true;
             }
         }
         false
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, share: &Share, _: Turn) -> Instant {
-        if view.requests.has_message(port.id) { share.due() } else { Instant::NEVER }
+    fn due(&self, view: &View<'_>, port: &Port, link: &MessageLink, _: Turn) -> Instant {
+        if view.requests.has_message(port.id) { link.due(port) } else { Instant::NEVER }
     }
 }
 
@@ -63,7 +87,7 @@ impl Context<'_> {
     ///
     /// Each link has room for eight messages, sends them in order, after all answers, and uses at most half of its rate for
     /// them. The same message to the same destination is sent once until then. Returns false if no link has room: then
-    /// nothing is sent, and it is [counted](crate::Stack::refused_requests). A message that cannot be filled when its
+    /// nothing is sent, and it is [counted](crate::Stack::refused_messages). A message that cannot be filled when its
     /// turn comes is left out. High-latency links send none.
     ///
     /// ```

@@ -10,7 +10,7 @@ use crate::link::Outbox;
 use crate::message::Dialect;
 use crate::network::PeerInfo;
 use crate::time::Instant;
-use crate::types::{Firmware, LinkId, LinkMask, LinkQueue, NoPlans, Requests, StatusTexts, TextEntry};
+use crate::types::{Firmware, LinkId, LinkMask, NoPlans, RequestQueue, Requests, StatusTexts, TextEntry};
 
 /// What a service works with beside its own state, the vehicle and the parameters: two normal links, no plans.
 #[derive(Debug)]
@@ -18,7 +18,7 @@ pub(crate) struct Rest {
     pub(crate) shared: Shared,
     pub(crate) peers: Vec<PeerInfo, 4>,
     pub(crate) texts: StatusTexts<[TextEntry; 8]>,
-    pub(crate) requests: Requests<[LinkQueue; 0]>,
+    pub(crate) requests: Requests<[RequestQueue; 0]>,
 }
 
 impl Rest {

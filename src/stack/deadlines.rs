@@ -106,6 +106,12 @@ impl CommandClient for Rover {
     }
 
     fn command_answered(&mut self, _: &mut Context<'_>, _: u16, _: CommandReply) {}
+
+    const READS_PARAMS: bool = true;
+
+    fn param_for(&mut self, _: u16) -> Option<Text<16>> {
+        Some(Text::new("TRIM"))
+    }
 }
 
 impl Modes for Rover {
@@ -137,6 +143,7 @@ impl Telemetry for Rover {
     const STREAMS: &'static [Stream] = &[
         Stream::of::<Attitude>().every(Duration::from_millis(50)).in_group(MavDataStream::EXTRA1),
         Stream::of::<BatteryStatus>(),
+        Stream::of::<BatteryStatus>().instance(3).every(Duration::from_millis(90)),
         Stream::of::<SysStatus>().onboard(Duration::from_millis(7)),
         Stream::of::<VfrHud>().every(Duration::from_secs(3)),
     ];
@@ -220,6 +227,9 @@ fn requests() -> Vec<Request> {
     for result in [MavResult::ACCEPTED, MavResult::IN_PROGRESS] {
         pool.push(of(CommandAck { command: MavCmd(1), result, target_system, target_component, ..Default::default() }));
     }
+    let param_id = Text::new("TRIM");
+    pool.push(of(ParamValue { param_id, ..Default::default() }));
+    pool.push(of(ParamExtValue { param_id, ..Default::default() }));
     pool.push(of(CommandCancel { command: MavCmd::DO_MOTOR_TEST, target_system, target_component }));
     pool.push(of(SetMode { custom_mode: 1, target_system, base_mode: MavModeFlag::CUSTOM_MODE_ENABLED }));
 
@@ -315,7 +325,7 @@ fn event() -> impl Strategy<Value = Event> {
 }
 
 /// So many things the firmware may do of itself.
-const FIRMWARE: u8 = 21;
+const FIRMWARE: u8 = 22;
 
 struct World {
     stack: Everything,
@@ -440,6 +450,12 @@ impl World {
             }
             18 => {
                 let _ = stack.send_command(STATION, u16::from(self.seq % 4));
+            }
+            20 => {
+                let _ = match link {
+                    0 => stack.read_param(COMPANION, u16::from(self.seq)),
+                    _ => stack.read_ext_param(Peer { address: STATION, link: LinkId(link) }, u16::from(self.seq % 2)),
+                };
             }
             19 => {
                 let _ = stack.with_context(now, |cx| cx.cancel_sent_command(u16::from(link)));

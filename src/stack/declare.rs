@@ -6,7 +6,7 @@ use crate::service::command::{CommandMemory, Commands};
 use crate::service::param::ExternalService;
 use crate::service::param::ParamMemory;
 use crate::service::{Absent, ForwardingGate, Service, SigningGate};
-use crate::types::{Firmware, LinkQueue, Requests, StatusTexts, TextEntry, Vehicle};
+use crate::types::{Firmware, RequestQueue, Requests, StatusTexts, TextEntry, Vehicle};
 
 #[cfg(feature = "storage")]
 pub use crate::storage::Persistent;
@@ -29,6 +29,8 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type Peers: PeerMemory;
     type Texts: TextMemory;
     type Requests: RequestMemory;
+    /// The number of links that have a queue of messages.
+    const MESSAGE_QUEUES: usize = 0;
     type Commands: CommandMemory;
     type Mission: Persistent<Self>;
     type Param: Persistent<Self>;
@@ -113,7 +115,7 @@ pub trait RequestMemory: core::fmt::Debug {
     fn view_mut(&mut self) -> &mut Requests;
 }
 
-impl<const LINKS: usize> RequestMemory for Requests<[LinkQueue; LINKS]> {
+impl<const N: usize> RequestMemory for Requests<[RequestQueue; N]> {
     const NEW: Self = Self::NONE;
 
     fn view(&self) -> &Requests {
@@ -183,7 +185,7 @@ impl<const LINKS: usize> RequestMemory for Requests<[LinkQueue; LINKS]> {
 /// | `messages` | [messages of the vehicle's own](crate::Context::send): room for eight on each link | none | [`Telemetry`](crate::Telemetry) |
 /// | `modes` | [flight modes](crate::Modes) | none | [`Modes`](crate::Modes) |
 /// | `commands: { slots: N }` | slots for long-running [commands](crate::command::LongCommands), and for those that must not run twice | none | |
-/// | `command_client: { slots: N }` | [commands of the vehicle](crate::CommandClient) to other components, `N` at a time | none | [`CommandClient`](crate::CommandClient) |
+/// | `command_client: { slots: N }` | [requests of the vehicle](crate::CommandClient) to other components, commands and parameters, `N` at a time | none | [`CommandClient`](crate::CommandClient) |
 /// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
 /// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |
 /// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
@@ -260,9 +262,12 @@ macro_rules! stack {
             type Stream = $crate::__declared!(stream [$vehicle] $($entries)*,);
             type Messages = $crate::__declared!(messages $($entries)*,);
             type Client = $crate::__declared!(client $($entries)*,);
-            type Requests = $crate::__private::Requests<$crate::__declared!(
-                queues [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,
-            )>;
+            type Requests = $crate::__private::Requests<[$crate::__private::RequestQueue; {
+                $crate::__declared!(message_queues [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,)
+                    + $crate::__declared!(client_queues $($entries)*,)
+            }]>;
+            const MESSAGE_QUEUES: usize =
+                $crate::__declared!(message_queues [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,);
             type Mode = $crate::__declared!(mode $($entries)*,);
             type Time = $crate::__declared!(time $($entries)*,);
             type ManualControl = $crate::__declared!(manual_control $($entries)*,);
@@ -345,10 +350,12 @@ macro_rules! __declared {
     (client command_client: { slots: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__private::Client<{ $n }> };
     (client) => { $crate::__private::Absent };
 
-    (queues [$links:expr] command_client: $($rest:tt)*) => { [$crate::__private::LinkQueue; $links] };
-    (queues [$links:expr] messages, $($rest:tt)*) => { [$crate::__private::LinkQueue; $links] };
-    (queues [$links:expr]) => { [$crate::__private::LinkQueue; 0] };
-    (queues [$links:expr] $skipped:tt $($rest:tt)*) => { $crate::__declared!(queues [$links] $($rest)*) };
+    (client_queues command_client: $($rest:tt)*) => { 1 };
+    (client_queues) => { 0 };
+
+    (message_queues [$links:expr] messages, $($rest:tt)*) => { $links };
+    (message_queues [$links:expr]) => { 0 };
+    (message_queues [$links:expr] $skipped:tt $($rest:tt)*) => { $crate::__declared!(message_queues [$links] $($rest)*) };
 
     (mode modes, $($rest:tt)*) => { $crate::__private::ModeService };
     (mode) => { $crate::__private::Absent };

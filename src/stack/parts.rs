@@ -14,7 +14,7 @@ use crate::service::param::ParamTable;
 use crate::service::signing::{Signing, SigningStream};
 use crate::service::stream::{Stream, StreamService, Telemetry};
 use crate::service::time::{Time, TimeSample};
-use crate::types::{Destination, LinkId, LinkQueue, Pending, Recipient, Requests};
+use crate::types::{Destination, LinkId, Pending, Recipient};
 
 /// With `commands: { slots: N }`.
 impl<D: Declares<Commands = CommandSlots<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
@@ -152,13 +152,10 @@ impl<D: Declares<Vehicle: Telemetry, Messages = Messages>, const LINKS: usize> S
     pub fn send<M: Message>(&mut self, to: impl Into<Destination>, index: u16) -> bool {
         self.requests.view_mut().send(self.shared.normal, const { id_of::<M>() }, to.into(), index)
     }
-}
 
-/// With `messages` or `command_client`.
-impl<D: Declares<Requests = Requests<[LinkQueue; LINKS]>>, const LINKS: usize> Stack<D, LINKS> {
-    /// Returns the number of the vehicle's messages that a link had no room for; for the first link, of its commands too. Wraps.
-    pub fn refused_requests(&self, link: LinkId) -> u32 {
-        self.requests.view().refused(link)
+    /// Returns the number of the vehicle's messages that a link had no room for. Wraps.
+    pub fn refused_messages(&self, link: LinkId) -> u32 {
+        self.requests.view().refused_on(link)
     }
 }
 
@@ -167,26 +164,31 @@ impl<D: Declares<Vehicle: CommandClient, Client = Client<N>>, const LINKS: usize
     /// Sends a command to another component: see [`Context::send_command`](crate::Context::send_command).
     #[must_use = "it is not sent if too many commands wait"]
     pub fn send_command(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
-        self.requests.view_mut().command(Pending::Command { to: to.into(), token })
+        self.requests.view_mut().request(Pending::Command { to: to.into(), token })
     }
 
     /// Reads a parameter of another component: see [`Context::read_param`](crate::Context::read_param).
     #[must_use = "it is not read if too many requests wait"]
     pub fn read_param(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
         const { check::<D::Vehicle>() };
-        self.requests.view_mut().command(Pending::Param { to: to.into(), token, is_ext: false })
+        self.requests.view_mut().request(Pending::Param { to: to.into(), token, is_ext: false })
     }
 
     /// Reads an extended parameter of another component: see [`Context::read_ext_param`](crate::Context::read_ext_param).
     #[must_use = "it is not read if too many requests wait"]
     pub fn read_ext_param(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
         const { check::<D::Vehicle>() };
-        self.requests.view_mut().command(Pending::Param { to: to.into(), token, is_ext: true })
+        self.requests.view_mut().request(Pending::Param { to: to.into(), token, is_ext: true })
     }
 
     /// Cancels a command: see [`Context::cancel_sent_command`](crate::Context::cancel_sent_command).
     #[must_use = "it is not cancelled if too many commands wait"]
     pub fn cancel_sent_command(&mut self, token: u16) -> bool {
-        self.requests.view_mut().command(Pending::Cancel { token })
+        self.requests.view_mut().request(Pending::Cancel { token })
+    }
+
+    /// Returns the number of requests to other components for which there was no room. Wraps.
+    pub fn refused_requests(&self) -> u32 {
+        self.requests.view().refused_requests()
     }
 }

@@ -1,4 +1,4 @@
-//! What the vehicle's hooks ask for: messages and commands to send, and mission items that were reached.
+//! What the vehicle's hooks ask for: messages and requests to send, and mission items that were reached (K-7, K-8).
 
 use super::link::{LinkId, LinkMask, Peer};
 use crate::dialect::MavType;
@@ -7,7 +7,7 @@ use crate::log::increment;
 use crate::message::Address;
 use heapless::Vec;
 
-/// The number of messages and commands that a link has room for.
+/// The number of messages that a link has room for, and of requests that wait for a slot.
 pub(crate) const PENDING: usize = 8;
 
 /// Where a message of the vehicle is sent; see [`Context::send`](crate::Context::send).
@@ -34,14 +34,16 @@ impl From<Peer> for Destination {
     }
 }
 
-/// The component to which a command of the vehicle is sent; see [`Context::send_command`](crate::Context::send_command).
+/// The component to which a request of the vehicle is sent; see [`Context::send_command`](crate::Context::send_command).
+/// It must be alive on a normal link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Recipient {
-    /// A component, on a normal link on which it is alive.
+    /// A component, first on this link if it is alive there, then on others.
+    Peer(Peer),
+    /// A component on any link. Component 0 is every component of the system.
     Address(Address),
-    /// A component of our system with this HEARTBEAT.type, such as [`MavType::GIMBAL`]: the first of the peer table that is
-    /// alive.
+    /// A component of our system with this HEARTBEAT.type, such as [`MavType::GIMBAL`].
     Type(MavType),
 }
 
@@ -53,11 +55,11 @@ impl From<Address> for Recipient {
 
 impl From<Peer> for Recipient {
     fn from(peer: Peer) -> Self {
-        Self::Address(peer.address)
+        Self::Peer(peer)
     }
 }
 
-/// A request of a hook that waits for room on a link, or for a free slot.
+/// What a hook has requested, and no link has sent or no slot has taken up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Pending {
     /// The vehicle is to fill this message. `target` is 0/0 unless it is for one peer.
@@ -66,11 +68,11 @@ pub(crate) enum Pending {
     Command { to: Recipient, token: u16 },
     /// The parameter of this token is to be read.
     Param { to: Recipient, token: u16, is_ext: bool },
-    /// The command of this token is to be cancelled.
+    /// The commands of this token are to be cancelled.
     Cancel { token: u16 },
 }
 
-const _: () = assert!(size_of::<Pending>() == 8, "the memory of a link's queue is documented");
+const _: () = assert!(size_of::<Pending>() <= 10, "the memory of a queue is documented");
 
 /// The id of a message, in three bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,16 +90,17 @@ impl MessageId {
     }
 }
 
-/// What is pending on a link, in the order in which it was requested. The queue of the first link also has the commands.
+/// What is pending, in the order in which it was requested.
 #[derive(Clone, Debug)]
-pub struct LinkQueue {
+pub struct RequestQueue {
     pending: Vec<Pending, PENDING, u8>,
     refused: u32,
 }
 
-impl LinkQueue {
+impl RequestQueue {
     const EMPTY: Self = Self { pending: Vec::new(), refused: 0 };
 
+    /// Queues what is not pending already. Returns false if there is no room.
     fn push(&mut self, request: Pending) -> bool {
         let is_pending = self.pending.contains(&request) || self.pending.push(request).is_ok();
         if !is_pending {
@@ -107,45 +110,47 @@ impl LinkQueue {
     }
 }
 
-/// Requests of the hooks that no service has taken up yet. Initially all zero bits. `Q`: a queue for each link, or none if
-/// neither `messages` nor `command_client` is declared; each link has its own, so that a stalled one does not block the
-/// others. The logic works on the unsized form.
+/// Requests of the hooks that no service has taken up yet. Initially all zero bits. `Q`: a queue of messages for each link
+/// if `messages` is declared, then a queue of requests if `command_client` is. Each link has its own, so that a stalled one
+/// does not block the others. The logic works on the unsized form.
 #[derive(Debug)]
-pub struct Requests<Q: ?Sized = [LinkQueue]> {
+pub struct Requests<Q: ?Sized = [RequestQueue]> {
     /// A bit for each of the vehicle's streams: set if it must be sent once on every normal link.
     pub(crate) announced: u32,
     /// Mission items that were reached.
     pub(crate) reached: Vec<u16, 4, u8>,
-    /// Whether the next poll is to take up commands.
-    has_command: bool,
+    /// The number of queues of messages.
+    links: u8,
+    /// Whether the next poll is to take up requests to other components.
+    is_client_due: bool,
     queues: Q,
 }
 
-impl<const LINKS: usize> Requests<[LinkQueue; LINKS]> {
-    pub(crate) const NONE: Self =
-        Self { announced: 0, reached: Vec::new(), has_command: false, queues: [const { LinkQueue::EMPTY }; LINKS] };
+impl<const N: usize> Requests<[RequestQueue; N]> {
+    pub(crate) const NONE: Self = Self {
+        announced: 0,
+        reached: Vec::new(),
+        links: 0,
+        is_client_due: false,
+        queues: [const { RequestQueue::EMPTY }; N],
+    };
 }
 
 impl Requests {
+    /// Sets the number of queues of messages.
+    pub(crate) fn begin(&mut self, links: u8) {
+        self.links = links;
+    }
+
     /// Whether a request is pending for the next poll.
     pub(crate) fn is_due(&self) -> bool {
-        self.announced != 0 || !self.reached.is_empty() || self.has_command
+        self.announced != 0 || !self.reached.is_empty() || self.is_client_due
     }
 
     /// Ends a poll. The remaining requests are for services that are not declared; `next_deadline` must not wait for them.
     pub(crate) fn end_poll(&mut self) {
         self.announced = 0;
         self.reached.clear();
-        if self.has_command {
-            while self.take_command(|_| true).is_some() {}
-            self.has_command = false;
-        }
-    }
-
-    /// Sets whether the next poll is to take up the commands that are pending, if there are any.
-    pub(crate) fn set_due(&mut self, is_due: bool) {
-        let is_command = |request: &Pending| !matches!(request, Pending::Message { .. });
-        self.has_command = is_due && self.queues.first().is_some_and(|queue| queue.pending.iter().any(is_command));
     }
 
     /// Queues a message on the links of `to` that are `normal`. A message that is pending there already is not queued
@@ -159,7 +164,7 @@ impl Requests {
         };
         let message = Pending::Message { id: MessageId::new(id), index, target };
         let mut is_pending = false;
-        for (link, queue) in (0..=u8::MAX).map(|link| LinkMask::of(LinkId(link))).zip(&mut self.queues) {
+        for (link, queue) in (0..self.links).map(|link| LinkMask::of(LinkId(link))).zip(&mut self.queues) {
             if links.contains(link) && normal.contains(link) {
                 is_pending |= queue.push(message);
             }
@@ -167,32 +172,69 @@ impl Requests {
         is_pending
     }
 
-    /// Queues a command, or its cancellation. Returns false if there is no room.
-    pub(crate) fn command(&mut self, request: Pending) -> bool {
-        self.has_command = true;
-        self.queues.first_mut().is_some_and(|queue| queue.push(request))
-    }
-
     /// Returns whether a message is pending on a link.
     pub(crate) fn has_message(&self, link: LinkId) -> bool {
-        let queue = self.queues.get(usize::from(link.0));
-        queue.is_some_and(|queue| queue.pending.iter().any(|pending| matches!(pending, Pending::Message { .. })))
+        self.queue(link).is_some_and(|queue| !queue.pending.is_empty())
     }
 
     /// Takes the message that has been pending on a link for the longest time.
     pub(crate) fn take_message(&mut self, link: LinkId) -> Option<Pending> {
-        let queue = self.queues.get_mut(usize::from(link.0))?;
-        take_first(&mut queue.pending, |pending| matches!(pending, Pending::Message { .. }))
+        let queue = self.queues.get_mut(usize::from(link.0)).filter(|_| link.0 < self.links)?;
+        take_first(&mut queue.pending, |_| true)
     }
 
-    /// Takes the first command or cancellation for which `test` returns true.
-    pub(crate) fn take_command(&mut self, mut test: impl FnMut(&Pending) -> bool) -> Option<Pending> {
-        let queue = self.queues.first_mut()?;
-        take_first(&mut queue.pending, |pending| !matches!(pending, Pending::Message { .. }) && test(pending))
+    fn queue(&self, link: LinkId) -> Option<&RequestQueue> {
+        self.queues.get(usize::from(link.0)).filter(|_| link.0 < self.links)
     }
 
-    /// Returns the number of messages and commands that a link had no room for.
-    pub(crate) fn refused(&self, link: LinkId) -> u32 {
-        self.queues.get(usize::from(link.0)).map_or(0, |queue| queue.refused)
+    /// Returns the number of messages that a link had no room for.
+    pub(crate) fn refused_on(&self, link: LinkId) -> u32 {
+        self.queue(link).map_or(0, |queue| queue.refused)
+    }
+
+    fn client_mut(&mut self) -> Option<&mut RequestQueue> {
+        self.queues.get_mut(usize::from(self.links))
+    }
+
+    /// Queues a request to another component. Returns false if there is no room.
+    pub(crate) fn request(&mut self, request: Pending) -> bool {
+        let is_pending = self.client_mut().is_some_and(|queue| queue.push(request));
+        self.is_client_due |= is_pending;
+        is_pending
+    }
+
+    /// Takes the first request that is no cancellation.
+    pub(crate) fn take_request(&mut self) -> Option<Pending> {
+        take_first(&mut self.client_mut()?.pending, |request| !matches!(request, Pending::Cancel { .. }))
+    }
+
+    /// Takes what the first cancellation cancels: its token, and true with a command that was queued before it, or false with
+    /// the cancellation itself if there is none.
+    pub(crate) fn take_cancellation(&mut self) -> Option<(u16, bool)> {
+        let queue = &mut self.client_mut()?.pending;
+        let token = queue.iter().find_map(|request| match request {
+            Pending::Cancel { token } => Some(*token),
+            _ => None,
+        })?;
+        let cancellation = Pending::Cancel { token };
+        let is_it = |request: &Pending| {
+            matches!(request, Pending::Command { token: other, .. } if *other == token) || *request == cancellation
+        };
+        take_first(queue, is_it).map(|taken| (token, taken != cancellation))
+    }
+
+    /// Returns whether a request waits.
+    pub(crate) fn has_request(&self) -> bool {
+        self.queues.get(usize::from(self.links)).is_some_and(|queue| !queue.pending.is_empty())
+    }
+
+    /// Sets whether the next poll is to take up requests to other components.
+    pub(crate) fn set_client_due(&mut self, is_due: bool) {
+        self.is_client_due = is_due;
+    }
+
+    /// Returns the number of requests to other components for which there was no room.
+    pub(crate) fn refused_requests(&self) -> u32 {
+        self.queues.get(usize::from(self.links)).map_or(0, |queue| queue.refused)
     }
 }

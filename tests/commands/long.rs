@@ -72,6 +72,26 @@ fn another_command_ends_the_memory_of_the_first() {
     }
 }
 
+/// C-24: of two runs of a command, a retransmission gets the result of the second.
+#[test]
+fn retransmission_gets_the_newest_result() {
+    let mut world = world::<1>();
+    send(&mut world, 0, CALIBRATE, PARAMS, 0);
+    assert!(world.stack.long_commands_mut().finish(CALIBRATE, MavResult::FAILED));
+    world.run_for(millis(5));
+    world.vehicle.long.remove(&CALIBRATE.0);
+    world.vehicle.outcomes.insert(CALIBRATE.0, MavResult::ACCEPTED.into());
+    send(&mut world, 0, CALIBRATE, [0.0; 7], 0);
+    world.vehicle.outcomes.remove(&CALIBRATE.0);
+    world.vehicle.long.insert(CALIBRATE.0);
+    send(&mut world, 0, CALIBRATE, PARAMS, 0);
+    assert!(world.stack.long_commands_mut().finish(CALIBRATE, MavResult::ACCEPTED));
+    world.run_for(millis(5));
+    results(&mut world, 0);
+    send(&mut world, 0, CALIBRATE, PARAMS, 1);
+    assert_eq!(results(&mut world, 0), [ended(MavResult::ACCEPTED)]);
+}
+
 /// C-20: IN_PROGRESS is sent at once, then once a second and when the progress changes, then one final ACK.
 #[test]
 fn long_command_reports_progress() {

@@ -157,7 +157,7 @@ fn pending_frames_are_sent_in_order() {
         ("Text", vec![own(Statustext::ID)]),
         ("Identity", vec![own(AutopilotVersion::ID)]),
         ("Request", vec![own(MessageInterval::ID), own(BatteryStatus::ID)]),
-        ("OutgoingCommand", vec![own(CommandLong::ID)]),
+        ("Client", vec![own(CommandLong::ID)]),
         ("CurrentMode", vec![own(CurrentMode::ID)]),
         ("MissionProgress", vec![own(MissionCurrent::ID)]),
         ("ModeList", vec![own(AvailableModes::ID)]),

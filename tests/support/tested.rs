@@ -2,9 +2,9 @@
 
 use super::{TestVehicle, Tuning};
 use mavstack::__private::{
-    Absent, CommandSlots, Declares, Firmware, Forwarding, ForwardingGate, LinkQueue, Missions, ModeService,
-    ParamMemory, ParamService, PeerTable, Persistent, Requests, Service, SigningGate, StreamService, TextQueue, Values,
-    WithoutPlans, WithoutSigning,
+    Absent, CommandSlots, Declares, Firmware, Forwarding, ForwardingGate, Missions, ModeService, ParamMemory,
+    ParamService, PeerTable, Persistent, RequestQueue, Requests, Service, SigningGate, StreamService, TextQueue,
+    Values, WithoutPlans, WithoutSigning,
 };
 use mavstack::__private::{NoPlans, PlanBuffers, PlanMemory};
 use mavstack::clock::Time;
@@ -39,7 +39,7 @@ where
     type Commands = CommandSlots<3>;
     type Mission = P::Mission;
     type Param = V::Param;
-    type Requests = Requests<[LinkQueue; 0]>;
+    type Requests = Requests<[RequestQueue; 0]>;
     type Messages = Absent;
     type Client = Absent;
     type Stream = V::Stream;

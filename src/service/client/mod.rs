@@ -1,20 +1,21 @@
 //! The vehicle's own requests to other components, such as a gimbal, a camera or an arm authoriser: commands, messages on
 //! request, and parameters.
 //!
-//! Implements the client's side of <https://mavlink.io/en/services/command.html>; arm authorisation (O-3) is built on it. A hook or the flight loop names the
-//! recipient and a token, [`CommandClient::command_for`] makes the command of the token, and
-//! [`CommandClient::command_answered`] learns what became of it. Each command is sent until it is answered:
+//! Implements the client's side of <https://mavlink.io/en/services/command.html>; arm authorisation (O-3) is built on it. A hook
+//! or the flight loop names the recipient and a token, [`CommandClient::command_for`] makes the command of the token, and
+//! [`CommandClient::command_answered`] learns what became of it (K-1 to K-7):
 //!
 //! ```text
-//!                      ┌── no answer for 700 ms, 5 times ──▶ TimedOut
+//!                      ┌── five attempts of 700 ms ─────────▶ TimedOut; NotSent if no link took it
 //!   send_command ─▶ sent ─── IN_PROGRESS ──▶ running ── silent for 10 s ──▶ TimedOut
 //!                      │                        │
-//!                      └── any other result ────┴──▶ Done          cancel_command: COMMAND_CANCEL, sent in the same way
+//!                      └── any other result ────┴──▶ Done       cancel_sent_command: COMMAND_CANCEL, sent in the same way
 //! ```
 //!
-//! Retransmissions have a rising `confirmation` and are sent on a link on which the recipient is alive, so a redundant link
+//! Retransmissions have a rising `confirmation` and take the next link on which the recipient is alive, so a redundant link
 //! takes over. An answer does not say which of two commands it answers, so of two commands with the same number to the same
-//! component the second waits until the first has ended. High-latency links carry no answers to the vehicle (L-4), and so no commands.
+//! component the second waits until the first has ended; if that was sent more than once, two seconds longer.
+//! High-latency links carry no answers to the vehicle (L-4), and so no requests.
 
 mod param;
 
@@ -37,6 +38,9 @@ const TIMEOUT: Duration = Duration::from_millis(700);
 
 /// The maximum number of transmissions of a command.
 const TRANSMISSIONS: u8 = 5;
+
+/// How long more answers may be received to a command that was sent more than once.
+const LATE: Duration = Duration::from_secs(2);
 
 /// How long to wait after IN_PROGRESS. Its sender repeats it about every second (C-20).
 const PROGRESS_TIMEOUT: Duration = Duration::from_secs(10);
@@ -97,7 +101,8 @@ pub enum CommandReply {
         /// COMMAND_ACK.result_param2. Each command defines its meaning.
         result_param2: i32,
     },
-    /// It was not sent: no such component is alive on a normal link, or the vehicle made no command of the token.
+    /// It was not sent: no such component is alive on a normal link, its link took nothing, or the vehicle made no command of
+    /// the token.
     NotSent,
     /// It was not answered: it was lost each time, its recipient does not know commands, or it stopped reporting progress.
     TimedOut,
@@ -142,8 +147,8 @@ pub enum CommandReply {
     note = "`command_client` in `stack!` needs `impl CommandClient for {Self}`: write it, or leave `command_client` out"
 )]
 pub trait CommandClient {
-    /// Returns the command that a token stands for: once, when it is first sent. Retransmissions repeat it. `None` if there
-    /// is nothing to send any more.
+    /// Returns the command that a token stands for: once, when a slot takes it up. Transmissions repeat it. `None` if there is
+    /// nothing to send any more.
     fn command_for(&mut self, token: u16) -> Option<OutgoingCommand>;
 
     /// Called with what became of a command: any number of times with [`CommandReply::InProgress`], then once with another
@@ -171,12 +176,16 @@ pub trait CommandClient {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
     Free,
-    /// It is to be sent, the first time or again.
+    /// It waits for the end of an equal command.
+    Waiting,
+    /// It is to be sent, the first time or again, until [`Slot::at`]; then another link is tried.
     Due,
     /// An answer is expected until [`Slot::at`].
     Sent,
     /// IN_PROGRESS was received. Another answer is expected until [`Slot::at`].
     Running,
+    /// It has ended, and more answers to it may be received until [`Slot::at`].
+    Ended,
 }
 
 /// What is requested.
@@ -190,9 +199,13 @@ enum What {
 #[derive(Clone, Copy, Debug)]
 pub struct Slot {
     state: State,
-    /// The number of transmissions, of COMMAND_CANCEL once `is_cancelled`.
+    /// The number of attempts to send the command; of COMMAND_CANCEL once `is_cancelled`.
+    tries: u8,
+    /// The number of transmissions.
     sent: u8,
     is_cancelled: bool,
+    /// IN_PROGRESS was received.
+    is_running: bool,
     /// The recipient, and the link on which it is sent. Component 0 is any component of the system.
     to: Peer,
     token: u16,
@@ -204,25 +217,56 @@ impl Slot {
     /// All zero bits.
     const FREE: Self = Self {
         state: State::Free,
+        tries: 0,
         sent: 0,
         is_cancelled: false,
+        is_running: false,
         to: Peer { address: Address::new(0, 0), link: LinkId(0) },
         token: 0,
         what: What::Command(OutgoingCommand::NONE),
         at: Instant::ZERO,
     };
 
-    /// Whether it was sent and its answer is expected.
-    fn is_expecting(&self) -> bool {
-        self.state != State::Free && (self.sent > 0 || self.is_cancelled)
+    /// Returns the number of its command, if it is one.
+    fn command(&self) -> Option<MavCmd> {
+        if let What::Command(command) = &self.what { Some(command.id) } else { None }
     }
 
-    /// Schedules the next transmission.
-    fn send_again(&mut self, peers: &Peers, shared: &Shared) {
-        self.state = State::Due;
-        // The link may have died meanwhile.
-        self.to = find(peers, shared, Recipient::Address(self.to.address)).unwrap_or(self.to);
+    /// Whether an answer from this component is one to this request.
+    fn is_answered_by(&self, from: Address) -> bool {
+        !matches!(self.state, State::Free | State::Waiting) && self.sent > 0 && overlap(self.to.address, from)
     }
+
+    /// Whether an answer could be one to either of two commands.
+    fn is_like(&self, other: &Self) -> bool {
+        self.command().is_some() && self.command() == other.command() && overlap(self.to.address, other.to.address)
+    }
+
+    /// Schedules the first attempt.
+    fn start(&mut self, now: Instant) {
+        (self.state, self.tries, self.at) = (State::Due, 1, now.after(TIMEOUT));
+    }
+
+    /// Schedules another attempt, on another link if the recipient is alive there.
+    fn try_again(&mut self, now: Instant, peers: &Peers, shared: &Shared) {
+        let tries = self.tries.saturating_add(1);
+        self.start(now);
+        self.tries = tries;
+        let next = LinkId(self.to.link.0.wrapping_add(1));
+        self.to = find(peers, shared, Recipient::Peer(Peer { link: next, ..self.to })).unwrap_or(self.to);
+    }
+
+    /// Ends it. Each transmission of a command may be answered, so a command that was sent twice is remembered for a while.
+    fn end(&mut self, now: Instant, has_answer: bool) {
+        let is_late = self.command().is_some() && self.sent > u8::from(has_answer);
+        self.state = if is_late { State::Ended } else { State::Free };
+        self.at = now.after(LATE);
+    }
+}
+
+/// Whether two addresses of components overlap: component 0 is every component of a system.
+fn overlap(a: Address, b: Address) -> bool {
+    a.system == b.system && (a.component == b.component || a.component.0 == 0 || b.component.0 == 0)
 }
 
 /// Sends the vehicle's requests and follows them, `N` at a time.
@@ -241,18 +285,21 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>) {
         run_timers(&mut self.slots, cx);
+        start_waiting(&mut self.slots, cx.now);
         // A hook may request as much again, so this is bounded.
         for _ in 0..PENDING {
             take_cancellation(&mut self.slots, cx);
             take_request(&mut self.slots, cx);
         }
+        start_waiting(&mut self.slots, cx.now);
         let has_room = self.slots.iter().any(|slot| slot.state == State::Free);
-        cx.requests.set_due(has_room);
+        let is_due = has_room && cx.requests.has_request();
+        cx.requests.set_client_due(is_due);
     }
 
     fn deadline(&self) -> Instant {
-        let expecting = self.slots.iter().filter(|slot| matches!(slot.state, State::Sent | State::Running));
-        expecting.fold(Instant::NEVER, |deadline, slot| deadline.min(slot.at))
+        let timed = self.slots.iter().filter(|slot| !matches!(slot.state, State::Free | State::Waiting));
+        timed.fold(Instant::NEVER, |deadline, slot| deadline.min(slot.at))
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut (), received: &Received<'_>) -> Handled {
@@ -264,61 +311,46 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
     }
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), _: Turn) -> bool {
-        let Some(slot) = self.due_on(port.id).and_then(|number| self.slots.get_mut(number)) else { return false };
-        slot.note_sent(cx.now);
+        let Some(slot) = self.due_on(port).and_then(|number| self.slots.get_mut(number)) else { return false };
+        (slot.state, slot.at) = (State::Sent, cx.now.after(TIMEOUT));
+        let confirmation = slot.sent;
+        slot.sent = slot.sent.saturating_add(1);
         match &slot.what {
-            What::Command(command) => slot.send_command(command, port),
+            What::Command(command) => slot.send_command(command, confirmation, port),
             What::Param(query) => F::Vehicle::READS_PARAMS && query.send(slot.to.address, port),
         }
     }
 
     fn due(&self, view: &View<'_>, port: &Port, (): &(), _: Turn) -> Instant {
-        if self.due_on(port.id).is_some() { view.now } else { Instant::NEVER }
+        if self.due_on(port).is_some() { view.now } else { Instant::NEVER }
     }
 }
 
 impl<const N: usize> Client<N> {
     /// Returns the number of a slot that is to be sent on a link.
-    fn due_on(&self, link: LinkId) -> Option<usize> {
-        due_on(&self.slots, link)
+    fn due_on(&self, port: &Port) -> Option<usize> {
+        due_on(&self.slots, port)
     }
 }
 
-/// Returns the number of a slot that is to be sent on a link, unless the answer to an equal command is expected.
-fn due_on(slots: &[Slot], link: LinkId) -> Option<usize> {
-    slots.iter().position(|slot| {
-        let id = slot.command();
-        let is_same = |other: &Slot| {
-            id.is_some() && other.is_expecting() && (other.to.address, other.command()) == (slot.to.address, id)
-        };
-        slot.state == State::Due && slot.to.link == link && (slot.is_expecting() || !slots.iter().any(is_same))
-    })
+/// Returns the number of a slot that is to be sent on a link, and can be: MAVLink 1 has no extended parameters (S-10).
+#[inline(never)]
+fn due_on(slots: &[Slot], port: &Port) -> Option<usize> {
+    let is_due = |slot: &Slot| slot.state == State::Due && slot.to.link == port.id;
+    slots.iter().position(|slot| is_due(slot) && (slot.command().is_some() || port.outbox.takes(slot.id())))
 }
 
 impl Slot {
-    /// Returns the number of its command, if it is one.
-    fn command(&self) -> Option<MavCmd> {
-        if let What::Command(command) = &self.what { Some(command.id) } else { None }
-    }
-
-    /// Whether an answer from this component is expected.
-    fn expects(&self, from: Address) -> bool {
-        let Address { system, component } = self.to.address;
-        system == from.system && (component.0 == 0 || component == from.component) && self.is_expecting()
-    }
-
-    /// Records a transmission.
-    fn note_sent(&mut self, now: Instant) {
-        (self.state, self.at) = (State::Sent, now.after(TIMEOUT));
-        self.sent = self.sent.saturating_add(1);
+    /// Returns the id of the message of a request for a parameter; COMMAND_LONG for a command.
+    fn id(&self) -> u32 {
+        if let What::Param(query) = &self.what { query.id() } else { CommandLong::ID }
     }
 
     /// Sends the command, or its cancellation.
     #[inline(never)]
-    fn send_command(&self, command: &OutgoingCommand, port: &mut Port) -> bool {
+    fn send_command(&self, command: &OutgoingCommand, confirmation: u8, port: &mut Port) -> bool {
         let OutgoingCommand { id: command, params: [param1, param2, param3, param4], position, z } = *command;
         let (target_system, target_component) = (self.to.address.system.0, self.to.address.component.0);
-        let confirmation = self.sent.wrapping_sub(1);
         match position {
             _ if self.is_cancelled => port.outbox.send(&CommandCancel { command, target_system, target_component }),
             CommandPosition::Long { param5, param6 } => port.outbox.send(&CommandLong {
@@ -360,63 +392,79 @@ fn take_ack<F: Firmware<Vehicle: CommandClient>>(
     cx: &mut Cx<'_, F>,
     received: &Received<'_>,
 ) -> Handled {
-    let Some(ack) = received.frame.decode::<CommandAck>() else { return Handled::No };
-    let is_it = |slot: &&mut Slot| slot.expects(received.from.address) && slot.command() == Some(ack.command);
+    let (from, Some(ack)) = (received.from.address, received.frame.decode::<CommandAck>()) else { return Handled::No };
+    let is_it = |slot: &&mut Slot| slot.is_answered_by(from) && slot.command() == Some(ack.command);
     let Some(slot) = slots.iter_mut().find(is_it) else { return Handled::No };
+    let is_for_all = slot.to.address.component.0 == 0;
+    // A duplicate; or a component that knows nothing of a command to all of a system.
+    if slot.state == State::Ended || is_for_all && ack.result == MavResult::UNSUPPORTED {
+        return Handled::Yes;
+    }
     // The next poll takes up what waits for the slot, and what the hook requests.
-    cx.requests.set_due(true);
+    cx.requests.set_client_due(true);
     let reply = if ack.result == MavResult::IN_PROGRESS {
-        (slot.state, slot.at) = (State::Running, cx.now.after(PROGRESS_TIMEOUT));
+        (slot.is_running, slot.to.address) = (true, from);
+        // The cancellation of a running command is sent all the same.
+        if !slot.is_cancelled {
+            (slot.state, slot.at) = (State::Running, cx.now.after(PROGRESS_TIMEOUT));
+        }
         CommandReply::InProgress(ack.progress)
     } else {
-        slot.state = State::Free;
+        slot.end(cx.now, true);
         CommandReply::Done { result: ack.result, result_param2: ack.result_param2 }
     };
     answered(cx, slot.token, reply);
     Handled::Yes
 }
 
-/// Has unanswered commands sent again, or ends them.
+/// Has unanswered requests sent again, or ends them.
 fn run_timers<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut Cx<'_, F>) {
     for slot in slots {
         match slot.state {
-            State::Free | State::Due => {}
-            State::Sent | State::Running if cx.now < slot.at => {}
-            State::Sent if slot.sent < TRANSMISSIONS => slot.send_again(cx.peers, cx.shared),
-            State::Sent | State::Running => end(slot, cx, Failure::TimedOut),
+            State::Free | State::Waiting => {}
+            _ if cx.now < slot.at => {}
+            State::Ended => slot.state = State::Free,
+            State::Due | State::Sent if slot.tries < TRANSMISSIONS => slot.try_again(cx.now, cx.peers, cx.shared),
+            // It cannot be cancelled.
+            State::Due | State::Sent if slot.is_running && slot.is_cancelled => {
+                (slot.state, slot.at) = (State::Running, cx.now.after(PROGRESS_TIMEOUT));
+            }
+            State::Due | State::Sent | State::Running => {
+                let failure = if slot.sent == 0 { Failure::NotSent } else { Failure::TimedOut };
+                slot.end(cx.now, false);
+                fail(cx, slot.command().is_some(), slot.token, failure);
+            }
         }
     }
 }
 
 /// Takes up a cancellation, if one is pending.
 fn take_cancellation<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut Cx<'_, F>) {
-    let is_cancellation = |request: &Pending| matches!(request, Pending::Cancel { .. });
-    let Some(Pending::Cancel { token }) = cx.requests.take_command(is_cancellation) else { return };
-    let is_it = |slot: &&mut Slot| slot.state != State::Free && slot.token == token && slot.command().is_some();
-    match slots.iter_mut().find(is_it) {
-        Some(slot) if slot.is_cancelled => {}
-        Some(slot) if slot.is_expecting() => {
-            (slot.is_cancelled, slot.sent) = (true, 0);
-            slot.send_again(cx.peers, cx.shared);
+    let Some((token, is_queued)) = cx.requests.take_cancellation() else { return };
+    if is_queued {
+        return answered(cx, token, CANCELLED);
+    }
+    for slot in slots {
+        let is_it = !matches!(slot.state, State::Free | State::Ended) && slot.token == token;
+        if !is_it || slot.is_cancelled || slot.command().is_none() {
+            continue;
         }
-        // It was not sent yet.
-        Some(slot) => {
+        if slot.sent > 0 {
+            slot.is_cancelled = true;
+            slot.start(cx.now);
+        } else {
             slot.state = State::Free;
             answered(cx, token, CANCELLED);
-        }
-        None => {
-            let is_it = |request: &Pending| matches!(request, Pending::Command { token: other, .. } if *other == token);
-            if cx.requests.take_command(is_it).is_some() {
-                answered(cx, token, CANCELLED);
-            }
         }
     }
 }
 
 /// Takes up a command or a parameter to read, if one is pending and there is a slot for it.
 fn take_request<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut Cx<'_, F>) {
-    let Some(slot) = slots.iter_mut().find(|slot| slot.state == State::Free) else { return };
-    let Some(request) = cx.requests.take_command(|request| !matches!(request, Pending::Cancel { .. })) else { return };
+    // A slot that is kept for duplicate answers only is better used for a new request.
+    let free = slots.iter_mut().filter(|slot| matches!(slot.state, State::Free | State::Ended));
+    let Some(slot) = free.min_by_key(|slot| (slot.state == State::Ended).then_some(slot.at)) else { return };
+    let Some(request) = cx.requests.take_request() else { return };
     let (to, token, what) = match request {
         Pending::Command { to, token } => (to, token, cx.vehicle.command_for(token).map(What::Command)),
         Pending::Param { to, token, is_ext } if F::Vehicle::READS_PARAMS => {
@@ -425,12 +473,23 @@ fn take_request<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mu
         }
         _ => return,
     };
-    let peer = find(cx.peers, cx.shared, to);
-    match (peer, what) {
-        (Some(to), Some(what)) => *slot = Slot { state: State::Due, to, token, what, ..Slot::FREE },
+    match (find(cx.peers, cx.shared, to), what) {
+        (Some(to), Some(what)) => *slot = Slot { state: State::Waiting, to, token, what, ..Slot::FREE },
         _ => {
             let is_command = matches!(request, Pending::Command { .. });
             fail(cx, is_command, token, Failure::NotSent);
+        }
+    }
+}
+
+/// Starts the requests that wait, except behind an equal command: an answer does not say which of two it answers.
+fn start_waiting(slots: &mut [Slot], now: Instant) {
+    for number in 0..slots.len() {
+        let Some(&slot) = slots.get(number).filter(|slot| slot.state == State::Waiting) else { continue };
+        let is_before = |other: &Slot| !matches!(other.state, State::Free | State::Waiting) && other.is_like(&slot);
+        let is_blocked = slots.iter().any(is_before);
+        if let Some(slot) = slots.get_mut(number).filter(|_| !is_blocked) {
+            slot.start(now);
         }
     }
 }
@@ -444,12 +503,6 @@ enum Failure {
 
 /// The reply for a command that was cancelled before it was sent.
 const CANCELLED: CommandReply = CommandReply::Done { result: MavResult::CANCELLED, result_param2: 0 };
-
-/// Frees a slot without an answer.
-fn end<F: Firmware<Vehicle: CommandClient>>(slot: &mut Slot, cx: &mut Cx<'_, F>, failure: Failure) {
-    slot.state = State::Free;
-    fail(cx, slot.command().is_some(), slot.token, failure);
-}
 
 /// Tells the vehicle that there is no answer.
 fn fail<F: Firmware<Vehicle: CommandClient>>(cx: &mut Cx<'_, F>, is_command: bool, token: u16, failure: Failure) {
@@ -475,35 +528,42 @@ fn answered<F: Firmware<Vehicle: CommandClient>>(cx: &mut Cx<'_, F>, token: u16,
     vehicle.command_answered(&mut context, token, reply);
 }
 
-/// Returns the recipient, and a normal link on which it is alive.
+/// Returns the recipient, and a normal link on which it is alive: the wanted one, or the one with the next number.
 fn find(peers: &Peers, shared: &Shared, to: Recipient) -> Option<Peer> {
     let own = shared.config.address.get().system;
-    let found = peers.iter().find(|info| {
-        let Address { system, component } = info.peer.address;
+    let (address, first) = match to {
+        Recipient::Peer(peer) => (peer.address, peer.link),
+        Recipient::Address(address) => (address, LinkId(0)),
+        Recipient::Type(_) => (Address::new(0, 0), LinkId(0)),
+    };
+    let found = peers.iter().filter(|info| {
         let is_it = match to {
-            Recipient::Address(to) => to.system == system && (to.component.0 == 0 || to.component == component),
-            Recipient::Type(kind) => system == own && info.r#type == kind,
+            Recipient::Type(kind) => info.peer.address.system == own && info.r#type == kind,
+            _ => overlap(address, info.peer.address),
         };
         is_it && info.is_alive && shared.normal.contains(LinkMask::of(info.peer.link))
     });
-    let Peer { address, link } = found?.peer;
-    Some(Peer { address: if let Recipient::Address(to) = to { to } else { address }, link })
+    let Peer { address: found, link } = found.min_by_key(|info| info.peer.link.0.wrapping_sub(first.0))?.peer;
+    let address = if let Recipient::Type(_) = to { found } else { address };
+    Some(Peer { address, link })
 }
 
 impl Context<'_> {
     /// Sends a command to another component, and repeats it until it is answered: see [`CommandClient`]. The next
-    /// [`poll`](crate::Stack::poll) takes it up, or a later one if all slots are taken. Needs `command_client` in
-    /// [`stack!`](crate::stack). Returns false, and sends nothing, if eight commands and messages wait on the first link.
+    /// [`poll`](crate::Stack::poll) takes it up, or a later one if all slots are taken. One that waits for that already, with the
+    /// same recipient and token, is not queued twice, so both get one reply. Returns false, and sends nothing, if eight requests
+    /// wait, or if [`stack!`](crate::stack) does not declare `command_client`.
     #[must_use = "it is not sent if too many commands wait"]
     pub fn send_command(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
-        self.requests.command(Pending::Command { to: to.into(), token })
+        self.requests.request(Pending::Command { to: to.into(), token })
     }
 
-    /// Cancels the command with this token: it is not sent, or else COMMAND_CANCEL is sent for it. The recipient's answer to that
-    /// goes to [`CommandClient::command_answered`]: many components know no COMMAND_CANCEL and answer the command itself in
-    /// the end. Returns false if eight commands and messages wait on the first link.
+    /// Cancels the commands with this token that were requested before: they are not sent, or else COMMAND_CANCEL is sent for
+    /// them. The reply to each goes to [`CommandClient::command_answered`], under its token: many components know no
+    /// COMMAND_CANCEL, and answer the command itself in the end. So use another token for another command meanwhile. Returns
+    /// false if eight requests wait.
     #[must_use = "it is not cancelled if too many commands wait"]
     pub fn cancel_sent_command(&mut self, token: u16) -> bool {
-        self.requests.command(Pending::Cancel { token })
+        self.requests.request(Pending::Cancel { token })
     }
 }

@@ -1,5 +1,5 @@
 //! Parameters of other components: <https://mavlink.io/en/services/parameter.html> and
-//! <https://mavlink.io/en/services/parameter_ext.html>, as far as one parameter is read by its name (P-2).
+//! <https://mavlink.io/en/services/parameter_ext.html>, as far as one parameter is read by its name (K-6).
 
 use super::{CommandClient, Slot, State, What};
 use crate::dialect::{
@@ -33,6 +33,11 @@ pub(super) struct Query {
 }
 
 impl Query {
+    /// Returns the id of the request.
+    pub(super) fn id(&self) -> u32 {
+        if self.is_ext { ParamExtRequestRead::ID } else { ParamRequestRead::ID }
+    }
+
     /// Sends the request.
     #[inline(never)]
     pub(super) fn send(&self, to: Address, port: &mut Port) -> bool {
@@ -96,14 +101,16 @@ pub(super) fn take_answer<F: Firmware<Vehicle: CommandClient>>(
     };
     let is_it = |slot: &&mut Slot| match &slot.what {
         What::Param(query) => {
-            let is_same = query.name == name && is_ext.is_none_or(|is_ext| is_ext == query.is_ext);
-            is_same && slot.expects(received.from.address)
+            // What follows the NUL is no part of the name (S-18).
+            let is_same =
+                query.name.as_bytes() == name.as_bytes() && is_ext.is_none_or(|is_ext| is_ext == query.is_ext);
+            is_same && slot.is_answered_by(received.from.address)
         }
         What::Command(_) => false,
     };
     let Some(slot) = slots.iter_mut().find(is_it) else { return Handled::No };
     slot.state = State::Free;
-    cx.requests.set_due(true);
+    cx.requests.set_client_due(true);
     let (vehicle, mut context) = cx.hook();
     vehicle.param_answered(&mut context, slot.token, answer);
     Handled::Yes
@@ -117,7 +124,7 @@ impl Context<'_> {
     #[must_use = "it is not read if too many requests wait"]
     pub fn read_param<V: CommandClient>(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
         const { check::<V>() };
-        self.requests.command(Pending::Param { to: to.into(), token, is_ext: false })
+        self.requests.request(Pending::Param { to: to.into(), token, is_ext: false })
     }
 
     /// Reads an extended parameter, such as a camera's setting, by PARAM_EXT_REQUEST_READ: see
@@ -125,7 +132,7 @@ impl Context<'_> {
     #[must_use = "it is not read if too many requests wait"]
     pub fn read_ext_param<V: CommandClient>(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
         const { check::<V>() };
-        self.requests.command(Pending::Param { to: to.into(), token, is_ext: true })
+        self.requests.request(Pending::Param { to: to.into(), token, is_ext: true })
     }
 }
 

@@ -390,11 +390,13 @@ impl LongCommands {
             slot.duplicates.note(command.from.link);
             return Some(MavResult::IN_PROGRESS.into());
         }
-        for slot in &mut self.slots {
-            if let Some(answer) = slot.answer(now, command, signed_at, once) {
-                slot.note(now, command);
-                return Some(answer);
-            }
+        // The newest of them: it may have been given again after another one.
+        let same = self.slots.iter_mut().filter(|slot| slot.state != State::Free && slot.is_same(command));
+        if let Some(slot) = same.max_by_key(|slot| slot.at)
+            && let Some(answer) = slot.answer(now, command, signed_at, once)
+        {
+            slot.note(now, command);
+            return Some(answer);
         }
         let has_room = self.free_slot().is_some() || self.slots.iter().any(|slot| slot.is_run_of(command));
         (once != Once::No && !has_room).then_some(MavResult::TEMPORARILY_REJECTED.into())

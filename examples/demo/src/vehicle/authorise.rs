@@ -11,28 +11,32 @@ use super::Quadrotor;
 use super::commands::refuse;
 use crate::tuning::Tuning;
 
-/// The token of the request to the authoriser.
-pub(super) const AUTHORISE: u16 = 1;
+/// The tokens of the requests to the authoriser begin here. Each has its own: a cancelled one may still be answered.
+pub(super) const AUTHORISE: u16 = 0x100;
 
 /// A command to arm that waits for the authoriser.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Authorisation {
-    /// For this system id, ours.
-    Requested(u8),
+    /// By the request with this token.
+    Requested(u16),
     /// The final result of the command to arm, which the flight loop has not reported yet.
     Ended(MavResult),
 }
 
 impl Quadrotor {
     /// Returns the request to the authoriser, unless it was cancelled.
-    pub(super) fn authorisation_request(&self) -> Option<OutgoingCommand> {
-        let Some(Authorisation::Requested(system)) = self.authorisation else { return None };
-        let params = [f32::from(system), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        Some(OutgoingCommand::long(MavCmd::ARM_AUTHORIZATION_REQUEST, params))
+    pub(super) fn authorisation_request(&self, token: u16) -> Option<OutgoingCommand> {
+        let params = [f32::from(self.system), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let is_wanted = self.authorisation == Some(Authorisation::Requested(token));
+        is_wanted.then_some(OutgoingCommand::long(MavCmd::ARM_AUTHORIZATION_REQUEST, params))
     }
 
     /// Arms, or says why not.
-    pub(super) fn on_authorisation(&mut self, cx: &mut Context<'_>, reply: CommandReply) {
+    pub(super) fn on_authorisation(&mut self, cx: &mut Context<'_>, token: u16, reply: CommandReply) {
+        if self.authorisation != Some(Authorisation::Requested(token)) {
+            // It was cancelled meanwhile.
+            return;
+        }
         let result = match reply {
             CommandReply::InProgress(_) => return,
             CommandReply::NotSent => Err((MavResult::TEMPORARILY_REJECTED, "Arming refused: no authoriser")),
@@ -42,8 +46,6 @@ impl Quadrotor {
             }
             CommandReply::Done { result, result_param2 } => Err((result, reason(result_param2))),
         };
-        // It was cancelled meanwhile.
-        let Some(Authorisation::Requested(_)) = self.authorisation else { return };
         let result = match result {
             Ok(()) => {
                 self.arm();
@@ -62,26 +64,25 @@ impl Quadrotor {
             return None;
         }
         let outcome = cx.start();
-        if outcome.result != MavResult::IN_PROGRESS || !cx.send_command(Address::new(authoriser, 0), AUTHORISE) {
+        self.authorisations = self.authorisations.wrapping_add(1);
+        let token = AUTHORISE | u16::from(self.authorisations);
+        if outcome.result != MavResult::IN_PROGRESS || !cx.send_command(Address::new(authoriser, 0), token) {
             return Some(
                 refuse(cx, MavResult::TEMPORARILY_REJECTED, "Arming refused: busy with other commands").into(),
             );
         }
-        let system = u8::try_from(cx.parameter(Tuning::MAV_SYS_ID)).unwrap_or(1);
-        self.authorisation = Some(Authorisation::Requested(system));
+        self.authorisation = Some(Authorisation::Requested(token));
         cx.text(MavSeverity::INFO, "Waiting for the authoriser");
         Some(outcome)
     }
 
     /// Stops waiting for the authoriser. Returns whether the vehicle waited.
     pub(super) fn cancel_authorisation(&mut self, cx: &mut Context<'_>) -> bool {
-        let is_requested = matches!(self.authorisation, Some(Authorisation::Requested(_)));
-        if is_requested {
-            self.authorisation = None;
-            // An authoriser that cannot be told finds its answer ignored.
-            let _ = cx.cancel_sent_command(AUTHORISE);
-        }
-        is_requested
+        let Some(Authorisation::Requested(token)) = self.authorisation else { return false };
+        self.authorisation = Some(Authorisation::Ended(MavResult::CANCELLED));
+        // An authoriser that cannot be told finds its answer ignored.
+        let _ = cx.cancel_sent_command(token);
+        true
     }
 
     /// Reports the end of a command to arm that waited.

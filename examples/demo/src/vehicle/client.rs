@@ -12,15 +12,15 @@ impl CommandClient for Quadrotor {
 
     fn command_for(&mut self, token: u16) -> Option<OutgoingCommand> {
         match token {
-            AUTHORISE => self.authorisation_request(),
+            AUTHORISE.. => self.authorisation_request(token),
             GIMBAL_INFORMATION => Some(OutgoingCommand::request_message::<GimbalDeviceInformation>(0)),
             _ => None,
         }
     }
 
     fn command_answered(&mut self, cx: &mut Context<'_>, token: u16, reply: CommandReply) {
-        if token == AUTHORISE {
-            self.on_authorisation(cx, reply);
+        if token >= AUTHORISE {
+            self.on_authorisation(cx, token, reply);
         }
     }
 

@@ -110,6 +110,7 @@ impl Quadrotor {
         }
         // The sender of a running calibration gets a final result.
         self.cancel_calibration(cx, MavCmd::PREFLIGHT_CALIBRATION);
+        self.cancel_authorisation(cx);
         self.disarm();
         self.reboot = Some(Reboot { link: command.from.link, since: self.time });
         Ok(MavResult::ACCEPTED)

@@ -122,6 +122,10 @@ pub struct Quadrotor {
     reboot: Option<Reboot>,
     /// A command to arm that waits for the authoriser.
     authorisation: Option<Authorisation>,
+    /// The number of requests to the authoriser. It wraps.
+    authorisations: u8,
+    /// Our system id.
+    system: u8,
     payload: Payload,
     last: Snapshot,
     counts: Counts,
@@ -158,6 +162,8 @@ impl Quadrotor {
             calibration: None,
             reboot: None,
             authorisation: None,
+            authorisations: 0,
+            system: 1,
             payload: Payload::NONE,
             last: Snapshot {
                 has_fix: false,

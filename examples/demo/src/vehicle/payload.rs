@@ -48,6 +48,7 @@ impl Quadrotor {
     #[inline(never)]
     pub(crate) fn watch_payload(&mut self, stack: &mut Mavlink) {
         let system = stack.address().system;
+        self.system = system.0;
         let find = |r#type: MavType| {
             let is_it = |info: &&PeerInfo| info.is_alive && info.r#type == r#type && info.peer.address.system == system;
             stack.peers().iter().find(is_it).map(|info| info.peer)
@@ -65,6 +66,9 @@ impl Quadrotor {
     /// Handles GIMBAL_DEVICE_INFORMATION. Returns false for another message.
     #[inline(never)]
     pub(super) fn on_gimbal_information(&self, cx: &mut Context<'_>, frame: &Frame<'_>) -> bool {
+        if self.payload.gimbal.is_none_or(|gimbal| gimbal.address != frame.source()) {
+            return false;
+        }
         let Some(model) = model(frame) else { return false };
         let mut text = Text::<50>::new("Gimbal: ");
         text.push_str(model.as_str().unwrap_or("?"));

@@ -107,24 +107,54 @@ fn cancelled_arming_stays_disarmed() {
     assert!(!wire.vehicle().is_armed());
 }
 
+/// A late answer to a cancelled request decides nothing about the next one.
+#[test]
+fn each_arming_needs_its_own_permission() {
+    let mut wire = supervised();
+    arm(&mut wire);
+    wire.send(TELEMETRY, &CommandCancel { command: ARM, target_system: 1, target_component: 1 });
+    wire.run(100);
+    assert_eq!(wire.long(ARM, &[0.0]), MavResult::ACCEPTED);
+    arm(&mut wire);
+    authorise(&mut wire, MavResult::ACCEPTED, 30);
+    assert!(!wire.vehicle().is_armed(), "that was the cancelled one");
+    // The next request follows when no more answers to the first are expected.
+    wire.take::<CommandLong>();
+    wire.run(2_500);
+    assert_eq!(wire.take::<CommandLong>().len(), 1);
+    authorise(&mut wire, MavResult::ACCEPTED, 30);
+    assert!(wire.vehicle().is_armed());
+}
+
 /// The conditions for arming are checked again when the permission comes.
 #[test]
 fn permission_does_not_override_the_checks() {
     let mut wire = supervised();
-    arm(&mut wire);
     let (stack, _) = wire.app.parts();
+    assert!(stack.parameters_mut().set(Tuning::COM_ARM_BAT_MIN, 0.9));
     assert!(
-        stack.parameters_mut().set(Tuning::COM_ARM_BAT_MIN, 0.9)
-            && stack.parameters_mut().set(Tuning::SIM_AMP_OFF, 5.0)
+        stack.parameters_mut().set(Tuning::SIM_AMP_OFF, 5.0) && stack.parameters_mut().set(Tuning::BAT_CAPACITY, 100.0)
     );
-    assert!(stack.parameters_mut().set(Tuning::BAT_CAPACITY, 100.0));
-    wire.run(9_000);
-    authorise(&mut wire, MavResult::IN_PROGRESS, 0);
-    beat(&mut wire, COMPANION, AUTHORISER, MavType::GCS);
     arm(&mut wire);
-    wire.run(3_000);
+    authorise(&mut wire, MavResult::IN_PROGRESS, 0);
+    wire.run(9_000);
+    wire.texts();
     authorise(&mut wire, MavResult::ACCEPTED, 30);
     assert!(!wire.vehicle().is_armed());
+    assert_eq!(wire.texts(), ["Arming refused: battery low"]);
+    assert_eq!(results(&mut wire).last(), Some(&MavResult::TEMPORARILY_REJECTED));
+}
+
+/// A reboot ends the waiting: the command to arm gets a final result, and a late permission does not arm.
+#[test]
+fn reboot_cancels_arming() {
+    let mut wire = supervised();
+    arm(&mut wire);
+    wire.send(TELEMETRY, &command_long(1, MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]));
+    wire.run(20);
+    authorise(&mut wire, MavResult::ACCEPTED, 30);
+    assert!(!wire.vehicle().is_armed());
+    assert_eq!(results(&mut wire), [MavResult::IN_PROGRESS, MavResult::CANCELLED]);
 }
 
 /// A command to the gimbal becomes GIMBAL_DEVICE_SET_ATTITUDE to the gimbal, on its link only.
@@ -149,6 +179,9 @@ fn gimbal_is_pointed() {
         wire.take::<CommandLong>().into_iter().map(|(_, asked)| (asked.command, asked.param1)).collect();
     assert_eq!(asked, [(MavCmd::REQUEST_MESSAGE, 283.0)]);
     let model_name = Text::new("Brushless 3");
+    let foreign = Address::new(2, 154);
+    wire.send_as(COMPANION, foreign, &GimbalDeviceInformation { model_name, ..GimbalDeviceInformation::default() });
+    assert!(!wire.texts().iter().any(|text| text.starts_with("Gimbal: ")), "another system's");
     wire.send_as(COMPANION, GIMBAL, &GimbalDeviceInformation { model_name, ..GimbalDeviceInformation::default() });
     assert!(wire.texts().contains(&"Gimbal: Brushless 3".into()));
     let (_, set) = wire.take::<GimbalDeviceSetAttitude>()[0];

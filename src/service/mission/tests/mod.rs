@@ -208,7 +208,7 @@ impl Bench {
         &mut self,
         act: impl FnOnce(&mut Missions, &mut Work<'_, '_>, &mut Vehicle, &mut [Replies; 2]) -> R,
     ) -> R {
-        let mut requests = Requests::<[crate::types::LinkQueue; 0]>::NONE;
+        let mut requests = Requests::<[crate::types::RequestQueue; 0]>::NONE;
         let mut cx = Work {
             now: self.now,
             plans: &mut self.memory.view().expect("there are plans"),
