@@ -136,7 +136,13 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         vehicle.watch_payload(stack);
         vehicle.store_counts(stack.parameters_mut());
         vehicle.watch_satellite(stack);
-        vehicle.state() != before || stack.next_deadline(now) <= now
+        vehicle.state() != before || self.has_something_due(now)
+    }
+
+    /// Not inlined: the flight loop above has the deepest call stack.
+    #[inline(never)]
+    fn has_something_due(&self, now: Instant) -> bool {
+        self.stack.next_deadline(now) <= now
     }
 
     /// Runs the stack's timers, which belong to no link; see [`Stack::poll`](mavstack::Stack::poll).

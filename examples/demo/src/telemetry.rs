@@ -233,7 +233,8 @@ impl Quadrotor {
 
     fn battery_status(&self) -> BatteryStatus {
         let battery = self.battery();
-        let cells = [battery.voltage / f32::from(battery.cells); 14];
+        // At most as many as BAT_N_CELLS.
+        let cells = [battery.voltage / f32::from(battery.cells); 10];
         let cells = cells.get(..usize::from(battery.cells)).unwrap_or(&cells);
         BatteryStatus {
             battery_function: MavBatteryFunction::ALL,

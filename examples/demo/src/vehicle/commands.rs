@@ -179,6 +179,7 @@ impl Quadrotor {
     }
 
     /// MAV_CMD_RUN_PREARM_CHECKS: sends a text that says whether the vehicle can arm.
+    #[inline(never)]
     fn run_checks(&self, cx: &mut Context<'_>) -> MavResult {
         match self.check_arming(cx) {
             _ if self.armed => return refuse(cx, MavResult::TEMPORARILY_REJECTED, "Checks refused: armed"),
@@ -264,6 +265,7 @@ impl Quadrotor {
     }
 
     /// MAV_CMD_DO_CHANGE_SPEED: sets the speed until landing or the next mission.
+    #[inline(never)]
     fn change_speed(&mut self, cx: &mut Context<'_>, speed: f32) -> MavResult {
         // -1 keeps the speed, -2 restores the default. At 0 the vehicle would never arrive.
         self.speed = match speed {
@@ -395,6 +397,7 @@ pub(super) fn takeoff_altitude(cx: &Context<'_>) -> f32 {
 }
 
 /// Sends a text with the reason of a refusal, and returns `result`.
+#[inline(never)]
 pub(super) fn refuse(cx: &mut Context<'_>, result: MavResult, why: &str) -> MavResult {
     cx.text(MavSeverity::WARNING, why);
     result
