@@ -27,8 +27,8 @@ use self::param::Query;
 use super::{Cx, Handled, Received, Service, Shared, Turn, View};
 use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavResult};
 use crate::link::Port;
-use crate::message::{Address, Message, Text};
-use crate::network::Peers;
+use crate::message::{Address, ComponentId, Message, Text};
+use crate::network::{PeerInfo, Peers};
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{CommandPosition, Context, Firmware, LinkId, LinkMask, PENDING, Peer, Pending, Recipient};
@@ -529,23 +529,30 @@ fn answered<F: Firmware<Vehicle: CommandClient>>(cx: &mut Cx<'_, F>, token: u16,
 }
 
 /// Returns the recipient, and a normal link on which it is alive: the wanted one, or the one with the next number.
+#[inline(never)]
 fn find(peers: &Peers, shared: &Shared, to: Recipient) -> Option<Peer> {
-    let own = shared.config.address.get().system;
-    let (address, first) = match to {
-        Recipient::Peer(peer) => (peer.address, peer.link),
-        Recipient::Address(address) => (address, LinkId(0)),
-        Recipient::Type(_) => (Address::new(0, 0), LinkId(0)),
-    };
-    let found = peers.iter().filter(|info| {
-        let is_it = match to {
-            Recipient::Type(kind) => info.peer.address.system == own && info.r#type == kind,
-            _ => overlap(address, info.peer.address),
-        };
-        is_it && info.is_alive && shared.normal.contains(LinkMask::of(info.peer.link))
-    });
-    let Peer { address: found, link } = found.min_by_key(|info| info.peer.link.0.wrapping_sub(first.0))?.peer;
-    let address = if let Recipient::Type(_) = to { found } else { address };
-    Some(Peer { address, link })
+    let (system, mut component, mut kind, mut first) = (shared.config.address.get().system, ComponentId(0), None, 0);
+    let mut wanted = Address { system, component };
+    match to {
+        Recipient::Type(r#type) => kind = Some(r#type),
+        Recipient::Address(address) => (wanted, component) = (address, address.component),
+        Recipient::Peer(Peer { address, link }) => (wanted, component, first) = (address, address.component, link.0),
+    }
+    let mut found: Option<Peer> = None;
+    for PeerInfo { peer, r#type, is_alive, .. } in peers.iter() {
+        let is_it = *is_alive && overlap(wanted, peer.address) && kind.is_none_or(|kind| kind == *r#type);
+        let distance = |link: LinkId| link.0.wrapping_sub(first);
+        let is_nearer = found.is_none_or(|found| distance(peer.link) < distance(found.link));
+        if is_it && is_nearer && shared.normal.contains(LinkMask::of(peer.link)) {
+            found = Some(*peer);
+        }
+    }
+    if kind.is_none()
+        && let Some(peer) = &mut found
+    {
+        peer.address.component = component;
+    }
+    found
 }
 
 impl Context<'_> {
