@@ -7,7 +7,7 @@ mod every_interleaving;
 mod slot;
 
 #[cfg(all(test, loom))]
-use loom::sync::atomic::{AtomicBool, fence};
+use {every_interleaving::fence, loom::sync::atomic::AtomicBool};
 
 #[cfg(not(all(test, loom)))]
 use core::sync::atomic::{AtomicBool, fence};
@@ -128,7 +128,8 @@ impl<T: Copy> Reader<'_, T> {
     /// It is the value of the last complete [`write`](Writer::write), or of one in progress. It is never older than a value
     /// that was read before.
     pub fn read(&mut self) -> T {
-        let pair = self.shared.latest.load(Acquire);
+        // The fence makes this load an acquire: `newest` is at least as new.
+        let pair = self.shared.latest.load(Relaxed);
         // `Release` orders the previous read before this store.
         self.shared.reading.store(pair, Release);
         // See `write`.
