@@ -101,9 +101,9 @@ impl<T: Copy> Writer<'_, T> {
         let pair = !self.shared.reading.load(Acquire);
         let newest = pick(&self.shared.newest, pair);
         let free = !newest.load(Relaxed);
-        // SAFETY: only this end writes, and `&mut self` excludes a second write. The reader does not read this slot: it reads from the
-        // other pair, or it has announced this pair after the load above and reads `newest`, the other slot of the pair.
-        // If it has read this slot before, `Acquire` orders that read before this write.
+        // SAFETY: only this end writes, and `&mut self` excludes a second write. The reader does not read this slot now: it reads from
+        // the other pair, or it has announced this pair since the load above and reads `newest`, which is the other slot until the
+        // store below. If it has read this slot before, `Acquire` orders that read before this write.
         unsafe { pick(pick(&self.shared.slots, pair), free).write(value) };
         newest.store(free, Release);
         self.shared.latest.store(pair, Release);

@@ -135,6 +135,11 @@ impl Flight {
         PULSE.tick();
     }
 
+    /// Returns the state of the last pass.
+    pub const fn state(&self) -> &State {
+        &self.state
+    }
+
     /// Flight has the last word: the state may have changed since the decision was queued.
     fn decide(&mut self, decision: Decision) {
         match decision {
