@@ -2,8 +2,8 @@
 //! `tasks-embassy`. `cargo xtask jitter` runs them. For tests only.
 //!
 //! The vehicle is `examples/tasks`. Flight runs in each tick of SysTick, every millisecond, and the counter itself tells how late. The
-//! other task runs every millisecond too, and has one of two loads: the stack, flooded by two ground stations, or a delay loop of random
-//! length. So the difference between the two is what the stack adds.
+//! other task runs five times as often. It has one of two loads: the stack, flooded by two ground stations, or a delay loop of random
+//! length. The difference between the two is what the stack adds.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -22,14 +22,18 @@ use static_cell::ConstStaticCell;
 use crate::board::{self, CLOCK_HZ, COMPANION_BAUD, TELEMETRY_BAUD};
 use crate::line::Line;
 
-/// Period of both tasks (µs).
-pub const PERIOD: u32 = 1_000;
-/// Ticks of SysTick in a period. A tick is 40 ns.
-const TICKS: u32 = CLOCK_HZ / 1_000_000 * PERIOD;
-/// Number of measured passes of flight: 5 s.
-const PASSES: u32 = 5_000;
-/// Bytes that arrive in a period on each line, with ten bits per byte.
-const BYTES: [usize; 2] = [TELEMETRY_BAUD as usize / 10_000, COMPANION_BAUD as usize / 10_000];
+/// Period of flight (µs).
+const FLIGHT_PERIOD: u32 = 1_000;
+/// Period of the MAVLink task (µs). It has no common divisor with that of flight, so that flight meets it in every phase.
+pub const MAVLINK_PERIOD: u32 = 197;
+/// The longest delay, in instructions of 8 ns: two thirds of the period.
+const LONGEST_DELAY: u32 = 16_000;
+/// Ticks of SysTick in a period of flight. A tick is 40 ns.
+const TICKS: u32 = CLOCK_HZ / 1_000_000 * FLIGHT_PERIOD;
+/// Number of measured passes of flight: 10 s.
+const PASSES: u32 = 10_000;
+/// Baud rates of the lines.
+const BAUDS: [u32; 2] = [TELEMETRY_BAUD, COMPANION_BAUD];
 
 static BETWEEN: ConstStaticCell<Between> = ConstStaticCell::new(Between::new());
 static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
@@ -159,14 +163,13 @@ pub struct MavlinkTask {
 }
 
 impl MavlinkTask {
-    /// Runs a pass: a millisecond's bytes of each line, or the delay loop.
+    /// Runs a pass: polls each line, or delays.
     pub fn pass(&mut self) {
         match self.load {
             Load::Stack => self.poll(),
             Load::Delay => {
                 self.random = random(self.random);
-                // 0 to 0.5 ms.
-                cortex_m::asm::delay(self.random % 50_000);
+                cortex_m::asm::delay(self.random % LONGEST_DELAY);
             }
         }
     }
@@ -175,8 +178,8 @@ impl MavlinkTask {
         let Self { stack, copter, lines, clock, .. } = self;
         copter.refresh(stack);
         stack.poll(clock.now(), copter);
-        for ((link, bytes), (line, station)) in (0..).map(LinkId).zip(BYTES).zip(lines) {
-            line.fill(bytes, || Some(station.next()));
+        for ((link, baud), (line, station)) in (0..).map(LinkId).zip(BAUDS).zip(lines) {
+            line.fill(station.bytes(baud), || Some(station.next()));
             let _ = stack.poll_link(clock.now(), link, line, copter);
         }
         let links = [0, 1].map(LinkId);
@@ -193,6 +196,8 @@ struct Station {
     at: usize,
     sequence: u8,
     random: u32,
+    /// Part of a byte that the line has carried, in bits × 1,000,000.
+    rest: u32,
 }
 
 impl Station {
@@ -204,7 +209,17 @@ impl Station {
             at: 0,
             sequence: 0,
             random: system as u32,
+            rest: 0,
         }
+    }
+
+    /// Returns how many bytes the line carries in a period, at ten bits for a byte.
+    fn bytes(&mut self, baud: u32) -> usize {
+        const BYTE: u32 = 10_000_000;
+        self.rest += baud * MAVLINK_PERIOD;
+        let bytes = self.rest / BYTE;
+        self.rest %= BYTE;
+        bytes as usize
     }
 
     fn next(&mut self) -> u8 {

@@ -16,7 +16,7 @@ use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Ticker};
 use mavstack_qemu::board::Board;
 use mavstack_qemu::device::{Interrupt, interrupt};
-use mavstack_qemu::tasks::{self, FlightTask, MavlinkTask, PERIOD};
+use mavstack_qemu::tasks::{self, FlightTask, MAVLINK_PERIOD, MavlinkTask};
 
 static FLIGHT: InterruptExecutor = InterruptExecutor::new();
 static MAVLINK: InterruptExecutor = InterruptExecutor::new();
@@ -55,7 +55,7 @@ async fn flight(mut flight: FlightTask) {
 
 #[embassy_executor::task]
 async fn mavlink(mut mavlink: MavlinkTask) {
-    let mut ticker = Ticker::every(Duration::from_micros(PERIOD.into()));
+    let mut ticker = Ticker::every(Duration::from_micros(MAVLINK_PERIOD.into()));
     loop {
         ticker.next().await;
         mavlink.pass();

@@ -8,7 +8,7 @@ use core::cell::Cell;
 use cortex_m::interrupt::{Mutex, free};
 use cortex_m_rt::{entry, exception};
 use mavstack_qemu::board::{self, Board, CLOCK_HZ};
-use mavstack_qemu::tasks::{self, FlightTask, PERIOD};
+use mavstack_qemu::tasks::{self, FlightTask, MAVLINK_PERIOD};
 
 /// Hands flight to its interrupt, once.
 static START: Mutex<Cell<Option<FlightTask>>> = Mutex::new(Cell::new(None));
@@ -23,7 +23,7 @@ fn main() -> ! {
     let mut due = board::ticks();
     loop {
         mavlink.pass();
-        due = due.wrapping_add(CLOCK_HZ / 1_000_000 * PERIOD);
+        due = due.wrapping_add(CLOCK_HZ / 1_000_000 * MAVLINK_PERIOD);
         // Does not sleep: the emulator's timers are late after it has skipped idle time.
         while due.wrapping_sub(board::ticks()).cast_signed() > 0 {}
     }

@@ -9,7 +9,7 @@ use mavstack_qemu as _;
 #[rtic::app(device = mavstack_qemu::device, peripherals = false)]
 mod app {
     use mavstack_qemu::board::{Alarm, Board};
-    use mavstack_qemu::tasks::{self, FlightTask, MavlinkTask, PERIOD};
+    use mavstack_qemu::tasks::{self, FlightTask, MAVLINK_PERIOD, MavlinkTask};
 
     #[shared]
     struct Shared {}
@@ -25,7 +25,7 @@ mod app {
     fn init(cx: init::Context) -> (Shared, Local) {
         let Some(Board { mut alarm, .. }) = Board::take() else { unreachable!("the firmware starts once") };
         let (flight, mavlink) = tasks::start("tasks-rtic");
-        alarm.set(PERIOD.into());
+        alarm.set(MAVLINK_PERIOD.into());
         tasks::start_timer(cx.core.SYST);
         (Shared {}, Local { flight, mavlink, alarm })
     }
@@ -47,7 +47,7 @@ mod app {
 
     #[task(binds = TIMER1, priority = 1, local = [mavlink, alarm])]
     fn mavlink(cx: mavlink::Context) {
-        cx.local.alarm.set(PERIOD.into());
+        cx.local.alarm.set(MAVLINK_PERIOD.into());
         cx.local.mavlink.pass();
     }
 }
