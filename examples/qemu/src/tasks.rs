@@ -28,7 +28,9 @@ const FLIGHT_PERIOD: u32 = 1_000;
 pub const MAVLINK_PERIOD: u32 = 197;
 /// The longest delay, in instructions of 8 ns: two thirds of the period.
 const LONGEST_DELAY: u32 = 16_000;
-/// Ticks of SysTick in a period of flight. A tick is 40 ns.
+/// Length of a tick of SysTick (ns).
+const TICK_NS: u32 = 1_000_000_000 / CLOCK_HZ;
+/// Ticks of SysTick in a period of flight.
 const TICKS: u32 = CLOCK_HZ / 1_000_000 * FLIGHT_PERIOD;
 /// Number of measured passes of flight: 10 s.
 const PASSES: u32 = 10_000;
@@ -123,9 +125,10 @@ impl FlightTask {
         let (received, sent, takeoffs) = (RECEIVED.load(Relaxed), SENT.load(Relaxed), self.flight.state().takeoffs);
         let load = if load == Load::Stack { "stack" } else { "delay" };
         println!(
-            "{name} {load}: flight late by {least} to {most} ticks of {} ns in {PASSES} passes; {received} frames received, \
-             {sent} sent, {takeoffs} takeoffs",
-            1_000_000_000 / CLOCK_HZ
+            "{name} {load}: flight late by {} to {} ns in {PASSES} passes; {received} frames received, {sent} sent, {takeoffs} \
+             takeoffs",
+            least * TICK_NS,
+            most * TICK_NS
         );
         let elapsed = board::ticks().wrapping_sub(self.began);
         if elapsed.abs_diff((PASSES - 1) * TICKS) > TICKS / 2 {

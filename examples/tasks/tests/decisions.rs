@@ -1,4 +1,4 @@
-//! Commands become decisions of flight, and what flight reports becomes their answer. Rules C-1, C-20, C-21.
+//! Commands become decisions of flight, and what flight reports becomes their answer. Rules C-20, H-5.
 
 use mavstack::dialect::{CommandAck, CommandLong, Common, Heartbeat, MavCmd, MavModeFlag, MavResult};
 use mavstack::frame::{Decoder, MAX_FRAME_LEN, Version, encode};
@@ -77,7 +77,7 @@ impl Bench {
     }
 }
 
-/// C-1: the command is accepted when flight is certain to get it. The heartbeat shows what flight has done.
+/// The command is accepted when flight is certain to get it. The heartbeat shows what flight has done.
 #[test]
 fn arming_is_queued_and_reported() {
     let mut bench = Bench::new();
@@ -95,7 +95,7 @@ fn a_full_queue_rejects_commands() {
     assert_eq!(bench.run(1_500).0, Some(true), "the last accepted command");
 }
 
-/// C-20, C-21: a takeoff is in progress until flight reports its end.
+/// C-20: a takeoff is in progress until flight reports its end.
 #[test]
 fn a_takeoff_ends_when_flight_reports_it() {
     let mut bench = Bench::new();
@@ -108,7 +108,7 @@ fn a_takeoff_ends_when_flight_reports_it() {
     assert_eq!(bench.command(MavCmd::COMPONENT_ARM_DISARM, 0.0, 0.0), Some(MavResult::DENIED), "in the air");
 }
 
-/// C-21: flight refuses a takeoff that was queued after the last state was read.
+/// C-20: flight refuses a takeoff that was queued after the last state was read.
 #[test]
 fn flight_has_the_last_word() {
     let mut bench = Bench::new();
@@ -116,4 +116,14 @@ fn flight_has_the_last_word() {
     assert_eq!(bench.command(MavCmd::COMPONENT_ARM_DISARM, 0.0, 0.0), Some(MavResult::ACCEPTED));
     assert_eq!(bench.command(MavCmd::NAV_TAKEOFF, 0.0, 3.0), Some(MavResult::IN_PROGRESS));
     assert_eq!(bench.run(10).1, Some(MavResult::FAILED));
+}
+
+/// H-5: the pulse is flight's, so the heartbeats stop with it, although the MAVLink task runs on.
+#[test]
+fn heartbeats_stop_with_flight() {
+    let mut bench = Bench::new();
+    assert!(bench.run(1_500).0.is_some());
+    let said: Vec<_> = (0..5_000).map(|_| bench.mavlink().0).collect();
+    assert!(said[600..].iter().all(Option::is_none), "500 ms after the last tick");
+    assert!(bench.run(1_500).0.is_some());
 }
