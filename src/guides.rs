@@ -2,7 +2,7 @@
 //!
 //! | guide | |
 //! |---|---|
-//! | [`porting`] | from a board to a vehicle that a ground station finds: UARTs, clock, pulse, flash |
+//! | [`porting`] | from a board to a vehicle that a ground station finds: UARTs, clock, pulse, flight in a task of its own, flash |
 //! | [`storage`](mod@storage) | choosing a region, who runs the erases, wear, recipes for families of flash |
 //! | [`ground_stations`] | connecting to the demo vehicle; peculiarities of each client |
 //! | [`features`] | what is supported, service by service |

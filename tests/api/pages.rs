@@ -182,8 +182,8 @@ fn repository_address_is_in_one_place() {
 /// Detects moved files and renamed tests.
 #[test]
 fn every_file_and_test_that_a_page_names_exists() {
-    const FOLDERS: [&str; 9] =
-        [".ci/", "benches/", "dialect/", "docs/", "examples/", "fuzz/", "src/", "tests/", "xtask/"];
+    const FOLDERS: [&str; 10] =
+        [".ci/", "benches/", "dialect/", "docs/", "examples/", "fuzz/", "snapshot/", "src/", "tests/", "xtask/"];
     let mut missing = Vec::new();
     for page in Page::all() {
         let name = page.name();

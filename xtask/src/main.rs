@@ -180,9 +180,12 @@ struct Faults {
     toolchain: Option<Choice>,
 }
 
-/// Measure how late flight starts while storage erases, in RTIC and in Embassy.
+/// Measure how late flight starts, beside the stack and while storage erases.
 ///
-/// In the emulator, flight runs at 1 kHz for 20 s. Two lines are full, an erase keeps the processor busy for 2 s, and a write for
+/// In a loop, RTIC and Embassy, flight runs at 1 kHz for 10 s, and MAVLink in another task: "stack" with two ground stations that flood
+/// it, "delay" with a delay loop in place of the stack. Fails if the stack adds more than one tick of the timer.
+///
+/// In RTIC and Embassy, with storage: in the emulator, flight runs at 1 kHz for 20 s. Two lines are full, an erase keeps the processor busy for 2 s, and a write for
 /// 1 ms. "jobs": storage is a task of the lowest priority, which runs its jobs without the lock. "persist": storage holds the lock,
 /// for comparison. Fails if flight is late by more than 100 µs with jobs.
 #[derive(Args)]

@@ -5,8 +5,9 @@ use std::process::Command;
 
 use crate::system::{Result, cargo, root, run};
 
-/// What is published, in this order. The generator names the library only in its tests, which are not published.
-const CRATES: [&str; 2] = ["mavstack", "mavstack-dialect"];
+/// What is published, and where it is. In any order: the generator names the library only in its tests, which are not published.
+const CRATES: [(&str, &str); 3] =
+    [("mavstack", "."), ("mavstack-dialect", "dialect"), ("mavstack-snapshot", "snapshot")];
 
 /// What a package must have, besides its sources.
 const FILES: [&str; 5] = ["Cargo.toml", "LICENSE-APACHE", "LICENSE-MIT", "README.md", "src/lib.rs"];
@@ -15,9 +16,10 @@ const FILES: [&str; 5] = ["Cargo.toml", "LICENSE-APACHE", "LICENSE-MIT", "README
 const REFUSED: [&str; 5] = ["tests/", "benches/", "examples/", "xtask/", ".ci/"];
 
 /// The registry's categories that we are in: it warns of others only once a crate is there.
-const CATEGORIES: [&str; 5] = [
+const CATEGORIES: [&str; 6] = [
     "aerospace::unmanned-aerial-vehicles",
     "command-line-utilities",
+    "concurrency",
     "development-tools::build-utils",
     "embedded",
     "no-std::no-alloc",
@@ -27,13 +29,13 @@ const CATEGORIES: [&str; 5] = [
 /// dry run.
 pub fn check() -> Result {
     members_stay_here()?;
-    for name in CRATES {
+    for (name, folder) in CRATES {
         contents(name)?;
-        metadata(name)?;
+        metadata(name, &root().join(folder))?;
         println!("{name}: contents and metadata are as they should be");
     }
     let mut doc = command(&["doc", "--no-deps", "--all-features"]);
-    doc.args(CRATES.iter().flat_map(|name| ["--package", name])).env("RUSTDOCFLAGS", "-D warnings");
+    doc.args(CRATES.iter().flat_map(|(name, _)| ["--package", name])).env("RUSTDOCFLAGS", "-D warnings");
     run(&mut doc)?;
     dry_run()
 }
@@ -62,8 +64,7 @@ fn contents(name: &str) -> Result {
 }
 
 /// What the registry refuses, and what a reader misses.
-fn metadata(name: &str) -> Result {
-    let folder = if name == CRATES[0] { root().to_owned() } else { root().join("dialect") };
+fn metadata(name: &str, folder: &Path) -> Result {
     let text = read(&folder.join("Cargo.toml"))?;
     let list = |key: &str| -> Vec<String> {
         let line = text.lines().find_map(|line| line.strip_prefix(key)?.trim_start().strip_prefix('='));
@@ -104,7 +105,7 @@ fn metadata(name: &str) -> Result {
 /// Each package built from its own contents alone. Without the registry at hand that is all; with it, all that publishing
 /// does but the upload.
 fn dry_run() -> Result {
-    let packages: Vec<_> = CRATES.iter().flat_map(|name| ["--package", name]).collect();
+    let packages: Vec<_> = CRATES.iter().flat_map(|(name, _)| ["--package", name]).collect();
     let is_online = command(&["info", "mavstack", "--registry", "crates-io", "--quiet"]).output();
     let is_online = is_online.is_ok_and(|output| {
         let said = String::from_utf8_lossy(&output.stderr).into_owned();

@@ -14,7 +14,7 @@ const STATEMENT: &str = "docs/conformance.md";
 /// Where tests are: see [`tests_of`].
 const TESTS: [&str; 5] = ["tests", "src", "dialect", "examples", ".ci/integration"];
 /// Where rules are cited: see [`prose_of`].
-const CITED_IN: [&str; 15] = [
+const CITED_IN: [&str; 16] = [
     "src",
     "tests",
     "examples",
@@ -23,6 +23,7 @@ const CITED_IN: [&str; 15] = [
     "xtask",
     "dialect",
     "docs",
+    "snapshot",
     ".ci/integration",
     ".ci/run",
     ".github/workflows",

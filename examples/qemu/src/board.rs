@@ -20,6 +20,8 @@ pub const COMPANION_BAUD: u32 = 921_600;
 /// Baud rate of UART2 (bit/s).
 pub const SATELLITE_BAUD: u32 = 2_400;
 
+/// Registers of timer 0.
+const CLOCK_BASE: usize = 0x4000_0000;
 const TICKS_PER_US: u32 = CLOCK_HZ / 1_000_000;
 
 /// The registers of a peripheral.
@@ -191,6 +193,14 @@ pub fn now() -> Instant {
     })
 }
 
+/// Returns the ticks of the clock since boot ([`CLOCK_HZ`]), which wrap after 171 s. Unlike [`now`], it needs no critical section, which
+/// would delay interrupts.
+pub fn ticks() -> u32 {
+    // SAFETY: the address of timer 0. Nothing is written, and reading the counter has no effect.
+    let clock = unsafe { Registers::at(CLOCK_BASE) };
+    !clock.read(Timer::VALUE)
+}
+
 /// An alarm, which raises [`Interrupt::TIMER1`].
 pub struct Alarm(Timer);
 
@@ -237,7 +247,7 @@ impl Board {
                 Uart::at(0x4000_5000, COMPANION_BAUD, [Interrupt::UART1, Interrupt::UART1_TX]),
                 Uart::at(0x4000_6000, SATELLITE_BAUD, [Interrupt::UART2, Interrupt::UART2_TX]),
             ];
-            (uarts, Timer(Registers::at(0x4000_0000)), Timer(Registers::at(0x4000_1000)))
+            (uarts, Timer(Registers::at(CLOCK_BASE)), Timer(Registers::at(0x4000_1000)))
         };
         free(|cs| CLOCK.borrow(cs).set(Some(Clock::start(clock))));
         #[cfg(feature = "defmt")]

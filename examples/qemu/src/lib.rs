@@ -28,6 +28,8 @@ pub mod polled;
 #[cfg(all(feature = "faults", not(any(feature = "defmt", feature = "panic-never"))))]
 mod report;
 pub mod serial;
+#[cfg(feature = "faults")]
+pub mod tasks;
 #[cfg(all(feature = "defmt", feature = "panic-never"))]
 mod wire;
 

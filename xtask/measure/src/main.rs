@@ -4,6 +4,7 @@ mod compare;
 mod compare_firmware;
 mod coverage;
 mod figures;
+mod loom;
 mod miri;
 mod mutants;
 mod nightly;
@@ -110,9 +111,11 @@ enum Task {
         #[command(flatten)]
         figures: Figures,
     },
-    /// Run the library's tests in Miri, an interpreter that detects undefined behaviour.
+    /// Run the snapshot between two tasks in every interleaving, with loom.
+    Loom,
+    /// Run the tests of the library and of the snapshot in Miri, an interpreter that detects undefined behaviour.
     ///
-    /// The library has no `unsafe`, but its dependencies have. What is missing (a nightly toolchain, Miri) is installed first. Without
+    /// The library has no `unsafe`, but its dependencies and the snapshot have. What is missing (a nightly toolchain, Miri) is installed first. Without
     /// rustup nothing is run, and that is printed.
     Miri {
         #[command(flatten)]
@@ -183,6 +186,7 @@ fn main() -> ExitCode {
         Task::PanicFree { build } => panic_free::prove(build.toolchain),
         Task::Compare { rounds, figures, build } => compare::run_all(rounds, build.toolchain, figures.accept),
         Task::Coverage { missing, figures } => coverage::measure(missing, figures.accept),
+        Task::Loom => loom::run_tests(),
         Task::Miri { figures } => miri::run_tests(figures.accept),
         Task::Mutants { areas, shard, in_diff, figures } => {
             mutants::run_areas(&mutants::Options { areas, shard, in_diff, accepts: figures.accept })

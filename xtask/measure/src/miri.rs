@@ -1,13 +1,13 @@
-//! `cargo measure miri`: the library's tests in Miri, an interpreter that detects undefined behaviour.
+//! `cargo measure miri`: the tests of the library and of the snapshot in Miri, an interpreter that detects undefined behaviour.
 //!
-//! The library has no `unsafe`, but its dependencies have: heapless, embedded-io, postcard, sha2, zeroize.
+//! The library has no `unsafe`, but its dependencies have: heapless, embedded-io, postcard, sha2, zeroize. The snapshot has.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 
 use crate::coverage::{FEATURES, MODEL};
 use crate::figures::{Figure, settle};
-use crate::system::{Result, has, nightly, output, root, target_dir, test_files};
+use crate::system::{Result, has, nightly, output, root, run, target_dir, test_files};
 
 /// The test files that are run, besides the tests inside `src`. The interpreter is some hundred times slower than a processor: it
 /// takes hours for the other files, which simulate minutes of flight. Three of them start other programs.
@@ -52,6 +52,9 @@ const LEFT_OUT: [&str; 17] = [
 /// Cases of each property; otherwise it is hundreds.
 const CASES: &str = "1";
 
+/// Schedules of the snapshot's threads. Miri chooses one at random for each.
+const SCHEDULES: &str = "-Zmiri-many-seeds=0..32";
+
 /// Runs the tests. Without rustup it prints that nothing was run, which is no error.
 pub fn run_tests(accepts: bool) -> Result {
     if !has("rustup") {
@@ -59,6 +62,8 @@ pub fn run_tests(accepts: bool) -> Result {
         return Ok(());
     }
     nightly(&["miri", "rust-src"])?;
+    // Not in the figure, which counts the library's tests.
+    run(&mut snapshot())?;
     let (options, filters) = test_files(&FILES)?;
     // Two runs, because a filter that names files would leave out the tests inside `src`.
     let library = passed(&mut command(&["--lib".to_owned()], &[]));
@@ -89,18 +94,29 @@ fn passed_in(line: &str) -> u64 {
 }
 
 fn command(targets: &[String], filters: &[String]) -> Command {
-    let mut command = Command::new("rustup");
-    command.args(["run", "nightly", "cargo", "miri", "test", "--quiet", "--package", "mavstack"]);
-    command.args(["--features", FEATURES, "--no-fail-fast"]).args(targets);
-    command.arg("--target-dir").arg(target_dir().join("miri")).arg("--").args(filters);
+    let mut command = miri("mavstack");
+    command.args(["--features", FEATURES, "--no-fail-fast"]).args(targets).arg("--").args(filters);
     for test in LEFT_OUT {
         command.args(["--skip", test]);
     }
-    // The other cargo must not get the variables that cargo has set for this program.
-    command.env_remove("CARGO").env_remove("RUSTUP_TOOLCHAIN").env_remove("RUSTFLAGS");
     // proptest reads the current folder, and the tests' vehicles leak what they refer to.
     command.env("MIRIFLAGS", "-Zmiri-disable-isolation -Zmiri-ignore-leaks").env("PROPTEST_CASES", CASES);
-    command.current_dir(root());
+    command
+}
+
+fn snapshot() -> Command {
+    let mut command = miri("mavstack-snapshot");
+    command.args(["--test", "threads"]).env("MIRIFLAGS", SCHEDULES);
+    command
+}
+
+/// Returns the command that runs the tests of a package.
+fn miri(package: &str) -> Command {
+    let mut command = Command::new("rustup");
+    command.args(["run", "nightly", "cargo", "miri", "test", "--quiet", "--package", package, "--target-dir"]);
+    command.arg(target_dir().join("miri")).current_dir(root());
+    // The other cargo must not get the variables that cargo has set for this program.
+    command.env_remove("CARGO").env_remove("RUSTUP_TOOLCHAIN").env_remove("RUSTFLAGS");
     command
 }
 
