@@ -77,11 +77,37 @@ fn a_key_that_is_set_during_reading_stays() {
     }
 }
 
+/// G-11, G-18: a client sets or removes the key before the stored one is read, and reading fails at first. It stays, and is stored.
+#[test]
+fn a_key_that_is_set_before_an_outage_stays() {
+    for (key, len) in [(OTHER_KEY, 1), (OTHER_KEY, 3), ([0; 32], 1)] {
+        let mut flash = with_key();
+        (flash.reads, flash.fault) = (0, Fault::Reads(0..len));
+        let mut store = Keys::new(&mut flash, 0..KEYS);
+        let mut rig = signing_rig();
+        rig.stack.attach_storage(rig.now, store.region(), &mut rig.vehicle);
+        let mut message = setup(key);
+        message.initial_timestamp = if key == [0; 32] { 0 } else { NOW };
+        rig.receive(1, &Signer::new(KEY).unsigned(Version::V2, &message));
+        for _ in 0..20 {
+            settle(&mut rig, &mut store);
+            rig.run_for(secs(1));
+        }
+        assert_eq!(rig.signing().is_active(), key == OTHER_KEY);
+        let is_signed = |rig: &mut Rig<3>| rig.transmit(1).iter().any(|frame| frame.is_signed_with(OTHER_KEY));
+        assert_eq!(is_signed(&mut rig), key == OTHER_KEY);
+        let (_, mut rig, result) = start_rig(&mut flash);
+        assert_eq!((result, rig.signing().is_active()), (Ok(()), key == OTHER_KEY));
+        rig.run_for(secs(1));
+        assert_eq!(is_signed(&mut rig), key == OTHER_KEY);
+    }
+}
+
 /// P-17: a parameter that is set before the stored ones are read keeps its value and is stored; the others are restored.
 #[test]
 fn a_parameter_that_is_set_before_reading_stays() {
     for is_stored in [false, true] {
-        let mut flash = if is_stored { with_params() } else { super::damage::Flash::new(PARAMS) };
+        let mut flash = if is_stored { with_params() } else { Flash::new(PARAMS) };
         let mut store = Params::new(&mut flash, 0..PARAMS);
         let mut world = World::new(Setup { step: millis(20), ..Setup::<1>::new() });
         world.stack.attach_storage(world.now(), store.region(), &mut world.vehicle);
