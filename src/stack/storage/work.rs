@@ -337,6 +337,10 @@ impl<D: Declares> Work<'_, D> {
             self.load_again();
             return self.loaded(index, Err(RestoreError::Unreadable));
         }
+        if is_late {
+            // A whole plan may have been uploaded while this page was read.
+            self.ask(index, Op::OnReadable);
+        }
         let is_valid = self.load(len, is_first, is_last);
         if is_last || !is_valid {
             self.storage.log.end_load();
