@@ -1,4 +1,4 @@
-//! What is loaded or written next, and what its service does for that.
+//! What is loaded or written next, and what its service does for that (D-5, G-18, M-44, P-17, SEC-12).
 
 use super::super::services::{Services, States};
 use super::super::{Cx, Declares};
