@@ -1,4 +1,4 @@
-//! Persistence: the code between the services and the [log](crate::storage) (D-5, G-13, G-15, M-44, P-17, SEC-11, SEC-12).
+//! Persistence: the code between the services and the [log](crate::storage) (D-5, G-18, P-17).
 //!
 //! Storage is used by jobs, apart from polling: an erase of a microcontroller's own flash stops the processor for 100 ms
 //! and more. The firmware chooses when a job runs, and the vehicle is asked before each one that writes.

@@ -56,10 +56,9 @@ where
     /// value that was set since is newer.
     #[inline(never)]
     fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> bool {
+        let now = cx.now;
         let keeps_values = self.saving(cx.parameters, |saving, generation| {
-            let keeps_values = saving.keeps_values(generation) || part.is_late;
-            // If the operator requests the stored values, what was set since is not wanted.
-            keeps_values && !saving.is_reload_requested
+            saving.keeps_values(now, generation, part.is_first, part.is_late)
         });
         // Both tables are sorted by name, so the search usually ends at once.
         let mut next = 0;
@@ -72,13 +71,11 @@ where
 
     fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
         let now = cx.now;
-        self.saving(cx.parameters, |saving, generation| {
+        self.saving(cx.parameters, |saving, _| {
             if is_late && !saving.is_reload_requested {
-                saving.reread(now, generation, result != Err(RestoreError::Unreadable));
+                saving.reread(now, result != Err(RestoreError::Unreadable));
             } else {
-                // If nothing was loaded, what was set since is still to be written.
-                saving.keeps_values(generation);
-                saving.loaded(generation, result == Ok(true));
+                saving.loaded(result == Ok(true));
             }
             saving.schedule.stored_differs |= result == Err(RestoreError::Damaged);
         });

@@ -36,10 +36,10 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Sign
         !self.is_lost() || load(self, cx.now, part.bytes).is_some()
     }
 
-    fn loaded(&mut self, _: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
+    fn loaded(&mut self, _: &mut Cx<'_, F>, result: Result<bool, RestoreError>, _: bool) {
         match result {
-            // A key was set in the meantime.
-            Err(_) if is_late && !self.is_lost() => {}
+            // A key was set or removed in the meantime.
+            Err(_) if !self.is_lost() => {}
             Ok(true) => {}
             Ok(false) => self.nothing_stored(),
             Err(error) => self.lost(error == RestoreError::Unreadable),

@@ -377,6 +377,7 @@ impl ParamService {
             return;
         }
         if !info.is_volatile() && info.has_room(bits) && self.change(cx.parameters, index, bits, cx.shared.normal) {
+            cx.parameters.table_mut().state.kept.saving.on_value_loaded();
             let (vehicle, mut context) = cx.hook();
             vehicle.parameter_changed(&mut context, &ParamChange { index, bits, from: None, table: PhantomData });
         }

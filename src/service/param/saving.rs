@@ -16,40 +16,43 @@ const COOLDOWN: Duration = Duration::from_secs(10);
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Saving {
     pub(crate) schedule: Schedule,
-    /// The generation of the table that is stored or being written.
+    /// The generation of the table that is stored or being written. A value that is loaded advances it too, so it differs from the
+    /// table's only after other changes.
     stored: u32,
     /// Whether the stored values must be loaded again.
     pub(crate) is_reload_requested: bool,
-    /// Whether the stored values were not loaded yet, and loading them has not begun.
+    /// Whether the stored values were not loaded yet.
     is_unloaded: bool,
-    is_unread: bool,
-    /// Whether a value was set after storage was attached and before loading began.
-    keeps_values: bool,
 }
 
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 impl Saving {
-    pub(super) const NEW: Self = Self {
-        schedule: Schedule::NEW,
-        stored: 0,
-        is_reload_requested: false,
-        is_unloaded: false,
-        is_unread: false,
-        keeps_values: false,
-    };
+    pub(super) const NEW: Self =
+        Self { schedule: Schedule::NEW, stored: 0, is_reload_requested: false, is_unloaded: false };
 
     /// Records that storage is attached.
     pub(super) const fn attach(&mut self, generation: u32) {
-        (self.stored, self.is_unloaded, self.is_unread, self.keeps_values) = (generation, true, true, false);
+        (self.stored, self.is_unloaded) = (generation, true);
         self.schedule.stored_differs = false;
     }
 
-    /// Whether a value was set after storage was attached and before the stored values are loaded. Called before the first one is.
-    pub(crate) const fn keeps_values(&mut self, generation: u32) -> bool {
-        if core::mem::replace(&mut self.is_unread, false) {
-            self.keeps_values = generation != self.stored;
+    /// Returns whether a page keeps values that are no defaults: after an earlier attempt failed, or if a value was set since
+    /// storage was attached. If the operator requests the stored values, what was set before the first page is not wanted. It is
+    /// still written if they cannot be read.
+    pub(crate) fn keeps_values(&mut self, now: Instant, generation: u32, is_first: bool, is_late: bool) -> bool {
+        if self.is_reload_requested {
+            if is_first {
+                self.notice(now, generation);
+                self.stored = generation;
+            }
+            return false;
         }
-        self.is_unloaded && self.keeps_values
+        is_late || self.is_unloaded && generation != self.stored
+    }
+
+    /// Records that a change of the table was loaded from storage.
+    pub(super) const fn on_value_loaded(&mut self) {
+        self.stored = self.stored.wrapping_add(1);
     }
 
     /// Records that storage has other values than the table.
@@ -57,27 +60,21 @@ impl Saving {
         self.stored = generation.wrapping_sub(1);
     }
 
-    /// Records that the stored values were loaded: the table of this generation is equal to storage. If they could not be read,
-    /// pending writes stay pending.
-    pub(crate) fn loaded(&mut self, generation: u32, is_read: bool) {
-        self.is_reload_requested = false;
-        let was_unloaded = core::mem::replace(&mut self.is_unloaded, false);
+    /// Records that the stored values were loaded. What was set meanwhile is noticed again. If they could not be read, pending
+    /// writes stay pending.
+    pub(crate) const fn loaded(&mut self, is_read: bool) {
+        (self.is_reload_requested, self.is_unloaded) = (false, false);
         let was_attached = self.schedule.attach();
-        if was_unloaded && self.keeps_values {
-            self.set_unsaved(generation);
-        } else if !was_attached || is_read {
+        if !was_attached || is_read {
             self.schedule.clear();
-            self.stored = generation;
         }
     }
 
     /// Handles a second attempt to read. Pending changes are written after a successful read; otherwise the write is deferred,
     /// so that it does not replace what is still unread.
-    pub(crate) fn reread(&mut self, now: Instant, generation: u32, is_read: bool) {
+    pub(crate) fn reread(&mut self, now: Instant, is_read: bool) {
         if self.schedule.is_pending() {
             self.schedule.postpone(if is_read { Instant::ZERO } else { now.after(COOLDOWN) });
-        } else if is_read {
-            self.stored = generation;
         }
     }
 

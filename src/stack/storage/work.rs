@@ -1,4 +1,4 @@
-//! What is loaded or written next, and what its service does for that.
+//! What is loaded or written next, and what its service does for that (D-5, G-18, M-44, P-17, SEC-12).
 
 use super::super::services::{Services, States};
 use super::super::{Cx, Declares};
@@ -336,6 +336,10 @@ impl<D: Declares> Work<'_, D> {
             self.storage.log.end_load();
             self.load_again();
             return self.loaded(index, Err(RestoreError::Unreadable));
+        }
+        if is_late {
+            // A whole plan may have been uploaded while this page was read.
+            self.ask(index, Op::OnReadable);
         }
         let is_valid = self.load(len, is_first, is_last);
         if is_last || !is_valid {

@@ -347,3 +347,46 @@ fn a_late_restore_ends_when_the_vehicle_arms() {
     assert_eq!(world.stack.restore_errors().plans, None);
     assert_eq!((world.stack.mission().items().len(), world.stack.fence().items().len()), (6, 2));
 }
+
+/// M-44, G-18: a plan is uploaded at any time during a late restore, also while the storage's task holds a page of the stored plans.
+/// What is answered ACCEPTED is live and stored, and what was not uploaded is restored.
+#[test]
+fn a_plan_that_is_uploaded_during_a_late_restore_stays() {
+    let whole = with_fence();
+    for durability in [Durability::Durable, Durability::Deferred] {
+        let mut accepted = 0;
+        for calls in 0.. {
+            let mut flash = RamFlash { reads: 0, fault: Fault::Reads(0..1), ..whole.clone() };
+            let mut store = Plans::new(&mut flash, 0..PLANS);
+            let mut world = PlanWorld::of(crate::setup(durability));
+            assert!(world.stack.restore(world.now(), &mut store, &mut world.vehicle).is_err());
+            world.run_for(millis(1_100));
+            let mut is_over = false;
+            for _ in 0..calls {
+                is_over = !world.stack.exchange_job(world.now(), store.slot(), &mut world.vehicle);
+                store.run();
+            }
+            let mut upload = Upload::new(&world.gcs[0], &plan(3, 1));
+            for step in 0..8_000 {
+                world.step();
+                upload.poll(world.now(), &mut world.gcs[0]);
+                if step >= 100 {
+                    world.stack.exchange_job(world.now(), store.slot(), &mut world.vehicle);
+                    store.run();
+                }
+            }
+            let is_accepted = upload.result().is_some() && upload.answer() == MavMissionResult::ACCEPTED;
+            accepted += u32::from(is_accepted);
+            let items = |world: &PlanWorld| (world.stack.mission().items().len(), world.stack.fence().items().len());
+            let expected = (if is_accepted { 3 } else { 0 }, 2);
+            assert_eq!(items(&world), expected, "{durability:?}, after {calls} calls");
+            let (_, world, result) = start_plans(&mut flash);
+            assert_eq!(result, Ok(()));
+            assert_eq!(items(&world), expected, "{durability:?}, after {calls} calls and a restart");
+            if is_over {
+                break;
+            }
+        }
+        assert!(accepted > 0, "{durability:?}");
+    }
+}
