@@ -87,7 +87,7 @@
 //! | [`mod@frame`] | bytes to checked frames and back, MAVLink 1 and 2; usable alone |
 //! | [`mod@message`], [`mod@dialect`] | payloads: all of MAVLink's `common`, and your own messages; usable alone |
 //! | [`mod@config`], [`mod@network`] | the links, the peers on them, and forwarding between links |
-//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@high_latency`], `signing` | the services, besides the traits below |
+//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@high_latency`], `signing` | the services, besides the traits below |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //! | [`mod@io`], `storage` | transports between the stack and a UART; flash and FRAM |
 //!
@@ -270,6 +270,13 @@ pub mod high_latency {
 pub mod manual_control {
     pub use crate::service::manual_control::{
         ControlSource, ManualControlInput, ManualCounters, ManualInput, RcOverride,
+    };
+}
+
+/// Setpoints: where to fly, how fast, or in which attitude, from a companion computer or a ground station.
+pub mod setpoints {
+    pub use crate::service::setpoints::{
+        AttitudeSetpoint, Place, PositionSetpoint, Setpoint, SetpointCounters, Setpoints, Target,
     };
 }
 

@@ -23,7 +23,7 @@ const FIRST_CHANNELS: usize = 8;
 /// The value that releases a channel.
 const RELEASE: u16 = u16::MAX - 1;
 
-/// Who may steer the vehicle by hand (J-2).
+/// Who may steer the vehicle, by hand (J-2) or by setpoints (J-6).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ControlSource {
@@ -44,7 +44,8 @@ pub enum ControlSource {
 }
 
 impl ControlSource {
-    fn allows(self, from: Peer, peers: &Peers) -> bool {
+    /// Whether it allows this sender.
+    pub(crate) fn allows(self, from: Peer, peers: &Peers) -> bool {
         let system = from.address.system;
         match self {
             Self::Nobody => false,

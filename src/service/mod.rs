@@ -26,6 +26,7 @@ pub mod mode;
 pub mod param;
 #[cfg(test)]
 pub(crate) mod rest;
+pub mod setpoints;
 #[cfg(feature = "signing")]
 pub mod signing;
 pub(crate) mod statustext;

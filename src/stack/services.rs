@@ -163,6 +163,7 @@ services! {
     time: D::Time,
     signing: D::Signing,
     manual_control: D::ManualControl,
+    setpoints: D::Setpoints,
     mode: D::Mode,
     identity: Identification,
     statustext: Texts,

@@ -80,6 +80,7 @@ mavstack::stack! {
         forwarding,
         time,
         manual_control,
+        setpoints,
         high_latency,
     }
 }
@@ -97,6 +98,7 @@ mavstack::stack! {
         signing,
         time,
         manual_control,
+        setpoints,
         high_latency,
     }
 }

@@ -15,6 +15,8 @@ mod param_backend;
 mod param_places;
 mod param_run_time;
 mod params;
+mod setpoint_properties;
+mod setpoints;
 mod si_values;
 mod statustext;
 mod streams;

@@ -8,6 +8,7 @@ mod flight;
 mod manual;
 mod mission;
 mod modes;
+mod offboard;
 mod params;
 mod partners;
 mod progress;
