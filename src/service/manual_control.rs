@@ -437,6 +437,12 @@ impl<F: Firmware> Service<F> for ManualInput {
         event!("{}", self.counters);
     }
 
+    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
+        if self.holder.is_some_and(|(holder, _)| ![own, owner].contains(&holder.address.system)) {
+            self.forget();
+        }
+    }
+
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;
         if frame.id() != ManualControl::ID && frame.id() != RcChannelsOverride::ID {

@@ -17,7 +17,7 @@ use crate::dialect::{
 };
 use crate::frame::Frame;
 use crate::link::Port;
-use crate::message::{Address, Message};
+use crate::message::{Address, Message, SystemId};
 use crate::network::Peers;
 use crate::time::{Duration, Instant};
 use crate::types::{Config, Firmware, LinkId, Peer};
@@ -456,6 +456,12 @@ impl<F: Firmware> Service<F> for Setpoints {
     #[cfg(feature = "defmt")]
     fn log_drops(&self) {
         event!("{}", self.counters);
+    }
+
+    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
+        if ![own, owner].contains(&self.from.address.system) {
+            self.until = Instant::ZERO;
+        }
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {

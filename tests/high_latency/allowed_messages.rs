@@ -81,6 +81,7 @@ mavstack::stack! {
         time,
         manual_control,
         setpoints,
+        operator_control,
         high_latency,
     }
 }
@@ -99,6 +100,7 @@ mavstack::stack! {
         time,
         manual_control,
         setpoints,
+        operator_control,
         high_latency,
     }
 }

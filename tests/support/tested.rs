@@ -48,6 +48,7 @@ where
     type Time = O::Time;
     type ManualControl = O::ManualControl;
     type Setpoints = O::Setpoints;
+    type OperatorControl = Absent;
     type HighLatency = O::HighLatency;
     type Signing = O::Signing;
     type Forwarding = O::Forwarding;

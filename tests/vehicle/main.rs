@@ -10,6 +10,7 @@ mod manual_properties;
 mod messages;
 #[cfg(feature = "fmt")]
 mod metadata;
+mod operator_control;
 mod own_messages;
 mod param_backend;
 mod param_places;

@@ -75,7 +75,8 @@ entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, 
 entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
 entry!($ "time" with_time with_manual [time]);
 entry!($ "manual" with_manual with_setpoints [manual_control]);
-entry!($ "setpoints" with_setpoints with_high_latency [setpoints]);
+entry!($ "setpoints" with_setpoints with_operator [setpoints]);
+entry!($ "operator-control" with_operator with_high_latency [operator_control]);
 entry!($ "high-latency" with_high_latency with_storage [high_latency]);
 entry!($ "storage" with_storage declare [storage]);
 
