@@ -5,7 +5,7 @@
 //!
 //! Left out: consent for single components, and plans and parameters, which MAVLink does not mention: a vehicle copies
 //! [`owner`](OperatorControl::owner) in its flight loop, and decides in [`Plans::may_change`](crate::Plans::may_change) and
-//! [`Parameters`](crate::Parameters).
+//! [`Parameters::may_set`](crate::Parameters::may_set).
 //!
 //! [`OperatorControl`] shows how control is requested, taken over and released.
 

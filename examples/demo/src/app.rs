@@ -50,6 +50,7 @@ mavstack::stack! {
         time,
         manual_control,
         setpoints,
+        operator_control,
         high_latency,
         storage,
     }

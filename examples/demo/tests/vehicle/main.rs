@@ -9,6 +9,7 @@ mod manual;
 mod mission;
 mod modes;
 mod offboard;
+mod operators;
 mod params;
 mod partners;
 mod progress;
