@@ -3,8 +3,8 @@
 //! Implements MAV_CMD_REQUEST_OPERATOR_CONTROL and CONTROL_STATUS of MAVLink's `development.xml`, rule O-5, as the manager of the
 //! whole system. They may still change there. Who is in control decides over commands (C-5), sticks (J-2) and setpoints (J-6).
 //!
-//! Left out: consent for single components, and plans and parameters, which MAVLink does not mention: a vehicle copies
-//! [`owner`](OperatorControl::owner) in its flight loop, and decides in [`Plans::may_change`](crate::Plans::may_change) and
+//! Left out: control of single components, and changes of plans and parameters. A vehicle that refuses those too copies
+//! [`owner`](OperatorControl::owner) in its flight loop, and compares it with the sender in [`Plans::may_change`](crate::Plans::may_change) and
 //! [`Parameters::may_set`](crate::Parameters::may_set).
 //!
 //! [`OperatorControl`] shows how control is requested, taken over and released.
