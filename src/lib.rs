@@ -87,7 +87,7 @@
 //! | [`mod@frame`] | bytes to checked frames and back, MAVLink 1 and 2; usable alone |
 //! | [`mod@message`], [`mod@dialect`] | payloads: all of MAVLink's `common`, and your own messages; usable alone |
 //! | [`mod@config`], [`mod@network`] | the links, the peers on them, and forwarding between links |
-//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@high_latency`], `signing` | the services, besides the traits below |
+//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@operator_control`], [`mod@high_latency`], `signing` | the services, besides the traits below |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //! | [`mod@io`], `storage` | transports between the stack and a UART; flash and FRAM |
 //!
@@ -274,6 +274,18 @@ pub mod manual_control {
     };
 }
 
+/// Setpoints: where to fly, how fast, or in which attitude, from a companion computer or a ground station.
+pub mod setpoints {
+    pub use crate::service::setpoints::{
+        AttitudeSetpoint, Place, PositionSetpoint, Setpoint, SetpointCounters, Setpoints, Target,
+    };
+}
+
+/// Operator control: which ground station controls the vehicle, and how another one takes over.
+pub mod operator_control {
+    pub use crate::service::operator_control::{OperatorControl, OperatorCounters};
+}
+
 /// Clocks: those of peers, by PING and TIMESYNC, and the time of day.
 pub mod clock {
     pub use crate::service::time::{ClockFilter, Time, TimeSample, WallClock};
@@ -295,7 +307,7 @@ pub mod __private {
     pub use crate::service::mode::ModeService;
     pub use crate::service::param::{NoParams, ParamMemory, ParamService, ParamValues, TableMut};
     pub use crate::service::stream::StreamService;
-    pub use crate::service::{Absent, ForwardingGate, Service, SigningGate, WithoutSigning};
+    pub use crate::service::{Absent, ControlGate, ForwardingGate, Service, SigningGate, WithoutSigning};
     pub use crate::stack::{Declares, Persistent};
     #[cfg(feature = "storage")]
     pub use crate::storage::{RecordService, Storage};

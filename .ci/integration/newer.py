@@ -35,6 +35,29 @@ class CommandCancel(mavlink.MAVLink_message):
         return self._pack(mav, self.crc_extra, payload, force_mavlink1=force_mavlink1)
 
 
+class ControlStatus(mavlink.MAVLink_message):
+    """CONTROL_STATUS of development.xml, which pymavlink's dialect of that name leaves out too."""
+
+    id = 512
+    msgname = "CONTROL_STATUS"
+    fieldnames = ["flags", "gcs_main", "gcs_secondary"]
+    ordered_fieldnames = fieldnames
+    fieldtypes = ["uint8_t", "uint8_t", "uint8_t"]
+    native_format = bytearray(b"<BBB")
+    orders = [0, 1, 2]
+    lengths = [1, 1, 10]
+    array_lengths = [0, 0, 10]
+    crc_extra = 21
+    unpacker = struct.Struct("<BB10B")
+
+    def __init__(self, flags, gcs_main, gcs_secondary):
+        super().__init__(self.id, self.msgname)
+        self._fieldnames = self.fieldnames
+        self.flags = flags
+        self.gcs_main = gcs_main
+        self.gcs_secondary = gcs_secondary
+
+
 AVAILABLE_MODES = development.MAVLINK_MSG_ID_AVAILABLE_MODES
 CURRENT_MODE = development.MAVLINK_MSG_ID_CURRENT_MODE
 AVAILABLE_MODES_MONITOR = development.MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR
@@ -44,5 +67,6 @@ for message in [
     development.MAVLink_current_mode_message,
     development.MAVLink_available_modes_monitor_message,
     CommandCancel,
+    ControlStatus,
 ]:
     mavlink.mavlink_map.setdefault(message.id, message)

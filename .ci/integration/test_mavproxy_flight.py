@@ -31,7 +31,8 @@ def mode_of(gcs, number, timeout=5):
 
 
 def test_modes(mavproxy, other):
-    """Changes modes in flight by number. MAVProxy's names mean ArduPilot's numbers, which are refused without any effect."""
+    """Changes modes in flight by number. MAVProxy's names mean ArduPilot's numbers, which are refused without any effect.
+    Its RTL is the number of Offboard mode, which needs setpoints."""
     mavproxy.expect(f"Mode({HOLD})")
     mavproxy.say("arm throttle")
     mavproxy.expect("COMMAND_ACK: COMPONENT_ARM_DISARM: ACCEPTED")
@@ -41,9 +42,9 @@ def test_modes(mavproxy, other):
     mavproxy.say(f"mode {HOLD}")
     mavproxy.expect("COMMAND_ACK: DO_SET_MODE: ACCEPTED")
     mode_of(other, HOLD)
-    for name in ("RTL", "GUIDED", "LOITER"):
+    for name, result in (("RTL", "TEMPORARILY_REJECTED"), ("GUIDED", "DENIED"), ("LOITER", "DENIED")):
         mavproxy.say(f"mode {name}")
-        mavproxy.expect("COMMAND_ACK: DO_SET_MODE: DENIED")
+        mavproxy.expect(f"COMMAND_ACK: DO_SET_MODE: {result}")
     mode_of(other, HOLD)
     mavproxy.say(f"mode {RETURN}")
     mavproxy.expect("COMMAND_ACK: DO_SET_MODE: ACCEPTED")

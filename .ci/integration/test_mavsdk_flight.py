@@ -15,6 +15,14 @@ from mavsdk.plugins.manual_control import ManualControl
 from mavsdk.plugins.manual_control.manual_control import ManualControlError, ManualControlResult
 from mavsdk.plugins.mavlink_direct import MavlinkDirect
 from mavsdk.plugins.mavlink_direct.mavlink_direct import MavlinkMessage
+from mavsdk.plugins.offboard import Offboard
+from mavsdk.plugins.offboard.offboard import (
+    OffboardError,
+    OffboardResult,
+    PositionGlobalYaw,
+    PositionNedYaw,
+    VelocityNedYaw,
+)
 from mavsdk.plugins.param import Param
 from mavsdk.plugins.telemetry import Telemetry
 from mavsdk.plugins.telemetry.telemetry import FlightMode, LandedState, TelemetryError, TelemetryResult
@@ -252,6 +260,62 @@ def start(control):
         control.start_position_control()
         return True
     except ManualControlError:
+        return False
+
+
+def test_offboard_flight(system, action):
+    """J-6, J-7, J-8: the vehicle flies MAVSDK's positions and velocities, and holds when they stop."""
+    watched, offboard = Watched(system), Offboard(system)
+    action.set_takeoff_altitude(3.0)
+    action.arm()
+    action.takeoff()
+    until(lambda: watched.height > 2.3 and watched.is_still(), 30, "it takes off")
+    with pytest.raises(OffboardError) as refusal:
+        offboard.start()
+    assert refusal.value.result == OffboardResult.NO_SETPOINT_SET
+    offboard.set_velocity_ned(VelocityNedYaw(0.0, 0.0, 0.0, 90.0))
+    until(lambda: starts(offboard), 10, "it takes the setpoints")
+    until(lambda: watched.telemetry.flight_mode() == FlightMode.OFFBOARD, 5, "it says so")
+    assert offboard.is_active()
+    until(lambda: abs(watched.telemetry.attitude_euler().yaw_deg - 90) < 2, 20, "it turns to the east")
+    # An earlier test may have flown it away from home.
+    begin = watched.now.position
+    offboard.set_velocity_ned(VelocityNedYaw(3.0, 0.0, -0.5, 90.0))
+    until(lambda: watched.north() > begin.north_m + 6, 30, "it flies north")
+    assert abs(watched.now.velocity.north_m_s - 3) < 0.2 and abs(watched.now.position.east_m - begin.east_m) < 0.5
+    offboard.set_position_ned(PositionNedYaw(10.0, -5.0, -6.0, 0.0))
+    until(lambda: is_at(watched, 10, -5, 6), 30, "it is where it was sent")
+    above_home = PositionGlobalYaw.AltitudeType.REL_HOME
+    offboard.set_position_global(PositionGlobalYaw(HOME[0] + 4 / DEGREE, HOME[1], 4.0, 0.0, above_home))
+    until(lambda: is_at(watched, 4, 0, 4), 30, "it is there on the globe")
+
+    offboard.stop()
+    until(lambda: watched.telemetry.flight_mode() == FlightMode.HOLD, 5, "it holds")
+    offboard.set_velocity_ned(VelocityNedYaw(2.0, 0.0, 0.0, 0.0))
+    until(lambda: starts(offboard), 10, "it takes the setpoints again")
+    until(lambda: watched.north() > 6, 30, "it flies north")
+    texts = []
+    watched.telemetry.subscribe_status_text(lambda text, _: texts.append(text.text))
+    # The companion is gone: its setpoints stop in the middle of the flight.
+    offboard.destroy()
+    until(lambda: watched.telemetry.flight_mode() == FlightMode.HOLD, 5, "it holds without setpoints")
+    until(lambda: "Setpoints lost: holding" in texts, 5, "it says why")
+    until(watched.is_still, 20, "it stands still")
+    action.land()
+    until(lambda: not watched.telemetry.armed(), 60, "it lands")
+
+
+def is_at(watched, north, east, height):
+    place = watched.now.position
+    return math.dist((place.north_m, place.east_m, -place.down_m), (north, east, height)) < 0.3
+
+
+def starts(offboard):
+    """Returns whether the vehicle enters Offboard mode. The first setpoint may not have arrived yet."""
+    try:
+        offboard.start()
+        return True
+    except OffboardError:
         return False
 
 

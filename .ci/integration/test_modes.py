@@ -14,8 +14,8 @@ TEMPORARILY_REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 CUSTOM = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
 # PX4's main modes and sub-modes.
-_MODES = [(3, 0), *((4, sub) for sub in range(2, 7))]
-POSITION, TAKEOFF, HOLD, MISSION, RETURN, LAND = (main << 16 | sub << 24 for main, sub in _MODES)
+_MODES = [(3, 0), (6, 0), *((4, sub) for sub in range(2, 7))]
+POSITION, OFFBOARD, TAKEOFF, HOLD, MISSION, RETURN, LAND = (main << 16 | sub << 24 for main, sub in _MODES)
 STANDARD = {
     POSITION: mavlink.MAV_STANDARD_MODE_POSITION_HOLD,
     TAKEOFF: mavlink.MAV_STANDARD_MODE_TAKEOFF,
@@ -23,8 +23,8 @@ STANDARD = {
     RETURN: mavlink.MAV_STANDARD_MODE_SAFE_RECOVERY,
     LAND: mavlink.MAV_STANDARD_MODE_LAND,
 }
-# Invalid modes: ArduPilot's GUIDED, LOITER and RTL, an unknown sub-mode, a fraction, NaN, a value that is too large.
-NO_MODES = [(4, 0), (5, 0), (6, 0), (4, 99), (4.5, 3), (math.nan, 3), (1 << 24, 1)]
+# Invalid modes: ArduPilot's GUIDED, LOITER and CIRCLE, an unknown sub-mode, a fraction, NaN, a value that is too large.
+NO_MODES = [(4, 0), (5, 0), (7, 0), (4, 99), (4.5, 3), (math.nan, 3), (1 << 24, 1)]
 
 
 def set_mode(gcs, mode):
@@ -64,7 +64,7 @@ def test_list_of_modes(gcs):
     assert [mode["mode_index"] for mode in found] == list(range(1, count + 1))
     names = [mode["mode_name"] for mode in found]
     assert len(set(names)) == count and all(names)
-    assert {mode["custom_mode"]: mode["standard_mode"] for mode in found} == STANDARD | {HOLD: 0}
+    assert {mode["custom_mode"]: mode["standard_mode"] for mode in found} == STANDARD | {OFFBOARD: 0, HOLD: 0}
     for index in (count + 1, 255, -1, 1.5):
         assert gcs.command(mavlink.MAV_CMD_REQUEST_MESSAGE, newer.AVAILABLE_MODES, index) == DENIED
 

@@ -42,7 +42,7 @@ counters! {
         /// ones.
         drop out_of_place,
         /// Frames addressed to our system that neither the stack nor the [vehicle](crate::Vehicle::message) handles, setpoints for
-        /// example. Broadcasts are not counted here, because no component has to handle them.
+        /// example if it does not declare `setpoints`. Broadcasts are not counted here, because no component has to handle them.
         drop unhandled,
         /// Errors of the transport while reading, including overruns (S-20).
         drop read_errors,

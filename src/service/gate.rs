@@ -4,10 +4,10 @@ use super::{Cx, Handled, Received, Service, increment};
 use crate::dialect::SetupSigning;
 use crate::frame::{Decoder, Frame};
 use crate::link::Port;
-use crate::message::Message;
+use crate::message::{Message, SystemId};
 use crate::network::{Booking, Passage};
 use crate::time::{Duration, Instant};
-use crate::types::{Firmware, SignedAt};
+use crate::types::{Command, Firmware, SignedAt};
 
 /// Verifies the signatures of received frames, and signs sent frames. `L` is its state on a link.
 pub trait SigningGate<L> {
@@ -70,6 +70,28 @@ pub trait ForwardingGate<F: Firmware>: Service<F> {
     /// Updates the link's queue to the link's configuration and version.
     fn prepare(&mut self, port: &Port);
 }
+
+/// Decides which systems control the vehicle (O-5), before the services see their frames.
+pub trait ControlGate {
+    /// Whether a frame that is no command is dropped, because its sender is not in control. Counted. `own` is our system.
+    fn drops(&mut self, own: SystemId, frame: &Frame<'_>) -> bool {
+        let _ = (own, frame);
+        false
+    }
+
+    /// Whether a command is answered NOT_IN_CONTROL. Counted.
+    fn refuses(&mut self, own: SystemId, command: &Command) -> bool {
+        let _ = (own, command);
+        false
+    }
+
+    /// Returns the system in control, once after each time that it is another one.
+    fn take_new_owner(&mut self) -> Option<SystemId> {
+        None
+    }
+}
+
+impl ControlGate for Absent {}
 
 /// A service that the firmware did not declare.
 #[derive(Clone, Copy, Debug)]

@@ -23,7 +23,7 @@ const FIRST_CHANNELS: usize = 8;
 /// The value that releases a channel.
 const RELEASE: u16 = u16::MAX - 1;
 
-/// Who may steer the vehicle by hand (J-2).
+/// Who may steer the vehicle, by hand (J-2) or by setpoints (J-6).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ControlSource {
@@ -44,7 +44,8 @@ pub enum ControlSource {
 }
 
 impl ControlSource {
-    fn allows(self, from: Peer, peers: &Peers) -> bool {
+    /// Whether it allows this sender.
+    pub(crate) fn allows(self, from: Peer, peers: &Peers) -> bool {
         let system = from.address.system;
         match self {
             Self::Nobody => false,
@@ -434,6 +435,12 @@ impl<F: Firmware> Service<F> for ManualInput {
     #[cfg(feature = "defmt")]
     fn log_drops(&self) {
         event!("{}", self.counters);
+    }
+
+    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
+        if self.holder.is_some_and(|(holder, _)| ![own, owner].contains(&holder.address.system)) {
+            self.forget();
+        }
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {

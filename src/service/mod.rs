@@ -23,16 +23,18 @@ pub mod manual_control;
 pub(crate) mod messages;
 pub mod mission;
 pub mod mode;
+pub mod operator_control;
 pub mod param;
 #[cfg(test)]
 pub(crate) mod rest;
+pub mod setpoints;
 #[cfg(feature = "signing")]
 pub mod signing;
 pub(crate) mod statustext;
 pub(crate) mod stream;
 pub mod time;
 
-pub use gate::{Absent, ForwardingGate, SigningGate, WithoutSigning};
+pub use gate::{Absent, ControlGate, ForwardingGate, SigningGate, WithoutSigning};
 #[cfg(test)]
 pub(crate) use turn::TABLE;
 pub use turn::Turn;
@@ -42,7 +44,7 @@ use crate::dialect::{MavCmd, MavProtocolCapability, MavResult, MavSeverity};
 use crate::frame::Frame;
 use crate::link::Port;
 pub(crate) use crate::log::increment;
-use crate::message::{Address, ComponentId};
+use crate::message::{Address, ComponentId, SystemId};
 use crate::network::{PeerInfo, Peers};
 use crate::time::{Duration, Instant};
 #[cfg(feature = "defmt")]
@@ -141,6 +143,11 @@ pub trait Service<F: Firmware> {
     /// Called for each accepted frame, whatever its message.
     fn on_heard(&mut self, now: Instant, from: Peer) {
         let _ = (now, from);
+    }
+
+    /// Called when another system is in control: `owner`, besides our own. What others have sent ends.
+    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
+        let _ = (own, owner);
     }
 
     /// Called when any service has put a frame into the link's outbox.

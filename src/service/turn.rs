@@ -26,6 +26,7 @@ macro_rules! turns {
             Identity identity Room Normal "AUTOPILOT_VERSION, PROTOCOL_VERSION" "while the link has room";
             Request stream Room Normal "MESSAGE_INTERVAL, the vehicle's messages on request" "while the link has room";
             Client client Room Normal "COMMAND_LONG, COMMAND_INT, COMMAND_CANCEL, PARAM_REQUEST_READ, PARAM_EXT_REQUEST_READ" "while the link has room";
+            OperatorControl operator_control Room Normal "COMMAND_LONG that tells the owner of a request, CONTROL_STATUS" "while the link has room";
             CurrentMode mode Room Normal "CURRENT_MODE, AVAILABLE_MODES_MONITOR" "while the link has room";
             MissionProgress mission Room Normal "MISSION_ITEM_REACHED, MISSION_CURRENT" "while the link has room";
             ModeList mode Room Normal "AVAILABLE_MODES" "while the link has room";

@@ -60,6 +60,7 @@ macro_rules! declare {
                 forwarding: { bytes: 512, seen: 16 },
                 time,
                 manual_control,
+                operator_control,
                 high_latency,
                 $($signing)?
             }
@@ -221,6 +222,9 @@ fn requests() -> Vec<Request> {
         (MavCmd::DO_SET_MISSION_CURRENT, [0.0; 3]),
         (MavCmd::MISSION_START, [0.0; 3]),
         (MavCmd::NAV_LAND, [0.0; 3]),
+        (MavCmd(32_100), [1.0, 0.0, 10.0]),
+        (MavCmd(32_100), [1.0, 1.0, 10.0]),
+        (MavCmd(32_100), [0.0; 3]),
     ] {
         pool.push(command(id, params));
     }

@@ -5,7 +5,7 @@ use crate::service::command::{CommandMemory, Commands};
 #[cfg(feature = "storage")]
 use crate::service::param::ExternalService;
 use crate::service::param::ParamMemory;
-use crate::service::{Absent, ForwardingGate, Service, SigningGate};
+use crate::service::{Absent, ControlGate, ForwardingGate, Service, SigningGate};
 use crate::types::{Firmware, RequestQueue, Requests, StatusTexts, TextEntry, Vehicle};
 
 #[cfg(feature = "storage")]
@@ -40,6 +40,8 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type Mode: Service<Self>;
     type Time: Service<Self>;
     type ManualControl: Service<Self>;
+    type Setpoints: Service<Self>;
+    type OperatorControl: Service<Self> + ControlGate;
     type HighLatency: Service<Self>;
     type Signing: Persistent<Self> + SigningGate<<Self::Signing as Service<Self>>::Link>;
     type Forwarding: Service<Self> + ForwardingGate<Self>;
@@ -160,6 +162,8 @@ impl<const N: usize> RequestMemory for Requests<[RequestQueue; N]> {
 ///         forwarding: { bytes: 512, seen: 256 },
 ///         time,
 ///         manual_control,
+///         setpoints,
+///         operator_control,
 ///         high_latency,
 ///     }
 /// }
@@ -188,6 +192,8 @@ impl<const N: usize> RequestMemory for Requests<[RequestQueue; N]> {
 /// | `command_client: { slots: N }` | [requests of the vehicle](crate::CommandClient) to other components, commands and parameters, `N` at a time | none | [`CommandClient`](crate::CommandClient) |
 /// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
 /// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |
+/// | `setpoints` | [setpoints](crate::setpoints::Setpoints) of a companion computer | none | |
+/// | `operator_control` | [operator control](crate::operator_control::OperatorControl): which ground station is in control | none | |
 /// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
 /// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::network::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
 /// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
@@ -271,6 +277,8 @@ macro_rules! stack {
             type Mode = $crate::__declared!(mode $($entries)*,);
             type Time = $crate::__declared!(time $($entries)*,);
             type ManualControl = $crate::__declared!(manual_control $($entries)*,);
+            type Setpoints = $crate::__declared!(setpoints $($entries)*,);
+            type OperatorControl = $crate::__declared!(operator_control $($entries)*,);
             type HighLatency = $crate::__declared!(high_latency $($entries)*,);
             type Signing = $crate::__declared!(signing $($entries)*,);
             type Records = $crate::__declared!(records $($entries)*,);
@@ -384,6 +392,12 @@ macro_rules! __declared {
     (manual_control manual_control, $($rest:tt)*) => { $crate::manual_control::ManualInput };
     (manual_control) => { $crate::__private::Absent };
 
+    (setpoints setpoints, $($rest:tt)*) => { $crate::setpoints::Setpoints };
+    (setpoints) => { $crate::__private::Absent };
+
+    (operator_control operator_control, $($rest:tt)*) => { $crate::operator_control::OperatorControl };
+    (operator_control) => { $crate::__private::Absent };
+
     (high_latency high_latency, $($rest:tt)*) => { $crate::high_latency::HighLatency };
     (high_latency) => { $crate::__private::Absent };
 
@@ -426,6 +440,8 @@ macro_rules! __declared {
     };
     (check time, $($rest:tt)*) => { $crate::__declared!(rest time $($rest)*); };
     (check manual_control, $($rest:tt)*) => { $crate::__declared!(rest manual_control $($rest)*); };
+    (check setpoints, $($rest:tt)*) => { $crate::__declared!(rest setpoints $($rest)*); };
+    (check operator_control, $($rest:tt)*) => { $crate::__declared!(rest operator_control $($rest)*); };
     (check high_latency, $($rest:tt)*) => { $crate::__declared!(rest high_latency $($rest)*); };
     (check signing: { streams: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(rest signing $($rest)*); };
     (check signing, $($rest:tt)*) => { $crate::__declared!(rest signing $($rest)*); };
@@ -458,6 +474,8 @@ macro_rules! __declared {
     (once command_client command_client: $($rest:tt)*) => { $crate::__declared!(twice command_client); };
     (once time time, $($rest:tt)*) => { $crate::__declared!(twice time); };
     (once manual_control manual_control, $($rest:tt)*) => { $crate::__declared!(twice manual_control); };
+    (once setpoints setpoints, $($rest:tt)*) => { $crate::__declared!(twice setpoints); };
+    (once operator_control operator_control, $($rest:tt)*) => { $crate::__declared!(twice operator_control); };
     (once high_latency high_latency, $($rest:tt)*) => { $crate::__declared!(twice high_latency); };
     (once signing signing $($rest:tt)*) => { $crate::__declared!(twice signing); };
     (once storage storage $($rest:tt)*) => { $crate::__declared!(twice storage); };

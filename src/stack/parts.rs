@@ -9,7 +9,9 @@ use crate::service::forwarding::Forwarding;
 use crate::service::high_latency::HighLatency;
 use crate::service::manual_control::ManualInput;
 use crate::service::messages::{Messages, id_of};
+use crate::service::operator_control::OperatorControl;
 use crate::service::param::ParamTable;
+use crate::service::setpoints::Setpoints;
 #[cfg(feature = "signing")]
 use crate::service::signing::{Signing, SigningStream};
 use crate::service::stream::{Stream, StreamService, Telemetry};
@@ -67,6 +69,32 @@ impl<D: Declares<ManualControl = ManualInput>, const LINKS: usize> Stack<D, LINK
     /// Returns manual control, to set who may steer.
     pub fn manual_input_mut(&mut self) -> &mut ManualInput {
         &mut self.services.manual_control
+    }
+}
+
+/// With `setpoints`.
+impl<D: Declares<Setpoints = Setpoints>, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns the setpoints of a companion computer or a ground station.
+    pub fn setpoints(&self) -> &Setpoints {
+        &self.services.setpoints
+    }
+
+    /// Returns the setpoints, to set which sender is authorised.
+    pub fn setpoints_mut(&mut self) -> &mut Setpoints {
+        &mut self.services.setpoints
+    }
+}
+
+/// With `operator_control`.
+impl<D: Declares<OperatorControl = OperatorControl>, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns operator control: which ground station controls the vehicle.
+    pub fn operator_control(&self) -> &OperatorControl {
+        &self.services.operator_control
+    }
+
+    /// Returns operator control, to configure it, and to release control.
+    pub fn operator_control_mut(&mut self) -> &mut OperatorControl {
+        &mut self.services.operator_control
     }
 }
 

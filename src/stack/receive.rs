@@ -3,13 +3,13 @@
 
 use super::services::{Services, States};
 use super::{Declares, report};
-use crate::dialect::MavSeverity;
+use crate::dialect::{MavResult, MavSeverity};
 use crate::frame::{Decoder, Frame};
 use crate::link::{Link, Port};
 use crate::message::{Address, Text};
 use crate::network::{self, Booking, Passage, Reception};
 use crate::service::command::CommandService;
-use crate::service::{Cx, ForwardingGate, Handled, Received, Request, SigningGate, increment};
+use crate::service::{ControlGate, Cx, ForwardingGate, Handled, Received, Request, SigningGate, Verdict, increment};
 use crate::time::Instant;
 use crate::types::{Allowance, Context, MAX_TEXT_LEN, Peer, Values, Vehicle};
 
@@ -39,6 +39,7 @@ impl<D: Declares> Services<D> {
             if is_served
                 && let Some(target) = filter(cx, port, frame)
                 && !self.command(cx, port, state, frame, target)
+                && !self.operator_control.drops(cx.shared.config.address.get().system, frame)
             {
                 self.serve(cx, port, state, frame, target);
             }
@@ -167,10 +168,18 @@ impl<D: Declares> Services<D> {
         // By reference: it is large.
         let Some(request) = &request else { return false };
         if CommandService::<D::Commands>::has_room(port, &state.command) {
-            let mut verdict = self.command.admit(cx, request);
+            // Before every hook, `is_in_control` included (O-5).
+            let own = cx.shared.config.address.get().system;
+            let mut verdict = match self.operator_control.refuses(own, &request.command) {
+                true => Some(Verdict::Refused(MavResult::NOT_IN_CONTROL.into())),
+                false => self.command.admit(cx, request),
+            };
             let is_admitted = verdict.is_none();
             if is_admitted {
                 verdict = self.on_command(cx, port, state, request);
+            }
+            if let Some(owner) = self.operator_control.take_new_owner() {
+                self.on_owner(own, owner);
             }
             self.command.answer(cx, port, &mut state.command, request, verdict, is_admitted);
         }

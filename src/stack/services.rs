@@ -4,7 +4,7 @@
 use super::Declares;
 use crate::dialect::MavProtocolCapability;
 use crate::link::{Pace, Port, Transport};
-use crate::message::ComponentId;
+use crate::message::{ComponentId, SystemId};
 use crate::service::command::CommandService;
 #[cfg(test)]
 use crate::service::example::Tunes;
@@ -111,6 +111,10 @@ macro_rules! define {
                 $(Service::<D>::on_heard(&mut self.$name, now, from);)*
             }
 
+            pub(crate) fn on_owner(&mut self, own: SystemId, owner: SystemId) {
+                $(Service::<D>::on_owner(&mut self.$name, own, owner);)*
+            }
+
             pub(crate) fn on_sent(&mut self, port: &Port) {
                 $(Service::<D>::on_sent(&mut self.$name, port);)*
             }
@@ -163,6 +167,8 @@ services! {
     time: D::Time,
     signing: D::Signing,
     manual_control: D::ManualControl,
+    setpoints: D::Setpoints,
+    operator_control: D::OperatorControl,
     mode: D::Mode,
     identity: Identification,
     statustext: Texts,

@@ -393,6 +393,8 @@ fn cases() -> Vec<Case> {
         ("calls_parameters", calls("stack.parameters_mut();"), "NoParams: ParamTable`"),
         ("calls_time", calls("stack.ask_time(LinkId(0));"), "Declares>::Time = "),
         ("calls_manual_control", calls("stack.manual_input_mut();"), "Declares>::ManualControl = "),
+        ("calls_setpoints", calls("stack.setpoints_mut();"), "Declares>::Setpoints = "),
+        ("calls_operator_control", calls("stack.operator_control_mut();"), "Declares>::OperatorControl = "),
         ("calls_high_latency", calls("stack.high_latency_mut();"), "Declares>::HighLatency = "),
         ("calls_forwarding", calls("stack.forward_counters(LinkId(0));"), "Declares>::Forwarding = "),
         ("calls_signing", calls("stack.signing_mut();"), "Declares>::Signing = "),
@@ -479,11 +481,14 @@ fn judge(cases: &[Case], lines: &[String], wrong: &mut String) {
 fn invalid_configurations_do_not_compile() {
     let everything =
         "links: 2, plans: { mission: 9 }, parameters: Tuning, streams, modes, commands: { slots: 1 }, forwarding,
-                      signing, time, manual_control, high_latency, peers: 1, texts: 0";
+                      signing, time, manual_control, setpoints, operator_control, high_latency,
+                      peers: 1, texts: 0";
     let hooks =
         [PLANS, PARAMETERS, &telemetry("Stream::of::<Attitude>()"), &modes("FlightMode::new(1, \"A\")")].concat();
     let main = "stack.announce::<Attitude>(); stack.ask_time(LinkId(1)); stack.forward_counters(LinkId(1));
-                stack.long_commands_mut(); stack.parameters_mut(); stack.manual_input_mut(); stack.high_latency_mut();
+                stack.long_commands_mut(); stack.parameters_mut(); stack.manual_input_mut(); stack.setpoints_mut();
+                stack.operator_control_mut();
+                stack.high_latency_mut();
                 stack.signing_mut(); stack.mission_item_reached(Instant::ZERO, 0);";
     let once = &policies(".once()");
     let right = Firmware { policies: once, hooks: &hooks, entries: everything, main, ..Firmware::default() };

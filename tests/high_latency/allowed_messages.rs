@@ -80,6 +80,8 @@ mavstack::stack! {
         forwarding,
         time,
         manual_control,
+        setpoints,
+        operator_control,
         high_latency,
     }
 }
@@ -97,6 +99,8 @@ mavstack::stack! {
         signing,
         time,
         manual_control,
+        setpoints,
+        operator_control,
         high_latency,
     }
 }

@@ -10,6 +10,7 @@ use mavstack::__private::{NoPlans, PlanBuffers, PlanMemory};
 use mavstack::clock::Time;
 use mavstack::high_latency::HighLatency;
 use mavstack::manual_control::ManualInput;
+use mavstack::setpoints::Setpoints;
 use mavstack::{Commands, Config, FlightMode, LinkConfig, Modes, Plans, Stack, Stream, Telemetry, Vehicle};
 use std::marker::PhantomData;
 
@@ -46,6 +47,8 @@ where
     type Mode = V::Mode;
     type Time = O::Time;
     type ManualControl = O::ManualControl;
+    type Setpoints = O::Setpoints;
+    type OperatorControl = Absent;
     type HighLatency = O::HighLatency;
     type Signing = O::Signing;
     type Forwarding = O::Forwarding;
@@ -87,13 +90,14 @@ where
 pub trait Options<D: Firmware> {
     type Time: Service<D>;
     type ManualControl: Service<D>;
+    type Setpoints: Service<D>;
     type HighLatency: Service<D>;
     type Signing: Persistent<D> + SigningGate<<Self::Signing as Service<D>>::Link>;
     type Forwarding: Service<D> + ForwardingGate<D>;
 }
 
 macro_rules! options {
-    ($($(#[$meta:meta])* $name:ident: $time:ty, $manual:ty, $high_latency:ty, $signing:ty, $forwarding:ty;)*) => { $(
+    ($($(#[$meta:meta])* $name:ident: $time:ty, $manual:ty, $setpoints:ty, $high_latency:ty, $signing:ty, $forwarding:ty;)*) => { $(
         $(#[$meta])*
         #[derive(Debug)]
         pub struct $name;
@@ -101,6 +105,7 @@ macro_rules! options {
         impl<D: Firmware<Vehicle: Vehicle>> Options<D> for $name {
             type Time = $time;
             type ManualControl = $manual;
+            type Setpoints = $setpoints;
             type HighLatency = $high_latency;
             type Signing = $signing;
             type Forwarding = $forwarding;
@@ -119,27 +124,27 @@ pub type Forwards = Forwarding<6, 512, 256>;
 
 options! {
     /// None.
-    Plain: Absent, Absent, Absent, WithoutSigning, Absent;
+    Plain: Absent, Absent, Absent, Absent, WithoutSigning, Absent;
     /// PING and TIMESYNC.
-    Timed: Time, Absent, Absent, WithoutSigning, Absent;
-    /// Manual control.
-    Steered: Absent, ManualInput, Absent, WithoutSigning, Absent;
+    Timed: Time, Absent, Absent, Absent, WithoutSigning, Absent;
+    /// Manual control and setpoints.
+    Steered: Absent, ManualInput, Setpoints, Absent, WithoutSigning, Absent;
     /// HIGH_LATENCY2.
-    Satellite: Absent, Absent, HighLatency, WithoutSigning, Absent;
+    Satellite: Absent, Absent, Absent, HighLatency, WithoutSigning, Absent;
     /// Forwarding.
-    Forwarded: Absent, Absent, Absent, WithoutSigning, Forwards;
+    Forwarded: Absent, Absent, Absent, Absent, WithoutSigning, Forwards;
     /// Forwarding and HIGH_LATENCY2.
-    ForwardedSatellite: Absent, Absent, HighLatency, WithoutSigning, Forwards;
+    ForwardedSatellite: Absent, Absent, Absent, HighLatency, WithoutSigning, Forwards;
     /// Signing.
-    Signed: Absent, Absent, Absent, Signs, Absent;
+    Signed: Absent, Absent, Absent, Absent, Signs, Absent;
     /// Signing and HIGH_LATENCY2.
-    SignedSatellite: Absent, Absent, HighLatency, Signs, Absent;
+    SignedSatellite: Absent, Absent, Absent, HighLatency, Signs, Absent;
     /// Signing and forwarding.
-    SignedForwarded: Absent, Absent, Absent, Signs, Forwards;
+    SignedForwarded: Absent, Absent, Absent, Absent, Signs, Forwards;
     /// All except signing.
-    Unsigned: Time, ManualInput, HighLatency, WithoutSigning, Forwards;
+    Unsigned: Time, ManualInput, Setpoints, HighLatency, WithoutSigning, Forwards;
     /// All of them.
-    Everything: Time, ManualInput, HighLatency, Signs, Forwards;
+    Everything: Time, ManualInput, Setpoints, HighLatency, Signs, Forwards;
 }
 
 /// The hooks of a test vehicle besides `Vehicle` and `Commands`.

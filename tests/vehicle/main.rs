@@ -10,11 +10,14 @@ mod manual_properties;
 mod messages;
 #[cfg(feature = "fmt")]
 mod metadata;
+mod operator_control;
 mod own_messages;
 mod param_backend;
 mod param_places;
 mod param_run_time;
 mod params;
+mod setpoint_properties;
+mod setpoints;
 mod si_values;
 mod statustext;
 mod streams;

@@ -61,6 +61,7 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
             "test_progress.py",
             "test_modes.py",
             "test_partners.py",
+            "test_operators.py",
             "test_qgc_connect.py",
             "test_mavproxy.py",
             "test_mavproxy_flight.py",

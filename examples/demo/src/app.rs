@@ -5,6 +5,7 @@ use core::ops::DerefMut;
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
 use mavstack::config::{Identity, LinkClass, StreamProfile, VehicleAddress};
+use mavstack::dialect::MavProtocolCapability;
 use mavstack::network::LinkError;
 use mavstack::signing::LinkSigning;
 use mavstack::storage::{JobSlot, RestoreErrors, Store};
@@ -48,6 +49,8 @@ mavstack::stack! {
         signing: { streams: 16 },
         time,
         manual_control,
+        setpoints,
+        operator_control,
         high_latency,
         storage,
     }
@@ -67,6 +70,8 @@ const IDENTITY: Identity = Identity {
     board_version: 1,
     uid: 0x6D61_7673_7461_636B,
     uid2: *b"mavstack demo 0001",
+    capabilities: MavProtocolCapability::SET_POSITION_TARGET_LOCAL_NED
+        .with(MavProtocolCapability::SET_POSITION_TARGET_GLOBAL_INT),
     ..Identity::NONE
 };
 
@@ -129,6 +134,7 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         let Self { stack, vehicle, .. } = self;
         let before = vehicle.state();
         vehicle.take_sticks(now, stack);
+        vehicle.take_setpoint(now, stack);
         stack.with_context(now, |cx| vehicle.control_step(cx));
         PULSE.tick();
         vehicle.report_calibration(stack.long_commands_mut());

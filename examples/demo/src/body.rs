@@ -183,6 +183,12 @@ impl Body {
         self.travel(wanted, down, None, dt);
     }
 
+    /// Flies with a velocity (m/s) for `dt` seconds, within the limits.
+    pub fn go(&mut self, velocity: Vector, dt: f32) {
+        let wanted = if -self.position.down >= CLEARANCE { (velocity.north, velocity.east) } else { (0.0, 0.0) };
+        self.travel(wanted, velocity.down, None, dt);
+    }
+
     /// Moves for `dt` seconds towards the wanted velocity, within the limits.
     fn travel(&mut self, wanted: (f32, f32), down: f32, course: Option<(f32, f32)>, dt: f32) {
         let Limits { acceleration, climb, sink, touch_down, flare, .. } = self.limits;

@@ -48,7 +48,7 @@ parameters! {
         GF_MAX_VER_DIST: f32 = 0.0, 0.0..=10_000.0, "m";
         /// Rate of HIGH_LATENCY2 on the satellite link while it is enabled.
         MAV_2_HL_FREQ: f32 = 0.015, 0.001..=1.0, "Hz";
-        /// System id that may send manual control; 0: any ground station.
+        /// System id that may send manual control and setpoints; 0: any ground station.
         MAV_GCS_SYSID: u8 = 0, 0..=u8::MAX, "";
         /// Time after losing the last ground station on the other links until HIGH_LATENCY2 starts automatically; 0: never.
         MAV_HL_LOSS_T: u16 = 0, 0..=3_600, "s";

@@ -5,6 +5,7 @@ use crate::support::{TestVehicle, Tuning};
 use mavstack::__private::{CommandSlots, Declares, Missions, ParamService, SigningStreams, Storage};
 use mavstack::high_latency::HighLatencyConfig;
 use mavstack::manual_control::ManualInput;
+use mavstack::setpoints::Setpoints;
 use mavstack::{Duration, Stack};
 
 /// A declaration with all that every session has.
@@ -16,6 +17,7 @@ pub trait Declared:
         Param = ParamService,
         Commands = CommandSlots<3>,
         ManualControl = ManualInput,
+        Setpoints = Setpoints,
         Signing = SigningStreams<16>,
         Storage = Storage,
     >
@@ -36,6 +38,7 @@ macro_rules! declare {
                 signing: { streams: 16 },
                 time,
                 manual_control,
+                setpoints,
                 peers: 6,
                 texts: 3,
                 storage,

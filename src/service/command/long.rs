@@ -390,13 +390,11 @@ impl LongCommands {
             slot.duplicates.note(command.from.link);
             return Some(MavResult::IN_PROGRESS.into());
         }
-        // The newest of them: it may have been given again after another one.
-        let same = self.slots.iter_mut().filter(|slot| slot.state != State::Free && slot.is_same(command));
-        if let Some(slot) = same.max_by_key(|slot| slot.at)
-            && let Some(answer) = slot.answer(now, command, signed_at, once)
-        {
-            slot.note(now, command);
-            return Some(answer);
+        for slot in &mut self.slots {
+            if let Some(answer) = slot.answer(now, command, signed_at, once) {
+                slot.note(now, command);
+                return Some(answer);
+            }
         }
         let has_room = self.free_slot().is_some() || self.slots.iter().any(|slot| slot.is_run_of(command));
         (once != Once::No && !has_room).then_some(MavResult::TEMPORARILY_REJECTED.into())
@@ -423,6 +421,12 @@ impl LongCommands {
             let is_another =
                 slot.command() == command.id && slot.from == command.from.address && !slot.is_same(command);
             slot.is_long &= !is_another;
+            // An earlier run of this command must not answer for the new one.
+            let is_earlier =
+                outcome.result == MavResult::IN_PROGRESS && slot.is_same(command) && slot.pending.is_empty();
+            if is_earlier && once == Once::No {
+                slot.state = State::Free;
+            }
         }
         if outcome.result == MavResult::IN_PROGRESS {
             // Without a free slot, the vehicle must not have started it; no final ACK will be sent.

@@ -39,6 +39,9 @@ pub trait Commands {
     /// Whether the sender of `command`, which is declared in [`POLICIES`](Self::POLICIES), is authorised to give it. If not, the
     /// answer is NOT_IN_CONTROL. Also called for SET_MODE and MISSION_SET_CURRENT, as MAV_CMD_DO_SET_MODE and
     /// MAV_CMD_DO_SET_MISSION_CURRENT.
+    ///
+    /// A vehicle that declares `operator_control` need not do this for ground stations: see
+    /// [`OperatorControl`](crate::operator_control::OperatorControl).
     fn is_in_control(&self, cx: &mut Context<'_>, command: &Command) -> bool {
         let _ = (cx, command);
         true

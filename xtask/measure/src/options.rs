@@ -90,6 +90,8 @@ const GROUPS: [(&str, &[Row]); 9] = [
             Row("long-commands", "long-running commands, 2 at a time", "commands-long", SMALLEST, 1),
             Row("long-command", "one more long-running command at a time", "commands-long-4", "commands-long", 2),
             Row("manual", "manual control", "manual", SMALLEST, 1),
+            Row("setpoints", "setpoints of a companion computer", "setpoints", SMALLEST, 1),
+            Row("operator-control", "operator control, on one link", "operator-control", SMALLEST, 1),
             Row("time", "PING, and TIMESYNC requests, on one link", "time", SMALLEST, 1),
         ],
     ),

@@ -177,6 +177,7 @@ impl Flight {
 fn mode(number: u32) -> (&'static str, &'static str) {
     match (number >> 16 & 0xFF, number >> 24) {
         (3, _) => ("Position", "c"),
+        (6, _) => ("Offboard", "c"),
         (4, 2) => ("Takeoff", "a"),
         (4, 4) => ("Mission", "a"),
         (4, 5) => ("Return", "b"),

@@ -22,8 +22,8 @@ use crate::tuning::Tuning;
 
 /// Parameter 2 of MAV_CMD_COMPONENT_ARM_DISARM that forces arming or disarming (C-31).
 const FORCE: u16 = 21_196;
-/// Maximum speed that a command may set (m/s): the maximum of `MPC_XY_CRUISE`.
-const MAX_SPEED: f32 = 25.0;
+/// Maximum speed that a command or a setpoint may set (m/s): the maximum of `MPC_XY_CRUISE`.
+pub(super) const MAX_SPEED: f32 = 25.0;
 /// Frame of a takeoff in COMMAND_LONG, which has no frame field (C-6). Other commands use GLOBAL.
 const ABOVE_HOME: MavFrame = MavFrame::GLOBAL_RELATIVE_ALT;
 /// Maximum distance of home from the position at boot (m), horizontally and vertically.

@@ -29,11 +29,7 @@ impl Quadrotor {
         let system = tuning.get(Tuning::MAV_GCS_SYSID);
         let timeout = tuning.get(Tuning::COM_RC_LOSS_T);
         let input = stack.manual_input_mut();
-        input.set_source(if system == 0 {
-            ControlSource::GroundStation
-        } else {
-            ControlSource::System(SystemId(system))
-        });
+        input.set_source(source(system));
         input.set_timeout(Duration::from_micros((timeout * 1e6) as u64));
         self.sticks = sticks(input, now);
         self.channels = input.rc_channels(now).unwrap_or_default();
@@ -75,6 +71,14 @@ impl Quadrotor {
     /// Returns RC_CHANNELS. The vehicle has no RC receiver, so it contains the channels of RC_CHANNELS_OVERRIDE.
     pub(crate) fn rc_channels(&self, now: Instant) -> RcChannels {
         self.channels.to_message(now, &[])
+    }
+}
+
+/// Returns the source of manual control and setpoints for [`Tuning::MAV_GCS_SYSID`].
+pub(super) fn source(system: u8) -> ControlSource {
+    match system {
+        0 => ControlSource::GroundStation,
+        _ => ControlSource::System(SystemId(system)),
     }
 }
 

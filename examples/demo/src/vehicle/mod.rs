@@ -8,6 +8,7 @@ mod ground;
 mod manual;
 mod mission;
 mod modes;
+mod offboard;
 mod params;
 mod payload;
 mod plans;
@@ -30,6 +31,7 @@ use ground::Reboot;
 use manual::Sticks;
 use mission::Mission;
 pub use modes::Mode;
+use offboard::Course;
 use payload::Payload;
 pub(crate) use satellite::{CONFIG as SATELLITE_CONFIG, GPS_ERROR};
 
@@ -131,6 +133,8 @@ pub struct Quadrotor {
     counts: Counts,
     sticks: Option<Sticks>,
     channels: RcOverride,
+    /// What the current setpoint asks for, if the vehicle can fly it.
+    course: Option<Course>,
     /// The time of day, if a real-time clock has set it.
     calendar: WallClock,
     /// When the values for HIGH_LATENCY2 were last sampled.
@@ -176,6 +180,7 @@ impl Quadrotor {
             counts: Counts { flights: 0, flight_time: 0 },
             sticks: None,
             channels: RcOverride::default(),
+            course: None,
             calendar: WallClock::new(),
             sampled: Instant::ZERO,
             metadata: None,
@@ -328,6 +333,7 @@ impl Quadrotor {
         self.watch_idling(cx);
         self.watch_calibration(cx);
         self.watch_sticks(cx);
+        self.watch_setpoints(cx);
         if !self.armed {
             self.is_outside = !self.allows(cx, self.body.position, self.body.position);
             return self.body.fall(DT);
@@ -337,6 +343,9 @@ impl Quadrotor {
         }
         if self.mode == Mode::Position {
             return self.follow_sticks(cx);
+        }
+        if self.mode == Mode::Offboard {
+            return self.follow_setpoints(cx);
         }
         if self.maneuver == Maneuver::Return {
             self.maneuver = self.return_landing(cx);
@@ -355,7 +364,7 @@ impl Quadrotor {
                     self.touch_down(cx)
                 }
                 Mode::Return | Mode::Land => {}
-                Mode::Hold | Mode::Position | Mode::Mission => {}
+                Mode::Hold | Mode::Position | Mode::Offboard | Mode::Mission => {}
             }
         }
     }
@@ -486,7 +495,7 @@ impl Default for Quadrotor {
 impl Vehicle for Quadrotor {
     fn state(&self) -> Option<VehicleState> {
         let flags = match self.mode {
-            Mode::Hold => MavModeFlag::GUIDED_ENABLED,
+            Mode::Hold | Mode::Offboard => MavModeFlag::GUIDED_ENABLED,
             Mode::Position => MavModeFlag::MANUAL_INPUT_ENABLED,
             _ => MavModeFlag::GUIDED_ENABLED | MavModeFlag::AUTO_ENABLED,
         };

@@ -17,6 +17,8 @@ use crate::plan::Maneuver;
 pub enum Mode {
     /// Manual flight.
     Position = 3 << 16,
+    /// Flies the setpoints of a companion computer or a ground station.
+    Offboard = 6 << 16,
     /// Takeoff.
     Takeoff = auto(2),
     /// Holds the position, or flies to a commanded position and holds there.
@@ -37,6 +39,7 @@ const fn auto(sub: u32) -> u32 {
 /// The modes that AVAILABLE_MODES lists.
 const TABLE: &[FlightMode] = &[
     FlightMode::new(Mode::Position.number(), "Position").with_standard_mode(MavStandardMode::POSITION_HOLD),
+    automatic(Mode::Offboard, "Offboard"),
     automatic(Mode::Takeoff, "Takeoff").with_standard_mode(MavStandardMode::TAKEOFF),
     automatic(Mode::Hold, "Hold"),
     automatic(Mode::Mission, "Mission").with_standard_mode(MavStandardMode::MISSION),
@@ -49,11 +52,12 @@ const fn automatic(mode: Mode, name: &'static str) -> FlightMode {
 }
 
 impl Mode {
-    const ALL: [Self; 6] = [Self::Position, Self::Takeoff, Self::Hold, Self::Mission, Self::Return, Self::Land];
+    const ALL: [Self; 7] =
+        [Self::Position, Self::Offboard, Self::Takeoff, Self::Hold, Self::Mission, Self::Return, Self::Land];
 
     /// Whether the vehicle may take off in this mode.
     const fn can_take_off(self) -> bool {
-        matches!(self, Self::Position | Self::Takeoff | Self::Mission)
+        matches!(self, Self::Position | Self::Offboard | Self::Takeoff | Self::Mission)
     }
 
     /// Returns the value of `HEARTBEAT.custom_mode`.
@@ -89,6 +93,7 @@ impl Quadrotor {
                 MavResult::ACCEPTED
             }
             Mode::Position => self.fly_manually(cx),
+            Mode::Offboard => self.fly_setpoints(cx),
             Mode::Takeoff => {
                 let height = takeoff_altitude(cx) - self.home.spot.down;
                 self.start(cx, mode, Maneuver::Climb(Vector { down: here.down.min(-height), ..here }))

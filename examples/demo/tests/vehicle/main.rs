@@ -8,6 +8,8 @@ mod flight;
 mod manual;
 mod mission;
 mod modes;
+mod offboard;
+mod operators;
 mod params;
 mod partners;
 mod progress;

@@ -93,7 +93,7 @@ fn modes_are_reported() {
     wire.run(100);
     let listed = wire.take::<AvailableModes>();
     let names: Vec<_> = listed.iter().map(|(_, mode)| mode.mode_name.as_str().unwrap()).collect();
-    assert_eq!(names, ["Position", "Takeoff", "Hold", "Mission", "Return", "Land"]);
+    assert_eq!(names, ["Position", "Offboard", "Takeoff", "Hold", "Mission", "Return", "Land"]);
     let is_auto = |mode: &AvailableModes| mode.properties.contains(MavModeProperty::AUTO_MODE);
     assert!(listed.iter().all(|(_, mode)| is_auto(mode) != (mode.custom_mode == Mode::Position.number())));
     wire.take::<CurrentMode>();

@@ -121,9 +121,9 @@ fn a_refused_broadcast_names_the_system_to_use() {
 #[test]
 fn an_unknown_mode_is_explained() {
     let mut wire = Wire::booted();
-    // OFFBOARD of PX4.
-    let (result, texts) = ask(&mut wire, 1, MavCmd::DO_SET_MODE, &[1.0, 6.0, 0.0]);
-    assert_eq!((result, texts), (MavResult::DENIED, vec!["Mode 393216 refused: not in AVAILABLE_MODES".to_owned()]));
+    // STABILIZED of PX4.
+    let (result, texts) = ask(&mut wire, 1, MavCmd::DO_SET_MODE, &[1.0, 7.0, 0.0]);
+    assert_eq!((result, texts), (MavResult::DENIED, vec!["Mode 458752 refused: not in AVAILABLE_MODES".to_owned()]));
     // GUIDED of ArduPilot.
     wire.run(5_500);
     wire.send(TELEMETRY, &SetMode { target_system: 1, base_mode: MavModeFlag::CUSTOM_MODE_ENABLED, custom_mode: 4 });

@@ -1,6 +1,6 @@
 //! The signing key of the demo vehicle: how it is set, and which frames are accepted then.
 
-use crate::support::wire::{Received, STATION, Wire, command_long};
+use crate::support::wire::{Received, STATION, Sent, Wire, command_long};
 use mavstack::dialect::*;
 use mavstack::frame::{Decoder, encode_signed};
 use mavstack::message::{Dialect, Secret};
@@ -33,7 +33,7 @@ fn is_signed(frame: &Received) -> bool {
     let (mut decoder, now) = (Decoder::new(Duration::from_secs(1)), Instant::ZERO);
     assert_eq!(decoder.push(&frame.raw, now), frame.raw.len());
     let mut work = u32::MAX;
-    decoder.next(now, Common::MESSAGES, &mut work, |_| true).is_some_and(|frame| frame.is_signed_with(&key()))
+    decoder.next(now, Sent::MESSAGES, &mut work, |_| true).is_some_and(|frame| frame.is_signed_with(&key()))
 }
 
 /// Returns a signed frame with a command that is answered in every state.

@@ -74,7 +74,9 @@ entry!($ "client" with_client with_forwarding [command_client: { slots: if cfg!(
 entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
 entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
 entry!($ "time" with_time with_manual [time]);
-entry!($ "manual" with_manual with_high_latency [manual_control]);
+entry!($ "manual" with_manual with_setpoints [manual_control]);
+entry!($ "setpoints" with_setpoints with_operator [setpoints]);
+entry!($ "operator-control" with_operator with_high_latency [operator_control]);
 entry!($ "high-latency" with_high_latency with_storage [high_latency]);
 entry!($ "storage" with_storage declare [storage]);
 
@@ -377,6 +379,8 @@ fn main() -> ! {
     for setting in &SETTINGS {
         let _ = info(setting).map(|info| stack.parameters_mut().add(info));
     }
+    #[cfg(feature = "setpoints")]
+    stack.setpoints_mut().set_source(ControlSource::GroundStation);
     #[cfg(feature = "manual")]
     stack.manual_input_mut().set_source(ControlSource::GroundStation);
     #[cfg(all(feature = "storage", not(feature = "store-fram")))]
@@ -403,6 +407,10 @@ fn main() -> ! {
         let _ = stack.send_command(Recipient::Type(MavType::GIMBAL), 1);
         #[cfg(feature = "messages")]
         let _ = stack.send::<Tunnel>(Destination::All, 0);
+        #[cfg(feature = "setpoints")]
+        {
+            rover.armed ^= stack.setpoints().current(now).is_some_and(|setpoint| setpoint.time_boot_ms == 7);
+        }
         #[cfg(feature = "texts")]
         stack.send_text(now, MavSeverity::INFO, "started");
         #[cfg(feature = "time")]

@@ -10,6 +10,19 @@ use mavstack::message::Dialect;
 use mavstack::{Address, Duration, Instant, LinkId, Message};
 use mavstack_demo::{App, COMPANION, LINKS, Mavlink, Quadrotor, TELEMETRY};
 
+mavstack::message! {
+    /// CONTROL_STATUS of MAVLink's `development.xml` (O-5).
+    pub struct ControlStatus: CONTROL_STATUS = 512 {
+        flags: u8,
+        gcs_main: u8,
+        gcs_secondary: [u8; 10],
+    }
+}
+mavstack::dialect! {
+    /// All that the vehicle sends.
+    pub struct Sent: [ControlStatus] + Common;
+}
+
 pub const STATION: Address = Address::new(255, 190);
 
 /// A serial line between the vehicle and the test.
@@ -121,7 +134,7 @@ impl Wire {
                 while !line.down.is_empty() {
                     let pushed = decoder.push(line.down.make_contiguous(), now);
                     line.down.drain(..pushed);
-                    while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut u32::MAX.clone(), |_| true) {
+                    while let Some(frame) = decoder.next(now, Sent::MESSAGES, &mut u32::MAX.clone(), |_| true) {
                         self.received.push(Received {
                             millis: self.millis,
                             link,

@@ -1,0 +1,424 @@
+//! Operator control: of several ground stations, one is in control of the vehicle, and another one takes over with its consent.
+//!
+//! Implements MAV_CMD_REQUEST_OPERATOR_CONTROL and CONTROL_STATUS of MAVLink's `development.xml`, rule O-5, as the manager of the
+//! whole system. They may still change there. Who is in control decides over commands (C-5), sticks (J-2) and setpoints (J-6).
+//!
+//! Left out: control of single components, and changes of plans and parameters. A vehicle that refuses those too copies
+//! [`owner`](OperatorControl::owner) in its flight loop, and compares it with the sender in [`Plans::may_change`](crate::Plans::may_change) and
+//! [`Parameters::may_set`](crate::Parameters::may_set).
+//!
+//! [`OperatorControl`] shows how control is requested, taken over and released.
+
+use super::{ControlGate, Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use crate::dialect::{
+    CommandAck, CommandCancel, CommandLong, ManualControl, MavCmd, MavProtocolCapability, MavResult, MissionSetCurrent,
+    RcChannelsOverride, SetActuatorControlTarget, SetAttitudeTarget, SetGpsGlobalOrigin, SetHomePosition, SetMode,
+    SetPositionTargetGlobalInt, SetPositionTargetLocalNed,
+};
+use crate::frame::Frame;
+use crate::link::Port;
+use crate::message::{Address, Message, SystemId};
+use crate::network::Peers;
+use crate::num;
+use crate::time::{Duration, Instant};
+use crate::types::{Command, Firmware, LinkId, LinkMask, Peer};
+
+/// MAV_CMD_REQUEST_OPERATOR_CONTROL: action, takeover, timeout, system.
+const REQUEST_OPERATOR_CONTROL: MavCmd = MavCmd(32_100);
+
+/// Requests control.
+const REQUEST: u8 = 1;
+
+/// The number of systems besides the owner that may send commands.
+const SECONDARIES: usize = 10;
+
+/// How often CONTROL_STATUS is sent without a change.
+const PERIOD: Duration = Duration::from_secs(1);
+
+/// The maximum number of times that the owner is told of a request, and how often.
+const NOTICES: u8 = 3;
+
+/// GCS_CONTROL_STATUS_FLAGS: about the whole system.
+const SYSTEM_MANAGER: u8 = 1;
+/// A request is granted.
+const TAKEOVER_ALLOWED: u8 = 2;
+
+crate::message! {
+    /// `CONTROL_STATUS`.
+    struct ControlStatus: CONTROL_STATUS = 512, crc_extra = 21 {
+        flags: u8,
+        gcs_main: u8,
+        gcs_secondary: [u8; 10],
+    }
+}
+
+counters! {
+    /// Counters of operator control. They wrap.
+    OperatorCounters {
+        /// Requests for control that were granted.
+        count granted,
+        /// Requests for control that were refused: the owner allows no takeover.
+        count refused,
+        /// Commands that were answered NOT_IN_CONTROL.
+        drop commands,
+        /// Sticks, setpoints, and messages that are equivalent to a command, that were dropped because their sender was not
+        /// in control.
+        drop messages,
+    }
+}
+
+/// Operator control: declared by `operator_control` in [`stack!`](crate::stack), and read through
+/// [`Stack::operator_control`](crate::Stack::operator_control).
+///
+/// ```text
+///                 request, and takeover is allowed: the new owner says whether it allows another one
+///                 ┌───────────────────────────────────────────────┐
+///        request  │                                               ▼
+///   nobody ──────▶ owned by a ground station ─── request ──▶ is takeover allowed?
+///      ▲           │                     ▲                        │ no
+///      └───────────┘                     └────────────────────────┘
+///        release, or its heartbeats        the request FAILED; the owner is told of it, and
+///        have stopped                      may release control or allow a takeover
+/// ```
+///
+/// While nobody is in control, every system controls the vehicle. Otherwise these do:
+///
+/// | sender | commands | sticks, setpoints |
+/// |---|---|---|
+/// | the owner, and components of the vehicle's own system | yes | yes |
+/// | [secondary](Self::set_secondaries) systems | yes | no |
+/// | others | NOT_IN_CONTROL | dropped and counted |
+///
+/// A refused command calls no hook of the vehicle. Everyone may request control, messages, their intervals, and the vehicle's
+/// capabilities. COMMAND_CANCEL, MISSION_SET_CURRENT, SET_MODE, SET_HOME_POSITION and SET_GPS_GLOBAL_ORIGIN are treated like
+/// commands, but only SET_MODE has an answer that could say so, if the vehicle has modes. SET_ACTUATOR_CONTROL_TARGET is
+/// treated like a setpoint. All other messages reach [`Vehicle::message`](crate::Vehicle::message).
+///
+/// The owner is told of a request by the same command, up to three times, until it has answered. CONTROL_STATUS is sent on
+/// every normal link that carries MAVLink 2: at once after a change, and every second.
+///
+/// ```
+/// # use mavstack::*;
+/// # struct Rover;
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
+/// # }
+/// mavstack::stack! {
+///     struct Mavlink for Rover { links: 2, manual_control, operator_control }
+/// }
+///
+/// /// Called once, before the loop. System 253 plans missions for the pilots: it never steers.
+/// fn configure(stack: &mut Mavlink) {
+///     let control = stack.operator_control_mut();
+///     control.set_secondaries(&[message::SystemId(253)]);
+///     // A failsafe decides what happens when the owner is lost, not the next station.
+///     control.set_release_on_loss(false);
+/// }
+///
+/// fn pilot(stack: &Mavlink) -> Option<message::SystemId> {
+///     stack.operator_control().owner()
+/// }
+/// ```
+#[derive(Clone, Debug)]
+pub struct OperatorControl {
+    /// 0 for nobody.
+    owner: SystemId,
+    allows_takeover: bool,
+    keeps_lost: bool,
+    /// The owner is another one since [`take_new_owner`](ControlGate::take_new_owner).
+    is_new: bool,
+    /// The number of changes, to report each of them once on each link. Wraps.
+    changes: u8,
+    secondaries: [u8; SECONDARIES],
+    notice: Notice,
+    counters: OperatorCounters,
+}
+
+/// What the owner is told about a refused request.
+#[derive(Clone, Copy, Debug)]
+struct Notice {
+    /// How often it will be sent.
+    left: u8,
+    /// The owner's ground station, and the link on which it is alive.
+    to: Peer,
+    /// The system that requests control, whether it would allow a takeover, and how long it waits (s).
+    requester: SystemId,
+    allow: u8,
+    timeout: u8,
+    /// When it is due.
+    at: Instant,
+}
+
+impl Notice {
+    /// All zero bits.
+    const NONE: Self = Self {
+        left: 0,
+        to: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        requester: SystemId(0),
+        allow: 0,
+        timeout: 0,
+        at: Instant::ZERO,
+    };
+}
+
+/// The state of the service on a link.
+#[derive(Clone, Copy, Debug)]
+pub struct OperatorLink {
+    /// When CONTROL_STATUS is due without a change.
+    at: Instant,
+    /// The changes that it has reported.
+    changes: u8,
+}
+
+impl OperatorControl {
+    /// Returns the system in control; `None` if nobody is.
+    pub fn owner(&self) -> Option<SystemId> {
+        Some(self.owner).filter(|owner| owner.0 != 0)
+    }
+
+    /// Returns whether a request for control is granted now.
+    pub const fn allows_takeover(&self) -> bool {
+        self.allows_takeover || self.owner.0 == 0
+    }
+
+    /// Sets the systems that may send commands besides the owner, at most ten; more are ignored.
+    pub fn set_secondaries(&mut self, systems: &[SystemId]) {
+        self.secondaries = [0; SECONDARIES];
+        for (place, system) in self.secondaries.iter_mut().zip(systems) {
+            *place = system.0;
+        }
+        self.changed();
+    }
+
+    /// Sets whether control is released when no ground station of the owner is [alive](crate::network::PeerInfo::is_living_station)
+    /// on any link; by default it is. Otherwise only the owner releases it, and the firmware by [`release`](Self::release).
+    /// While control is released on loss, only a ground station that is alive can request it.
+    pub fn set_release_on_loss(&mut self, releases: bool) {
+        self.keeps_lost = !releases;
+    }
+
+    /// Releases control, whoever has it: then nobody is in control.
+    pub fn release(&mut self) {
+        self.set_owner(SystemId(0), false);
+    }
+
+    /// Returns the counters.
+    pub const fn counters(&self) -> OperatorCounters {
+        self.counters
+    }
+
+    fn changed(&mut self) {
+        self.changes = self.changes.wrapping_add(1);
+    }
+
+    fn set_owner(&mut self, owner: SystemId, allows_takeover: bool) {
+        self.notice.left = 0;
+        if (self.owner, self.allows_takeover) != (owner, allows_takeover) {
+            self.is_new = self.owner != owner;
+            (self.owner, self.allows_takeover) = (owner, allows_takeover);
+            event!("operator control: system {=u8}", owner.0);
+            self.changed();
+        }
+    }
+
+    /// Whether a system may steer.
+    fn may_steer(&self, own: SystemId, system: SystemId) -> bool {
+        self.owner.0 == 0 || system == self.owner || system == own
+    }
+
+    /// Whether a system may send commands.
+    fn may_command(&self, own: SystemId, system: SystemId) -> bool {
+        // An empty place is 0, which no system is.
+        self.may_steer(own, system) || self.secondaries.contains(&system.0)
+    }
+
+    /// Handles MAV_CMD_REQUEST_OPERATOR_CONTROL.
+    #[inline(never)]
+    fn request<F: Firmware>(&mut self, cx: &Cx<'_, F>, command: &Command) -> MavResult {
+        let [action, allow, timeout, system] = command.params;
+        let from = command.from.address.system;
+        let allow = if allow.is_nan() { Some(0) } else { num::integer::<u8>(allow).filter(|&allow| allow <= 1) };
+        // It must not be requested for another system. Clients give no system by 0 or NaN.
+        let is_for_sender = system.is_nan() || num::integer(system).is_some_and(|id: u8| id == 0 || id == from.0);
+        let is_ours = from == cx.shared.config.address.get().system;
+        let (Some(action @ 0..=REQUEST), Some(allow), true, false, false) =
+            (num::integer::<u8>(action), allow, is_for_sender, is_ours, command.is_broadcast)
+        else {
+            return MavResult::DENIED;
+        };
+        if action != REQUEST {
+            if self.owner == from {
+                self.release();
+            }
+            return if self.owner.0 == 0 { MavResult::ACCEPTED } else { MavResult::FAILED };
+        }
+        let is_possible = self.keeps_lost || station(cx.peers, from, LinkMask::ALL).is_some();
+        if is_possible && (self.allows_takeover() || self.owner == from) {
+            self.set_owner(from, allow != 0);
+            increment(&mut self.counters.granted);
+            return MavResult::ACCEPTED;
+        }
+        increment(&mut self.counters.refused);
+        if is_possible && let Some(to) = station(cx.peers, self.owner, cx.shared.normal) {
+            let timeout = num::integer::<u8>(timeout).unwrap_or(0).clamp(3, 60);
+            self.notice = Notice { left: NOTICES, to, requester: from, allow, timeout, at: cx.now };
+        }
+        MavResult::FAILED
+    }
+
+    /// Returns when CONTROL_STATUS is due on a link.
+    fn status_due(&self, now: Instant, port: &Port, link: &OperatorLink) -> Instant {
+        match port.outbox.takes(ControlStatus::ID) {
+            false => Instant::NEVER,
+            true if link.changes != self.changes => now,
+            true => link.at,
+        }
+    }
+
+    /// Returns when the owner is told of a request on a link.
+    fn notice_due(&self, port: &Port) -> Instant {
+        let Notice { left, to, at, .. } = self.notice;
+        if left > 0 && to.link == port.id { at } else { Instant::NEVER }
+    }
+}
+
+/// Returns a ground station of a system that is alive on one of the links.
+fn station(peers: &Peers, system: SystemId, links: LinkMask) -> Option<Peer> {
+    let mut peers = peers.iter();
+    let is_it = |peer: Peer| peer.address.system == system && links.contains(LinkMask::of(peer.link));
+    peers.find(|info| info.is_living_station() && is_it(info.peer)).map(|info| info.peer)
+}
+
+/// Whether everyone may send this command: it requests control, or information.
+const fn is_for_all(command: MavCmd) -> bool {
+    matches!(
+        command,
+        REQUEST_OPERATOR_CONTROL
+            | MavCmd::REQUEST_MESSAGE
+            | MavCmd::GET_MESSAGE_INTERVAL
+            | MavCmd::SET_MESSAGE_INTERVAL
+            | MavCmd::REQUEST_PROTOCOL_VERSION
+            | MavCmd::REQUEST_AUTOPILOT_CAPABILITIES
+    )
+}
+
+impl ControlGate for OperatorControl {
+    #[inline(never)]
+    fn drops(&mut self, own: SystemId, frame: &Frame<'_>) -> bool {
+        let system = frame.source().system;
+        let may = match frame.id() {
+            ManualControl::ID
+            | RcChannelsOverride::ID
+            | SetPositionTargetLocalNed::ID
+            | SetPositionTargetGlobalInt::ID
+            | SetAttitudeTarget::ID
+            | SetActuatorControlTarget::ID => self.may_steer(own, system),
+            CommandCancel::ID | MissionSetCurrent::ID | SetMode::ID | SetHomePosition::ID | SetGpsGlobalOrigin::ID => {
+                self.may_command(own, system)
+            }
+            _ => true,
+        };
+        if !may {
+            increment(&mut self.counters.messages);
+        }
+        !may
+    }
+
+    fn refuses(&mut self, own: SystemId, command: &Command) -> bool {
+        let may = is_for_all(command.id) || self.may_command(own, command.from.address.system);
+        if !may {
+            increment(&mut self.counters.commands);
+        }
+        !may
+    }
+
+    fn take_new_owner(&mut self) -> Option<SystemId> {
+        core::mem::take(&mut self.is_new).then(|| self.owner()).flatten()
+    }
+}
+
+impl<F: Firmware> Service<F> for OperatorControl {
+    const NEW: Self = Self {
+        owner: SystemId(0),
+        allows_takeover: false,
+        keeps_lost: false,
+        is_new: false,
+        changes: 0,
+        secondaries: [0; SECONDARIES],
+        notice: Notice::NONE,
+        counters: OperatorCounters::ZERO,
+    };
+    type Link = OperatorLink;
+    const VACANT: OperatorLink = OperatorLink { at: Instant::ZERO, changes: 0 };
+    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMPONENT_ACCEPTS_GCS_CONTROL;
+
+    /// Releases control when the owner is lost.
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut OperatorLink>) {
+        if self.owner.0 != 0 && !self.keeps_lost && station(cx.peers, self.owner, LinkMask::ALL).is_none() {
+            self.release();
+        }
+    }
+
+    /// The owner's answer to a notice.
+    fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, _: &mut OperatorLink, received: &Received<'_>) -> Handled {
+        let Some(ack) = received.frame.decode::<CommandAck>() else { return Handled::No };
+        if ack.command != REQUEST_OPERATOR_CONTROL {
+            return Handled::No;
+        }
+        if received.from.address.system == self.owner {
+            self.notice.left = 0;
+        }
+        Handled::Yes
+    }
+
+    fn on_command(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        _: &mut Port,
+        _: &mut OperatorLink,
+        request: &Request,
+    ) -> Option<Verdict> {
+        let command = &request.command;
+        (command.id == REQUEST_OPERATOR_CONTROL).then(|| Verdict::done(self.request(cx, command)))
+    }
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut OperatorLink, _: Turn) -> bool {
+        if self.notice_due(port) <= cx.now {
+            let notice = &mut self.notice;
+            let confirmation = NOTICES.saturating_sub(notice.left);
+            (notice.left, notice.at) = (notice.left.saturating_sub(1), cx.now.after(PERIOD));
+            return port.outbox.send(&CommandLong {
+                param1: f32::from(REQUEST),
+                param2: f32::from(notice.allow),
+                param3: f32::from(notice.timeout),
+                param4: f32::from(notice.requester.0),
+                command: REQUEST_OPERATOR_CONTROL,
+                target_system: notice.to.address.system.0,
+                target_component: notice.to.address.component.0,
+                confirmation,
+                ..CommandLong::default()
+            });
+        }
+        if self.status_due(cx.now, port, link) > cx.now {
+            return false;
+        }
+        (link.at, link.changes) = (cx.now.after(PERIOD), self.changes);
+        let flags = if self.allows_takeover() { SYSTEM_MANAGER | TAKEOVER_ALLOWED } else { SYSTEM_MANAGER };
+        port.outbox.send(&ControlStatus { flags, gcs_main: self.owner.0, gcs_secondary: self.secondaries })
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &OperatorLink, _: Turn) -> Instant {
+        self.notice_due(port).min(self.status_due(view.now, port, link))
+    }
+
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        self.counters.drops()
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {
+        event!("{}", self.counters);
+    }
+}
