@@ -157,7 +157,7 @@ impl Requests {
         };
         let message = Pending::Message { id: MessageId::new(id), index, target };
         let mut is_pending = false;
-        for (link, queue) in (0..).map(|link| LinkMask::of(LinkId(link))).zip(&mut self.queues) {
+        for (link, queue) in (0..u8::MAX).map(|link| LinkMask::of(LinkId(link))).zip(&mut self.queues) {
             if links.contains(link) && normal.contains(link) {
                 is_pending |= queue.push(message);
             }
