@@ -288,7 +288,7 @@ impl Numbers {
     fn check(&self) -> Result<(), Fault> {
         let mut given = self.given;
         let mut square = 0.0;
-        for (place, bits) in (0_u8..).zip(self.bits) {
+        for (place, bits) in (0..11_u8).zip(self.bits) {
             let is_given = given & 1 != 0;
             given >>= 1;
             let number = f32::from_bits(bits);

@@ -98,6 +98,7 @@ const EXCUSED: &[(&str, &str, &str)] = &[
         IN_RANGE,
     ),
     ("service/param/table", "if let Some(pending) = self.pending.get_mut(usize::from(index)) {", IN_RANGE),
+    ("service/setpoints", "} else if let Some(numbers) = Numbers::of(frame) {", "called for the three messages only"),
     ("service/statustext", "if !is_last && let Some(end) = chunk.last_chunk_mut::<3>() {", "a chunk is 50 bytes long"),
     ("service/stream/requests", "let Some(id) = V::STREAMS.get(number).map(Stream::id) else { continue };", IN_RANGE),
     ("stack", "if let Some(link) = self.link_mut(link) {", "of a link that there is not nothing is read or written"),

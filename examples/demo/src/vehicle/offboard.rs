@@ -118,7 +118,8 @@ impl Quadrotor {
         next.nose = match turn {
             Turn::To(yaw) => self.turn_to(yaw),
             Turn::At(rate) => {
-                let rate = rate.clamp(-next.limits.turn, next.limits.turn);
+                // `clamp` would panic if the limits were in the wrong order.
+                let rate = rate.max(-next.limits.turn).min(next.limits.turn);
                 Nose::Turn { remaining: rate * DT, rate: rate.abs() }
             }
         };
