@@ -31,7 +31,7 @@ const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
 }
 
 /// All steps, short ones first.
-const STEPS: [Step; 21] = [
+const STEPS: [Step; 22] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
@@ -74,6 +74,7 @@ const STEPS: [Step; 21] = [
             "--ignored",
         ],
     ),
+    step("loom", "the snapshot in every interleaving", &["measure", "loom"]),
     step("size", "flash and RAM of the library, at opt-level z too", &["measure", "size"]),
     step("options", "flash and RAM of each option, and of whole vehicles", &["measure", "options"]),
     step("coverage", "lines and branches that the tests reach", &["measure", "coverage"]),
