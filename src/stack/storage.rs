@@ -195,7 +195,6 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     /// while the vehicle is disarmed. Parameters that still have their defaults are then restored, and plans that were
     /// not uploaded meanwhile go live. [`plan_changed`](crate::Plans::plan_changed) informs the vehicle, and a text the
     /// operators.
-    #[inline(never)]
     pub fn restore<F: NorFlash>(
         &mut self,
         now: Instant,
@@ -218,7 +217,6 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     /// Parameters are written about a second after a change, at most every ten seconds; the signing key after a change;
     /// and the signing time every 55 s. If the vehicle does not permit writing in flight, a restart in flight begins
     /// with the time of take-off, until the first signed frame provides a later time. See also `Signing::set_time`.
-    #[inline(never)]
     pub fn persist<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>, vehicle: &mut D::Vehicle) -> bool {
         // A page is copied in four jobs: read, write, write its end, check. It is not left half written.
         const JOBS: u8 = 4;

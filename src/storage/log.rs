@@ -471,6 +471,7 @@ impl Log {
         Next::Job(Job::Read { offset: self.region.at(first, position), range: 0..PAGE })
     }
 
+    #[inline(never)]
     fn read_tail(&mut self) -> Next {
         self.pending = Pending::Step;
         let offset = self.region.at(0, self.page).wrapping_add(TAIL_AT);

@@ -136,7 +136,6 @@ fn sum_of_tail(tail: &[u8; TAIL]) -> u32 {
 }
 
 /// Whether all bytes have this value.
-#[inline(never)]
 pub(crate) fn is_all(bytes: &[u8], value: u8) -> bool {
     bytes.iter().all(|byte| *byte == value)
 }

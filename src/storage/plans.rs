@@ -222,7 +222,6 @@ where
         (!is_late || is_disarmed(cx.vehicle)) && !self.is_receiving()
     }
 
-    #[inline(never)]
     fn cancel_if_refused<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>)
     where
         Self::Link: 'l,

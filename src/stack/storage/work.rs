@@ -114,6 +114,7 @@ macro_rules! contents {
 
             /// Loads a page with `len` bytes of the current record. Returns whether it is valid.
             // Apart from `ask`, because the checks of a plan need much of the call stack.
+            #[inline(never)]
             fn load(&mut self, len: u8, is_first: bool, is_last: bool) -> bool {
                 let Self { cx, services, storage, page, .. } = self;
                 let &mut Storage { record, is_late, .. } = &mut **storage;
@@ -178,6 +179,7 @@ impl<D: Declares> Work<'_, D> {
     }
 
     /// Adds the current record to those that are to be loaded.
+    #[inline(never)]
     fn load_again(&mut self) {
         let &mut Storage { service, record, .. } = self.storage;
         self.storage.to_load |= 1u32.wrapping_shl(shift(service).wrapping_add(record.into()));
@@ -253,6 +255,7 @@ impl<D: Declares> Work<'_, D> {
     }
 
     /// Begins to load a record. Returns false if there is nothing to load.
+    #[inline(never)]
     fn begin_load(&mut self, index: u8, record: u8) -> bool {
         if !self.ask(index, Op::OnReadable).is_yes() {
             return false;

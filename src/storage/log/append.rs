@@ -45,6 +45,7 @@ impl Log {
 
     /// Gives up the record that is being written: it does not count. Does nothing while a page that was written is still
     /// to be checked, because it may be the last one.
+    #[inline(never)]
     pub(crate) fn abandon(&mut self) {
         if self.task == Task::Append && self.stage != Stage::Check {
             self.stop(self.stage == Stage::Tail);

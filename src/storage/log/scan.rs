@@ -20,6 +20,7 @@ impl Log {
     }
 
     /// Looks for the open segment: the newest one with the last page of a record that is no copy.
+    #[inline(never)]
     pub(super) fn found(&mut self, is_done: bool, page: &Page) {
         let is_examined = core::mem::replace(&mut self.task, Task::Find) == Task::Examine;
         if !is_done {
