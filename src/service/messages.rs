@@ -1,8 +1,8 @@
 //! The vehicle's own messages: to a peer, on a link, or on every normal link, whenever the vehicle has something to say.
 //!
-//! [`Context::send`] and [`Stack::send`](crate::Stack::send) remember which message is to be sent, in eight bytes, and the
-//! vehicle [fills](Telemetry::fill) it when the link has room. So a message reports the state at the time it is sent, and
-//! the memory is bounded: each link has room for eight, and one that is pending already is not queued twice (K-8).
+//! [`Context::send`] and [`Stack::send`](crate::Stack::send) queue the id of a message, and no payload. When the link has room,
+//! the vehicle [fills](Telemetry::fill) it. So a message reports the state at the time it is sent, and the memory is bounded:
+//! each link has room for eight, and a pending message is not queued twice (K-8).
 //!
 //! ```text
 //!   Context::send ─▶ queue of the link ─▶ Telemetry::fill ─▶ one frame

@@ -62,13 +62,13 @@ impl From<Peer> for Recipient {
 /// What a hook has requested, and no link has sent or no slot has taken up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Pending {
-    /// The vehicle is to fill this message. `target` is 0/0 unless it is for one peer.
+    /// Have the vehicle fill this message. `target` is 0/0 unless it is for one peer.
     Message { id: MessageId, index: u16, target: Address },
-    /// The vehicle is to make the command of this token.
+    /// Have the vehicle make the command of this token.
     Command { to: Recipient, token: u16 },
-    /// The parameter of this token is to be read.
+    /// Read the parameter of this token.
     Param { to: Recipient, token: u16, is_ext: bool },
-    /// The commands of this token are to be cancelled.
+    /// Cancel the commands of this token.
     Cancel { token: u16 },
 }
 

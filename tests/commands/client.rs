@@ -1,27 +1,27 @@
-//! The vehicle's own commands to other components: rules K-1 to K-7, C-3, L-4, S-10, S-18, D-3.
+//! The vehicle's own commands to other components: rules K-1 to K-5, K-7, C-3, L-4, D-3.
 
 use std::collections::BTreeMap;
 
 use crate::support::*;
-use mavstack::config::{LinkClass, TxVersion};
+use mavstack::config::LinkClass;
 use mavstack::dialect::*;
 use mavstack::{
-    Address, Command, CommandClient, CommandReply, Commands, Context, Duration, Instant, LinkConfig, LinkId, Outcome,
+    Address, Command, CommandClient, CommandReply, Commands, Context, Duration, LinkConfig, LinkId, Outcome,
     OutgoingCommand, ParamAnswer, Peer, Recipient, Telemetry, Text, Vehicle, VehicleState,
 };
 use proptest::prelude::*;
 
-const GIMBAL: Address = Address::new(1, 154);
-const AUTHORISER: Address = Address::new(10, 1);
+pub(super) const GIMBAL: Address = Address::new(1, 154);
+pub(super) const AUTHORISER: Address = Address::new(10, 1);
 /// Two links, a companion and its backup, and a satellite.
-const COMPANION: usize = 1;
+pub(super) const COMPANION: usize = 1;
 const BACKUP: usize = 0;
 const SATELLITE: usize = 2;
 
-const POINT: u16 = 1;
-const REQUEST: u16 = 2;
+pub(super) const POINT: u16 = 1;
+pub(super) const REQUEST: u16 = 2;
 const GO: u16 = 3;
-const NOTHING: u16 = 4;
+pub(super) const NOTHING: u16 = 4;
 const STREAM: u16 = 5;
 const STOP: u16 = 6;
 /// Tokens from here on are equal commands.
@@ -32,12 +32,12 @@ const KINDS: [MavCmd; 4] = [MavCmd::DO_SET_SERVO, PITCHYAW, MavCmd::REQUEST_MESS
 
 /// A vehicle that sends commands, and tries each again that is not sent while `is_stubborn`.
 #[derive(Default)]
-struct Carrier {
-    replies: Vec<(u16, CommandReply)>,
+pub(super) struct Carrier {
+    pub(super) replies: Vec<(u16, CommandReply)>,
     is_stubborn: bool,
     made: BTreeMap<u16, u32>,
     /// The parameters that were read: their tokens, and the values or why there is none.
-    params: Vec<(u16, Result<f32, &'static str>)>,
+    pub(super) params: Vec<(u16, Result<f32, &'static str>)>,
 }
 
 impl Vehicle for Carrier {
@@ -107,12 +107,12 @@ impl CommandClient for Carrier {
 impl Telemetry for Carrier {}
 
 mavstack::stack! {
-    struct Carrying for Carrier { links: 3, messages, command_client: { slots: 2 } }
+    pub(super) struct Carrying for Carrier { links: 3, messages, command_client: { slots: 2 } }
 }
 
-type Sky = World<3, Carrying>;
+pub(super) type Sky = World<3, Carrying>;
 
-fn sky() -> Sky {
+pub(super) fn sky() -> Sky {
     sky_at(millis(1))
 }
 
@@ -127,7 +127,7 @@ fn sky_at(step: Duration) -> Sky {
 }
 
 /// A component sends a heartbeat.
-fn beat(world: &mut Sky, link: usize, from: Address, r#type: MavType) {
+pub(super) fn beat(world: &mut Sky, link: usize, from: Address, r#type: MavType) {
     world.gcs[link].send_from(from, &Heartbeat { r#type, ..Heartbeat::default() });
     world.run_for(millis(10));
 }
@@ -349,77 +349,6 @@ fn messages_are_requested() {
     assert_eq!(sent, [(request, 283.0, 0.0), (interval, 285.0, 100_000.0), (interval, 285.0, -1.0)]);
 }
 
-/// K-6: a parameter is read by its name, and the request repeated until it is answered.
-#[test]
-fn parameters_are_read() {
-    let mut world = sky();
-    assert!(world.stack.read_param(GIMBAL, POINT));
-    world.run_for(secs(1));
-    let requests = world.gcs[COMPANION].all::<ParamRequestRead>();
-    assert_eq!(requests.len(), 2);
-    let (_, request) = requests[0];
-    assert_eq!((request.param_index, request.param_id.as_str()), (-1, Some("GIMB_MODE")));
-    assert_eq!((request.target_system, request.target_component), (1, 154));
-    let value =
-        |name: &str, param_value: f32| ParamValue { param_value, param_id: Text::new(name), ..ParamValue::default() };
-    world.gcs[COMPANION].send_from(GIMBAL, &value("GIMB_MODE2", 1.0));
-    world.gcs[COMPANION].send_from(AUTHORISER, &value("GIMB_MODE", 2.0));
-    world.run_for(millis(10));
-    assert_eq!(world.vehicle.params, [], "another parameter, another component");
-    // What follows the NUL is no part of the name (S-18).
-    let mut answer = value("", 3.0);
-    answer.param_id = Text::from_wire(*b"GIMB_MODE\0junk!!");
-    world.gcs[COMPANION].send_from(GIMBAL, &answer);
-    world.run_for(secs(5));
-    assert_eq!(world.vehicle.params, [(POINT, Ok(3.0))]);
-    assert_eq!(world.gcs[COMPANION].all::<ParamRequestRead>().len(), 2);
-}
-
-/// K-6: extended parameters, such as a camera's, are read by their own messages.
-#[test]
-fn extended_parameters_are_read() {
-    let mut world = sky();
-    let is_requested = world.stack.with_context(Instant::ZERO, |cx| cx.read_ext_param::<Carrier>(GIMBAL, REQUEST));
-    assert!(is_requested);
-    world.run_for(millis(50));
-    let (_, request) = world.gcs[COMPANION].all::<ParamExtRequestRead>()[0];
-    assert_eq!((request.param_index, request.param_id.as_str()), (-1, Some("CAM_EXPOSURE_CMP")), "16 bytes");
-    let (param_id, param_value, param_type) = (request.param_id, Text::new("A\u{1}"), MavParamExtType::INT32);
-    // An answer of the other protocol is none.
-    world.gcs[COMPANION].send_from(GIMBAL, &ParamValue { param_id, ..ParamValue::default() });
-    world.gcs[COMPANION]
-        .send_from(GIMBAL, &ParamExtValue { param_id, param_value, param_type, ..ParamExtValue::default() });
-    world.run_for(millis(10));
-    assert_eq!(world.vehicle.params, [(REQUEST, Ok(321.0))]);
-}
-
-/// K-6: PARAM_ERROR ends a request, and so do silence and a component that is not there.
-#[test]
-fn parameters_that_are_not_read_are_reported() {
-    let mut world = sky();
-    assert!(world.stack.read_param(GIMBAL, POINT) && world.stack.read_param(AUTHORISER, REQUEST));
-    assert!(world.stack.read_param(GIMBAL, NOTHING));
-    // Only commands are cancelled.
-    assert!(world.stack.cancel_sent_command(POINT));
-    world.run_for(millis(50));
-    let error = MavParamError::DOES_NOT_EXIST;
-    let (param_id, target_system, target_component) = (Text::new("GIMB_MODE"), 1, 1);
-    let error = ParamError { error, param_id, target_system, target_component, ..ParamError::default() };
-    world.gcs[COMPANION].send_from(GIMBAL, &error);
-    world.run_for(millis(50));
-    beat(&mut world, COMPANION, GIMBAL, MavType::GIMBAL);
-    assert!(world.stack.read_param(GIMBAL, REQUEST));
-    world.run_for(secs(4));
-    let expected = [
-        (REQUEST, Err("not sent")),
-        (NOTHING, Err("not sent")),
-        (POINT, Err("does not exist")),
-        (REQUEST, Err("timed out")),
-    ];
-    assert_eq!(world.vehicle.params, expected);
-    assert_eq!(world.vehicle.replies, []);
-}
-
 /// K-4: retransmissions take turns among the links on which the recipient is alive, from the wanted one on. An answer on any
 /// link counts.
 #[test]
@@ -564,18 +493,6 @@ fn command_to_all_components_is_followed() {
     world.run_for(millis(50));
     let (_, cancel) = world.gcs[COMPANION].all::<CommandCancel>()[0];
     assert_eq!((cancel.target_system, cancel.target_component), (10, 1));
-}
-
-/// K-6, S-10: a link that sends MAVLink 1 cannot carry a request for an extended parameter.
-#[test]
-fn extended_parameter_needs_mavlink_2() {
-    let v1 = LinkConfig::uart(115_200).with_version(TxVersion::V1);
-    let mut world = Sky::of(Setup { links: [v1; 3], ..Setup::new() });
-    world.run_for(millis(20));
-    beat(&mut world, COMPANION, GIMBAL, MavType::GIMBAL);
-    assert!(world.stack.read_ext_param(GIMBAL, REQUEST));
-    world.run_for(secs(4));
-    assert_eq!(world.vehicle.params, [(REQUEST, Err("not sent"))]);
 }
 
 /// K-5: only the answer of the recipient to this command is one; component 0 is every component of a system.

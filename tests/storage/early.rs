@@ -77,7 +77,7 @@ fn a_key_that_is_set_during_reading_stays() {
     }
 }
 
-/// G-11, G-18: a client sets or removes the key before the stored one is read, and reading fails at first. It stays, and is stored.
+/// G-11, G-18: a client sets or removes the key, and then the first read of the stored one fails. The change stays and is stored.
 #[test]
 fn a_key_that_is_set_before_an_outage_stays() {
     for (key, len) in [(OTHER_KEY, 1), (OTHER_KEY, 3), ([0; 32], 1)] {

@@ -7,7 +7,7 @@ use mavstack::{
     Command, Commands, Context, Fill, LinkConfig, Message, Outcome, Stream, Telemetry, Vehicle, VehicleState,
 };
 
-/// A vehicle with two batteries, of which the second may be missing, and a third one that is not streamed.
+/// A vehicle with three batteries. The second may be missing, and the third is not streamed.
 #[derive(Default)]
 struct Packs {
     is_second_missing: bool,

@@ -236,7 +236,7 @@ fn event(payload: impl Strategy<Value = Vec<u8>>, timeout: u64) -> impl Strategy
     )
 }
 
-fn source() -> impl Strategy<Value = ControlSource> {
+pub(super) fn source() -> impl Strategy<Value = ControlSource> {
     let range = |first, last| ControlSource::Systems { first: SystemId(first), last: SystemId(last) };
     prop_oneof![
         1 => Just(ControlSource::Nobody),

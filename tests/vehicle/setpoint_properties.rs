@@ -1,6 +1,7 @@
 //! Setpoints against a simple reference model of J-6 to J-8: whatever bytes are received, from any sender at any time, no
 //! setpoint is older than the timeout, from another sender than the owner, or not finite.
 
+use super::manual_properties::source;
 use crate::support::*;
 use mavstack::__private::NoPlans;
 use mavstack::dialect::{SetAttitudeTarget, SetPositionTargetGlobalInt, SetPositionTargetLocalNed};
@@ -297,17 +298,6 @@ fn event(payload: impl Strategy<Value = (Kind, Vec<u8>)>, timeout: u64) -> impl 
         }
         Event { wait, from, link, kind, is_v1, payload }
     })
-}
-
-fn source() -> impl Strategy<Value = ControlSource> {
-    let range = |first, last| ControlSource::Systems { first: SystemId(first), last: SystemId(last) };
-    prop_oneof![
-        1 => Just(ControlSource::Nobody),
-        2 => Just(ControlSource::System(SystemId(255))),
-        4 => Just(range(254, 255)),
-        2 => Just(range(1, 255)),
-        2 => Just(ControlSource::GroundStation),
-    ]
 }
 
 /// A policy, a timeout (µs), and frames of all kinds.

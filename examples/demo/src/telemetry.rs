@@ -80,7 +80,7 @@ impl Telemetry for Quadrotor {
     }
 }
 
-/// Returns BATTERY_STATUS of the avionics' battery: two cells, of which only the voltage is measured.
+/// Returns BATTERY_STATUS of the avionics' battery. It has two cells, and only their voltage is measured.
 fn avionics_status() -> BatteryStatus {
     let battery = telemetry::Battery { cells: &[4.05, 4.06], ..telemetry::Battery::UNKNOWN };
     let (battery_function, r#type) = (MavBatteryFunction::AVIONICS, MavBatteryType::LION);

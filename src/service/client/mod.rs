@@ -178,7 +178,7 @@ enum State {
     Free,
     /// It waits for the end of an equal command.
     Waiting,
-    /// It is to be sent, the first time or again, until [`Slot::at`]; then another link is tried.
+    /// A transmission is pending. If the link has not taken it by [`Slot::at`], another link is tried.
     Due,
     /// An answer is expected until [`Slot::at`].
     Sent,
@@ -327,13 +327,14 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
 }
 
 impl<const N: usize> Client<N> {
-    /// Returns the number of a slot that is to be sent on a link.
+    /// Returns the index of a slot whose transmission is pending on a link.
     fn due_on(&self, port: &Port) -> Option<usize> {
         due_on(&self.slots, port)
     }
 }
 
-/// Returns the number of a slot that is to be sent on a link, and can be: MAVLink 1 has no extended parameters (S-10).
+/// Returns the index of a slot whose transmission is pending on a link that can carry it: MAVLink 1 has no extended
+/// parameters (S-10).
 #[inline(never)]
 fn due_on(slots: &[Slot], port: &Port) -> Option<usize> {
     let is_due = |slot: &Slot| slot.state == State::Due && slot.to.link == port.id;
