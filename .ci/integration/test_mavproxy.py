@@ -117,6 +117,14 @@ class MavProxy:
             assert time.monotonic() < deadline, f"no {missing} in:\n{self.output}"
             time.sleep(0.05)
 
+    def ask_until(self, command, text, timeout=15):
+        """Repeats a command whose output may be of the time before the last message arrived, until MAVProxy prints this text."""
+        deadline = time.monotonic() + timeout
+        while text not in self.output:
+            assert time.monotonic() < deadline, f"no {text!r} after {command!r} in:\n{self.output}"
+            self.say(command)
+            time.sleep(0.5)
+
     def end(self):
         self.process.kill()
         self.process.wait()

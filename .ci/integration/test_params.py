@@ -344,8 +344,8 @@ def test_mavproxy(port, other, tmp_path):
         mavproxy.say("param set MPC_XY_CRUISE 5.5")
         told = other.wait("PARAM_VALUE", 10, lambda message: message.param_id == "MPC_XY_CRUISE")
         assert told and told.param_value == 5.5
-        mavproxy.say("param show MPC_XY_CRUISE")
-        mavproxy.expect("MPC_XY_CRUISE    5.5")
+        # The other client may have the answer before MAVProxy has it.
+        mavproxy.ask_until("param show MPC_XY_CRUISE", "MPC_XY_CRUISE    5.5")
     finally:
         mavproxy.end()
         write(other, "MPC_XY_CRUISE", REAL32, 8.0)
