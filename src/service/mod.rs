@@ -13,6 +13,7 @@ mod turn;
 
 pub(crate) mod client;
 pub mod command;
+pub(crate) mod components;
 #[cfg(test)]
 pub mod example;
 pub(crate) mod forwarding;
@@ -34,7 +35,7 @@ pub(crate) mod statustext;
 pub(crate) mod stream;
 pub mod time;
 
-pub use gate::{Absent, ControlGate, ForwardingGate, SigningGate, WithoutSigning};
+pub use gate::{Absent, ControlGate, ForwardingGate, OwnCommands, SigningGate, WithoutSigning};
 #[cfg(test)]
 pub(crate) use turn::TABLE;
 pub use turn::Turn;
@@ -87,6 +88,15 @@ pub trait Service<F: Firmware> {
     /// Returns when [`poll`](Self::poll) has something to do.
     fn deadline(&self) -> Instant {
         Instant::NEVER
+    }
+
+    /// The component of the firmware that the service is, if it is not a part of the autopilot.
+    const COMPONENT: Option<ComponentId> = None;
+
+    /// Whether the service is a part of this component of the firmware: then it gets the frames and commands that are addressed
+    /// to it, besides those for all.
+    fn is_part_of(component: ComponentId) -> bool {
+        Self::COMPONENT.map_or(!F::is_component(component), |own| own == component)
     }
 
     /// Whether the service also handles a message with this id that is addressed to this other component of our system.

@@ -19,6 +19,11 @@ use crate::time::Instant;
 use crate::types::LinkId;
 use crate::types::{Config, Peer};
 
+/// Whether a service gets a frame or a command for this component, or for all. Always true in a firmware of one component.
+fn is_addressed<D: Declares, S: Service<D>>(component: ComponentId) -> bool {
+    D::COMPONENTS.is_empty() || component.0 == 0 || S::is_part_of(component)
+}
+
 /// Defines the services, and what each call does for each of them, in the order of the list.
 macro_rules! define {
     ($($name:ident: $service:ty,)*) => {
@@ -80,15 +85,17 @@ macro_rules! define {
                 state: &mut States<D>,
                 received: &Received<'_>,
             ) -> Handled {
-                $(
+                let component = received.target.component;
+                $(if is_addressed::<D, $service>(component) {
                     let handled = self.$name.on_frame(cx, port, &mut state.$name, received);
                     if handled != Handled::No {
                         return handled;
                     }
-                )*
+                })*
                 Handled::No
             }
 
+            /// Sets `by` to the component of the service that has executed the command, if it is not the autopilot.
             #[inline(never)]
             pub(crate) fn on_command(
                 &mut self,
@@ -96,11 +103,16 @@ macro_rules! define {
                 port: &mut Port,
                 state: &mut States<D>,
                 request: &Request,
+                by: &mut Option<ComponentId>,
             ) -> Option<Verdict> {
+                let component = request.command.component;
                 // A scope for each: they share one place on the stack.
-                $({
+                $(if is_addressed::<D, $service>(component) {
                     let verdict = self.$name.on_command(cx, port, &mut state.$name, request);
                     if verdict.is_some() {
+                        if <$service as Service<D>>::COMPONENT.is_some() {
+                            *by = <$service as Service<D>>::COMPONENT;
+                        }
                         return verdict;
                     }
                 })*
@@ -162,6 +174,7 @@ services! {
     mission: D::Mission,
     param: D::Param,
     heartbeat: Heartbeats,
+    components: D::Components,
     stream: D::Stream,
     messages: D::Messages,
     time: D::Time,
