@@ -207,6 +207,8 @@ pub struct Shared {
     pub(crate) has_acted: bool,
     /// An operation on the storage is running, so nothing else can be written.
     pub(crate) is_storage_busy: bool,
+    /// The component of the firmware that answers a command to all of them; 0 is the autopilot.
+    pub(crate) answerer: ComponentId,
 }
 
 impl Shared {
@@ -218,6 +220,7 @@ impl Shared {
         flight: Flight::new(),
         has_acted: false,
         is_storage_busy: false,
+        answerer: ComponentId(0),
     };
 
     /// Samples the pulse, and returns whether heartbeats may be sent (H-5).

@@ -177,14 +177,14 @@ impl<D: Declares> Services<D> {
                 true => Some(Verdict::Refused(MavResult::NOT_IN_CONTROL.into())),
                 false => self.command.admit(cx, request),
             };
-            let (is_admitted, mut by) = (verdict.is_none(), None);
+            let is_admitted = verdict.is_none();
             if is_admitted {
-                verdict = self.on_command(cx, port, state, request, &mut by);
+                verdict = self.on_command(cx, port, state, request);
             }
             if let Some(owner) = self.operator_control.take_new_owner() {
                 self.on_owner(own, owner);
             }
-            self.command.answer(cx, port, &mut state.command, request, verdict, is_admitted, by);
+            self.command.answer(cx, port, &mut state.command, request, verdict, is_admitted);
         }
         true
     }
@@ -222,7 +222,7 @@ impl<D: Declares> Services<D> {
                 // It would be sent on a link.
                 verdict = Some(Verdict::done(MavResult::DENIED));
             } else if is_admitted {
-                verdict = self.on_command(cx, port, state, &request, &mut None);
+                verdict = self.on_command(cx, port, state, &request);
             }
             let outcome = self.command.settle_own(cx, &request, verdict, is_admitted);
             let answer = CommandAck {

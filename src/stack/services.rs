@@ -95,7 +95,6 @@ macro_rules! define {
                 Handled::No
             }
 
-            /// Sets `by` to the component of the service that has executed the command, if it is not the autopilot.
             #[inline(never)]
             pub(crate) fn on_command(
                 &mut self,
@@ -103,15 +102,14 @@ macro_rules! define {
                 port: &mut Port,
                 state: &mut States<D>,
                 request: &Request,
-                by: &mut Option<ComponentId>,
             ) -> Option<Verdict> {
                 let component = request.command.component;
                 // A scope for each: they share one place on the stack.
                 $(if is_addressed::<D, $service>(component) {
                     let verdict = self.$name.on_command(cx, port, &mut state.$name, request);
                     if verdict.is_some() {
-                        if <$service as Service<D>>::COMPONENT.is_some() {
-                            *by = <$service as Service<D>>::COMPONENT;
+                        if let Some(component) = <$service as Service<D>>::COMPONENT {
+                            cx.shared.answerer = component;
                         }
                         return verdict;
                     }

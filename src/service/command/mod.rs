@@ -243,7 +243,8 @@ impl<S: CommandMemory> CommandService<S> {
         Some(if is_busy { Verdict::Refused(outcome.result.into()) } else { Verdict::Done(outcome) })
     }
 
-    /// Queues the answer to a command: of the component `by`, or of the one to which it is addressed. An admitted command that no service has handled is passed to the vehicle.
+    /// Queues the answer to a command: of the component to which it is addressed, or of the one that has
+    /// executed a command to all. An admitted command that no service has handled is passed to the vehicle.
     pub(crate) fn answer<F: Firmware<Vehicle: Commands>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -252,7 +253,6 @@ impl<S: CommandMemory> CommandService<S> {
         request: &Request,
         verdict: Option<Verdict>,
         is_admitted: bool,
-        by: Option<ComponentId>,
     ) {
         let outcome = match verdict {
             None => self.execute(cx, &request.command),
@@ -267,7 +267,12 @@ impl<S: CommandMemory> CommandService<S> {
         }
         let from = request.command.from.address;
         self.log(cx.now, request.answer_as, from, outcome.result);
-        link.acks.push(by.unwrap_or(request.command.component), from, request.answer_as, outcome);
+        let mut by = request.command.component;
+        if !F::COMPONENTS.is_empty() {
+            let answerer = core::mem::replace(&mut cx.shared.answerer, ComponentId(0));
+            by = if by.0 == 0 { answerer } else { by };
+        }
+        link.acks.push(by, from, request.answer_as, outcome);
     }
 
     /// Returns the outcome of a command of the firmware itself to one of its components: `verdict` is that of a service.
