@@ -11,10 +11,12 @@ mod share;
 mod token_bucket;
 mod turn;
 
+pub mod camera;
 pub(crate) mod client;
 pub mod command;
 #[cfg(test)]
 pub mod example;
+pub mod ext_parameters;
 pub(crate) mod forwarding;
 pub(crate) mod heartbeat;
 pub mod high_latency;

@@ -161,7 +161,10 @@ services! {
     high_latency: D::HighLatency,
     mission: D::Mission,
     param: D::Param,
+    ext_parameters: D::ExtParameters,
     heartbeat: Heartbeats,
+    // Before `stream`, which refuses the intervals of messages that it does not know.
+    camera: D::Camera,
     stream: D::Stream,
     messages: D::Messages,
     time: D::Time,
