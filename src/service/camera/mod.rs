@@ -275,7 +275,7 @@ impl CameraControl {
     /// Starts to take images at an interval (ms).
     fn begin(&mut self, now: Instant, interval: u32, count: u32) {
         self.left = if count == 0 { UNLIMITED } else { count };
-        (self.at, self.interval) = (now, interval);
+        (self.at, self.interval) = (now, interval.max(1));
         self.changed();
     }
 
@@ -349,8 +349,10 @@ impl CameraControl {
             if self.left != UNLIMITED {
                 self.left = self.left.saturating_sub(1);
             }
-            // A late poll does not shift the ones after it. What it has missed is not made up.
-            self.at = self.at.after(Duration::from_millis(u64::from(self.interval))).max(now);
+            // A late poll does not shift the ones after it. What was missed is not made up.
+            let interval = Duration::from_millis(u64::from(self.interval));
+            let next = self.at.after(interval);
+            self.at = if next > now { next } else { now.after(interval) };
         }
         true
     }
@@ -379,7 +381,11 @@ fn run<F: Firmware<Vehicle: Camera>>(control: &mut CameraControl, cx: &mut Cx<'_
             }
         }
     }
-    if control.takes_next(cx.now) {
+    // A single image and one of an interval may be due.
+    for _ in 0..2 {
+        if !control.takes_next(cx.now) {
+            return;
+        }
         let index = control.image_count();
         let (vehicle, mut context) = cx.hook();
         match vehicle.take_image(&mut context, index) {
@@ -473,7 +479,7 @@ impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<
 
 /// Converts an interval (ms) to seconds.
 fn seconds(millis: u32) -> f32 {
-    num::f32_from_u32(millis) * 0.001
+    num::f32_from_u32(millis) / 1_000.0
 }
 
 /// Whether a link can send the camera's messages: MAVLink 1 has no room for their ids (S-10), and high-latency links carry none.
