@@ -15,7 +15,7 @@ use crate::dialect::{
 use crate::link::Port;
 use crate::message::{ComponentId, Field, Message, Text};
 use crate::time::Instant;
-use crate::types::{Context, Firmware, LinkId, LinkMask};
+use crate::types::{Component, Context, Firmware, LinkId, LinkMask};
 
 /// The maximum number of extended parameters. More are not listed.
 pub const MAX_EXT_PARAMS: u16 = 128;
@@ -337,12 +337,6 @@ fn set<F: Firmware<Vehicle: ExtParameters>>(
     Handled::Yes
 }
 
-/// Sends a message from the component that has the parameters.
-fn send<M: Message>(port: &mut Port, component: Option<ComponentId>, message: &M) -> bool {
-    let _ = component;
-    port.outbox.send(message)
-}
-
 /// Sends a parameter.
 #[inline(never)]
 fn send_value<F: Firmware<Vehicle: ExtParameters>>(cx: &Cx<'_, F>, port: &mut Port, index: u16) -> bool {
@@ -356,7 +350,7 @@ fn send_value<F: Firmware<Vehicle: ExtParameters>>(cx: &Cx<'_, F>, port: &mut Po
         param_value: Text::from_wire(bytes),
         param_type: value.kind(),
     };
-    send(port, F::Vehicle::COMPONENT, &message)
+    port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &message)
 }
 
 /// Sends an answer, with the present value.
@@ -370,11 +364,15 @@ fn send_answer<F: Firmware<Vehicle: ExtParameters>>(cx: &Cx<'_, F>, port: &mut P
     }
     let param_value = Text::from_wire(bytes);
     let message = ParamExtAck { param_id, param_value, param_type, param_result: result };
-    send(port, F::Vehicle::COMPONENT, &message)
+    port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &message)
 }
 
 impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
-    const NEW: Self = Self { answers: [Answer::NONE; SLOTS] };
+    const NEW: Self = {
+        Component::check_service(F::COMPONENTS, F::Vehicle::COMPONENT);
+        Self { answers: [Answer::NONE; SLOTS] }
+    };
+    const COMPONENT: Option<ComponentId> = F::Vehicle::COMPONENT;
     type Link = ExtParamLink;
     const VACANT: ExtParamLink = ExtParamLink::VACANT;
 

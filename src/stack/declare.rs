@@ -5,7 +5,7 @@ use crate::service::command::{CommandMemory, Commands};
 #[cfg(feature = "storage")]
 use crate::service::param::ExternalService;
 use crate::service::param::ParamMemory;
-use crate::service::{Absent, ControlGate, ForwardingGate, Service, SigningGate};
+use crate::service::{Absent, ControlGate, ForwardingGate, OwnCommands, Service, SigningGate};
 use crate::types::{Firmware, RequestQueue, Requests, StatusTexts, TextEntry, Vehicle};
 
 #[cfg(feature = "storage")]
@@ -32,11 +32,12 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     /// The number of links that have a queue of messages.
     const MESSAGE_QUEUES: usize = 0;
     type Commands: CommandMemory;
+    type Components: Service<Self>;
     type Mission: Persistent<Self>;
     type Param: Persistent<Self>;
     type Stream: Service<Self>;
     type Messages: Service<Self>;
-    type Client: Service<Self>;
+    type Client: Service<Self> + OwnCommands<Self>;
     type Camera: Service<Self>;
     type ExtParameters: Service<Self>;
     type Mode: Service<Self>;
@@ -192,6 +193,7 @@ impl<const N: usize> RequestMemory for Requests<[RequestQueue; N]> {
 /// | `modes` | [flight modes](crate::Modes) | none | [`Modes`](crate::Modes) |
 /// | `commands: { slots: N }` | slots for long-running [commands](crate::command::LongCommands), and for those that must not run twice | none | |
 /// | `command_client: { slots: N }` | [requests of the vehicle](crate::CommandClient) to other components, commands and parameters, `N` at a time | none | [`CommandClient`](crate::CommandClient) |
+/// | `components` | other [components](crate::Components) of the firmware: a gimbal, a camera | none | [`Components`](crate::Components) |
 /// | `camera: { images: N }` | a [camera](crate::Camera) that remembers the last `N` images (48 bytes each); `camera` alone is 16 | none | [`Camera`](crate::Camera) |
 /// | `ext_parameters` | [extended parameters](crate::ExtParameters), such as a camera's settings | none | [`ExtParameters`](crate::ExtParameters) |
 /// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
@@ -261,12 +263,15 @@ macro_rules! stack {
             type Parameters = $crate::__declared!(parameters $($entries)*,);
             const HAS_MODES: bool = $crate::__declared!(has_modes $($entries)*,);
             const HAS_TEXTS: bool = $crate::__declared!(texts $($entries)*,) > 0;
+            const COMPONENTS: &'static [$crate::Component] = $crate::__declared!(component_list [$vehicle] $($entries)*,);
+            $crate::__declared!(component_hook [$vehicle] $($entries)*,);
         }
 
         impl $crate::__private::Declares for $name {
             type Peers = $crate::__private::PeerTable<{ $crate::__declared!(peers $($entries)*,) }>;
             type Texts = $crate::__private::TextQueue<{ $crate::__declared!(texts $($entries)*,) }>;
             type Commands = $crate::__declared!(commands $($entries)*,);
+            type Components = $crate::__declared!(components $($entries)*,);
             type Mission = $crate::__declared!(mission $($entries)*,);
             type Param = $crate::__declared!(param $($entries)*,);
             type Stream = $crate::__declared!(stream [$vehicle] $($entries)*,);
@@ -410,6 +415,31 @@ macro_rules! __declared {
     (setpoints setpoints, $($rest:tt)*) => { $crate::setpoints::Setpoints };
     (setpoints) => { $crate::__private::Absent };
 
+    (component_list [$vehicle:ty] components, $($rest:tt)*) => {
+        <$vehicle as $crate::Components>::COMPONENTS
+    };
+    (component_list [$vehicle:ty]) => { &[] };
+    (component_list [$vehicle:ty] $skipped:tt $($rest:tt)*) => {
+        $crate::__declared!(component_list [$vehicle] $($rest)*)
+    };
+
+    (component_hook [$vehicle:ty] components, $($rest:tt)*) => {
+        fn component_command(
+            vehicle: &mut $vehicle,
+            cx: &mut $crate::Context<'_>,
+            command: &$crate::Command,
+        ) -> $crate::Outcome {
+            <$vehicle as $crate::Components>::component_command(vehicle, cx, command.component, command)
+        }
+    };
+    (component_hook [$vehicle:ty]) => {};
+    (component_hook [$vehicle:ty] $skipped:tt $($rest:tt)*) => {
+        $crate::__declared!(component_hook [$vehicle] $($rest)*);
+    };
+
+    (components components, $($rest:tt)*) => { $crate::__private::ComponentService };
+    (components) => { $crate::__private::Absent };
+
     (operator_control operator_control, $($rest:tt)*) => { $crate::operator_control::OperatorControl };
     (operator_control) => { $crate::__private::Absent };
 
@@ -453,6 +483,7 @@ macro_rules! __declared {
     (check command_client: { slots: $n:expr $(,)? }, $($rest:tt)*) => {
         $crate::__declared!(rest command_client $($rest)*);
     };
+    (check components, $($rest:tt)*) => { $crate::__declared!(rest components $($rest)*); };
     (check camera: { images: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(rest camera $($rest)*); };
     (check camera, $($rest:tt)*) => { $crate::__declared!(rest camera $($rest)*); };
     (check ext_parameters, $($rest:tt)*) => { $crate::__declared!(rest ext_parameters $($rest)*); };
@@ -490,6 +521,7 @@ macro_rules! __declared {
     (once modes modes, $($rest:tt)*) => { $crate::__declared!(twice modes); };
     (once commands commands: $($rest:tt)*) => { $crate::__declared!(twice commands); };
     (once command_client command_client: $($rest:tt)*) => { $crate::__declared!(twice command_client); };
+    (once components components, $($rest:tt)*) => { $crate::__declared!(twice components); };
     (once camera camera $($rest:tt)*) => { $crate::__declared!(twice camera); };
     (once ext_parameters ext_parameters, $($rest:tt)*) => { $crate::__declared!(twice ext_parameters); };
     (once time time, $($rest:tt)*) => { $crate::__declared!(twice time); };

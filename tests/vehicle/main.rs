@@ -3,6 +3,7 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+mod components;
 mod heartbeat;
 mod instances;
 mod manual_control;

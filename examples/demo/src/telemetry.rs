@@ -236,16 +236,16 @@ impl Quadrotor {
         // At most as many as BAT_N_CELLS.
         let cells = [battery.voltage / f32::from(battery.cells); 10];
         let cells = cells.get(..usize::from(battery.cells)).unwrap_or(&cells);
-        BatteryStatus {
-            battery_function: MavBatteryFunction::ALL,
-            r#type: MavBatteryType::LIPO,
-            charge_state: match battery.charge {
-                Charge::Critical => MavBatteryChargeState::CRITICAL,
-                Charge::Low => MavBatteryChargeState::LOW,
-                Charge::Good => MavBatteryChargeState::OK,
-            },
-            ..self.pack(cells).battery_status()
-        }
+        // Completed in place: the message is large.
+        let mut status = self.pack(cells).battery_status();
+        status.battery_function = MavBatteryFunction::ALL;
+        status.r#type = MavBatteryType::LIPO;
+        status.charge_state = match battery.charge {
+            Charge::Critical => MavBatteryChargeState::CRITICAL,
+            Charge::Low => MavBatteryChargeState::LOW,
+            Charge::Good => MavBatteryChargeState::OK,
+        };
+        status
     }
 
     /// Returns the origin of LOCAL_POSITION_NED.

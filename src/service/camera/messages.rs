@@ -7,7 +7,6 @@ use crate::dialect::{
     VideoStreamInformation, VideoStreamStatus,
 };
 use crate::link::Port;
-use crate::message::{ComponentId, Message};
 use crate::service::Cx;
 use crate::time::{Duration, Instant};
 use crate::types::Firmware;
@@ -108,12 +107,6 @@ pub(super) fn next<F: Firmware<Vehicle: Camera>>(
     }
 }
 
-/// Sends a message from the camera.
-fn send<M: Message>(port: &mut Port, component: Option<ComponentId>, message: &M) -> bool {
-    let _ = component;
-    port.outbox.send(message)
-}
-
 // Each message has a function of its own, so that only one of them takes stack.
 
 #[inline(never)]
@@ -123,7 +116,7 @@ fn send_information<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Por
     information.time_boot_ms = cx.now.time_boot_ms();
     information.flags = F::Vehicle::FLAGS;
     information.camera_device_id = device::<F::Vehicle>();
-    send(port, F::Vehicle::COMPONENT, &information)
+    port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &information)
 }
 
 #[inline(never)]
@@ -132,7 +125,7 @@ fn send_settings<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port) 
     cx.vehicle.camera_settings(&mut settings);
     settings.time_boot_ms = cx.now.time_boot_ms();
     settings.camera_device_id = device::<F::Vehicle>();
-    send(port, F::Vehicle::COMPONENT, &settings)
+    port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &settings)
 }
 
 /// Returns the state of a storage.
@@ -146,7 +139,7 @@ fn storage<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, id: u8) -> StorageInfor
 
 #[inline(never)]
 fn send_storage<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port, id: u8) -> bool {
-    send(port, F::Vehicle::COMPONENT, &storage(cx, id))
+    port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &storage(cx, id))
 }
 
 /// Fills in the description of a stream.
@@ -160,7 +153,7 @@ fn describe_stream<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, id: u8, informa
 fn send_stream<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port, id: u8) -> bool {
     let mut information = VideoStreamInformation::UNKNOWN;
     describe_stream(cx, id, &mut information);
-    send(port, F::Vehicle::COMPONENT, &information)
+    port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &information)
 }
 
 #[inline(never)]
@@ -178,7 +171,7 @@ fn send_stream_state<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Po
         stream_id: id,
         camera_device_id: information.camera_device_id,
     };
-    send(port, F::Vehicle::COMPONENT, &state)
+    port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &state)
 }
 
 #[inline(never)]
@@ -206,7 +199,7 @@ fn send_image<F: Firmware<Vehicle: Camera>>(
         ..CameraImageCaptured::UNKNOWN
     };
     cx.vehicle.image_url(index, &mut message.file_url);
-    send(port, F::Vehicle::COMPONENT, &message)
+    port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &message)
 }
 
 #[inline(never)]
@@ -224,7 +217,7 @@ fn send_status<F: Firmware<Vehicle: Camera>>(control: &CameraControl, cx: &Cx<'_
         image_count: control.image_count().cast_signed(),
         camera_device_id: device::<F::Vehicle>(),
     };
-    send(port, F::Vehicle::COMPONENT, &message)
+    port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &message)
 }
 
 const _: () = assert!(size_of::<Image>() == 48, "the memory of an image is documented");

@@ -19,10 +19,10 @@ use self::messages::What;
 use super::{Cx, Request, Service, Turn, Verdict, View, increment};
 use crate::dialect::{CameraInformation, MavResult};
 use crate::link::Port;
-use crate::message::Message;
+use crate::message::{ComponentId, Message};
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::Firmware;
+use crate::types::{Component, Firmware};
 use heapless::Vec;
 
 /// The number of orders of the vehicle that a poll takes.
@@ -400,7 +400,9 @@ fn run<F: Firmware<Vehicle: Camera>>(control: &mut CameraControl, cx: &mut Cx<'_
 }
 
 impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<[Image; N]> {
+    const COMPONENT: Option<ComponentId> = F::Vehicle::COMPONENT;
     const NEW: Self = {
+        Component::check_service(F::COMPONENTS, F::Vehicle::COMPONENT);
         assert!(N > 0, "a camera remembers at least one image: `camera: {{ images: 16 }}`");
         assert!(
             F::Vehicle::STORAGES <= 8 && F::Vehicle::VIDEO_STREAMS <= 8,
