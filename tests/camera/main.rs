@@ -5,6 +5,7 @@ mod support;
 
 mod capture;
 mod commands;
+mod component;
 mod ext_parameters;
 mod messages;
 mod properties;
