@@ -15,13 +15,13 @@ use crate::dialect::{
 use crate::link::Port;
 use crate::message::{ComponentId, Field, Message, Text};
 use crate::time::Instant;
-use crate::types::{Component, Context, Firmware, LinkId, LinkMask};
+use crate::types::{Component, Context, Firmware, LinkMask};
 
 /// The maximum number of extended parameters. More are not listed.
 pub const MAX_EXT_PARAMS: u16 = 128;
 
-/// The words of a set of parameters.
-const WORDS: usize = 4;
+/// The bytes of a set of parameters.
+const BYTES: usize = 16;
 
 /// The number of answers to PARAM_EXT_SET that can be pending, on all links together.
 const SLOTS: usize = 3;
@@ -197,24 +197,15 @@ struct Answer {
     links: LinkMask,
     index: u16,
     /// As in the request. For a parameter that exists, the vehicle has them when the answer is sent.
-    name: Text<16>,
+    name: Name,
     kind: MavParamExtType,
     result: ParamAck,
 }
 
 impl Answer {
     /// All zero bits.
-    const NONE: Self = Self {
-        links: LinkMask::NONE,
-        index: 0,
-        name: Text::EMPTY,
-        kind: MavParamExtType(0),
-        result: ParamAck::ACCEPTED,
-    };
-
-    fn is_about(&self, index: u16, name: &Text<16>) -> bool {
-        self.index == index && (index != UNKNOWN || self.name.as_bytes() == name.as_bytes())
-    }
+    const NONE: Self =
+        Self { links: LinkMask::NONE, index: 0, name: [0; 16], kind: MavParamExtType(0), result: ParamAck::ACCEPTED };
 }
 
 /// The server of extended parameters: declared by `ext_parameters` in [`stack!`](crate::stack), and used through
@@ -232,7 +223,7 @@ pub struct ExtParamServer {
 #[derive(Debug)]
 pub struct ExtParamLink {
     /// Parameters that were requested: a bit for each.
-    asked: [u32; WORDS],
+    asked: [u8; BYTES],
     share: Share,
     /// The index of the list's next value.
     next: u16,
@@ -240,38 +231,47 @@ pub struct ExtParamLink {
 }
 
 impl ExtParamLink {
-    const VACANT: Self = Self { asked: [0; WORDS], share: Share::NEW, next: 0, is_listing: false };
+    const VACANT: Self = Self { asked: [0; BYTES], share: Share::NEW, next: 0, is_listing: false };
 
-    fn word(&mut self, index: u16) -> Option<(&mut u32, u32)> {
-        let bit = 1u32.wrapping_shl(u32::from(index) & 31);
-        self.asked.get_mut(usize::from(index >> 5)).map(|word| (word, bit))
+    /// Marks a parameter as requested.
+    fn ask(&mut self, index: u16) {
+        if let Some(byte) = self.asked.get_mut(usize::from(index >> 3)) {
+            *byte |= 1u8.wrapping_shl(u32::from(index));
+        }
     }
 
-    /// Returns the first parameter that was requested.
-    fn first_asked(&self) -> Option<u16> {
-        let (base, word) = (0u16..).step_by(32).zip(&self.asked).find(|(_, word)| **word != 0)?;
-        u16::try_from(word.trailing_zeros()).ok().map(|bit| base.saturating_add(bit))
+    /// Takes the first parameter that was requested.
+    fn take_asked(&mut self) -> Option<u16> {
+        let (base, byte) = (0u16..).zip(&mut self.asked).find(|(_, byte)| **byte != 0)?;
+        let bit = u16::try_from(byte.trailing_zeros()).unwrap_or(0);
+        *byte &= byte.wrapping_sub(1);
+        Some(base.wrapping_shl(3) | bit)
+    }
+
+    fn is_asked(&self) -> bool {
+        self.asked.iter().any(|byte| *byte != 0)
     }
 }
 
 impl ExtParamServer {
     /// Ends a change that was IN_PROGRESS: another PARAM_EXT_ACK has the result and the parameter's value now.
     pub fn finish(&mut self, index: u16, result: ParamAck) {
-        if let Some(answer) = self.slot(None, index, &Text::EMPTY) {
+        if let Some(answer) = self.slot(LinkMask::NONE, index, &[0; 16]) {
             *answer = Answer { links: LinkMask::ALL, index, result, ..Answer::NONE };
         }
     }
 
     /// Returns the slot for an answer to a request on this link: that of an answer about the same parameter, a free one, or one that
     /// is not pending on this link. `None` if there is none.
-    fn slot(&mut self, link: Option<LinkId>, index: u16, name: &Text<16>) -> Option<&mut Answer> {
-        let mask = link.map_or(LinkMask::NONE, LinkMask::of);
-        let answers = &self.answers;
-        let is_same = |answer: &Answer| !answer.links.is_empty() && answer.is_about(index, name);
-        let place = answers.iter().position(is_same);
-        let place = place.or_else(|| answers.iter().position(|answer| answer.links.is_empty()));
-        let place = place.or_else(|| answers.iter().position(|answer| !answer.links.contains(mask)))?;
-        self.answers.get_mut(place)
+    #[inline(never)]
+    fn slot(&mut self, link: LinkMask, index: u16, name: &Name) -> Option<&mut Answer> {
+        let rank = |answer: &&mut Answer| match answer.links {
+            links if links.is_empty() => 1,
+            _ if answer.index == index && (index != UNKNOWN || answer.name == *name) => 0,
+            links if !links.contains(link) => 2,
+            _ => 3u8,
+        };
+        self.answers.iter_mut().min_by_key(rank).filter(|answer| rank(answer) < 3)
     }
 
     /// Returns the first answer that is pending on a link.
@@ -293,10 +293,23 @@ fn count<V: ExtParameters>(vehicle: &V) -> u16 {
     vehicle.ext_param_count().min(MAX_EXT_PARAMS)
 }
 
+/// A name, with zeros after it.
+type Name = [u8; 16];
+
+/// Returns a name as it is compared: what follows the NUL is no part of it (S-18).
+#[inline(never)]
+fn name_of(bytes: &[u8]) -> Name {
+    let mut name = [0; 16];
+    for (to, from) in name.iter_mut().zip(bytes.iter().take_while(|byte| **byte != 0)) {
+        *to = *from;
+    }
+    name
+}
+
 /// Returns the index of a parameter by its name.
 #[inline(never)]
-fn find<V: ExtParameters>(vehicle: &V, name: &Text<16>) -> Option<u16> {
-    let is_it = |index: &u16| vehicle.ext_param(*index).is_some_and(|(other, _)| other.as_bytes() == name.as_bytes());
+fn find<V: ExtParameters>(vehicle: &V, name: &Name) -> Option<u16> {
+    let is_it = |index: &u16| vehicle.ext_param(*index).is_some_and(|(other, _)| name_of(other.as_bytes()) == *name);
     (0..count(vehicle)).find(is_it)
 }
 
@@ -314,23 +327,24 @@ fn set<F: Firmware<Vehicle: ExtParameters>>(
     }
     // Not decoded as a whole: a copy of 128 bytes would be on the call stack below the hook.
     let payload = received.frame.payload();
-    let name = Text::from_wire(Field::read(payload, 2));
-    let kind = MavParamExtType(Field::read(payload, 146));
-    let index = find(cx.vehicle, &name);
-    if server.slot(Some(port.id), index.unwrap_or(UNKNOWN), &name).is_none() {
+    let name = name_of(payload.get(2..18).unwrap_or_default());
+    let kind = MavParamExtType(received.frame.byte(146));
+    let found = find(cx.vehicle, &name);
+    let (index, link) = (found.unwrap_or(UNKNOWN), LinkMask::of(port.id));
+    if server.slot(link, index, &name).is_none() {
         return Handled::NoRoom;
     }
-    let value = payload.get(18..146).and_then(|bytes| ExtValue::read(kind, bytes));
-    let result = match (index, value) {
-        (Some(index), Some(value)) if cx.vehicle.ext_param(index).is_some_and(|(_, now)| now.kind() == kind) => {
+    let is_of_type = cx.vehicle.ext_param(index).is_some_and(|(_, now)| now.kind() == kind);
+    let value = payload.get(18..146).filter(|_| is_of_type).and_then(|bytes| ExtValue::read(kind, bytes));
+    let result = match value {
+        Some(value) => {
             let (vehicle, mut context) = cx.hook();
             vehicle.set_ext_param(&mut context, index, value)
         }
-        _ => ParamAck::VALUE_UNSUPPORTED,
+        None => ParamAck::VALUE_UNSUPPORTED,
     };
-    event!("extended parameter {=u16}: {=u8}", index.unwrap_or(UNKNOWN), result.0);
-    let index = index.unwrap_or(UNKNOWN);
-    if let Some(answer) = server.slot(Some(port.id), index, &name) {
+    event!("extended parameter {=u16}: {=u8}", index, result.0);
+    if let Some(answer) = server.slot(link, index, &name) {
         *answer = Answer { links: cx.shared.normal, index, name, kind, result };
     }
     cx.shared.has_acted = true;
@@ -346,7 +360,7 @@ fn send_value<F: Firmware<Vehicle: ExtParameters>>(cx: &Cx<'_, F>, port: &mut Po
     let message = ParamExtValue {
         param_count: count(cx.vehicle),
         param_index: index,
-        param_id: Text::new(name),
+        param_id: Text::from_wire(name_of(name.as_bytes())),
         param_value: Text::from_wire(bytes),
         param_type: value.kind(),
     };
@@ -357,12 +371,12 @@ fn send_value<F: Firmware<Vehicle: ExtParameters>>(cx: &Cx<'_, F>, port: &mut Po
 #[inline(never)]
 fn send_answer<F: Firmware<Vehicle: ExtParameters>>(cx: &Cx<'_, F>, port: &mut Port, answer: &Answer) -> bool {
     let Answer { index, name, kind, result, .. } = *answer;
-    let (mut param_id, mut param_type, mut bytes) = (name, kind, [0; 128]);
-    if let Some((name, value)) = cx.vehicle.ext_param(index) {
-        (param_id, param_type) = (Text::new(name), value.kind());
+    let (mut name, mut param_type, mut bytes) = (name, kind, [0; 128]);
+    if let Some((own, value)) = cx.vehicle.ext_param(index) {
+        (name, param_type) = (name_of(own.as_bytes()), value.kind());
         value.write(&mut bytes);
     }
-    let param_value = Text::from_wire(bytes);
+    let (param_id, param_value) = (Text::from_wire(name), Text::from_wire(bytes));
     let message = ParamExtAck { param_id, param_value, param_type, param_result: result };
     port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &message)
 }
@@ -403,10 +417,10 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
         if let Some(read) = frame.decode::<ParamExtRequestRead>() {
             let found = match u16::try_from(read.param_index) {
                 Ok(index) => Some(index).filter(|index| *index < count(cx.vehicle)),
-                Err(_) => find(cx.vehicle, &read.param_id),
+                Err(_) => find(cx.vehicle, &name_of(read.param_id.wire())),
             };
-            if let Some((word, bit)) = found.and_then(|index| link.word(index)) {
-                *word |= bit;
+            if let Some(index) = found {
+                link.ask(index);
             }
             return Handled::Yes;
         }
@@ -437,11 +451,7 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
             answer.links = answer.links.without(LinkMask::of(port.id));
             return send_answer(cx, port, answer);
         }
-        let Some(index) = link.first_asked() else { return false };
-        if let Some((word, bit)) = link.word(index) {
-            *word &= !bit;
-        }
-        send_value(cx, port, index)
+        link.take_asked().is_some_and(|index| send_value(cx, port, index))
     }
 
     fn due(&self, view: &View<'_>, port: &Port, link: &ExtParamLink, turn: Turn) -> Instant {
@@ -449,7 +459,7 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
             _ if !port.outbox.takes(ParamExtValue::ID) => Instant::NEVER,
             Turn::ExtParamList if link.is_listing => link.share.due(),
             Turn::ExtParamList => Instant::NEVER,
-            _ if self.pending(port).is_some() || link.first_asked().is_some() => view.now,
+            _ if self.pending(port).is_some() || link.is_asked() => view.now,
             _ => Instant::NEVER,
         }
     }

@@ -1,10 +1,10 @@
 //! The commands to a camera: requests for its messages (CAM-1, CAM-3), and what it is to do (CAM-4 to CAM-8).
 
-use super::{Camera, CameraControl, CameraLink, can_send, is_accepted};
+use super::messages::{IMAGE, ROWS, Row, STORAGE, counts};
+use super::{Camera, CameraControl, CameraLink, can_send, is_accepted, millis};
 use crate::dialect::{
-    CameraCapFlags, CameraCaptureStatus, CameraImageCaptured, CameraInformation, CameraMode, CameraSettings,
-    CameraSource, CameraZoomType, MavCmd, MavResult, SetFocusType, StorageInformation, VideoStreamInformation,
-    VideoStreamStatus,
+    CameraCapFlags, CameraCaptureStatus, CameraMode, CameraSettings, CameraSource, CameraZoomType, MavCmd, MavResult,
+    SetFocusType,
 };
 use crate::link::Port;
 use crate::message::{Address, ComponentId, Message};
@@ -21,18 +21,33 @@ const REPEATED: Duration = Duration::from_secs(3);
 const MIN_STATUS_INTERVAL: u32 = 100;
 
 /// A command to take images.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Start {
     from: Address,
-    /// Interval (s), number of images, sequence number.
-    params: [f32; 3],
-    at: Instant,
+    /// The interval (ms).
+    interval: u32,
+    /// The number of images; 0 for no end.
+    count: u32,
+    /// The sequence number; 0 for none.
+    sequence: u32,
 }
 
 impl Start {
-    /// All zero bits. A number of images of 0 never equals that of an accepted command while nothing is being taken.
-    pub(super) const NONE: Self = Self { from: Address::new(0, 0), params: [0.0; 3], at: Instant::ZERO };
+    /// All zero bits: no command, because no sender has this address.
+    pub(super) const NONE: Self = Self { from: Address::new(0, 0), interval: 0, count: 0, sequence: 0 };
+
+    /// Reads interval, number and sequence. `None` if they are invalid.
+    #[inline(never)]
+    fn new(from: Address, [interval, count, sequence]: [f32; 3]) -> Option<Self> {
+        let given = |param: f32| if param.is_nan() { 0.0 } else { param };
+        let interval = Some(given(interval)).filter(|interval| (0.0..=MAX_INTERVAL).contains(interval))?;
+        let (count, sequence) = (num::integer(count)?, num::integer(given(sequence))?);
+        Some(Self { from, interval: num::saturated(interval * 1_000.0), count, sequence })
+    }
 }
+
+/// The longest interval of images (s).
+const MAX_INTERVAL: f32 = 86_400.0;
 
 /// The camera id in messages and answers: that of a camera of the autopilot.
 pub(super) const fn device<V: Camera>() -> u8 {
@@ -55,80 +70,63 @@ pub(super) fn handle<F: Firmware<Vehicle: Camera>>(
     link: &mut CameraLink,
     command: &Command,
 ) -> Option<Verdict> {
-    let result = match Requested::of(command) {
-        Some(requested) => requested.take([F::Vehicle::STORAGES, F::Vehicle::VIDEO_STREAMS], control, port, link)?,
+    let counts = const { counts(F::Vehicle::STORAGES, F::Vehicle::VIDEO_STREAMS) };
+    let result = match request(counts, control, port, link, command) {
+        Some(result) => result,
         None if command.id == MavCmd::SET_MESSAGE_INTERVAL => set_interval(cx.now, port, link, command)?,
         None => act(control, cx, link, command)?,
     };
     Some(Outcome { result, result_param2: i32::from(device::<F::Vehicle>()) }.into())
 }
 
-/// A request for a message.
-#[derive(Clone, Copy)]
-struct Requested {
-    id: u32,
-    /// The instance, or the number of an image.
-    index: f32,
-    is_valid: bool,
-}
-
-impl Requested {
-    /// Returns the message that a command requests.
-    #[inline(never)]
-    fn of(command: &Command) -> Option<Self> {
-        let [first, second, ..] = command.params;
-        let is_one = |param: f32| num::integer(param) == Some(1);
-        let (id, index, is_valid) = match command.id {
-            MavCmd::REQUEST_MESSAGE => (num::integer::<u32>(first)?, second, command.has_response_target()),
-            // The commands that REQUEST_MESSAGE has replaced.
-            MavCmd::REQUEST_CAMERA_INFORMATION => (CameraInformation::ID, 0.0, is_one(first)),
-            MavCmd::REQUEST_CAMERA_SETTINGS => (CameraSettings::ID, 0.0, is_one(first)),
-            MavCmd::REQUEST_CAMERA_CAPTURE_STATUS => (CameraCaptureStatus::ID, 0.0, is_one(first)),
-            MavCmd::REQUEST_STORAGE_INFORMATION => (StorageInformation::ID, first, is_one(second)),
-            MavCmd::REQUEST_CAMERA_IMAGE_CAPTURE => (CameraImageCaptured::ID, first, true),
-            MavCmd::REQUEST_VIDEO_STREAM_INFORMATION => (VideoStreamInformation::ID, first, true),
-            MavCmd::REQUEST_VIDEO_STREAM_STATUS => (VideoStreamStatus::ID, first, true),
-            _ => return None,
-        };
-        Some(Self { id, index, is_valid })
+/// Handles a request for a message; `None` if it is none, or for no message of the camera. `counts` are the instances of each
+/// message.
+#[inline(never)]
+fn request(
+    counts: [u8; ROWS.len()],
+    control: &CameraControl,
+    port: &Port,
+    link: &mut CameraLink,
+    command: &Command,
+) -> Option<MavResult> {
+    let [first, second, ..] = command.params;
+    let is_request = command.id == MavCmd::REQUEST_MESSAGE;
+    let id = num::integer(first);
+    let is_it = |row: &Row| if is_request { id == Some(row.id) } else { row.old == command.id };
+    let number = ROWS.iter().position(is_it)?;
+    let is_one = |param: f32| num::integer(param) == Some(1);
+    let (index, is_valid) = match command.id {
+        MavCmd::REQUEST_MESSAGE => (second, command.has_response_target()),
+        MavCmd::REQUEST_STORAGE_INFORMATION => (first, is_one(second)),
+        MavCmd::REQUEST_CAMERA_IMAGE_CAPTURE
+        | MavCmd::REQUEST_VIDEO_STREAM_INFORMATION
+        | MavCmd::REQUEST_VIDEO_STREAM_STATUS => (first, true),
+        _ => (0.0, is_one(first)),
+    };
+    if !is_valid || !can_send(port) {
+        return Some(MavResult::DENIED);
     }
-
-    /// Notes what was requested on a link; `None` if it is no message of the camera.
-    #[inline(never)]
-    fn take(
-        self,
-        [storages, streams]: [u8; 2],
-        control: &CameraControl,
-        port: &Port,
-        link: &mut CameraLink,
-    ) -> Option<MavResult> {
-        let is_refused = !self.is_valid || !can_send(port);
-        let (pending, bits) = match self.id {
-            CameraInformation::ID => (&mut link.asked, CameraLink::INFORMATION),
-            CameraSettings::ID => (&mut link.asked, CameraLink::SETTINGS),
-            CameraCaptureStatus::ID => (&mut link.asked, CameraLink::STATUS),
-            StorageInformation::ID => (&mut link.storages, instances(self.index, storages)),
-            VideoStreamInformation::ID => (&mut link.streams, instances(self.index, streams)),
-            VideoStreamStatus::ID => (&mut link.stream_states, instances(self.index, streams)),
-            CameraImageCaptured::ID if is_refused => return Some(MavResult::DENIED),
-            CameraImageCaptured::ID => return Some(control.ask_image(link, self.index)),
-            _ => return None,
-        };
-        if is_refused || bits == 0 {
-            return Some(MavResult::DENIED);
-        }
-        *pending |= bits;
-        Some(MavResult::ACCEPTED)
+    if number == IMAGE {
+        return Some(control.ask_image(link, index));
     }
+    let bits = match counts.get(number) {
+        // It has no instances, so that the parameter means nothing.
+        Some(0) => 1,
+        Some(count) => instances(index, count.wrapping_sub(1)),
+        None => 0,
+    };
+    let pending = link.asked.get_mut(number)?;
+    *pending |= bits;
+    Some(if bits == 0 { MavResult::DENIED } else { MavResult::ACCEPTED })
 }
 
 /// Returns the instances that a parameter names, a bit for each: 0 and NaN are all of them.
 fn instances(param: f32, count: u8) -> u8 {
     let all = !u8::MAX.checked_shl(u32::from(count)).unwrap_or(0);
     match num::integer::<u8>(param) {
-        _ if param.is_nan() => all,
         Some(0) => all,
         Some(id) => all & 1u8.checked_shl(u32::from(id.wrapping_sub(1))).unwrap_or(0),
+        None if param.is_nan() => all,
         None => 0,
     }
 }
@@ -159,48 +157,38 @@ impl CameraControl {
         if !self.is_remembered(number) {
             return MavResult::FAILED;
         }
-        link.requested.retain(|number| self.is_remembered(*number));
-        let is_pending = link.requested.contains(&number) || link.requested.push(number).is_ok();
-        if is_pending { MavResult::ACCEPTED } else { MavResult::TEMPORARILY_REJECTED }
-    }
-
-    /// Whether a command to start is a retransmission of the last one.
-    fn is_repeated(&self, start: &Start) -> bool {
-        let is_same = start.from == self.started.from && start.params == self.started.params;
-        match start.params {
-            // A single image without a sequence number: whoever presses twice wants two.
-            [_, 1.0, 0.0] => false,
-            [_, 1.0, _] => is_same && start.at < self.started.at.after(REPEATED),
-            _ => is_same && self.left > 0,
-        }
+        let entry = number.wrapping_add(1);
+        let is_free = |other: &&mut u32| **other == entry || !self.is_requested(**other);
+        let Some(place) = link.requested.iter_mut().find(is_free) else { return MavResult::TEMPORARILY_REJECTED };
+        *place = entry;
+        MavResult::ACCEPTED
     }
 
     /// Handles MAV_CMD_IMAGE_START_CAPTURE up to the decision whether the camera can. Returns the result if it is decided.
-    fn check_start(&self, start: &Start) -> Option<MavResult> {
-        let [interval, count, sequence] = start.params;
-        let is_valid = (0.0..=86_400.0).contains(&interval)
-            && num::integer::<u32>(count).is_some()
-            && num::integer::<u32>(sequence).is_some();
-        match is_valid {
-            false => Some(MavResult::DENIED),
-            true if self.is_repeated(start) => Some(MavResult::ACCEPTED),
-            true => self.is_capturing().then_some(MavResult::TEMPORARILY_REJECTED),
+    #[inline(never)]
+    fn check_start(&self, now: Instant, start: &Start) -> Option<MavResult> {
+        let is_repeated = *start == self.started
+            && match (start.count, start.sequence) {
+                // A single image without a sequence number: whoever presses twice wants two.
+                (1, 0) => false,
+                (1, _) => now < self.started_at.after(REPEATED),
+                _ => self.left > 0,
+            };
+        if is_repeated {
+            return Some(MavResult::ACCEPTED);
         }
+        self.is_capturing().then_some(MavResult::TEMPORARILY_REJECTED)
     }
 
     /// Starts what a checked command wants.
-    fn start(&mut self, start: Start, min_interval: Duration) {
-        let [interval, count, _] = start.params;
-        self.started = start;
-        match num::integer::<u32>(count).unwrap_or(1) {
-            1 => {
-                self.is_ordered = true;
-                self.changed();
-            }
-            count => {
-                let min = u32::try_from(min_interval.as_millis()).unwrap_or(u32::MAX);
-                self.begin(start.at, num::saturated(interval * 1_000.0).max(min), count);
-            }
+    #[inline(never)]
+    fn start(&mut self, now: Instant, start: Start, min_interval: u32) {
+        (self.started, self.started_at) = (start, now);
+        if start.count == 1 {
+            self.is_ordered = true;
+            self.changed();
+        } else {
+            self.begin(now, start.interval.max(min_interval), start.count);
         }
     }
 }
@@ -235,19 +223,12 @@ fn act<F: Firmware<Vehicle: Camera>>(
     }
     let byte = |param: f32| num::integer::<u8>(param);
     Some(match command.id {
-        MavCmd::IMAGE_START_CAPTURE => {
-            let params =
-                [if second.is_nan() { 0.0 } else { second }, third, if fourth.is_nan() { 0.0 } else { fourth }];
-            start_capture(control, cx, Start { from: command.from.address, params, at: cx.now })
+        MavCmd::IMAGE_START_CAPTURE => start_capture(control, cx, command, [second, third, fourth]),
+        // Parameter 5: shoot.
+        MavCmd::DO_DIGICAM_CONTROL if command.position.params().0 == 1.0 => {
+            start_capture(control, cx, command, [0.0, 1.0, 0.0])
         }
-        MavCmd::DO_DIGICAM_CONTROL => match command.position.params() {
-            // Parameter 5: shoot.
-            (1.0, _) => {
-                let params = [0.0, 1.0, 0.0];
-                start_capture(control, cx, Start { from: command.from.address, params, at: cx.now })
-            }
-            _ => MavResult::DENIED,
-        },
+        MavCmd::DO_DIGICAM_CONTROL => MavResult::DENIED,
         MavCmd::IMAGE_STOP_CAPTURE => {
             control.stop_capture();
             MavResult::ACCEPTED
@@ -280,14 +261,16 @@ fn act<F: Firmware<Vehicle: Camera>>(
     })
 }
 
-/// Handles a command to take images (CAM-4).
+/// Handles a command to take images (CAM-4). `params` are interval, number and sequence.
 #[inline(never)]
 fn start_capture<F: Firmware<Vehicle: Camera>>(
     control: &mut CameraControl,
     cx: &mut Cx<'_, F>,
-    start: Start,
+    command: &Command,
+    params: [f32; 3],
 ) -> MavResult {
-    if let Some(result) = control.check_start(&start) {
+    let Some(start) = Start::new(command.from.address, params) else { return MavResult::DENIED };
+    if let Some(result) = control.check_start(cx.now, &start) {
         return result;
     }
     if is_wrong_mode(cx, CameraCapFlags::CAN_CAPTURE_IMAGE_IN_VIDEO_MODE, true) {
@@ -296,7 +279,7 @@ fn start_capture<F: Firmware<Vehicle: Camera>>(
     let (vehicle, mut context) = cx.hook();
     let result = vehicle.may_capture(&mut context);
     if is_accepted(result) {
-        control.start(start, F::Vehicle::MIN_INTERVAL);
+        control.start(cx.now, start, const { millis(F::Vehicle::MIN_INTERVAL) });
     }
     result
 }
@@ -375,7 +358,9 @@ fn format<F: Firmware<Vehicle: Camera>>(
         if !is_accepted(result) {
             return result;
         }
-        link.storages |= instances(storage, F::Vehicle::STORAGES);
+        if let Some(asked) = link.asked.get_mut(STORAGE) {
+            *asked |= instances(storage, F::Vehicle::STORAGES);
+        }
     }
     if resets == 1 {
         control.reset_images();

@@ -3,85 +3,110 @@
 use super::commands::device;
 use super::{Camera, CameraControl, CameraLink, Image, can_send, seconds};
 use crate::dialect::{
-    CameraCaptureStatus, CameraImageCaptured, CameraInformation, CameraSettings, StorageInformation,
+    CameraCaptureStatus, CameraImageCaptured, CameraInformation, CameraSettings, MavCmd, StorageInformation,
     VideoStreamInformation, VideoStreamStatus,
 };
 use crate::link::Port;
+use crate::message::Message;
 use crate::service::Cx;
 use crate::time::{Duration, Instant};
 use crate::types::Firmware;
 
+/// A message of the camera that can be requested.
+pub(super) struct Row {
+    pub(super) id: u32,
+    /// The command that MAV_CMD_REQUEST_MESSAGE has replaced.
+    pub(super) old: MavCmd,
+}
+
+/// The messages, in the order in which they are sent on request.
+pub(super) const ROWS: [Row; 7] = [
+    Row { id: CameraInformation::ID, old: MavCmd::REQUEST_CAMERA_INFORMATION },
+    Row { id: CameraSettings::ID, old: MavCmd::REQUEST_CAMERA_SETTINGS },
+    Row { id: StorageInformation::ID, old: MavCmd::REQUEST_STORAGE_INFORMATION },
+    Row { id: VideoStreamInformation::ID, old: MavCmd::REQUEST_VIDEO_STREAM_INFORMATION },
+    Row { id: VideoStreamStatus::ID, old: MavCmd::REQUEST_VIDEO_STREAM_STATUS },
+    Row { id: CameraCaptureStatus::ID, old: MavCmd::REQUEST_CAMERA_CAPTURE_STATUS },
+    Row { id: CameraImageCaptured::ID, old: MavCmd::REQUEST_CAMERA_IMAGE_CAPTURE },
+];
+
+// Their places in the table.
+const INFORMATION: usize = 0;
+const SETTINGS: usize = 1;
+pub(super) const STORAGE: usize = 2;
+const STREAM: usize = 3;
+const STREAM_STATE: usize = 4;
+const STATUS: usize = 5;
+pub(super) const IMAGE: usize = 6;
+
+/// Returns the number of instances of each message, plus 1; 0 for one that has none.
+pub(super) const fn counts(storages: u8, streams: u8) -> [u8; ROWS.len()] {
+    let (storages, streams) = (storages.saturating_add(1), streams.saturating_add(1));
+    [0, 0, storages, streams, streams, 0, 0]
+}
+
 /// A pending message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum What {
-    Information,
-    Settings,
-    /// By its id.
-    Storage(u8),
-    Stream(u8),
-    StreamState(u8),
+    /// By its row, and the id of the instance.
+    Asked(usize, u8),
     /// By its number.
     Image(u32),
-    /// Perhaps only at an interval.
-    Status,
+    /// CAMERA_CAPTURE_STATUS, when it is due.
+    Later,
 }
 
 impl CameraControl {
-    /// Returns the message that is pending on a link. [`What::Status`] has a time of its own.
+    /// Returns the message that is pending on a link.
     #[inline(never)]
     pub(super) fn pending(&self, port: &Port, link: &CameraLink) -> Option<What> {
         if !can_send(port) {
             return None;
         }
-        let requested = || link.requested.iter().copied().find(|number| self.is_remembered(*number));
-        Some(if link.is_asked(CameraLink::INFORMATION) {
-            What::Information
-        } else if link.is_asked(CameraLink::SETTINGS) || link.settings != self.settings {
-            What::Settings
-        } else if let Some(id) = first(link.storages) {
-            What::Storage(id)
-        } else if let Some(id) = first(link.streams) {
-            What::Stream(id)
-        } else if let Some(id) = first(link.stream_states) {
-            What::StreamState(id)
-        } else if let Some(number) = requested().or_else(|| self.unreported(link).0) {
-            What::Image(number)
-        } else {
-            What::Status
-        })
+        if let Some((row, bits)) = link.asked.iter().enumerate().find(|(_, bits)| **bits != 0) {
+            let id = u8::try_from(bits.trailing_zeros()).unwrap_or(0).wrapping_add(1);
+            return Some(What::Asked(row, id));
+        }
+        if link.settings != self.settings {
+            return Some(What::Asked(SETTINGS, 0));
+        }
+        let requested = link.requested.iter().find(|entry| self.is_requested(**entry));
+        let requested = requested.map(|entry| entry.wrapping_sub(1));
+        Some(requested.or(self.unreported(link).0).map_or(What::Later, What::Image))
     }
 
     /// Records that a message is being sent.
     #[inline(never)]
     fn sent(&mut self, now: Instant, link: &mut CameraLink, what: What) {
         match what {
-            What::Information => link.asked &= !CameraLink::INFORMATION,
-            What::Settings => (link.asked, link.settings) = (link.asked & !CameraLink::SETTINGS, self.settings),
-            What::Storage(_) => link.storages &= link.storages.wrapping_sub(1),
-            What::Stream(_) => link.streams &= link.streams.wrapping_sub(1),
-            What::StreamState(_) => link.stream_states &= link.stream_states.wrapping_sub(1),
+            What::Asked(row, _) => {
+                if let Some(bits) = link.asked.get_mut(row) {
+                    *bits &= bits.wrapping_sub(1);
+                }
+                if row == SETTINGS {
+                    link.settings = self.settings;
+                }
+                if row != STATUS {
+                    return;
+                }
+            }
             What::Image(number) => {
-                link.requested.retain(|other| *other != number && self.is_remembered(*other));
+                let entry = number.wrapping_add(1);
+                for other in &mut link.requested {
+                    *other = if *other == entry { 0 } else { *other };
+                }
                 let (next, lost) = self.unreported(link);
                 if next == Some(number) {
                     self.counters.unsent = self.counters.unsent.wrapping_add(lost);
-                    link.next_image = number.wrapping_add(1);
+                    link.next_image = entry;
                 }
+                return;
             }
-            What::Status => {
-                link.asked &= !CameraLink::STATUS;
-                link.changes = self.changes;
-                let interval = self.status_interval(link).unwrap_or(0);
-                link.status_at = now.after(Duration::from_millis(u64::from(interval)));
-            }
+            What::Later => {}
         }
+        link.changes = self.changes;
+        link.status_at = now.after(Duration::from_millis(u64::from(self.status_interval(link))));
     }
-}
-
-/// Returns the id of the first pending instance: they count from 1.
-fn first(pending: u8) -> Option<u8> {
-    let id = pending.trailing_zeros().wrapping_add(1);
-    u8::try_from(id).ok().filter(|id| *id <= 8)
 }
 
 /// Sends a message that is pending. Returns false if there is none.
@@ -92,18 +117,18 @@ pub(super) fn next<F: Firmware<Vehicle: Camera>>(
     link: &mut CameraLink,
 ) -> bool {
     let Some(what) = control.pending(port, link) else { return false };
-    if what == What::Status && control.status_due(cx.now, link) > cx.now {
+    if what == What::Later && control.status_due(cx.now, link) > cx.now {
         return false;
     }
     control.sent(cx.now, link, what);
     match what {
-        What::Information => send_information(cx, port),
-        What::Settings => send_settings(cx, port),
-        What::Storage(id) => F::Vehicle::STORAGES > 0 && send_storage(cx, port, id),
-        What::Stream(id) => F::Vehicle::VIDEO_STREAMS > 0 && send_stream(cx, port, id),
-        What::StreamState(id) => F::Vehicle::VIDEO_STREAMS > 0 && send_stream_state(cx, port, id),
+        What::Asked(INFORMATION, _) => send_information(cx, port),
+        What::Asked(SETTINGS, _) => send_settings(cx, port),
+        What::Asked(STORAGE, id) if F::Vehicle::STORAGES > 0 => send_storage(cx, port, id),
+        What::Asked(STREAM, id) if F::Vehicle::VIDEO_STREAMS > 0 => send_stream(cx, port, id),
+        What::Asked(STREAM_STATE, id) if F::Vehicle::VIDEO_STREAMS > 0 => send_stream_state(cx, port, id),
         What::Image(number) => send_image(control, cx, port, number),
-        What::Status => send_status(control, cx, port),
+        _ => send_status(control, cx, port),
     }
 }
 
@@ -111,7 +136,13 @@ pub(super) fn next<F: Firmware<Vehicle: Camera>>(
 
 #[inline(never)]
 fn send_information<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port) -> bool {
-    let mut information = CameraInformation::UNKNOWN;
+    // Unknown, without a table of its bytes in flash.
+    let mut information = CameraInformation {
+        focal_length: f32::NAN,
+        sensor_size_h: f32::NAN,
+        sensor_size_v: f32::NAN,
+        ..CameraInformation::default()
+    };
     cx.vehicle.camera_information(&mut information);
     information.time_boot_ms = cx.now.time_boot_ms();
     information.flags = F::Vehicle::FLAGS;
@@ -130,7 +161,7 @@ fn send_settings<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port) 
 
 /// Returns the state of a storage.
 fn storage<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, id: u8) -> StorageInformation {
-    let mut information = StorageInformation::UNKNOWN;
+    let mut information = StorageInformation::default();
     cx.vehicle.storage_information(id, &mut information);
     information.time_boot_ms = cx.now.time_boot_ms();
     (information.storage_id, information.storage_count) = (id, F::Vehicle::STORAGES);
@@ -151,14 +182,14 @@ fn describe_stream<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, id: u8, informa
 
 #[inline(never)]
 fn send_stream<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port, id: u8) -> bool {
-    let mut information = VideoStreamInformation::UNKNOWN;
+    let mut information = VideoStreamInformation::default();
     describe_stream(cx, id, &mut information);
     port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &information)
 }
 
 #[inline(never)]
 fn send_stream_state<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port, id: u8) -> bool {
-    let mut information = VideoStreamInformation::UNKNOWN;
+    let mut information = VideoStreamInformation::default();
     describe_stream(cx, id, &mut information);
     let state = VideoStreamStatus {
         framerate: information.framerate,
@@ -196,7 +227,7 @@ fn send_image<F: Firmware<Vehicle: Camera>>(
         image_index: index.cast_signed(),
         camera_id: device::<F::Vehicle>(),
         capture_result: i8::from(is_success),
-        ..CameraImageCaptured::UNKNOWN
+        ..CameraImageCaptured::default()
     };
     cx.vehicle.image_url(index, &mut message.file_url);
     port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &message)

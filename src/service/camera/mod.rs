@@ -15,7 +15,7 @@ mod vehicle;
 pub use vehicle::{Camera, CameraOrder, Shot};
 
 use self::commands::Start;
-use self::messages::What;
+use self::messages::{ROWS, What};
 use super::{Cx, Request, Service, Turn, Verdict, View, increment};
 use crate::dialect::{CameraInformation, MavResult};
 use crate::link::Port;
@@ -23,7 +23,6 @@ use crate::message::{ComponentId, Message};
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{Component, Firmware};
-use heapless::Vec;
 
 /// The number of orders of the vehicle that a poll takes.
 const ORDERS: u8 = 4;
@@ -132,9 +131,10 @@ pub struct CameraControl<I: ?Sized = [Image]> {
     /// An image is being taken, until this time.
     is_busy: bool,
     until: Instant,
-    /// The last accepted command to start.
+    /// The last accepted command to start, and when it was received.
     started: Start,
-    /// Since when video is being recorded, and the interval of CAMERA_CAPTURE_STATUS meanwhile (ms); 0 for none.
+    started_at: Instant,
+    /// Since when video is being recorded, and the interval of CAMERA_CAPTURE_STATUS meanwhile (ms); 0 for none, and without video.
     is_recording: bool,
     recording_since: Instant,
     recording_interval: u32,
@@ -149,17 +149,13 @@ pub struct CameraControl<I: ?Sized = [Image]> {
 /// The state of the service on a link.
 #[derive(Debug)]
 pub struct CameraLink {
-    /// Which messages were requested, as bits.
-    asked: u8,
-    /// Which storages and streams were requested, a bit for each, the first in the lowest.
-    storages: u8,
-    streams: u8,
-    stream_states: u8,
+    /// The requested instances of each message of [`ROWS`], a bit for each, the first in the lowest.
+    asked: [u8; ROWS.len()],
     /// The changes that it has reported.
     changes: u8,
     settings: u8,
-    /// The numbers of images that were requested again.
-    requested: Vec<u32, REQUESTED, u8>,
+    /// The numbers of images that were requested again, plus 1; 0 for none.
+    requested: [u32; REQUESTED],
     /// The number of the next image to report.
     next_image: u32,
     /// The interval of CAMERA_CAPTURE_STATUS (ms); 0 for none. When it is due next.
@@ -168,30 +164,16 @@ pub struct CameraLink {
 }
 
 impl CameraLink {
-    /// CAMERA_INFORMATION was requested.
-    const INFORMATION: u8 = 1;
-    /// CAMERA_SETTINGS was requested.
-    const SETTINGS: u8 = 2;
-    /// CAMERA_CAPTURE_STATUS was requested.
-    const STATUS: u8 = 4;
-
     /// All zero bits.
     const VACANT: Self = Self {
-        asked: 0,
-        storages: 0,
-        streams: 0,
-        stream_states: 0,
+        asked: [0; ROWS.len()],
         changes: 0,
         settings: 0,
-        requested: Vec::new(),
+        requested: [0; REQUESTED],
         next_image: 0,
         interval: 0,
         status_at: Instant::ZERO,
     };
-
-    const fn is_asked(&self, bit: u8) -> bool {
-        self.asked & bit != 0
-    }
 }
 
 impl CameraControl {
@@ -208,7 +190,7 @@ impl CameraControl {
     /// Takes images at this interval from the next [`poll`](crate::Stack::poll) on: `count` of them, or until
     /// [`stop_capture`](Self::stop_capture) if it is 0. It replaces the one before. [`Camera::MIN_INTERVAL`] does not apply.
     pub fn start_capture(&mut self, now: Instant, interval: Duration, count: u32) {
-        self.begin(now, u32::try_from(interval.as_millis()).unwrap_or(u32::MAX), count);
+        self.begin(now, millis(interval), count);
     }
 
     /// Ends what was started. An image that is being taken is completed.
@@ -223,6 +205,7 @@ impl CameraControl {
 
     /// Reports the end of an image after [`Shot::Started`]. Also reports an image that the camera took by itself, such as by a button:
     /// it is counted like all others.
+    #[inline(never)]
     pub fn image_captured(&mut self, image: Image) {
         if !image.is_success {
             increment(&mut self.counters.failed);
@@ -300,6 +283,11 @@ impl CameraControl {
         self.image_count().min(self.capacity())
     }
 
+    /// Whether an entry of [`CameraLink::requested`] is pending.
+    fn is_requested(&self, entry: u32) -> bool {
+        entry != 0 && self.is_remembered(entry.wrapping_sub(1))
+    }
+
     /// Whether the image with this number is remembered.
     fn is_remembered(&self, number: u32) -> bool {
         (1..=self.remembered()).contains(&self.total.wrapping_sub(number))
@@ -315,19 +303,20 @@ impl CameraControl {
 
     /// Returns when CAMERA_CAPTURE_STATUS is due on a link.
     fn status_due(&self, now: Instant, link: &CameraLink) -> Instant {
-        if link.is_asked(CameraLink::STATUS) || link.changes != self.changes {
-            now
-        } else if self.status_interval(link).is_some() {
-            link.status_at
-        } else {
-            Instant::NEVER
+        match self.status_interval(link) {
+            _ if link.changes != self.changes => now,
+            0 => Instant::NEVER,
+            _ => link.status_at,
         }
     }
 
-    /// Returns the interval of CAMERA_CAPTURE_STATUS on a link, the shorter of both (ms).
-    fn status_interval(&self, link: &CameraLink) -> Option<u32> {
-        let recording = if self.is_recording { self.recording_interval } else { 0 };
-        [link.interval, recording].into_iter().filter(|interval| *interval > 0).min()
+    /// Returns the interval of CAMERA_CAPTURE_STATUS on a link, the shorter of both (ms); 0 for none.
+    fn status_interval(&self, link: &CameraLink) -> u32 {
+        match self.recording_interval {
+            0 => link.interval,
+            recording if link.interval == 0 => recording,
+            recording => recording.min(link.interval),
+        }
     }
 
     /// Returns when the service has something to do.
@@ -418,6 +407,7 @@ impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<
             is_busy: false,
             until: Instant::ZERO,
             started: Start::NONE,
+            started_at: Instant::ZERO,
             is_recording: false,
             recording_since: Instant::ZERO,
             recording_interval: 0,
@@ -456,7 +446,7 @@ impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<
     fn due(&self, view: &View<'_>, port: &Port, link: &CameraLink, _: Turn) -> Instant {
         let control: &CameraControl = self;
         match control.pending(port, link) {
-            Some(What::Status) => control.status_due(view.now, link),
+            Some(What::Later) => control.status_due(view.now, link),
             Some(_) => view.now,
             None => Instant::NEVER,
         }
@@ -477,6 +467,13 @@ impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<
     fn log_drops(&self) {
         event!("{}", self.counters);
     }
+}
+
+/// Returns an interval in milliseconds, rounded down.
+#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; what is cast was bounded")]
+const fn millis(interval: Duration) -> u32 {
+    let millis = interval.as_millis();
+    if millis > u32::MAX as u64 { u32::MAX } else { millis as u32 }
 }
 
 /// Converts an interval (ms) to seconds.
