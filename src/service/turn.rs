@@ -23,15 +23,18 @@ macro_rules! turns {
             HighLatency high_latency Stalled HighLatency "HIGH_LATENCY2" "at once";
             MissionTransfer mission Room Normal "MISSION_REQUEST_INT or MISSION_REQUEST, MISSION_COUNT, MISSION_ITEM_INT or MISSION_ITEM" "while the link has room";
             ParamAnswer param Room Normal "PARAM_ERROR, PARAM_VALUE" "while the link has room";
+            ExtParamAnswer ext_parameters Room Normal "PARAM_EXT_ACK, PARAM_EXT_VALUE" "while the link has room";
             Text statustext Room Normal "STATUSTEXT" "while the link has room";
             Identity identity Room Normal "AUTOPILOT_VERSION, PROTOCOL_VERSION" "while the link has room";
             Request stream Room Normal "MESSAGE_INTERVAL, the vehicle's messages on request" "while the link has room";
+            Camera camera Room Normal "CAMERA_INFORMATION, CAMERA_SETTINGS, STORAGE_INFORMATION, VIDEO_STREAM_INFORMATION, VIDEO_STREAM_STATUS, CAMERA_IMAGE_CAPTURED, CAMERA_CAPTURE_STATUS" "while the link has room";
             Client client Room Normal "COMMAND_LONG, COMMAND_INT, COMMAND_CANCEL, PARAM_REQUEST_READ, PARAM_EXT_REQUEST_READ" "while the link has room";
             OperatorControl operator_control Room Normal "COMMAND_LONG that tells the owner of a request, CONTROL_STATUS" "while the link has room";
             CurrentMode mode Room Normal "CURRENT_MODE, AVAILABLE_MODES_MONITOR" "while the link has room";
             MissionProgress mission Room Normal "MISSION_ITEM_REACHED, MISSION_CURRENT" "while the link has room";
             ModeList mode Room Normal "AVAILABLE_MODES" "while the link has room";
             Message messages Room Normal "the vehicle's own messages" "while the link has room, at half of its rate";
+            ExtParamList ext_parameters Room Normal "the list of all extended parameters" "while the link has room, at 40 % of its rate";
             LateParamList param Room Normal "the list of all parameters" "while the link has room, if its next value has waited for 20 ms";
             ForwardedFirst forwarding Idle Normal "a forwarded frame" "while the link is idle, if a stream was last";
             Stream stream Idle Normal "streams" "while the link is idle";
