@@ -16,6 +16,7 @@ pub mod command;
 #[cfg(test)]
 pub mod example;
 pub(crate) mod forwarding;
+pub mod gimbal;
 pub(crate) mod heartbeat;
 pub mod high_latency;
 pub(crate) mod identity;
@@ -25,6 +26,7 @@ pub mod mission;
 pub mod mode;
 pub mod operator_control;
 pub mod param;
+pub(crate) mod periodic;
 #[cfg(test)]
 pub(crate) mod rest;
 pub mod setpoints;

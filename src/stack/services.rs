@@ -162,6 +162,9 @@ services! {
     mission: D::Mission,
     param: D::Param,
     heartbeat: Heartbeats,
+    // Before the streams, which refuse the intervals of all other messages.
+    gimbal_manager: D::GimbalManager,
+    gimbal_device: D::GimbalDevice,
     stream: D::Stream,
     messages: D::Messages,
     time: D::Time,

@@ -333,7 +333,7 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
 }
 
 /// Whether streams are sent on the link: to a peer that is alive there, or to any that may be there (H-8).
-fn has_listener(shared: &Shared, peers: &[PeerInfo], port: &Port) -> bool {
+pub(crate) fn has_listener(shared: &Shared, peers: &[PeerInfo], port: &Port) -> bool {
     !shared.config.streams_wait_for_peer || peers.iter().any(|info| info.is_alive && info.peer.link == port.id)
 }
 

@@ -1,0 +1,634 @@
+//! The gimbal manager: who points the gimbal, and what reaches the vehicle of it.
+
+use super::super::periodic::{Periodic, Row};
+use super::super::stream::has_listener;
+use super::super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::send;
+use super::setpoint::{GimbalSetpoint, Order, device_of, read_message};
+use crate::dialect::{
+    AutopilotStateForGimbalDevice, CommandLong, GimbalDeviceAttitudeStatus, GimbalDeviceInformation,
+    GimbalDeviceSetAttitude, GimbalManagerFlags, GimbalManagerInformation, GimbalManagerStatus, MavCmd,
+    MavProtocolCapability, MavResult, MavSeverity,
+};
+use crate::frame::Frame;
+use crate::link::Port;
+use crate::message::{Address, ComponentId, Message, SystemId};
+use crate::network::PeerInfo;
+use crate::num;
+use crate::time::{Duration, Instant};
+use crate::types::{Command, Context, Firmware, LinkId};
+
+/// GIMBAL_MANAGER_STATUS: five times a second, as its definition advises.
+const STATUS: Row = Row { id: GimbalManagerStatus::ID, micros: 200_000 };
+
+/// How often a device is asked for its GIMBAL_DEVICE_INFORMATION until it answers, as PX4 does.
+const ASK_PERIOD: Duration = Duration::from_secs(1);
+
+/// Nobody.
+const NOBODY: Address = Address::new(0, 0);
+
+counters! {
+    /// Counters of the gimbal manager. They wrap.
+    ManagerCounters {
+        /// Commands and messages that reached [`GimbalManager::point_gimbal`].
+        count taken,
+        /// Commands that were DENIED because their sender was not in control (O-8).
+        drop refused,
+        /// Messages that were dropped because their sender was not in control (O-8).
+        drop not_in_control,
+        /// Messages that were dropped because they were sent to every vehicle.
+        drop broadcast,
+        /// Messages that were dropped because they were for another gimbal device.
+        drop other_device,
+        /// Messages that were dropped because a number was infinite or out of range, a quaternion was not normalised, or the flags
+        /// named two frames.
+        drop invalid,
+    }
+}
+
+/// Who points the gimbal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct GimbalControl {
+    /// The component in primary control; `None` if nobody is.
+    pub primary: Option<Address>,
+    /// The component in secondary control; `None` if nobody is.
+    pub secondary: Option<Address>,
+}
+
+/// A gimbal manager, for a vehicle that declares `gimbal_manager` in [`stack!`](crate::stack). Without it, the commands reach
+/// [`Commands::command`](crate::Commands::command), and the messages [`Vehicle::message`](crate::Vehicle::message).
+///
+/// ```
+/// use mavstack::dialect::{GimbalManagerCapFlags, GimbalManagerFlags, GimbalManagerInformation, MavResult};
+/// use mavstack::gimbal::{GimbalSetpoint, GimbalTarget};
+/// use mavstack::{Context, GimbalManager};
+///
+/// /// Two servos: the pitch is level, and the yaw is relative to the vehicle.
+/// struct Rover { pitch: f32, yaw: f32 }
+///
+/// impl GimbalManager for Rover {
+///     const DEVICE: u8 = 1;
+///
+///     fn manager_information(&self) -> GimbalManagerInformation {
+///         GimbalManagerInformation {
+///             cap_flags: GimbalManagerCapFlags::HAS_NEUTRAL
+///                 .with(GimbalManagerCapFlags::HAS_PITCH_AXIS)
+///                 .with(GimbalManagerCapFlags::HAS_PITCH_LOCK)
+///                 .with(GimbalManagerCapFlags::HAS_YAW_AXIS)
+///                 .with(GimbalManagerCapFlags::HAS_YAW_FOLLOW),
+///             pitch_min: -1.5,
+///             pitch_max: 0.5,
+///             yaw_min: -1.5,
+///             yaw_max: 1.5,
+///             ..GimbalManagerInformation::default()
+///         }
+///     }
+///
+///     fn manager_flags(&self) -> GimbalManagerFlags {
+///         GimbalManagerFlags::PITCH_LOCK.with(GimbalManagerFlags::YAW_IN_VEHICLE_FRAME)
+///     }
+///
+///     fn point_gimbal(&mut self, _: &mut Context<'_>, setpoint: &GimbalSetpoint) -> MavResult {
+///         match setpoint.target {
+///             GimbalTarget::Neutral | GimbalTarget::Released => (self.pitch, self.yaw) = (0.0, 0.0),
+///             GimbalTarget::Angles { angles: [_, pitch, yaw], rates: [None, None, None] }
+///                 if !setpoint.is_yaw_in_earth_frame() =>
+///             {
+///                 self.pitch = pitch.unwrap_or(self.pitch).clamp(-1.5, 0.5);
+///                 self.yaw = yaw.unwrap_or(self.yaw).clamp(-1.5, 1.5);
+///             }
+///             _ => return MavResult::DENIED,
+///         }
+///         MavResult::ACCEPTED
+///     }
+/// }
+/// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not implement `GimbalManager`",
+    note = "`gimbal_manager` in `stack!` needs `impl GimbalManager for {Self}`: write it, or leave `gimbal_manager` out"
+)]
+pub trait GimbalManager {
+    /// The gimbal device: 1 to 6 for one without MAVLink, which is attached to the autopilot; otherwise its component id, such as
+    /// 154. Ground stations need its GIMBAL_DEVICE_ATTITUDE_STATUS, and ask for its GIMBAL_DEVICE_INFORMATION: a device in this
+    /// firmware sends both if [`gimbal_device`](crate::GimbalDevice) is declared.
+    const DEVICE: u8;
+
+    /// Whether the device is a MAVLink component on a link. It then gets [`device_setpoint`](Self::device_setpoint) and
+    /// [`autopilot_state`](Self::autopilot_state) while it is alive, each on the first link on which it was heard. The code for it is
+    /// left out if not.
+    const IS_REMOTE: bool = false;
+
+    /// How often [`device_setpoint`](Self::device_setpoint) is sent: 20 Hz by default.
+    const SETPOINT_INTERVAL: Duration = Duration::from_millis(50);
+
+    /// How often [`autopilot_state`](Self::autopilot_state) is sent: 20 Hz by default.
+    const STATE_INTERVAL: Duration = Duration::from_millis(50);
+
+    /// Returns the capabilities and the limits (rad), for GIMBAL_MANAGER_INFORMATION. The stack sets time and device.
+    fn manager_information(&self) -> GimbalManagerInformation;
+
+    /// Returns the flags that hold now, for GIMBAL_MANAGER_STATUS: of the two for the yaw's frame exactly one. Those of a remote device
+    /// are in the last [`device_moved`](Self::device_moved).
+    fn manager_flags(&self) -> GimbalManagerFlags;
+
+    /// Points the gimbal, or refuses. It is called only for what those in control ask for, with finite numbers (O-8, O-9). The result
+    /// answers a command, and is ignored for a message. How primary and secondary control are mixed is the vehicle's decision.
+    ///
+    /// A sender of rates that is lost does not stop them. A vehicle that follows rates stops by itself when they are not repeated:
+    /// QGroundControl repeats them twice a second.
+    fn point_gimbal(&mut self, cx: &mut Context<'_>, setpoint: &GimbalSetpoint) -> MavResult;
+
+    /// Called after control has changed. A mission whose vehicle has lost control waits, or goes on without the gimbal.
+    fn gimbal_control_changed(&mut self, cx: &mut Context<'_>, control: &GimbalControl) {
+        let _ = (cx, control);
+    }
+
+    /// Returns what a remote device is to do now. The stack sets the target. `None`: nothing is sent. Start from
+    /// [`GimbalDeviceSetAttitude::UNKNOWN`]. The vehicle makes the quaternion, because only it knows its own attitude and position.
+    fn device_setpoint(&mut self, now: Instant) -> Option<GimbalDeviceSetAttitude> {
+        let _ = now;
+        None
+    }
+
+    /// Returns the vehicle's state for a remote device, which keeps its horizon by it. The stack sets the target and the time. `None`:
+    /// nothing is sent. Start from [`AutopilotStateForGimbalDevice::UNKNOWN`].
+    fn autopilot_state(&mut self, now: Instant) -> Option<AutopilotStateForGimbalDevice> {
+        let _ = now;
+        None
+    }
+
+    /// Called with the attitude and the failures of a remote device. [`Vehicle::peer`](crate::Vehicle::peer) reports its loss.
+    fn device_moved(&mut self, cx: &mut Context<'_>, status: &GimbalDeviceAttitudeStatus) {
+        let _ = (cx, status);
+    }
+
+    /// Called with the capabilities and the limits of a remote device, each time that they are received. The stack asks for them when the
+    /// device appears, every second until they are received.
+    fn device_found(&mut self, cx: &mut Context<'_>, information: &GimbalDeviceInformation) {
+        let _ = (cx, information);
+    }
+}
+
+/// The gimbal manager: declared by `gimbal_manager` in [`stack!`](crate::stack), and read through
+/// [`Stack::gimbal_manager`](crate::Stack::gimbal_manager). [`GimbalManager`] has its hooks.
+///
+/// A component takes control by MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, which is never refused: senders are expected to look at
+/// GIMBAL_MANAGER_STATUS first, and to ask their pilot. Its parameters are pairs of a system and a component:
+///
+/// | both numbers | control |
+/// |---|---|
+/// | a system and a component | is given to it |
+/// | 0 | is taken from whoever has it |
+/// | −1 | is unchanged |
+/// | −2 | is given to the autopilot |
+/// | −3 | is taken from the sender, if it has it |
+///
+/// Then these point (O-8):
+///
+/// | what | from those in control | from others |
+/// |---|---|---|
+/// | MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW | yes | DENIED |
+/// | MAV_CMD_DO_SET_ROI\_\*, MAV_CMD_DO_SET_ROI, MAV_CMD_DO_MOUNT_\* | yes | takes primary control if nobody has it; otherwise DENIED |
+/// | GIMBAL_MANAGER_SET_ATTITUDE, \_SET_PITCHYAW, \_SET_MANUAL_CONTROL | yes | dropped and counted |
+///
+/// The clients of the second row do not know gimbal control: QGroundControl sets a region of interest, and MAVProxy points by the
+/// older protocol, without it.
+///
+/// The vehicle itself points by [`Stack::point_gimbal`](crate::Stack::point_gimbal), for an item of its mission. That takes primary
+/// control, so that ground stations see it; [`Stack::release_gimbal`](crate::Stack::release_gimbal) ends it.
+///
+/// With `operator_control`, control ends when another system takes over the vehicle, except that of the vehicle's own system.
+///
+/// GIMBAL_MANAGER_STATUS is sent five times a second and at once after a change, on every normal link that carries MAVLink 2.
+#[derive(Clone, Debug)]
+pub struct ManagerService {
+    primary: Address,
+    secondary: Address,
+    /// The number of changes of control, to report each of them once on each link. Wraps.
+    changes: u8,
+    /// A remote device has sent its information since it appeared.
+    is_known: bool,
+    /// When a remote device gets its next setpoint, the vehicle's state, and a question.
+    setpoint_at: Instant,
+    state_at: Instant,
+    ask_at: Instant,
+    counters: ManagerCounters,
+}
+
+/// The state of the service on a link.
+#[derive(Clone, Copy, Debug)]
+pub struct ManagerLink {
+    status: Periodic,
+    /// The changes that it has reported.
+    changes: u8,
+    is_information_asked: bool,
+}
+
+/// Returns an address, unless it is nobody's.
+fn somebody(address: Address) -> Option<Address> {
+    Some(address).filter(|address| address.system.0 != 0)
+}
+
+impl ManagerService {
+    /// Returns who is in control.
+    pub fn control(&self) -> GimbalControl {
+        GimbalControl { primary: somebody(self.primary), secondary: somebody(self.secondary) }
+    }
+
+    /// Returns the counters.
+    pub const fn counters(&self) -> ManagerCounters {
+        self.counters
+    }
+
+    /// Sets who is in control. Returns whether that is a change.
+    fn set(&mut self, primary: Address, secondary: Address) -> bool {
+        let is_new = (self.primary, self.secondary) != (primary, secondary);
+        if is_new {
+            (self.primary, self.secondary) = (primary, secondary);
+            event!("gimbal control: {}", primary);
+            self.changes = self.changes.wrapping_add(1);
+        }
+        is_new
+    }
+
+    /// Sets who is in control, and tells the vehicle.
+    #[inline(never)]
+    fn assign<F: Firmware<Vehicle: GimbalManager>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        primary: Address,
+        secondary: Address,
+    ) {
+        if self.set(primary, secondary) {
+            let control = self.control();
+            let (vehicle, mut context) = cx.hook();
+            vehicle.gimbal_control_changed(&mut context, &control);
+        }
+    }
+
+    /// Takes control from a component, if it has it.
+    pub(crate) fn release<F: Firmware<Vehicle: GimbalManager>>(&mut self, cx: &mut Cx<'_, F>, from: Address) {
+        let [primary, secondary] = [self.primary, self.secondary].map(|has| if has == from { NOBODY } else { has });
+        self.assign(cx, primary, secondary);
+    }
+
+    /// Whether a component may point.
+    fn may_point(&self, from: Address) -> bool {
+        from == self.primary || from == self.secondary
+    }
+
+    /// Returns who has control after a pair of MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE; `None` if it is invalid.
+    fn configured([system, component]: [f32; 2], has: Address, from: Address, own: Address) -> Option<Address> {
+        let number = |param: f32| if param.is_nan() { Some(-1) } else { num::integer::<i16>(param) };
+        match (number(system)?, number(component)?) {
+            (-1, -1) => Some(has),
+            (-2, -2) => Some(own),
+            (-3, -3) => Some(if has == from { NOBODY } else { has }),
+            (0, 0..=255) => Some(NOBODY),
+            (system, component) => {
+                let address = Address::new(u8::try_from(system).ok()?, u8::try_from(component).ok()?);
+                // A component 0 would be every one of its system.
+                Some(address).filter(|address| address.component.0 != 0)
+            }
+        }
+    }
+
+    /// Carries out a command, or an item of the vehicle's mission; `None` if it is about no gimbal.
+    #[inline(never)]
+    pub(crate) fn carry_out<F: Firmware<Vehicle: GimbalManager>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        from: Address,
+        order: &Order,
+    ) -> Verdict {
+        let own = cx.shared.config.address.get();
+        let device = order.device();
+        let is_ours = device.is_nan() || device == 0.0 || device == f32::from(F::Vehicle::DEVICE);
+        let denied = Verdict::Refused(MavResult::DENIED.into());
+        if order.id == MavCmd::DO_GIMBAL_MANAGER_CONFIGURE {
+            let [primary, secondary] = order.pairs();
+            let primary = Self::configured(primary, self.primary, from, own);
+            let secondary = Self::configured(secondary, self.secondary, from, own);
+            let (Some(primary), Some(secondary), true) = (primary, secondary, is_ours) else { return denied };
+            self.assign(cx, primary, secondary);
+            return Verdict::done(MavResult::ACCEPTED);
+        }
+        // The vehicle may always point. Clients that know no gimbal control get it while nobody has it.
+        let takes = from == own || (order.id != MavCmd::DO_GIMBAL_MANAGER_PITCHYAW && self.primary == NOBODY);
+        if !takes && !self.may_point(from) {
+            increment(&mut self.counters.refused);
+            if cfg!(feature = "plan-texts") {
+                cx.say(MavSeverity::WARNING, b"Gimbal: not in control, take control first");
+            }
+            // Not NOT_IN_CONTROL, which MAVSDK takes for no answer. PX4 answers the same.
+            return Verdict::done(MavResult::DENIED);
+        }
+        let (flags, target) = match order.read() {
+            Ok(read) if is_ours => read,
+            Ok(_) => return denied,
+            Err(result) => return Verdict::Refused(result.into()),
+        };
+        let is_secondary = !takes && from != self.primary;
+        let result = match target {
+            Some(target) => self.point(cx, GimbalSetpoint { from, is_secondary, flags, target }),
+            None => MavResult::ACCEPTED,
+        };
+        if takes && result == MavResult::ACCEPTED {
+            self.assign(cx, from, self.secondary);
+        }
+        Verdict::done(result)
+    }
+
+    fn point<F: Firmware<Vehicle: GimbalManager>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        setpoint: GimbalSetpoint,
+    ) -> MavResult {
+        increment(&mut self.counters.taken);
+        cx.shared.has_acted = true;
+        let (vehicle, mut context) = cx.hook();
+        vehicle.point_gimbal(&mut context, &setpoint)
+    }
+
+    /// Handles a setpoint in a message. Returns false if it is none.
+    #[inline(never)]
+    fn on_message<F: Firmware<Vehicle: GimbalManager>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        frame: &Frame<'_>,
+        from: Address,
+        is_broadcast: bool,
+    ) -> bool {
+        let Some(device) = device_of(frame) else { return false };
+        let counters = &mut self.counters;
+        let counter = if is_broadcast {
+            &mut counters.broadcast
+        } else if device != 0 && device != F::Vehicle::DEVICE {
+            &mut counters.other_device
+        } else if from != self.primary && from != self.secondary {
+            &mut counters.not_in_control
+        } else if let Some((flags, target)) = read_message(frame) {
+            let is_secondary = from != self.primary;
+            self.point(cx, GimbalSetpoint { from, is_secondary, flags, target });
+            return true;
+        } else {
+            &mut counters.invalid
+        };
+        increment(counter);
+        true
+    }
+
+    /// Handles a message of a remote device.
+    #[inline(never)]
+    fn on_device<F: Firmware<Vehicle: GimbalManager>>(&mut self, cx: &mut Cx<'_, F>, frame: &Frame<'_>) -> bool {
+        let (vehicle, mut context) = cx.hook();
+        if let Some(status) = &frame.decode::<GimbalDeviceAttitudeStatus>() {
+            vehicle.device_moved(&mut context, status);
+            return true;
+        }
+        let found = frame.id() == GimbalDeviceInformation::ID;
+        if found {
+            self.is_known = true;
+            tell_found::<F>(vehicle, &mut context, frame);
+        }
+        found
+    }
+
+    /// Sends what is due to a remote device.
+    #[inline(never)]
+    fn next_for_device<F: Firmware<Vehicle: GimbalManager>>(&mut self, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
+        let system = cx.shared.config.address.get().system;
+        if !is_on::<F>(cx.peers, system, port.id) {
+            return false;
+        }
+        let (target_system, target_component) = (system.0, F::Vehicle::DEVICE);
+        // MAVLink 1 has neither of the two (S-10).
+        let is_v2 = port.outbox.takes(STATUS.id);
+        if is_v2 && self.setpoint_at <= cx.now {
+            self.setpoint_at = cx.now.after(F::Vehicle::SETPOINT_INTERVAL);
+            if let Some(setpoint) = cx.vehicle.device_setpoint(cx.now) {
+                let setpoint = GimbalDeviceSetAttitude { target_system, target_component, ..setpoint };
+                return send(port, None, &setpoint);
+            }
+        }
+        if is_v2 && self.state_at <= cx.now {
+            self.state_at = cx.now.after(F::Vehicle::STATE_INTERVAL);
+            if let Some(state) = cx.vehicle.autopilot_state(cx.now) {
+                let time_boot_us = cx.now.as_micros();
+                let state = AutopilotStateForGimbalDevice { time_boot_us, target_system, target_component, ..state };
+                return send(port, None, &state);
+            }
+        }
+        if self.is_known || self.ask_at > cx.now {
+            return false;
+        }
+        self.ask_at = cx.now.after(ASK_PERIOD);
+        let param1 = num::f32_from_u32(GimbalDeviceInformation::ID);
+        let command = MavCmd::REQUEST_MESSAGE;
+        send(port, None, &CommandLong { param1, command, target_system, target_component, ..CommandLong::default() })
+    }
+}
+
+/// Not inlined: the message is large.
+#[inline(never)]
+fn tell_found<F: Firmware<Vehicle: GimbalManager>>(
+    vehicle: &mut F::Vehicle,
+    context: &mut Context<'_>,
+    frame: &Frame<'_>,
+) {
+    if let Some(information) = &frame.decode::<GimbalDeviceInformation>() {
+        vehicle.device_found(context, information);
+    }
+}
+
+/// Whether the remote device is alive, and this link is the first on which it was heard.
+fn is_on<F: Firmware<Vehicle: GimbalManager>>(peers: &[PeerInfo], system: SystemId, link: LinkId) -> bool {
+    living::<F>(peers, system) == Some(link)
+}
+
+/// Returns the first link on which the remote device is alive.
+fn living<F: Firmware<Vehicle: GimbalManager>>(peers: &[PeerInfo], system: SystemId) -> Option<LinkId> {
+    let address = Address { system, component: ComponentId(F::Vehicle::DEVICE) };
+    peers.iter().find(|info| info.is_alive && info.peer.address == address).map(|info| info.peer.link)
+}
+
+/// Whether a command points or configures a gimbal.
+const fn is_about_gimbal(command: MavCmd) -> bool {
+    matches!(
+        command,
+        MavCmd::DO_GIMBAL_MANAGER_PITCHYAW
+            | MavCmd::DO_GIMBAL_MANAGER_CONFIGURE
+            | MavCmd::DO_SET_ROI_LOCATION
+            | MavCmd::DO_SET_ROI_WPNEXT_OFFSET
+            | MavCmd::DO_SET_ROI_NONE
+            | MavCmd::DO_SET_ROI_SYSID
+            | MavCmd::DO_SET_ROI
+            | MavCmd::DO_MOUNT_CONFIGURE
+            | MavCmd::DO_MOUNT_CONTROL
+    )
+}
+
+impl Order {
+    /// Whether it is about a gimbal.
+    pub(crate) const fn is_about_gimbal(&self) -> bool {
+        is_about_gimbal(self.id)
+    }
+}
+
+impl ManagerLink {
+    /// Whether a change of control was not reported yet, on a link that can.
+    fn owes(&self, changes: u8, port: &Port) -> bool {
+        self.changes != changes && port.outbox.takes(STATUS.id)
+    }
+
+    /// Handles a command about messages; `None` for all others.
+    #[inline(never)]
+    fn on_command(&mut self, port: &Port, command: &Command) -> Option<MavResult> {
+        let [id, ..] = command.params;
+        if command.id != MavCmd::REQUEST_MESSAGE || num::integer(id) != Some(GimbalManagerInformation::ID) {
+            return self.status.on_command(STATUS, port, command);
+        }
+        let is_sendable = command.has_response_target() && port.outbox.takes(GimbalManagerInformation::ID);
+        self.is_information_asked |= is_sendable;
+        Some(if is_sendable { MavResult::ACCEPTED } else { MavResult::DENIED })
+    }
+}
+
+impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
+    const NEW: Self = {
+        let device = F::Vehicle::DEVICE;
+        assert!(device != 0, "`GimbalManager::DEVICE` is 1 to 6, or the component id of the gimbal device");
+        assert!(!F::Vehicle::IS_REMOTE || device > 6, "a remote gimbal device has a component id above 6");
+        Self {
+            primary: NOBODY,
+            secondary: NOBODY,
+            changes: 0,
+            is_known: false,
+            setpoint_at: Instant::ZERO,
+            state_at: Instant::ZERO,
+            ask_at: Instant::ZERO,
+            counters: ManagerCounters::ZERO,
+        }
+    };
+    type Link = ManagerLink;
+    const VACANT: ManagerLink = ManagerLink { status: Periodic::NEW, changes: 0, is_information_asked: false };
+    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMPONENT_IMPLEMENTS_GIMBAL_MANAGER;
+
+    /// A device that has timed out may be another one when it reappears.
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ManagerLink>) {
+        if F::Vehicle::IS_REMOTE && self.is_known {
+            self.is_known = living::<F>(cx.peers, cx.shared.config.address.get().system).is_some();
+        }
+    }
+
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut ManagerLink, received: &Received<'_>) -> Handled {
+        let Received { frame, from, target, .. } = received;
+        let own = cx.shared.config.address.get().system;
+        let device = Address { system: own, component: ComponentId(F::Vehicle::DEVICE) };
+        let is_of_device = F::Vehicle::IS_REMOTE && from.address == device;
+        let is_handled =
+            self.on_message(cx, frame, from.address, target.system.0 == 0) || is_of_device && self.on_device(cx, frame);
+        if is_handled { Handled::Yes } else { Handled::No }
+    }
+
+    fn on_command(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut ManagerLink,
+        request: &Request,
+    ) -> Option<Verdict> {
+        let command = &request.command;
+        if !is_about_gimbal(command.id) {
+            return link.on_command(port, command).map(Verdict::done);
+        }
+        Some(self.carry_out(cx, command.from.address, &Order::of_command(command)))
+    }
+
+    /// What others have sent ends.
+    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
+        let keep = |address: Address| if [own, owner].contains(&address.system) { address } else { NOBODY };
+        self.set(keep(self.primary), keep(self.secondary));
+    }
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ManagerLink, turn: Turn) -> bool {
+        if turn == Turn::Gimbal {
+            if core::mem::take(&mut link.is_information_asked) {
+                return send_information::<F>(cx, port);
+            }
+            if let Some(interval) = link.status.take_interval(STATUS, port) {
+                return send(port, None, &interval);
+            }
+            let is_new = link.owes(self.changes, port) && has_listener(cx.shared, cx.peers, port);
+            if !is_new && !link.status.take_asked() {
+                return F::Vehicle::IS_REMOTE && self.next_for_device(cx, port);
+            }
+        } else {
+            if link.status.due(STATUS, port, has_listener(cx.shared, cx.peers, port)) > cx.now {
+                return false;
+            }
+            link.status.sent(cx.now, STATUS, port);
+            port.facts.own_was_last = true;
+        }
+        link.changes = self.changes;
+        link.status.take_asked();
+        self.send_status(cx, port)
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &ManagerLink, turn: Turn) -> Instant {
+        let has_listener = has_listener(view.shared, view.peers, port);
+        if turn != Turn::Gimbal {
+            return link.status.due(STATUS, port, has_listener);
+        }
+        let is_new = link.owes(self.changes, port) && has_listener;
+        if is_new || link.is_information_asked || link.status.is_asked() || link.status.is_interval_asked() {
+            return view.now;
+        }
+        if !F::Vehicle::IS_REMOTE || !is_on::<F>(view.peers, view.shared.config.address.get().system, port.id) {
+            return Instant::NEVER;
+        }
+        let ask_at = if self.is_known { Instant::NEVER } else { self.ask_at };
+        let message_at =
+            if port.outbox.takes(STATUS.id) { self.setpoint_at.min(self.state_at) } else { Instant::NEVER };
+        message_at.min(ask_at)
+    }
+
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        self.counters.drops()
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {
+        event!("{}", self.counters);
+    }
+}
+
+/// Not inlined, so that the messages share the stack.
+#[inline(never)]
+fn send_information<F: Firmware<Vehicle: GimbalManager>>(cx: &Cx<'_, F>, port: &mut Port) -> bool {
+    let information = GimbalManagerInformation {
+        time_boot_ms: cx.now.time_boot_ms(),
+        gimbal_device_id: F::Vehicle::DEVICE,
+        ..cx.vehicle.manager_information()
+    };
+    send(port, None, &information)
+}
+
+impl ManagerService {
+    #[inline(never)]
+    fn send_status<F: Firmware<Vehicle: GimbalManager>>(&self, cx: &Cx<'_, F>, port: &mut Port) -> bool {
+        let Self { primary, secondary, .. } = self;
+        let status = GimbalManagerStatus {
+            time_boot_ms: cx.now.time_boot_ms(),
+            flags: cx.vehicle.manager_flags(),
+            gimbal_device_id: F::Vehicle::DEVICE,
+            primary_control_sysid: primary.system.0,
+            primary_control_compid: primary.component.0,
+            secondary_control_sysid: secondary.system.0,
+            secondary_control_compid: secondary.component.0,
+        };
+        send(port, None, &status)
+    }
+}
