@@ -142,8 +142,8 @@ impl<D: Declares<Vehicle: GimbalManager, GimbalManager = ManagerService>, const 
     ///     stack.point_gimbal(now, item, rover) != MavResult::UNSUPPORTED
     /// }
     ///
-    /// fn end_of_mission(stack: &mut Mavlink, now: Instant, rover: &mut Rover) {
-    ///     stack.release_gimbal(now, rover);
+    /// fn end_of_mission(stack: &mut Mavlink) {
+    ///     stack.release_gimbal();
     /// }
     /// ```
     pub fn point_gimbal(&mut self, now: Instant, item: &Item, vehicle: &mut D::Vehicle) -> MavResult {
@@ -161,10 +161,8 @@ impl<D: Declares<Vehicle: GimbalManager, GimbalManager = ManagerService>, const 
 
     /// Ends the vehicle's own control of the gimbal, if it has it: at the end of a mission that pointed it, so that ground stations need
     /// not ask their pilot before they take it.
-    pub fn release_gimbal(&mut self, now: Instant, vehicle: &mut D::Vehicle) {
-        let (mut cx, services, ..) = split!(&mut *self, now, vehicle);
-        let own = cx.shared.config.address.get();
-        services.gimbal_manager.release(&mut cx, own);
+    pub fn release_gimbal(&mut self) {
+        self.services.gimbal_manager.release(self.shared.config.address.get());
     }
 }
 

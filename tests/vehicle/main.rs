@@ -3,6 +3,9 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+mod gimbal;
+mod gimbal_device;
+mod gimbal_properties;
 mod heartbeat;
 mod instances;
 mod manual_control;

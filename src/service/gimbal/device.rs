@@ -1,4 +1,4 @@
-//! The gimbal device: attitude and failures of the gimbal, and what its manager asks of it.
+//! The gimbal device: attitude and failures of the gimbal, and what its manager asks of it: rules GIM-10 and GIM-11.
 
 use super::super::periodic::{Periodic, Row};
 use super::super::stream::has_listener;

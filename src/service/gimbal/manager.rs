@@ -1,4 +1,4 @@
-//! The gimbal manager: who points the gimbal, and what reaches the vehicle of it.
+//! The gimbal manager: who points the gimbal, and what reaches the vehicle of it: rules GIM-1 to GIM-4, GIM-6, GIM-7, GIM-9 and GIM-12.
 
 use super::super::periodic::{Periodic, Row};
 use super::super::stream::has_listener;
@@ -32,9 +32,9 @@ counters! {
     ManagerCounters {
         /// Commands and messages that reached [`GimbalManager::point_gimbal`].
         count taken,
-        /// Commands that were DENIED because their sender was not in control (O-8).
+        /// Commands that were DENIED because their sender was not in control (GIM-4).
         drop refused,
-        /// Messages that were dropped because their sender was not in control (O-8).
+        /// Messages that were dropped because their sender was not in control (GIM-4).
         drop not_in_control,
         /// Messages that were dropped because they were sent to every vehicle.
         drop broadcast,
@@ -132,14 +132,14 @@ pub trait GimbalManager {
     /// are in the last [`device_moved`](Self::device_moved).
     fn manager_flags(&self) -> GimbalManagerFlags;
 
-    /// Points the gimbal, or refuses. It is called only for what those in control ask for, with finite numbers (O-8, O-9). The result
+    /// Points the gimbal, or refuses. It is called only for what those in control ask for, with finite numbers (GIM-4, GIM-5). The result
     /// answers a command, and is ignored for a message. How primary and secondary control are mixed is the vehicle's decision.
     ///
     /// A sender of rates that is lost does not stop them. A vehicle that follows rates stops by itself when they are not repeated:
     /// QGroundControl repeats them twice a second.
     fn point_gimbal(&mut self, cx: &mut Context<'_>, setpoint: &GimbalSetpoint) -> MavResult;
 
-    /// Called after control has changed. A mission whose vehicle has lost control waits, or goes on without the gimbal.
+    /// Called in the next [`poll`](crate::Stack::poll) after control has changed. A mission whose vehicle has lost control waits, or goes on without the gimbal.
     fn gimbal_control_changed(&mut self, cx: &mut Context<'_>, control: &GimbalControl) {
         let _ = (cx, control);
     }
@@ -184,7 +184,7 @@ pub trait GimbalManager {
 /// | −2 | is given to the autopilot |
 /// | −3 | is taken from the sender, if it has it |
 ///
-/// Then these point (O-8):
+/// Then these point (GIM-4):
 ///
 /// | what | from those in control | from others |
 /// |---|---|---|
@@ -205,8 +205,9 @@ pub trait GimbalManager {
 pub struct ManagerService {
     primary: Address,
     secondary: Address,
-    /// The number of changes of control, to report each of them once on each link. Wraps.
+    /// The number of changes of control, to report each of them once on each link, and those that the vehicle was told. They wrap.
     changes: u8,
+    told: u8,
     /// A remote device has sent its information since it appeared.
     is_known: bool,
     /// When a remote device gets its next setpoint, the vehicle's state, and a question.
@@ -241,41 +242,24 @@ impl ManagerService {
         self.counters
     }
 
-    /// Sets who is in control. Returns whether that is a change.
-    fn set(&mut self, primary: Address, secondary: Address) -> bool {
-        let is_new = (self.primary, self.secondary) != (primary, secondary);
-        if is_new {
+    /// Sets who is in control. The next poll tells the vehicle.
+    fn assign(&mut self, primary: Address, secondary: Address) {
+        if (self.primary, self.secondary) != (primary, secondary) {
             (self.primary, self.secondary) = (primary, secondary);
             event!("gimbal control: {}", primary);
             self.changes = self.changes.wrapping_add(1);
         }
-        is_new
-    }
-
-    /// Sets who is in control, and tells the vehicle.
-    #[inline(never)]
-    fn assign<F: Firmware<Vehicle: GimbalManager>>(
-        &mut self,
-        cx: &mut Cx<'_, F>,
-        primary: Address,
-        secondary: Address,
-    ) {
-        if self.set(primary, secondary) {
-            let control = self.control();
-            let (vehicle, mut context) = cx.hook();
-            vehicle.gimbal_control_changed(&mut context, &control);
-        }
     }
 
     /// Takes control from a component, if it has it.
-    pub(crate) fn release<F: Firmware<Vehicle: GimbalManager>>(&mut self, cx: &mut Cx<'_, F>, from: Address) {
+    pub(crate) fn release(&mut self, from: Address) {
         let [primary, secondary] = [self.primary, self.secondary].map(|has| if has == from { NOBODY } else { has });
-        self.assign(cx, primary, secondary);
+        self.assign(primary, secondary);
     }
 
-    /// Whether a component may point.
+    /// Whether a component may point. A frame may have the address of nobody as its source.
     fn may_point(&self, from: Address) -> bool {
-        from == self.primary || from == self.secondary
+        from != NOBODY && (from == self.primary || from == self.secondary)
     }
 
     /// Returns who has control after a pair of MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE; `None` if it is invalid.
@@ -311,11 +295,12 @@ impl ManagerService {
             let primary = Self::configured(primary, self.primary, from, own);
             let secondary = Self::configured(secondary, self.secondary, from, own);
             let (Some(primary), Some(secondary), true) = (primary, secondary, is_ours) else { return denied };
-            self.assign(cx, primary, secondary);
+            self.assign(primary, secondary);
             return Verdict::done(MavResult::ACCEPTED);
         }
         // The vehicle may always point. Clients that know no gimbal control get it while nobody has it.
-        let takes = from == own || (order.id != MavCmd::DO_GIMBAL_MANAGER_PITCHYAW && self.primary == NOBODY);
+        let is_free = self.primary == NOBODY && from != NOBODY;
+        let takes = from == own || (order.id != MavCmd::DO_GIMBAL_MANAGER_PITCHYAW && is_free);
         if !takes && !self.may_point(from) {
             increment(&mut self.counters.refused);
             if cfg!(feature = "plan-texts") {
@@ -335,7 +320,7 @@ impl ManagerService {
             None => MavResult::ACCEPTED,
         };
         if takes && result == MavResult::ACCEPTED {
-            self.assign(cx, from, self.secondary);
+            self.assign(from, self.secondary);
         }
         Verdict::done(result)
     }
@@ -361,12 +346,13 @@ impl ManagerService {
         is_broadcast: bool,
     ) -> bool {
         let Some(device) = device_of(frame) else { return false };
+        let may_point = self.may_point(from);
         let counters = &mut self.counters;
         let counter = if is_broadcast {
             &mut counters.broadcast
         } else if device != 0 && device != F::Vehicle::DEVICE {
             &mut counters.other_device
-        } else if from != self.primary && from != self.secondary {
+        } else if !may_point {
             &mut counters.not_in_control
         } else if let Some((flags, target)) = read_message(frame) {
             let is_secondary = from != self.primary;
@@ -504,6 +490,7 @@ impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
             primary: NOBODY,
             secondary: NOBODY,
             changes: 0,
+            told: 0,
             is_known: false,
             setpoint_at: Instant::ZERO,
             state_at: Instant::ZERO,
@@ -515,11 +502,21 @@ impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
     const VACANT: ManagerLink = ManagerLink { status: Periodic::NEW, changes: 0, is_information_asked: false };
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMPONENT_IMPLEMENTS_GIMBAL_MANAGER;
 
-    /// A device that has timed out may be another one when it reappears.
+    /// Tells the vehicle of a change. A device that has timed out may be another one when it reappears.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ManagerLink>) {
+        if self.told != self.changes {
+            self.told = self.changes;
+            let control = self.control();
+            let (vehicle, mut context) = cx.hook();
+            vehicle.gimbal_control_changed(&mut context, &control);
+        }
         if F::Vehicle::IS_REMOTE && self.is_known {
             self.is_known = living::<F>(cx.peers, cx.shared.config.address.get().system).is_some();
         }
+    }
+
+    fn deadline(&self) -> Instant {
+        if self.told == self.changes { Instant::NEVER } else { Instant::ZERO }
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut ManagerLink, received: &Received<'_>) -> Handled {
@@ -549,7 +546,7 @@ impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
     /// What others have sent ends.
     fn on_owner(&mut self, own: SystemId, owner: SystemId) {
         let keep = |address: Address| if [own, owner].contains(&address.system) { address } else { NOBODY };
-        self.set(keep(self.primary), keep(self.secondary));
+        self.assign(keep(self.primary), keep(self.secondary));
     }
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ManagerLink, turn: Turn) -> bool {

@@ -1,6 +1,6 @@
 //! The gimbal protocol, version 2: the manager, which decides who points a gimbal, and the device, which is one.
 //!
-//! Implements <https://mavlink.io/en/services/gimbal_v2.html>, rules O-7 to O-12. The two sides are services of their own; a firmware
+//! Implements <https://mavlink.io/en/services/gimbal_v2.html>, rules GIM-1 to GIM-12. The two sides are services of their own; a firmware
 //! may declare one of them or both:
 //!
 //! ```text

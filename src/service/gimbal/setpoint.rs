@@ -1,4 +1,4 @@
-//! What a gimbal is to do: commands, items of missions and messages as one type, checked (C-5 to C-9).
+//! What a gimbal is to do: commands, items of missions and messages as one type, checked: rules GIM-5 and GIM-8, C-5 to C-9.
 //!
 //! Angles are in radians here, whatever carried them. The yaw's frame is that of the flags.
 
