@@ -292,8 +292,8 @@ pub mod operator_control {
 /// Gimbals: who points one, and what it is to do. [`GimbalManager`] and [`GimbalDevice`] have the hooks.
 pub mod gimbal {
     pub use crate::service::gimbal::{
-        DeviceCounters, DeviceService, DeviceSetpoint, GimbalControl, GimbalSetpoint, GimbalTarget, ManagerCounters,
-        ManagerService,
+        Axes, DeviceCounters, DeviceService, DeviceSetpoint, GimbalControl, GimbalSetpoint, GimbalTarget,
+        ManagerCounters, ManagerService,
     };
 }
 

@@ -17,28 +17,39 @@ const MAX: u32 = 60_000_000;
 /// The interval of a message that is off.
 const OFF: u32 = u32::MAX;
 
-/// The message and its interval by default (µs), on each link whose profile has streams.
+/// The message, its interval by default (µs), on each link whose profile has streams, and another message that is sent on request
+/// only.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Row {
+pub struct Row {
     pub(crate) id: u32,
     pub(crate) micros: u32,
+    pub(crate) other: u32,
 }
 
 /// The state of the message on a link. Initially all zero bits.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Periodic {
+pub struct Periodic {
     /// When it is due.
     at: Instant,
     /// The interval that a client has set (µs): 0 is the default.
     micros: u32,
-    /// It is to be sent once, at once.
-    is_asked: bool,
-    /// MESSAGE_INTERVAL is to be sent.
-    is_interval_asked: bool,
+    /// What is to be sent at once: a bit for each of [`Asked`].
+    asked: u8,
+}
+
+/// What a client may ask for, as a bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Asked(u8);
+
+impl Asked {
+    pub(crate) const NOTHING: Self = Self(0);
+    pub(crate) const MESSAGE: Self = Self(1);
+    pub(crate) const INTERVAL: Self = Self(2);
+    pub(crate) const OTHER: Self = Self(4);
 }
 
 impl Periodic {
-    pub(crate) const NEW: Self = Self { at: Instant::ZERO, micros: 0, is_asked: false, is_interval_asked: false };
+    pub(crate) const NEW: Self = Self { at: Instant::ZERO, micros: 0, asked: 0 };
 
     /// Returns the interval on a link (µs).
     fn interval(&self, row: Row, port: &Port) -> u32 {
@@ -49,61 +60,73 @@ impl Periodic {
         }
     }
 
-    /// Handles a command about this message; `None` for all others.
+    /// Handles a command about one of the messages; `None` for all others.
     #[inline(never)]
     pub(crate) fn on_command(&mut self, row: Row, port: &Port, command: &Command) -> Option<MavResult> {
-        let [id, second, instance, _] = command.params.map(|param| num::integer::<i32>(param).unwrap_or(-2));
-        let own = row.id.cast_signed();
-        let is_default = |param: f32| param.is_nan() || param == 0.0;
-        let is_sendable = command.has_response_target() && port.outbox.takes(row.id);
+        let [first, second, third, _] = command.params;
+        let is_request = command.id == MavCmd::REQUEST_MESSAGE;
+        let mut id = num::integer::<i32>(first)?.cast_unsigned();
+        let is_interval = is_request && id == MessageInterval::ID;
+        if is_interval {
+            id = num::integer::<i32>(second)?.cast_unsigned();
+        }
         let asked = match command.id {
-            MavCmd::REQUEST_MESSAGE if id == own => &mut self.is_asked,
-            MavCmd::REQUEST_MESSAGE if id == MessageInterval::ID.cast_signed() && second == own => {
-                &mut self.is_interval_asked
-            }
-            MavCmd::GET_MESSAGE_INTERVAL if id == own => &mut self.is_interval_asked,
-            MavCmd::SET_MESSAGE_INTERVAL if id == own => {
-                let [_, micros, third, _] = command.params;
-                let is_valid = (micros >= 0.0 || micros == -1.0) && (instance == 0 || is_default(third));
-                if !is_valid || !is_sendable {
-                    return Some(MavResult::DENIED);
-                }
-                self.micros = match num::saturated(micros) {
-                    _ if micros < 0.0 => OFF,
-                    0 if micros == 0.0 => 0,
-                    micros => micros.clamp(MIN, MAX),
-                };
-                self.at = Instant::ZERO;
-                return Some(MavResult::ACCEPTED);
-            }
+            MavCmd::REQUEST_MESSAGE if is_interval => Asked::INTERVAL,
+            MavCmd::REQUEST_MESSAGE if id == row.other => Asked::OTHER,
+            MavCmd::REQUEST_MESSAGE => Asked::MESSAGE,
+            MavCmd::GET_MESSAGE_INTERVAL => Asked::INTERVAL,
+            MavCmd::SET_MESSAGE_INTERVAL => Asked::NOTHING,
             _ => return None,
         };
-        *asked = is_sendable;
-        Some(if is_sendable { MavResult::ACCEPTED } else { MavResult::DENIED })
+        if id != row.id && asked != Asked::OTHER {
+            return None;
+        }
+        if !command.has_response_target() || !port.outbox.takes(row.id) {
+            return Some(MavResult::DENIED);
+        }
+        if asked != Asked::NOTHING {
+            self.asked |= asked.0;
+            return Some(MavResult::ACCEPTED);
+        }
+        let micros = match num::saturated(second) {
+            _ if second == -1.0 => OFF,
+            _ if second == 0.0 => 0,
+            micros => micros.clamp(MIN, MAX),
+        };
+        // NaN is below everything.
+        if (micros != OFF && !(second >= 0.0)) || !(third.is_nan() || third == 0.0) {
+            return Some(MavResult::DENIED);
+        }
+        (self.at, self.micros) = (Instant::ZERO, micros);
+        Some(MavResult::ACCEPTED)
     }
 
-    /// Whether the message was asked for.
+    /// Returns whether anything was asked for.
     pub(crate) const fn is_asked(&self) -> bool {
-        self.is_asked
+        self.asked != 0
     }
 
-    /// Whether MESSAGE_INTERVAL was asked for.
-    pub(crate) const fn is_interval_asked(&self) -> bool {
-        self.is_interval_asked
+    /// Returns whether the message itself was asked for.
+    pub(crate) const fn is_message_asked(&self) -> bool {
+        self.asked & Asked::MESSAGE.0 != 0
     }
 
-    /// Returns whether the message was asked for, and forgets it.
-    pub(crate) fn take_asked(&mut self) -> bool {
-        core::mem::take(&mut self.is_asked)
+    /// Returns what was asked for, one thing at a time, and forgets it.
+    pub(crate) const fn take_asked(&mut self) -> Asked {
+        let lowest = self.asked & self.asked.wrapping_neg();
+        self.asked ^= lowest;
+        Asked(lowest)
     }
 
-    /// Returns the MESSAGE_INTERVAL that was asked for, and forgets it.
-    #[inline(never)]
-    pub(crate) fn take_interval(&mut self, row: Row, port: &Port) -> Option<MessageInterval> {
-        // Off is -1, all bits of which are set.
-        let interval_us = self.interval(row, port).cast_signed();
-        let message_id = u16::try_from(row.id).ok()?;
-        core::mem::take(&mut self.is_interval_asked).then_some(MessageInterval { interval_us, message_id })
+    /// Forgets that the message was asked for, because it is sent now, or cannot be.
+    pub(crate) const fn forget(&mut self) {
+        self.asked &= !Asked::MESSAGE.0;
+    }
+
+    /// Returns MESSAGE_INTERVAL. Off is -1, all bits of which are set.
+    pub(crate) fn told(&self, row: Row, port: &Port) -> MessageInterval {
+        let message_id = u16::try_from(row.id).unwrap_or(0);
+        MessageInterval { interval_us: self.interval(row, port).cast_signed(), message_id }
     }
 
     /// Returns when the message is due in its stream. `has_listener`: see `streams_wait_for_peer`.

@@ -4,10 +4,11 @@ use super::{Declares, RequestMemory, Stack, split};
 use crate::dialect::MavResult;
 use crate::message::{Item, Message};
 use crate::network::ForwardCounters;
+use crate::service::Cx;
 use crate::service::client::{Client, CommandClient, check};
 use crate::service::command::{CommandSlots, LongCommands};
 use crate::service::forwarding::Forwarding;
-use crate::service::gimbal::{DeviceService, GimbalManager, ManagerService, Order};
+use crate::service::gimbal::{DeviceService, GimbalManager, ManagerService, Order, Who};
 use crate::service::high_latency::HighLatency;
 use crate::service::manual_control::ManualInput;
 use crate::service::messages::{Messages, id_of};
@@ -18,7 +19,6 @@ use crate::service::setpoints::Setpoints;
 use crate::service::signing::{Signing, SigningStream};
 use crate::service::stream::{Stream, StreamService, Telemetry};
 use crate::service::time::{Time, TimeSample};
-use crate::service::{Cx, Verdict};
 use crate::time::Instant;
 use crate::types::{Destination, LinkId, Pending, Recipient};
 
@@ -152,17 +152,14 @@ impl<D: Declares<Vehicle: GimbalManager, GimbalManager = ManagerService>, const 
             return MavResult::UNSUPPORTED;
         }
         let (mut cx, services, ..) = split!(&mut *self, now, vehicle);
-        let own = cx.shared.config.address.get();
-        match services.gimbal_manager.carry_out(&mut cx, own, &order) {
-            Verdict::Done(outcome) => outcome.result,
-            Verdict::Refused(refusal) => refusal.result,
-        }
+        let own = Who::new(cx.shared.config.address.get());
+        services.gimbal_manager.carry_out(&mut cx, own, &order).unwrap_or_else(|refusal| refusal)
     }
 
     /// Ends the vehicle's own control of the gimbal, if it has it: at the end of a mission that pointed it, so that ground stations need
     /// not ask their pilot before they take it.
     pub fn release_gimbal(&mut self) {
-        self.services.gimbal_manager.release(self.shared.config.address.get());
+        self.services.gimbal_manager.release(Who::new(self.shared.config.address.get()));
     }
 }
 

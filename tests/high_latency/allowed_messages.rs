@@ -6,11 +6,12 @@ use std::collections::BTreeSet;
 use crate::support::*;
 use mavstack::config::{LinkClass, StreamProfile, TxVersion};
 use mavstack::dialect::*;
+use mavstack::gimbal::GimbalSetpoint;
 use mavstack::high_latency::{HighLatencyConfig, HighLatencySample};
 use mavstack::message::Dialect;
 use mavstack::{
-    Command, Commands, Context, CustomMode, Fill, FlightMode, Instant, LinkConfig, LinkId, Message, ModeRequest, Modes,
-    Outcome, Peer, PlanType, Stream, Telemetry, Vehicle, VehicleState,
+    Command, Commands, Context, CustomMode, Fill, FlightMode, GimbalDevice, GimbalManager, Instant, LinkConfig, LinkId,
+    Message, ModeRequest, Modes, Outcome, Peer, PlanType, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 /// A vehicle with every service: [`TestVehicle`], and modes.
@@ -44,6 +45,42 @@ impl Modes for Everything {
             state.custom_mode = mode.custom_mode;
         }
         MavResult::ACCEPTED.into()
+    }
+}
+
+/// Its gimbal device is heard on every link.
+impl GimbalManager for Everything {
+    const DEVICE: u8 = 154;
+    const IS_REMOTE: bool = true;
+
+    fn manager_information(&self) -> GimbalManagerInformation {
+        GimbalManagerInformation::default()
+    }
+
+    fn manager_flags(&self) -> GimbalManagerFlags {
+        GimbalManagerFlags::EMPTY
+    }
+
+    fn point_gimbal(&mut self, _: &mut Context<'_>, _: &GimbalSetpoint) -> MavResult {
+        MavResult::ACCEPTED
+    }
+
+    fn device_setpoint(&mut self, _: Instant) -> Option<GimbalDeviceSetAttitude> {
+        Some(GimbalDeviceSetAttitude::UNKNOWN)
+    }
+
+    fn autopilot_state(&mut self, _: Instant) -> Option<AutopilotStateForGimbalDevice> {
+        Some(AutopilotStateForGimbalDevice::UNKNOWN)
+    }
+}
+
+impl GimbalDevice for Everything {
+    fn device_information(&self) -> GimbalDeviceInformation {
+        GimbalDeviceInformation::default()
+    }
+
+    fn device_status(&self) -> Option<GimbalDeviceAttitudeStatus> {
+        Some(GimbalDeviceAttitudeStatus::default())
     }
 }
 
@@ -82,6 +119,8 @@ mavstack::stack! {
         manual_control,
         setpoints,
         operator_control,
+        gimbal_manager,
+        gimbal_device,
         high_latency,
     }
 }
@@ -101,6 +140,8 @@ mavstack::stack! {
         manual_control,
         setpoints,
         operator_control,
+        gimbal_manager,
+        gimbal_device,
         high_latency,
     }
 }

@@ -5,10 +5,12 @@ use crate::support::*;
 use mavstack::command::CommandPolicy;
 use mavstack::config::StreamProfile;
 use mavstack::dialect::*;
+use mavstack::gimbal::GimbalSetpoint;
 use mavstack::param::ParamTable;
 use mavstack::{
-    Address, CommandClient, CommandReply, Commands, Context, Duration, Fill, FlightMode, Frame, Instant, LinkConfig,
-    LinkId, Message, ModeRequest, Modes, Outcome, OutgoingCommand, Stream, Telemetry, Vehicle, VehicleState,
+    Address, CommandClient, CommandReply, Commands, Context, Duration, Fill, FlightMode, Frame, GimbalDevice,
+    GimbalManager, Instant, LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome, OutgoingCommand, Stream,
+    Telemetry, Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, VecDeque};
 
@@ -24,6 +26,8 @@ mavstack::stack! {
         messages,
         command_client: { slots: 1 },
         operator_control,
+        gimbal_manager,
+        gimbal_device,
         modes,
         commands: { slots: 3 },
         forwarding,
@@ -66,6 +70,34 @@ impl Modes for Moded {
 
     fn set_mode(&mut self, _: &mut Context<'_>, _: &'static FlightMode, _: &ModeRequest) -> Outcome {
         MavResult::UNSUPPORTED.into()
+    }
+}
+
+impl GimbalManager for Moded {
+    const DEVICE: u8 = 1;
+
+    fn manager_information(&self) -> GimbalManagerInformation {
+        GimbalManagerInformation::default()
+    }
+
+    fn manager_flags(&self) -> GimbalManagerFlags {
+        GimbalManagerFlags::EMPTY
+    }
+
+    fn point_gimbal(&mut self, _: &mut Context<'_>, _: &GimbalSetpoint) -> MavResult {
+        MavResult::ACCEPTED
+    }
+}
+
+impl GimbalDevice for Moded {
+    const ID: u8 = 1;
+
+    fn device_information(&self) -> GimbalDeviceInformation {
+        GimbalDeviceInformation::default()
+    }
+
+    fn device_status(&self) -> Option<GimbalDeviceAttitudeStatus> {
+        Some(GimbalDeviceAttitudeStatus::default())
     }
 }
 
@@ -130,6 +162,8 @@ fn pending_frames_are_sent_in_order() {
         (MavCmd::REQUEST_MESSAGE, BatteryStatus::ID),
         (MavCmd::GET_MESSAGE_INTERVAL, Attitude::ID),
         (MavCmd::REQUEST_MESSAGE, AutopilotVersion::ID),
+        (MavCmd::REQUEST_MESSAGE, GimbalManagerInformation::ID),
+        (MavCmd::REQUEST_MESSAGE, GimbalDeviceInformation::ID),
     ] {
         let message = world.gcs[0].long(command, [id as f32, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         receive(&mut world, now, 0, STATION, &message);
@@ -160,11 +194,15 @@ fn pending_frames_are_sent_in_order() {
         ("Request", vec![own(MessageInterval::ID), own(BatteryStatus::ID)]),
         ("Client", vec![own(CommandLong::ID)]),
         ("OperatorControl", vec![own(512)]),
+        ("Gimbal", vec![own(GimbalManagerInformation::ID)]),
+        ("GimbalDevice", vec![own(GimbalDeviceInformation::ID)]),
         ("CurrentMode", vec![own(CurrentMode::ID)]),
         ("MissionProgress", vec![own(MissionCurrent::ID)]),
         ("ModeList", vec![own(AvailableModes::ID)]),
         ("Message", vec![own(SystemTime::ID)]),
         ("LateParamList", vec![]),
+        ("GimbalStatus", vec![own(GimbalManagerStatus::ID)]),
+        ("GimbalAttitude", vec![own(GimbalDeviceAttitudeStatus::ID)]),
         ("Stream", vec![own(Attitude::ID), own(GlobalPositionInt::ID), own(SysStatus::ID)]),
         ("Forwarded", vec![(Tunnel::ID, true); 2]),
         ("ParamList", vec![own(ParamValue::ID)]),
@@ -198,7 +236,8 @@ fn in_order<const N: usize>(turns: &[&str], pending: [(&str, Vec<(u32, bool)>); 
         }
         let kind = if turn == "ForwardedFirst" { "Forwarded" } else { turn };
         let frame = pending.get_mut(kind)?.pop_front()?;
-        has_streamed = (has_streamed || kind == "Stream") && kind != "Forwarded";
+        let is_stream = ["GimbalStatus", "GimbalAttitude", "Stream"].contains(&kind);
+        has_streamed = (has_streamed || is_stream) && kind != "Forwarded";
         Some(frame)
     };
     while let Some(frame) = turns.iter().find_map(|turn| next(turn)) {

@@ -3,7 +3,7 @@
 use crate::support::*;
 use mavstack::config::{LinkClass, StreamProfile, TxVersion};
 use mavstack::dialect::*;
-use mavstack::gimbal::{GimbalControl, GimbalSetpoint, GimbalTarget, ManagerCounters};
+use mavstack::gimbal::{Axes, GimbalControl, GimbalSetpoint, GimbalTarget, ManagerCounters};
 use mavstack::message::{LatLon, SystemId};
 use mavstack::{
     Address, Command, Commands, Context, GimbalManager, Item, LinkConfig, LinkId, Message, Outcome, Vehicle,
@@ -140,6 +140,18 @@ fn counters(world: &Carried) -> ManagerCounters {
 /// The target of the last setpoint that the vehicle got, and the number of all.
 fn last(world: &Carried) -> (usize, Option<GimbalTarget>) {
     (world.vehicle.pointed.len(), world.vehicle.pointed.last().map(|setpoint| setpoint.target))
+}
+
+fn axes([roll, pitch, yaw]: [Option<f32>; 3]) -> Axes {
+    Axes::new(roll, pitch, yaw)
+}
+
+fn angles(angles: [Option<f32>; 3], rates: [Option<f32>; 3]) -> GimbalTarget {
+    GimbalTarget::Angles { angles: axes(angles), rates: axes(rates) }
+}
+
+fn next_waypoint(offsets: [Option<f32>; 3]) -> GimbalTarget {
+    GimbalTarget::NextWaypoint { offsets: axes(offsets) }
 }
 
 const NAN: f32 = f32::NAN;
@@ -389,8 +401,8 @@ fn pitch_and_yaw_are_given_in_radians() {
     let bits = flags.0 as f32;
     assert_eq!(command(&mut world, STATION, PITCH_YAW, [-90.0, 180.0, NAN, NAN, bits, 0.0, 1.0]), MavResult::ACCEPTED);
     let setpoint = *world.vehicle.pointed.last().unwrap();
-    let angles = GimbalTarget::Angles { angles: [None, Some(-PI / 2.0), Some(PI)], rates: [None; 3] };
-    assert_eq!((setpoint.target, setpoint.flags, setpoint.is_secondary), (angles, flags, false));
+    let target = angles([None, Some(-PI / 2.0), Some(PI)], [None; 3]);
+    assert_eq!((setpoint.target, setpoint.flags, setpoint.is_secondary), (target, flags, false));
     assert!(setpoint.is_yaw_in_earth_frame(), "a locked yaw is relative to north");
 
     // MAVSDK sends rates as COMMAND_INT, with the flags in x.
@@ -405,11 +417,8 @@ fn pitch_and_yaw_are_given_in_radians() {
     };
     assert_eq!(command_int(&mut world, STATION, &rates), MavResult::ACCEPTED);
     let setpoint = *world.vehicle.pointed.last().unwrap();
-    let GimbalTarget::Angles { angles: [None, None, None], rates: [None, Some(pitch), Some(yaw)] } = setpoint.target
-    else {
-        panic!("{setpoint:?}")
-    };
-    assert!((pitch - PI / 10.0).abs() < 1e-6 && (yaw + PI / 5.0).abs() < 1e-6, "{pitch} {yaw}");
+    let rates = [None, Some(18.0_f32.to_radians()), Some((-36.0_f32).to_radians())];
+    assert_eq!(setpoint.target, angles([None; 3], rates));
     assert_eq!(setpoint.flags, GimbalManagerFlags::PITCH_LOCK);
     assert!(!setpoint.is_yaw_in_earth_frame());
 
@@ -451,16 +460,16 @@ fn messages_point() {
     };
     send(&mut world, 0, STATION, &attitude);
     let q = [half, 0.0, -half, 0.0];
-    assert_eq!(last(&world), (1, Some(GimbalTarget::Attitude { q, rates: [None; 3] })));
+    assert_eq!(last(&world), (1, Some(GimbalTarget::Attitude { q, rates: axes([None; 3]) })));
     // Rates alone.
     let rates =
         GimbalManagerSetAttitude { q: [NAN; 4], angular_velocity_y: 0.5, angular_velocity_z: -0.25, ..attitude };
     send(&mut world, 0, STATION, &rates);
     let rates = [None, Some(0.5), Some(-0.25)];
-    assert_eq!(last(&world), (2, Some(GimbalTarget::Angles { angles: [None; 3], rates })));
+    assert_eq!(last(&world), (2, Some(angles([None; 3], rates))));
     send(&mut world, 0, STATION, &GimbalManagerSetPitchyaw { yaw_rate: 0.1, ..pitch_yaw(0.25) });
-    let (angles, rates) = ([None, Some(0.25), None], [None, None, Some(0.1)]);
-    assert_eq!(last(&world), (3, Some(GimbalTarget::Angles { angles, rates })));
+    let (pitch, rates) = ([None, Some(0.25), None], [None, None, Some(0.1)]);
+    assert_eq!(last(&world), (3, Some(angles(pitch, rates))));
     let manual = GimbalManagerSetManualControl {
         pitch_rate: -1.0,
         yaw_rate: 0.5,
@@ -469,7 +478,7 @@ fn messages_point() {
         ..GimbalManagerSetManualControl::UNKNOWN
     };
     send(&mut world, 0, STATION, &manual);
-    let by_hand = GimbalTarget::Manual { angles: [None; 2], rates: [Some(-1.0), Some(0.5)] };
+    let by_hand = GimbalTarget::Manual { angles: axes([None; 3]), rates: axes([None, Some(-1.0), Some(0.5)]) };
     assert_eq!(last(&world), (4, Some(by_hand)));
 
     for q in [[1.0, NAN, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0], [f32::INFINITY, 0.0, 0.0, 0.0], [0.0; 4]] {
@@ -525,13 +534,13 @@ fn regions_of_interest() {
     }
     assert_eq!(world.vehicle.pointed.len(), count);
 
-    let offset = GimbalTarget::NextWaypoint { offsets: [10.0_f32.to_radians(), -PI / 2.0, 0.0] };
+    let offset = next_waypoint([Some(10.0_f32.to_radians()), Some(-PI / 2.0), None]);
     for (id, params, expected) in [
         (MavCmd::DO_SET_ROI_NONE, [0.0; 7], GimbalTarget::Released),
         (MavCmd::DO_SET_ROI_SYSID, [7.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0], GimbalTarget::System(SystemId(7))),
         (MavCmd::DO_SET_ROI_WPNEXT_OFFSET, [1.0, 0.0, 0.0, 0.0, -90.0, 10.0, NAN], offset),
         (MavCmd::DO_SET_ROI, [0.0; 7], GimbalTarget::Released),
-        (MavCmd::DO_SET_ROI, [1.0; 7], GimbalTarget::NextWaypoint { offsets: [0.0; 3] }),
+        (MavCmd::DO_SET_ROI, [1.0; 7], next_waypoint([None; 3])),
     ] {
         assert_eq!(command(&mut world, STATION, id, params), MavResult::ACCEPTED, "{id:?}");
         assert_eq!(last(&world).1, Some(expected), "{id:?}");
@@ -547,8 +556,7 @@ fn regions_of_interest() {
 fn older_protocol() {
     let mut world = world();
     let degrees = PI / 180.0;
-    let angles = [Some(5.0 * degrees), Some(-30.0 * degrees), Some(-90.0 * degrees)];
-    let pointing = GimbalTarget::Angles { angles, rates: [None; 3] };
+    let pointing = angles([Some(5.0 * degrees), Some(-30.0 * degrees), Some(-90.0 * degrees)], [None; 3]);
     let control = MavCmd::DO_MOUNT_CONTROL;
     for (params, expected) in [
         ([0.0; 7], Some(GimbalTarget::Retract)),
@@ -557,7 +565,7 @@ fn older_protocol() {
         // MAVProxy scales the location; others do not.
         ([0.0, 0.0, 0.0, 20.0, 473_977_408.0, 85_455_936.0, 4.0], place(473_977_408, 85_455_936, 20.0, None)),
         ([0.0, 0.0, 0.0, 20.0, 47.5, -8.25, 4.0], place(475_000_000, -82_500_000, 20.0, None)),
-        ([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 7.0], Some(GimbalTarget::NextWaypoint { offsets: [0.0; 3] })),
+        ([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 7.0], Some(next_waypoint([None; 3]))),
     ] {
         assert_eq!(command(&mut world, STATION, control, params), MavResult::ACCEPTED, "{params:?}");
         assert_eq!(last(&world).1, expected, "{params:?}");
@@ -567,7 +575,7 @@ fn older_protocol() {
     // The pilot on the ground steers.
     assert_eq!(command(&mut world, STATION, control, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0]), MavResult::ACCEPTED);
     let setpoint = *world.vehicle.pointed.last().unwrap();
-    let nothing = GimbalTarget::Angles { angles: [None; 3], rates: [None; 3] };
+    let nothing = angles([None; 3], [None; 3]);
     assert_eq!((setpoint.flags, setpoint.target), (GimbalManagerFlags::RC_EXCLUSIVE, nothing));
     for mode in [5.0, 6.0, 9.0, NAN] {
         let result = command(&mut world, STATION, control, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, mode]);
@@ -599,7 +607,7 @@ fn vehicle_points_for_its_mission() {
     let pitch_yaw = item(PITCH_YAW, [-90.0, NAN, NAN, NAN], 8, 0, 0.0, mission);
     assert_eq!(world.stack.point_gimbal(now, &pitch_yaw, &mut world.vehicle), MavResult::ACCEPTED);
     let setpoint = *world.vehicle.pointed.last().unwrap();
-    let down = GimbalTarget::Angles { angles: [None, Some(-PI / 2.0), None], rates: [None; 3] };
+    let down = angles([None, Some(-PI / 2.0), None], [None; 3]);
     assert_eq!((setpoint.target, setpoint.from, setpoint.flags.0), (down, VEHICLE, 8));
     assert_eq!(control(&world), [Some(VEHICLE), None]);
     world.run_for(millis(20));

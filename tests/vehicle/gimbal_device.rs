@@ -3,7 +3,7 @@
 use crate::support::*;
 use mavstack::config::{LinkClass, StreamProfile, TxVersion, VehicleAddress};
 use mavstack::dialect::*;
-use mavstack::gimbal::{DeviceCounters, DeviceSetpoint, GimbalSetpoint};
+use mavstack::gimbal::{Axes, DeviceCounters, DeviceSetpoint, GimbalSetpoint};
 use mavstack::message::ComponentId;
 use mavstack::{
     Address, Command, Commands, Config, Context, Duration, GimbalDevice, GimbalManager, Instant, LinkConfig, LinkId,
@@ -222,9 +222,12 @@ fn device_follows_its_manager() {
         send(&mut world, 0, manager, &bad);
     }
     let [first, second] = world.vehicle.setpoints[..] else { panic!("{:?}", world.vehicle.setpoints) };
-    assert_eq!(first, DeviceSetpoint { flags, attitude: Some([half, 0.0, -half, 0.0]), rates: [None; 3] });
+    assert_eq!(
+        first,
+        DeviceSetpoint { flags, attitude: Some([half, 0.0, -half, 0.0]), rates: Axes::new(None, None, None) }
+    );
     let flags = GimbalDeviceFlags::EMPTY;
-    assert_eq!(second, DeviceSetpoint { flags, attitude: None, rates: [None, None, Some(-0.5)] });
+    assert_eq!(second, DeviceSetpoint { flags, attitude: None, rates: Axes::new(None, None, Some(-0.5)) });
     assert!(first.is_yaw_in_earth_frame() && !second.is_yaw_in_earth_frame());
     let expected = counted(|counters: &mut DeviceCounters| {
         (counters.taken, counters.not_manager, counters.invalid) = (2, 5, 4);

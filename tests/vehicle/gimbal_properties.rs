@@ -5,7 +5,7 @@ use super::gimbal::{Carried, send, world};
 use crate::support::*;
 use mavstack::Address;
 use mavstack::dialect::*;
-use mavstack::gimbal::GimbalTarget;
+use mavstack::gimbal::{Axes, GimbalTarget};
 use proptest::prelude::*;
 
 /// Two stations, another component of the first, a companion, and frames from nobody.
@@ -147,19 +147,17 @@ impl Model {
 }
 
 fn is_finite(target: GimbalTarget) -> bool {
-    let all = |numbers: &[Option<f32>]| numbers.iter().flatten().all(|number| number.is_finite());
+    let all = |numbers: &[Option<f32>], limit: f32| numbers.iter().flatten().all(|number| number.abs() <= limit);
+    let axes = |axes: Axes, limit: f32| all(&[axes.roll(), axes.pitch(), axes.yaw()], limit);
     match target {
-        GimbalTarget::Angles { angles, rates } => all(&angles) && all(&rates),
-        GimbalTarget::Attitude { q, rates } => q.iter().all(|number| number.is_finite()) && all(&rates),
-        GimbalTarget::Manual { angles, rates } => {
-            let numbers = [angles, rates].concat();
-            all(&numbers) && numbers.iter().flatten().all(|number| number.abs() <= 1.0)
-        }
+        GimbalTarget::Angles { angles, rates } => axes(angles, f32::MAX) && axes(rates, f32::MAX),
+        GimbalTarget::Attitude { q, rates } => q.iter().all(|number| number.is_finite()) && axes(rates, f32::MAX),
+        GimbalTarget::Manual { angles, rates } => axes(angles, 1.0) && axes(rates, 1.0),
         GimbalTarget::Location { position, altitude, .. } => {
             let is_on_globe = position.latitude.abs() <= 900_000_000 && position.longitude.abs() <= 1_800_000_000;
-            is_on_globe && all(&[altitude])
+            is_on_globe && all(&[altitude], f32::MAX)
         }
-        GimbalTarget::NextWaypoint { offsets } => all(&offsets.map(Some)),
+        GimbalTarget::NextWaypoint { offsets } => axes(offsets, f32::MAX),
         GimbalTarget::System(system) => system.0 != 0,
         _ => true,
     }

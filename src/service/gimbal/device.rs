@@ -1,23 +1,22 @@
 //! The gimbal device: attitude and failures of the gimbal, and what its manager asks of it: rules GIM-10 and GIM-11.
 
-use super::super::periodic::{Periodic, Row};
+use super::super::periodic::{Asked, Periodic, Row};
 use super::super::stream::has_listener;
 use super::super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
 use super::send;
-use super::setpoint::{checked_attitude, checked_rates};
+use super::setpoint::{Axes, attitude};
 use crate::dialect::{
     GimbalDeviceAttitudeStatus, GimbalDeviceErrorFlags, GimbalDeviceFlags, GimbalDeviceInformation,
-    GimbalDeviceSetAttitude, MavCmd, MavResult,
+    GimbalDeviceSetAttitude, MavResult,
 };
 use crate::frame::Frame;
 use crate::link::Port;
 use crate::message::{Address, ComponentId, Message};
-use crate::num;
 use crate::time::Instant;
-use crate::types::{Command, Context, Firmware};
+use crate::types::{Context, Firmware};
 
 /// GIMBAL_DEVICE_ATTITUDE_STATUS: ten times a second, as the guide advises.
-const STATUS: Row = Row { id: GimbalDeviceAttitudeStatus::ID, micros: 100_000 };
+const STATUS: Row = Row { id: GimbalDeviceAttitudeStatus::ID, micros: 100_000, other: GimbalDeviceInformation::ID };
 
 counters! {
     /// Counters of the gimbal device. They wrap.
@@ -40,8 +39,8 @@ pub struct DeviceSetpoint {
     pub flags: GimbalDeviceFlags,
     /// The attitude (w, x, y, z). Its length is 0.99 to 1.01. `None`: only rates.
     pub attitude: Option<[f32; 4]>,
-    /// Rates of roll, pitch and yaw (rad/s); `None` leaves the axis to the attitude.
-    pub rates: [Option<f32>; 3],
+    /// Rates (rad/s). Without a rate, an axis follows the attitude.
+    pub rates: Axes,
 }
 
 impl DeviceSetpoint {
@@ -134,31 +133,10 @@ pub struct DeviceService {
     counters: DeviceCounters,
 }
 
-/// The state of the service on a link.
-#[derive(Clone, Copy, Debug)]
-pub struct DeviceLink {
-    status: Periodic,
-    is_information_asked: bool,
-}
-
 impl DeviceService {
     /// Returns the counters.
     pub const fn counters(&self) -> DeviceCounters {
         self.counters
-    }
-}
-
-impl DeviceLink {
-    /// Handles a command about messages; `None` for all others.
-    #[inline(never)]
-    fn on_command(&mut self, port: &Port, command: &Command) -> Option<MavResult> {
-        let [id, ..] = command.params;
-        if command.id != MavCmd::REQUEST_MESSAGE || num::integer(id) != Some(GimbalDeviceInformation::ID) {
-            return self.status.on_command(STATUS, port, command);
-        }
-        let is_sendable = command.has_response_target() && port.outbox.takes(GimbalDeviceInformation::ID);
-        self.is_information_asked |= is_sendable;
-        Some(if is_sendable { MavResult::ACCEPTED } else { MavResult::DENIED })
     }
 }
 
@@ -170,10 +148,11 @@ fn read(frame: &Frame<'_>) -> Option<DeviceSetpoint> {
         flags, q, angular_velocity_x: x, angular_velocity_y: y, angular_velocity_z: z, ..
     } = message;
     let frames = GimbalDeviceFlags::YAW_IN_VEHICLE_FRAME.with(GimbalDeviceFlags::YAW_IN_EARTH_FRAME);
-    if flags.contains(frames) {
+    let rates = [x, y, z];
+    if flags.contains(frames) || rates.iter().any(|rate| rate.is_infinite()) {
         return None;
     }
-    Some(DeviceSetpoint { flags, attitude: checked_attitude(q)?, rates: checked_rates([x, y, z])? })
+    Some(DeviceSetpoint { flags, attitude: attitude(q)?, rates: Axes(rates) })
 }
 
 impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
@@ -186,10 +165,10 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         );
         Self { counters: DeviceCounters::ZERO }
     };
-    type Link = DeviceLink;
-    const VACANT: DeviceLink = DeviceLink { status: Periodic::NEW, is_information_asked: false };
+    type Link = Periodic;
+    const VACANT: Periodic = Periodic::NEW;
 
-    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut DeviceLink, received: &Received<'_>) -> Handled {
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut Periodic, received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;
         if frame.id() != GimbalDeviceSetAttitude::ID {
             return Handled::No;
@@ -214,44 +193,41 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         &mut self,
         cx: &mut Cx<'_, F>,
         port: &mut Port,
-        link: &mut DeviceLink,
+        link: &mut Periodic,
         request: &Request,
     ) -> Option<Verdict> {
-        let result = link.on_command(port, &request.command)?;
+        let result = link.on_command(STATUS, port, &request.command)?;
         // A status that is not known yet is refused now; otherwise the client would wait for it.
-        if link.status.is_asked() && cx.vehicle.device_status().is_none() {
-            link.status.take_asked();
+        if link.is_message_asked() && cx.vehicle.device_status().is_none() {
+            link.forget();
             return Some(Verdict::done(MavResult::DENIED));
         }
         Some(Verdict::done(result))
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut DeviceLink, turn: Turn) -> bool {
-        let DeviceLink { status, is_information_asked } = link;
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Periodic, turn: Turn) -> bool {
         if turn == Turn::GimbalDevice {
-            if core::mem::take(is_information_asked) {
-                return send_information::<F>(cx, port);
-            }
-            if let Some(interval) = status.take_interval(STATUS, port) {
-                return send(port, F::Vehicle::COMPONENT, &interval);
-            }
-            return status.take_asked() && send_status::<F>(cx, port);
+            return match link.take_asked() {
+                Asked::OTHER => send_information::<F>(cx, port),
+                Asked::INTERVAL => send(port, F::Vehicle::COMPONENT, &link.told(STATUS, port)),
+                Asked::MESSAGE => send_status::<F>(cx, port),
+                _ => false,
+            };
         }
-        if status.due(STATUS, port, has_listener(cx.shared, cx.peers, port)) > cx.now {
+        if link.due(STATUS, port, has_listener(cx.shared, cx.peers, port)) > cx.now {
             return false;
         }
-        status.sent(cx.now, STATUS, port);
+        link.sent(cx.now, STATUS, port);
         port.facts.own_was_last = true;
         send_status::<F>(cx, port)
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &DeviceLink, turn: Turn) -> Instant {
-        let DeviceLink { status, is_information_asked } = link;
-        if turn != Turn::GimbalDevice {
-            return status.due(STATUS, port, has_listener(view.shared, view.peers, port));
+    fn due(&self, view: &View<'_>, port: &Port, link: &Periodic, turn: Turn) -> Instant {
+        match turn {
+            Turn::GimbalDevice if link.is_asked() => view.now,
+            Turn::GimbalDevice => Instant::NEVER,
+            _ => link.due(STATUS, port, has_listener(view.shared, view.peers, port)),
         }
-        let is_pending = *is_information_asked || status.is_asked() || status.is_interval_asked();
-        if is_pending { view.now } else { Instant::NEVER }
     }
 
     #[cfg(feature = "defmt")]

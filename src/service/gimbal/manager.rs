@@ -1,10 +1,10 @@
 //! The gimbal manager: who points the gimbal, and what reaches the vehicle of it: rules GIM-1 to GIM-4, GIM-6, GIM-7, GIM-9 and GIM-12.
 
-use super::super::periodic::{Periodic, Row};
+use super::super::periodic::{Asked, Periodic, Row};
 use super::super::stream::has_listener;
 use super::super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
 use super::send;
-use super::setpoint::{GimbalSetpoint, Order, device_of, read_message};
+use super::setpoint::{GimbalSetpoint, Order, Raw};
 use crate::dialect::{
     AutopilotStateForGimbalDevice, CommandLong, GimbalDeviceAttitudeStatus, GimbalDeviceInformation,
     GimbalDeviceSetAttitude, GimbalManagerFlags, GimbalManagerInformation, GimbalManagerStatus, MavCmd,
@@ -16,16 +16,34 @@ use crate::message::{Address, ComponentId, Message, SystemId};
 use crate::network::PeerInfo;
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::{Command, Context, Firmware, LinkId};
+use crate::types::{Context, Firmware, LinkId};
 
 /// GIMBAL_MANAGER_STATUS: five times a second, as its definition advises.
-const STATUS: Row = Row { id: GimbalManagerStatus::ID, micros: 200_000 };
+const STATUS: Row = Row { id: GimbalManagerStatus::ID, micros: 200_000, other: GimbalManagerInformation::ID };
 
 /// How often a device is asked for its GIMBAL_DEVICE_INFORMATION until it answers, as PX4 does.
 const ASK_PERIOD: Duration = Duration::from_secs(1);
 
-/// Nobody.
-const NOBODY: Address = Address::new(0, 0);
+/// A component, or nobody: its address as one number, because it is compared often.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Who(u16);
+
+const NOBODY: Who = Who(0);
+
+impl Who {
+    pub(crate) const fn new(address: Address) -> Self {
+        Self(u16::from_le_bytes([address.component.0, address.system.0]))
+    }
+
+    const fn address(self) -> Address {
+        let [component, system] = self.0.to_le_bytes();
+        Address::new(system, component)
+    }
+
+    fn get(self) -> Option<Address> {
+        if self == NOBODY { None } else { Some(self.address()) }
+    }
+}
 
 counters! {
     /// Counters of the gimbal manager. They wrap.
@@ -92,11 +110,9 @@ pub struct GimbalControl {
 ///     fn point_gimbal(&mut self, _: &mut Context<'_>, setpoint: &GimbalSetpoint) -> MavResult {
 ///         match setpoint.target {
 ///             GimbalTarget::Neutral | GimbalTarget::Released => (self.pitch, self.yaw) = (0.0, 0.0),
-///             GimbalTarget::Angles { angles: [_, pitch, yaw], rates: [None, None, None] }
-///                 if !setpoint.is_yaw_in_earth_frame() =>
-///             {
-///                 self.pitch = pitch.unwrap_or(self.pitch).clamp(-1.5, 0.5);
-///                 self.yaw = yaw.unwrap_or(self.yaw).clamp(-1.5, 1.5);
+///             GimbalTarget::Angles { angles, rates } if rates.is_none() && !setpoint.is_yaw_in_earth_frame() => {
+///                 self.pitch = angles.pitch().unwrap_or(self.pitch).clamp(-1.5, 0.5);
+///                 self.yaw = angles.yaw().unwrap_or(self.yaw).clamp(-1.5, 1.5);
 ///             }
 ///             _ => return MavResult::DENIED,
 ///         }
@@ -203,8 +219,8 @@ pub trait GimbalManager {
 /// GIMBAL_MANAGER_STATUS is sent five times a second and at once after a change, on every normal link that carries MAVLink 2.
 #[derive(Clone, Debug)]
 pub struct ManagerService {
-    primary: Address,
-    secondary: Address,
+    primary: Who,
+    secondary: Who,
     /// The number of changes of control, to report each of them once on each link, and those that the vehicle was told. They wrap.
     changes: u8,
     told: u8,
@@ -223,18 +239,12 @@ pub struct ManagerLink {
     status: Periodic,
     /// The changes that it has reported.
     changes: u8,
-    is_information_asked: bool,
-}
-
-/// Returns an address, unless it is nobody's.
-fn somebody(address: Address) -> Option<Address> {
-    Some(address).filter(|address| address.system.0 != 0)
 }
 
 impl ManagerService {
     /// Returns who is in control.
     pub fn control(&self) -> GimbalControl {
-        GimbalControl { primary: somebody(self.primary), secondary: somebody(self.secondary) }
+        GimbalControl { primary: self.primary.get(), secondary: self.secondary.get() }
     }
 
     /// Returns the counters.
@@ -243,60 +253,69 @@ impl ManagerService {
     }
 
     /// Sets who is in control. The next poll tells the vehicle.
-    fn assign(&mut self, primary: Address, secondary: Address) {
+    fn assign(&mut self, primary: Who, secondary: Who) {
         if (self.primary, self.secondary) != (primary, secondary) {
             (self.primary, self.secondary) = (primary, secondary);
-            event!("gimbal control: {}", primary);
+            event!("gimbal control: {}", primary.address());
             self.changes = self.changes.wrapping_add(1);
         }
     }
 
     /// Takes control from a component, if it has it.
-    pub(crate) fn release(&mut self, from: Address) {
+    pub(crate) fn release(&mut self, from: Who) {
         let [primary, secondary] = [self.primary, self.secondary].map(|has| if has == from { NOBODY } else { has });
         self.assign(primary, secondary);
     }
 
     /// Whether a component may point. A frame may have the address of nobody as its source.
-    fn may_point(&self, from: Address) -> bool {
+    fn may_point(&self, from: Who) -> bool {
         from != NOBODY && (from == self.primary || from == self.secondary)
     }
 
     /// Returns who has control after a pair of MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE; `None` if it is invalid.
-    fn configured([system, component]: [f32; 2], has: Address, from: Address, own: Address) -> Option<Address> {
-        let number = |param: f32| if param.is_nan() { Some(-1) } else { num::integer::<i16>(param) };
-        match (number(system)?, number(component)?) {
+    #[inline(never)]
+    fn configured(pair: [f32; 2], has: Who, from: Who, own: Who) -> Option<Who> {
+        // NaN leaves it as it is (C-8), and -9 is invalid.
+        let [system, component] =
+            pair.map(|param| if param.is_nan() { -1 } else { num::integer::<i32>(param).unwrap_or(-9) });
+        match (system, component) {
             (-1, -1) => Some(has),
             (-2, -2) => Some(own),
             (-3, -3) => Some(if has == from { NOBODY } else { has }),
             (0, 0..=255) => Some(NOBODY),
-            (system, component) => {
-                let address = Address::new(u8::try_from(system).ok()?, u8::try_from(component).ok()?);
-                // A component 0 would be every one of its system.
-                Some(address).filter(|address| address.component.0 != 0)
+            // A component 0 would be every one of its system.
+            (1..=255, 1..=255) => {
+                let ([system, ..], [component, ..]) = (system.to_le_bytes(), component.to_le_bytes());
+                Some(Who::new(Address::new(system, component)))
             }
+            _ => None,
         }
     }
 
-    /// Carries out a command, or an item of the vehicle's mission; `None` if it is about no gimbal.
+    /// Carries out a command about a gimbal, or an item of the vehicle's mission.
+    ///
+    /// # Errors
+    ///
+    /// The result of what the vehicle was not asked for: a parameter is out of range, or the frame is not supported.
     #[inline(never)]
     pub(crate) fn carry_out<F: Firmware<Vehicle: GimbalManager>>(
         &mut self,
         cx: &mut Cx<'_, F>,
-        from: Address,
+        from: Who,
         order: &Order,
-    ) -> Verdict {
-        let own = cx.shared.config.address.get();
+    ) -> Result<MavResult, MavResult> {
+        let own = Who::new(cx.shared.config.address.get());
         let device = order.device();
         let is_ours = device.is_nan() || device == 0.0 || device == f32::from(F::Vehicle::DEVICE);
-        let denied = Verdict::Refused(MavResult::DENIED.into());
         if order.id == MavCmd::DO_GIMBAL_MANAGER_CONFIGURE {
             let [primary, secondary] = order.pairs();
             let primary = Self::configured(primary, self.primary, from, own);
             let secondary = Self::configured(secondary, self.secondary, from, own);
-            let (Some(primary), Some(secondary), true) = (primary, secondary, is_ours) else { return denied };
+            let (Some(primary), Some(secondary), true) = (primary, secondary, is_ours) else {
+                return Err(MavResult::DENIED);
+            };
             self.assign(primary, secondary);
-            return Verdict::done(MavResult::ACCEPTED);
+            return Ok(MavResult::ACCEPTED);
         }
         // The vehicle may always point. Clients that know no gimbal control get it while nobody has it.
         let is_free = self.primary == NOBODY && from != NOBODY;
@@ -307,33 +326,36 @@ impl ManagerService {
                 cx.say(MavSeverity::WARNING, b"Gimbal: not in control, take control first");
             }
             // Not NOT_IN_CONTROL, which MAVSDK takes for no answer. PX4 answers the same.
-            return Verdict::done(MavResult::DENIED);
+            return Ok(MavResult::DENIED);
         }
-        let (flags, target) = match order.read() {
-            Ok(read) if is_ours => read,
-            Ok(_) => return denied,
-            Err(result) => return Verdict::Refused(result.into()),
-        };
-        let is_secondary = !takes && from != self.primary;
-        let result = match target {
-            Some(target) => self.point(cx, GimbalSetpoint { from, is_secondary, flags, target }),
-            None => MavResult::ACCEPTED,
-        };
+        let mut raw = Raw::NEW;
+        order.read(&mut raw)?;
+        let result = if is_ours { self.point(cx, from, takes || from == self.primary, &raw) } else { None };
+        let result = result.ok_or(MavResult::DENIED)?;
         if takes && result == MavResult::ACCEPTED {
             self.assign(from, self.secondary);
         }
-        Verdict::done(result)
+        Ok(result)
     }
 
+    /// Has the vehicle point, unless the order only takes control; `None` if the setpoint is invalid.
+    #[inline(never)]
     fn point<F: Firmware<Vehicle: GimbalManager>>(
         &mut self,
         cx: &mut Cx<'_, F>,
-        setpoint: GimbalSetpoint,
-    ) -> MavResult {
+        from: Who,
+        is_primary: bool,
+        raw: &Raw,
+    ) -> Option<MavResult> {
+        if raw.only_takes() {
+            return Some(MavResult::ACCEPTED);
+        }
+        let setpoint =
+            GimbalSetpoint { from: from.address(), is_secondary: !is_primary, flags: raw.flags, target: raw.target()? };
         increment(&mut self.counters.taken);
         cx.shared.has_acted = true;
         let (vehicle, mut context) = cx.hook();
-        vehicle.point_gimbal(&mut context, &setpoint)
+        Some(vehicle.point_gimbal(&mut context, &setpoint))
     }
 
     /// Handles a setpoint in a message. Returns false if it is none.
@@ -342,24 +364,21 @@ impl ManagerService {
         &mut self,
         cx: &mut Cx<'_, F>,
         frame: &Frame<'_>,
-        from: Address,
+        from: Who,
         is_broadcast: bool,
     ) -> bool {
-        let Some(device) = device_of(frame) else { return false };
-        let may_point = self.may_point(from);
-        let counters = &mut self.counters;
+        let mut raw = Raw::NEW;
+        let Some(device) = raw.read_message(frame) else { return false };
         let counter = if is_broadcast {
-            &mut counters.broadcast
+            &mut self.counters.broadcast
         } else if device != 0 && device != F::Vehicle::DEVICE {
-            &mut counters.other_device
-        } else if !may_point {
-            &mut counters.not_in_control
-        } else if let Some((flags, target)) = read_message(frame) {
-            let is_secondary = from != self.primary;
-            self.point(cx, GimbalSetpoint { from, is_secondary, flags, target });
-            return true;
+            &mut self.counters.other_device
+        } else if !self.may_point(from) {
+            &mut self.counters.not_in_control
+        } else if self.point(cx, from, from == self.primary, &raw).is_none() {
+            &mut self.counters.invalid
         } else {
-            &mut counters.invalid
+            return true;
         };
         increment(counter);
         true
@@ -467,18 +486,6 @@ impl ManagerLink {
     fn owes(&self, changes: u8, port: &Port) -> bool {
         self.changes != changes && port.outbox.takes(STATUS.id)
     }
-
-    /// Handles a command about messages; `None` for all others.
-    #[inline(never)]
-    fn on_command(&mut self, port: &Port, command: &Command) -> Option<MavResult> {
-        let [id, ..] = command.params;
-        if command.id != MavCmd::REQUEST_MESSAGE || num::integer(id) != Some(GimbalManagerInformation::ID) {
-            return self.status.on_command(STATUS, port, command);
-        }
-        let is_sendable = command.has_response_target() && port.outbox.takes(GimbalManagerInformation::ID);
-        self.is_information_asked |= is_sendable;
-        Some(if is_sendable { MavResult::ACCEPTED } else { MavResult::DENIED })
-    }
 }
 
 impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
@@ -499,7 +506,7 @@ impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
         }
     };
     type Link = ManagerLink;
-    const VACANT: ManagerLink = ManagerLink { status: Periodic::NEW, changes: 0, is_information_asked: false };
+    const VACANT: ManagerLink = ManagerLink { status: Periodic::NEW, changes: 0 };
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMPONENT_IMPLEMENTS_GIMBAL_MANAGER;
 
     /// Tells the vehicle of a change. A device that has timed out may be another one when it reappears.
@@ -524,8 +531,8 @@ impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
         let own = cx.shared.config.address.get().system;
         let device = Address { system: own, component: ComponentId(F::Vehicle::DEVICE) };
         let is_of_device = F::Vehicle::IS_REMOTE && from.address == device;
-        let is_handled =
-            self.on_message(cx, frame, from.address, target.system.0 == 0) || is_of_device && self.on_device(cx, frame);
+        let is_handled = self.on_message(cx, frame, Who::new(from.address), target.system.0 == 0)
+            || is_of_device && self.on_device(cx, frame);
         if is_handled { Handled::Yes } else { Handled::No }
     }
 
@@ -538,38 +545,39 @@ impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
     ) -> Option<Verdict> {
         let command = &request.command;
         if !is_about_gimbal(command.id) {
-            return link.on_command(port, command).map(Verdict::done);
+            return link.status.on_command(STATUS, port, command).map(Verdict::done);
         }
-        Some(self.carry_out(cx, command.from.address, &Order::of_command(command)))
+        Some(match self.carry_out(cx, Who::new(command.from.address), &Order::of_command(command)) {
+            Ok(result) => Verdict::done(result),
+            Err(result) => Verdict::Refused(result.into()),
+        })
     }
 
     /// What others have sent ends.
     fn on_owner(&mut self, own: SystemId, owner: SystemId) {
-        let keep = |address: Address| if [own, owner].contains(&address.system) { address } else { NOBODY };
+        let keep = |who: Who| if [own, owner].contains(&who.address().system) { who } else { NOBODY };
         self.assign(keep(self.primary), keep(self.secondary));
     }
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ManagerLink, turn: Turn) -> bool {
+        let has_listener = has_listener(cx.shared, cx.peers, port);
         if turn == Turn::Gimbal {
-            if core::mem::take(&mut link.is_information_asked) {
-                return send_information::<F>(cx, port);
-            }
-            if let Some(interval) = link.status.take_interval(STATUS, port) {
-                return send(port, None, &interval);
-            }
-            let is_new = link.owes(self.changes, port) && has_listener(cx.shared, cx.peers, port);
-            if !is_new && !link.status.take_asked() {
-                return F::Vehicle::IS_REMOTE && self.next_for_device(cx, port);
+            match link.status.take_asked() {
+                Asked::OTHER => return send_information::<F>(cx, port),
+                Asked::INTERVAL => return send(port, None, &link.status.told(STATUS, port)),
+                Asked::MESSAGE => {}
+                _ if link.owes(self.changes, port) && has_listener => {}
+                _ => return F::Vehicle::IS_REMOTE && self.next_for_device(cx, port),
             }
         } else {
-            if link.status.due(STATUS, port, has_listener(cx.shared, cx.peers, port)) > cx.now {
+            if link.status.due(STATUS, port, has_listener) > cx.now {
                 return false;
             }
             link.status.sent(cx.now, STATUS, port);
             port.facts.own_was_last = true;
         }
         link.changes = self.changes;
-        link.status.take_asked();
+        link.status.forget();
         self.send_status(cx, port)
     }
 
@@ -579,7 +587,7 @@ impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
             return link.status.due(STATUS, port, has_listener);
         }
         let is_new = link.owes(self.changes, port) && has_listener;
-        if is_new || link.is_information_asked || link.status.is_asked() || link.status.is_interval_asked() {
+        if is_new || link.status.is_asked() {
             return view.now;
         }
         if !F::Vehicle::IS_REMOTE || !is_on::<F>(view.peers, view.shared.config.address.get().system, port.id) {
@@ -616,7 +624,7 @@ fn send_information<F: Firmware<Vehicle: GimbalManager>>(cx: &Cx<'_, F>, port: &
 impl ManagerService {
     #[inline(never)]
     fn send_status<F: Firmware<Vehicle: GimbalManager>>(&self, cx: &Cx<'_, F>, port: &mut Port) -> bool {
-        let Self { primary, secondary, .. } = self;
+        let [primary, secondary] = [self.primary, self.secondary].map(Who::address);
         let status = GimbalManagerStatus {
             time_boot_ms: cx.now.time_boot_ms(),
             flags: cx.vehicle.manager_flags(),

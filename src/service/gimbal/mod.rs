@@ -17,9 +17,10 @@ mod manager;
 mod setpoint;
 
 pub use device::{DeviceCounters, DeviceService, DeviceSetpoint, GimbalDevice};
+pub(crate) use manager::Who;
 pub use manager::{GimbalControl, GimbalManager, ManagerCounters, ManagerService};
 pub(crate) use setpoint::Order;
-pub use setpoint::{GimbalSetpoint, GimbalTarget};
+pub use setpoint::{Axes, GimbalSetpoint, GimbalTarget};
 
 use crate::link::Port;
 use crate::message::{ComponentId, Message};

@@ -7,7 +7,7 @@ use crate::dialect::{
     MavFrame, MavMountMode, MavResult, MavRoi,
 };
 use crate::frame::Frame;
-use crate::message::{Address, Item, LatLon, SystemId};
+use crate::message::{Address, Item, LatLon, Message, SystemId};
 use crate::num;
 use crate::types::{Command, CommandPosition};
 
@@ -37,8 +37,55 @@ impl GimbalSetpoint {
     }
 }
 
-/// Where a gimbal is to point. Angles are in radians, rates in rad/s, each positive clockwise seen along the axes forward, right and
-/// down: a positive pitch is up. `None` leaves an axis as it is.
+/// Roll, pitch and yaw, each of which may be missing: angles in radians or rates in rad/s, positive clockwise seen along the axes forward,
+/// right and down. A positive pitch is up.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Axes(pub(super) [f32; 3]);
+
+impl Axes {
+    /// Returns three axes.
+    pub fn new(roll: Option<f32>, pitch: Option<f32>, yaw: Option<f32>) -> Self {
+        Self([roll, pitch, yaw].map(|axis| axis.unwrap_or(NAN)))
+    }
+
+    /// Returns the roll; `None` leaves it as it is.
+    pub fn roll(self) -> Option<f32> {
+        let [roll, ..] = self.0;
+        given(roll)
+    }
+
+    /// Returns the pitch; `None` leaves it as it is.
+    pub fn pitch(self) -> Option<f32> {
+        let [_, pitch, _] = self.0;
+        given(pitch)
+    }
+
+    /// Returns the yaw; `None` leaves it as it is.
+    pub fn yaw(self) -> Option<f32> {
+        let [.., yaw] = self.0;
+        given(yaw)
+    }
+
+    /// Returns whether all are missing.
+    pub fn is_none(self) -> bool {
+        self.0.iter().all(|axis| axis.is_nan())
+    }
+}
+
+/// Two missing axes are equal.
+impl PartialEq for Axes {
+    fn eq(&self, other: &Self) -> bool {
+        self.0.map(given) == other.0.map(given)
+    }
+}
+
+/// Returns a number that is not NaN.
+fn given(number: f32) -> Option<f32> {
+    if number.is_nan() { None } else { Some(number) }
+}
+
+/// Where a gimbal is to point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum GimbalTarget {
@@ -49,24 +96,24 @@ pub enum GimbalTarget {
     /// To angles, or at rates: MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, GIMBAL_MANAGER_SET_PITCHYAW, MAV_CMD_DO_MOUNT_CONTROL. A
     /// setpoint without any of them only changes the flags.
     Angles {
-        /// Roll, pitch, yaw.
-        angles: [Option<f32>; 3],
-        /// Rates of roll, pitch, yaw.
-        rates: [Option<f32>; 3],
+        /// The angles.
+        angles: Axes,
+        /// The rates.
+        rates: Axes,
     },
     /// To an attitude: GIMBAL_MANAGER_SET_ATTITUDE.
     Attitude {
         /// The attitude (w, x, y, z). Its length is 0.99 to 1.01.
         q: [f32; 4],
-        /// Rates of roll, pitch, yaw.
-        rates: [Option<f32>; 3],
+        /// The rates.
+        rates: Axes,
     },
     /// By hand, without units, each −1 to 1: GIMBAL_MANAGER_SET_MANUAL_CONTROL. The vehicle scales them.
     Manual {
-        /// Pitch, yaw.
-        angles: [Option<f32>; 2],
-        /// Rates of pitch, yaw.
-        rates: [Option<f32>; 2],
+        /// Pitch and yaw.
+        angles: Axes,
+        /// Rates of pitch and yaw.
+        rates: Axes,
     },
     /// At a location, while the vehicle moves: MAV_CMD_DO_SET_ROI_LOCATION, MAV_ROI_LOCATION, MAV_MOUNT_MODE_GPS_POINT.
     Location {
@@ -80,8 +127,8 @@ pub enum GimbalTarget {
     },
     /// At the next waypoint: MAV_CMD_DO_SET_ROI_WPNEXT_OFFSET, MAV_ROI_WPNEXT, MAV_MOUNT_MODE_WPNEXT_OFFSET.
     NextWaypoint {
-        /// What to add to roll, pitch, yaw.
-        offsets: [f32; 3],
+        /// What to add to roll, pitch and yaw; `None` adds nothing.
+        offsets: Axes,
     },
     /// At another vehicle: MAV_CMD_DO_SET_ROI_SYSID.
     System(SystemId),
@@ -106,49 +153,138 @@ const FLAGS: u32 = 0x3FF;
 const MOUNT: GimbalManagerFlags =
     GimbalManagerFlags::ROLL_LOCK.with(GimbalManagerFlags::PITCH_LOCK).with(GimbalManagerFlags::YAW_IN_VEHICLE_FRAME);
 
+const NAN: f32 = f32::NAN;
+
+/// A setpoint as read, of whatever kind: it is checked once, by [`target`](Self::target).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Raw {
+    kind: Kind,
+    pub(super) flags: GimbalManagerFlags,
+    /// Roll, pitch, yaw; the altitude; or the system. NaN is not given.
+    angles: [f32; 3],
+    rates: [f32; 3],
+    q: [f32; 4],
+    place: [i32; 2],
+    frame: Option<MavFrame>,
+}
+
+/// What a setpoint is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    /// The order only takes control.
+    Nothing,
+    Retract,
+    Neutral,
+    Angles,
+    Attitude,
+    Manual,
+    Location,
+    NextWaypoint,
+    System,
+    Released,
+}
+
+impl Raw {
+    pub(super) const NEW: Self = Self {
+        kind: Kind::Nothing,
+        flags: GimbalManagerFlags::EMPTY,
+        angles: [NAN; 3],
+        rates: [NAN; 3],
+        q: [NAN; 4],
+        place: [0; 2],
+        frame: None,
+    };
+
+    /// Whether there is nothing to point at.
+    pub(super) fn only_takes(&self) -> bool {
+        self.kind == Kind::Nothing
+    }
+
+    /// Reads a message. Returns the gimbal device that it is for; `None` if it is no setpoint.
+    #[inline(never)]
+    pub(super) fn read_message(&mut self, frame: &Frame<'_>) -> Option<u8> {
+        self.kind = match frame.id() {
+            GimbalManagerSetAttitude::ID => {
+                let m = GimbalManagerSetAttitude::decode(frame.payload());
+                (self.kind, self.flags, self.q) = (Kind::Attitude, m.flags, m.q);
+                self.rates = [m.angular_velocity_x, m.angular_velocity_y, m.angular_velocity_z];
+                return Some(m.gimbal_device_id);
+            }
+            GimbalManagerSetPitchyaw::ID => Kind::Angles,
+            GimbalManagerSetManualControl::ID => Kind::Manual,
+            _ => return None,
+        };
+        // Both messages have the same fields.
+        let m = GimbalManagerSetPitchyaw::decode(frame.payload());
+        self.flags = m.flags;
+        (self.angles, self.rates) = ([NAN, m.pitch, m.yaw], [NAN, m.pitch_rate, m.yaw_rate]);
+        Some(m.gimbal_device_id)
+    }
+
+    /// Checks the setpoint; `None` if it is invalid (GIM-5).
+    #[inline(never)]
+    pub(super) fn target(&self) -> Option<GimbalTarget> {
+        let limit = if self.kind == Kind::Manual { 1.0 } else { f32::MAX };
+        let is_off = |number: &f32| number.abs() > limit;
+        let frames = GimbalManagerFlags::YAW_IN_VEHICLE_FRAME.with(GimbalManagerFlags::YAW_IN_EARTH_FRAME);
+        if self.angles.iter().any(is_off) || self.rates.iter().any(is_off) || self.flags.contains(frames) {
+            return None;
+        }
+        let kind = match self.flags {
+            flags if flags.contains(GimbalManagerFlags::RETRACT) => Kind::Retract,
+            flags if flags.contains(GimbalManagerFlags::NEUTRAL) => Kind::Neutral,
+            _ => self.kind,
+        };
+        let (angles, rates) = (Axes(self.angles), Axes(self.rates));
+        Some(match kind {
+            Kind::Retract => GimbalTarget::Retract,
+            Kind::Neutral => GimbalTarget::Neutral,
+            Kind::Nothing | Kind::Released => GimbalTarget::Released,
+            Kind::Manual => GimbalTarget::Manual { angles, rates },
+            Kind::Angles => GimbalTarget::Angles { angles, rates },
+            Kind::Attitude => match attitude(self.q)? {
+                Some(q) => GimbalTarget::Attitude { q, rates },
+                None => GimbalTarget::Angles { angles, rates },
+            },
+            Kind::Location => {
+                let [latitude, longitude] = self.place;
+                // What is not given is off the globe.
+                if latitude.unsigned_abs() > RIGHT_ANGLE || longitude.unsigned_abs() > 2 * RIGHT_ANGLE {
+                    return None;
+                }
+                let position = LatLon { latitude, longitude };
+                GimbalTarget::Location { position, altitude: angles.roll(), frame: self.frame }
+            }
+            Kind::NextWaypoint => GimbalTarget::NextWaypoint { offsets: angles },
+            Kind::System => {
+                let system = num::integer::<u8>(angles.roll()?).filter(|system| *system != 0);
+                GimbalTarget::System(SystemId(system?))
+            }
+        })
+    }
+}
+
 /// A command, or an item of a mission.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Order {
     pub(super) id: MavCmd,
     params: [f32; 4],
-    /// Parameters 5 and 6 of a command without a location.
-    plain: [f32; 2],
+    position: CommandPosition,
     z: f32,
-    /// Latitude and longitude (deg·1e7); `i32::MAX` is not given.
-    place: [i32; 2],
-    /// `None` for a COMMAND_LONG.
-    frame: Option<MavFrame>,
+    /// Parameters 5 and 6 are scaled by 1e7 even if they are no location.
+    is_scaled: bool,
 }
 
 impl Order {
-    #[inline(never)]
-    pub(crate) fn of_command(command: &Command) -> Self {
-        let (p5, p6) = command.position.params();
-        let (latitude, longitude) = command.position.lat_lon();
-        let frame = match command.position {
-            CommandPosition::Int { frame, .. } => Some(frame),
-            CommandPosition::Long { .. } => None,
-        };
-        let place = [latitude.unwrap_or(i32::MAX), longitude.unwrap_or(i32::MAX)];
-        let mut order = Self { id: command.id, params: command.params, plain: [p5, p6], z: command.z, place, frame };
-        // ArduPilot's clients scale the location of this command by 1e7, also in a float. No degree is that large.
-        if frame.is_none() && command.id == MavCmd::DO_MOUNT_CONTROL && (p5.abs() > 180.0 || p6.abs() > 180.0) {
-            order.place = [p5, p6].map(|param| num::integer(param).unwrap_or(i32::MAX));
-        }
-        order
+    pub(crate) const fn of_command(command: &Command) -> Self {
+        let Command { id, params, position, z, .. } = *command;
+        Self { id, params, position, z, is_scaled: false }
     }
 
-    #[inline(never)]
     pub(crate) fn of_item(item: &Item) -> Self {
-        let plain = if item.frame == MavFrame::MISSION { num::from_i32 } else { num::from_1e7 };
-        Self {
-            id: item.command,
-            params: item.params,
-            plain: [plain(item.x), plain(item.y)],
-            z: item.z,
-            place: [item.x, item.y],
-            frame: Some(item.frame),
-        }
+        let Item { frame, command, params, x, y, z, .. } = *item;
+        let position = CommandPosition::Int { frame, x, y };
+        Self { id: command, params, position, z, is_scaled: frame != MavFrame::MISSION }
     }
 
     /// Returns the parameter that names a gimbal device; 0 if the command has none. NaN and 0 are every device.
@@ -168,176 +304,129 @@ impl Order {
         [[a, b], [c, d]]
     }
 
-    /// Returns what a command that points asks for; `None` if it only takes control.
+    /// Returns parameter 5 or 6 of a command without a location.
+    #[inline(never)]
+    fn plain(&self, is_sixth: bool) -> f32 {
+        match self.position {
+            CommandPosition::Long { param5, param6 } => {
+                if is_sixth {
+                    param6
+                } else {
+                    param5
+                }
+            }
+            CommandPosition::Int { x, y, .. } => {
+                let number = if is_sixth { y } else { x };
+                if self.is_scaled { num::from_1e7(number) } else { num::from_i32(number) }
+            }
+        }
+    }
+
+    /// Reads a command that points.
     ///
     /// # Errors
     ///
     /// The result for the answer: a parameter is out of range, or the frame is not supported.
     #[inline(never)]
-    pub(super) fn read(&self) -> Result<(GimbalManagerFlags, Option<GimbalTarget>), MavResult> {
+    pub(super) fn read(&self, raw: &mut Raw) -> Result<(), MavResult> {
         let [p1, p2, p3, p4] = self.params;
-        let [p5, p6] = self.plain;
-        let none = GimbalManagerFlags::EMPTY;
-        let target = match self.id {
+        // The older protocol: MAV_CMD_DO_MOUNT_CONTROL has the mode in parameter 7, all others theirs in parameter 1.
+        let is_mount = self.id == MavCmd::DO_MOUNT_CONTROL;
+        let mode = num::integer::<u8>(if is_mount { self.z } else { p1 }).unwrap_or(u8::MAX);
+        raw.kind = match self.id {
             MavCmd::DO_GIMBAL_MANAGER_PITCHYAW => {
-                let flags = if p5.is_nan() { Some(0) } else { num::integer::<u32>(p5) };
-                let flags = flags.filter(|flags| flags & !FLAGS == 0).map(GimbalManagerFlags);
-                let is_turn = |angle: f32| angle.is_nan() || (-180.0..=180.0).contains(&angle);
-                let flags = flags.filter(|_| is_turn(p1) && is_turn(p2)).ok_or(MavResult::DENIED)?;
-                let [pitch, yaw, pitch_rate, yaw_rate] = self.params.map(|param| param * RADIANS);
-                let target = angles([f32::NAN, pitch, yaw], [f32::NAN, pitch_rate, yaw_rate]);
-                return target
-                    .and_then(|target| with_flags(flags, target))
-                    .map(|target| (flags, Some(target)))
-                    .ok_or(MavResult::DENIED);
-            }
-            MavCmd::DO_SET_ROI_LOCATION => Some(self.location(self.z)?),
-            MavCmd::DO_SET_ROI_NONE => Some(GimbalTarget::Released),
-            MavCmd::DO_SET_ROI_WPNEXT_OFFSET => Some(next_waypoint([p6, p5, self.z])?),
-            MavCmd::DO_SET_ROI_SYSID => match num::integer::<u8>(p1) {
-                Some(system @ 1..) => Some(GimbalTarget::System(SystemId(system))),
-                _ => return Err(MavResult::DENIED),
-            },
-            MavCmd::DO_SET_ROI => match num::integer::<u8>(p1).map(MavRoi) {
-                Some(MavRoi::NONE) => Some(GimbalTarget::Released),
-                Some(MavRoi::WPNEXT) => Some(next_waypoint([0.0; 3])?),
-                Some(MavRoi::LOCATION) => Some(self.location(self.z)?),
-                _ => return Err(MavResult::DENIED),
-            },
-            // The older protocol: MAV_CMD_DO_MOUNT_CONTROL has the mode in parameter 7, MAV_CMD_DO_MOUNT_CONFIGURE in 1.
-            id => {
-                let is_control = id == MavCmd::DO_MOUNT_CONTROL;
-                match num::integer::<u8>(if is_control { self.z } else { p1 }).map(MavMountMode) {
-                    Some(MavMountMode::RETRACT) => Some(GimbalTarget::Retract),
-                    Some(MavMountMode::NEUTRAL) => Some(GimbalTarget::Neutral),
-                    Some(MavMountMode::RC_TARGETING) => {
-                        let target = angles([f32::NAN; 3], [f32::NAN; 3]);
-                        return Ok((GimbalManagerFlags::RC_EXCLUSIVE, target));
-                    }
-                    Some(MavMountMode::MAVLINK_TARGETING) if is_control => {
-                        // Also from 0° to 360°.
-                        let yaw = if p3 > 180.0 { p3 - 360.0 } else { p3 };
-                        let target = angles([p2, p1, yaw].map(|angle| angle * RADIANS), [f32::NAN; 3]);
-                        return target.map(|target| (MOUNT, Some(target))).ok_or(MavResult::DENIED);
-                    }
-                    Some(MavMountMode::GPS_POINT) if is_control => Some(self.location(p4)?),
-                    Some(MavMountMode::WPNEXT_OFFSET) if is_control => Some(next_waypoint([0.0; 3])?),
-                    // What follows says where to point.
-                    Some(MavMountMode::MAVLINK_TARGETING | MavMountMode::GPS_POINT) => None,
-                    _ => return Err(MavResult::DENIED),
+                let flags = self.plain(false);
+                let flags = if flags.is_nan() { Some(0) } else { num::unsigned(flags) };
+                raw.flags = GimbalManagerFlags(flags.filter(|flags| flags & !FLAGS == 0).ok_or(MavResult::DENIED)?);
+                if p1.abs() > 180.0 || p2.abs() > 180.0 {
+                    return Err(MavResult::DENIED);
                 }
+                (raw.angles, raw.rates) = ([NAN, p1, p2], [NAN, p3, p4]);
+                Kind::Angles
             }
-        };
-        Ok((none, target))
-    }
-
-    fn location(&self, altitude: f32) -> Result<GimbalTarget, MavResult> {
-        let [latitude, longitude] = self.place;
-        let frame = match self.frame {
-            // The older command has no location by its definition, so its frame means nothing (C-7).
-            _ if self.id == MavCmd::DO_MOUNT_CONTROL => None,
-            None => None,
-            Some(MavFrame::GLOBAL | MavFrame::GLOBAL_INT) => Some(MavFrame::GLOBAL),
-            Some(MavFrame::GLOBAL_RELATIVE_ALT | MavFrame::GLOBAL_RELATIVE_ALT_INT) => {
-                Some(MavFrame::GLOBAL_RELATIVE_ALT)
+            MavCmd::DO_SET_ROI_LOCATION => Kind::Location,
+            MavCmd::DO_SET_ROI_NONE => Kind::Released,
+            MavCmd::DO_SET_ROI_SYSID => {
+                raw.angles = [p1; 3];
+                Kind::System
             }
-            Some(MavFrame::GLOBAL_TERRAIN_ALT | MavFrame::GLOBAL_TERRAIN_ALT_INT) => Some(MavFrame::GLOBAL_TERRAIN_ALT),
-            Some(_) => return Err(MavResult::COMMAND_UNSUPPORTED_MAV_FRAME),
+            MavCmd::DO_SET_ROI_WPNEXT_OFFSET => {
+                raw.angles = [self.plain(true), self.plain(false), self.z];
+                Kind::NextWaypoint
+            }
+            MavCmd::DO_SET_ROI => match MavRoi(mode) {
+                MavRoi::NONE => Kind::Released,
+                MavRoi::WPNEXT => Kind::NextWaypoint,
+                MavRoi::LOCATION => Kind::Location,
+                _ => return Err(MavResult::DENIED),
+            },
+            _ => match MavMountMode(mode) {
+                MavMountMode::RETRACT => Kind::Retract,
+                MavMountMode::NEUTRAL => Kind::Neutral,
+                MavMountMode::RC_TARGETING => {
+                    raw.flags = GimbalManagerFlags::RC_EXCLUSIVE;
+                    Kind::Angles
+                }
+                MavMountMode::MAVLINK_TARGETING if is_mount => {
+                    raw.flags = MOUNT;
+                    // Also from 0° to 360°.
+                    raw.angles = [p2, p1, if p3 > 180.0 { p3 - 360.0 } else { p3 }];
+                    Kind::Angles
+                }
+                MavMountMode::GPS_POINT if is_mount => Kind::Location,
+                MavMountMode::WPNEXT_OFFSET if is_mount => Kind::NextWaypoint,
+                // The next command says where to point.
+                MavMountMode::MAVLINK_TARGETING | MavMountMode::GPS_POINT => Kind::Nothing,
+                _ => return Err(MavResult::DENIED),
+            },
         };
-        // What is not given is off the globe.
-        let is_on_globe = latitude.unsigned_abs() <= RIGHT_ANGLE && longitude.unsigned_abs() <= 2 * RIGHT_ANGLE;
-        if !is_on_globe || altitude.is_infinite() {
-            return Err(MavResult::DENIED);
+        match raw.kind {
+            Kind::Angles | Kind::NextWaypoint => {
+                raw.angles.iter_mut().chain(&mut raw.rates).for_each(|angle| *angle *= RADIANS);
+            }
+            Kind::Location => {
+                raw.angles = [if is_mount { p4 } else { self.z }; 3];
+                return self.read_place(is_mount, raw);
+            }
+            _ => {}
         }
-        let altitude = given(altitude);
-        Ok(GimbalTarget::Location { position: LatLon { latitude, longitude }, altitude, frame })
+        Ok(())
     }
-}
 
-/// Returns a number that is not NaN.
-fn given(number: f32) -> Option<f32> {
-    Some(number).filter(|number| !number.is_nan())
-}
-
-fn is_finite(numbers: &[f32]) -> bool {
-    !numbers.iter().any(|number| number.is_infinite())
-}
-
-/// Returns angles and rates; `None` if one is infinite.
-fn angles(angles: [f32; 3], rates: [f32; 3]) -> Option<GimbalTarget> {
-    let is_finite = is_finite(&angles) && is_finite(&rates);
-    is_finite.then(|| GimbalTarget::Angles { angles: angles.map(given), rates: rates.map(given) })
-}
-
-fn next_waypoint(offsets: [f32; 3]) -> Result<GimbalTarget, MavResult> {
-    // Clients leave out what is not offset (C-8).
-    let offsets = offsets.map(|offset| if offset.is_nan() { 0.0 } else { offset * RADIANS });
-    if is_finite(&offsets) { Ok(GimbalTarget::NextWaypoint { offsets }) } else { Err(MavResult::DENIED) }
-}
-
-/// Returns the target under these flags: two of them take precedence. `None` if they contradict each other.
-fn with_flags(flags: GimbalManagerFlags, target: GimbalTarget) -> Option<GimbalTarget> {
-    let frames = GimbalManagerFlags::YAW_IN_VEHICLE_FRAME.with(GimbalManagerFlags::YAW_IN_EARTH_FRAME);
-    if flags.contains(frames) {
-        None
-    } else if flags.contains(GimbalManagerFlags::RETRACT) {
-        Some(GimbalTarget::Retract)
-    } else if flags.contains(GimbalManagerFlags::NEUTRAL) {
-        Some(GimbalTarget::Neutral)
-    } else {
-        Some(target)
-    }
-}
-
-/// Returns whether a frame is a setpoint, and of which device.
-#[inline(never)]
-pub(super) fn device_of(frame: &Frame<'_>) -> Option<u8> {
-    let attitude = frame.decode::<GimbalManagerSetAttitude>().map(|message| message.gimbal_device_id);
-    let pitch_yaw = || frame.decode::<GimbalManagerSetPitchyaw>().map(|message| message.gimbal_device_id);
-    let manual = || frame.decode::<GimbalManagerSetManualControl>().map(|message| message.gimbal_device_id);
-    attitude.or_else(pitch_yaw).or_else(manual)
-}
-
-/// Returns what a message asks for; `None` if it is invalid.
-#[inline(never)]
-pub(super) fn read_message(frame: &Frame<'_>) -> Option<(GimbalManagerFlags, GimbalTarget)> {
-    let (flags, target) = if let Some(message) = frame.decode::<GimbalManagerSetAttitude>() {
-        let GimbalManagerSetAttitude { angular_velocity_x: x, angular_velocity_y: y, angular_velocity_z: z, .. } =
-            message;
-        let rotation = rotation(message.q, [x, y, z])?;
-        (message.flags, rotation)
-    } else if let Some(message) = frame.decode::<GimbalManagerSetPitchyaw>() {
-        let GimbalManagerSetPitchyaw { pitch, yaw, pitch_rate, yaw_rate, .. } = message;
-        (message.flags, angles([f32::NAN, pitch, yaw], [f32::NAN, pitch_rate, yaw_rate])?)
-    } else {
-        let message = frame.decode::<GimbalManagerSetManualControl>()?;
-        let GimbalManagerSetManualControl { pitch, yaw, pitch_rate, yaw_rate, .. } = message;
-        if [pitch, yaw, pitch_rate, yaw_rate].iter().any(|number| number.abs() > 1.0) {
-            return None;
+    /// Reads latitude, longitude and frame.
+    fn read_place(&self, is_mount: bool, raw: &mut Raw) -> Result<(), MavResult> {
+        match self.position {
+            CommandPosition::Long { param5, param6 } => {
+                // ArduPilot's clients scale the location of the older command by 1e7, also in a float. No degree is that large.
+                let is_scaled = is_mount && (param5.abs() > 180.0 || param6.abs() > 180.0);
+                raw.place = [scaled(param5, is_scaled), scaled(param6, is_scaled)];
+            }
+            CommandPosition::Int { frame, x, y } => {
+                raw.place = [x, y];
+                raw.frame = Some(match frame {
+                    MavFrame::GLOBAL | MavFrame::GLOBAL_INT => MavFrame::GLOBAL,
+                    MavFrame::GLOBAL_RELATIVE_ALT | MavFrame::GLOBAL_RELATIVE_ALT_INT => MavFrame::GLOBAL_RELATIVE_ALT,
+                    MavFrame::GLOBAL_TERRAIN_ALT | MavFrame::GLOBAL_TERRAIN_ALT_INT => MavFrame::GLOBAL_TERRAIN_ALT,
+                    // The older command has no location by its definition, so its frame means nothing (C-7).
+                    _ if is_mount => return Ok(()),
+                    _ => return Err(MavResult::COMMAND_UNSUPPORTED_MAV_FRAME),
+                });
+            }
         }
-        let (angles, rates) = ([pitch, yaw].map(given), [pitch_rate, yaw_rate].map(given));
-        (message.flags, GimbalTarget::Manual { angles, rates })
-    };
-    with_flags(flags, target).map(|target| (flags, target))
-}
-
-/// Returns an attitude, or only rates if all of it is NaN; `None` if it is not normalised, or a number is infinite.
-fn rotation(q: [f32; 4], rates: [f32; 3]) -> Option<GimbalTarget> {
-    let rates = checked_rates(rates)?;
-    match checked_attitude(q)? {
-        Some(q) => Some(GimbalTarget::Attitude { q, rates }),
-        None => Some(GimbalTarget::Angles { angles: [None; 3], rates }),
+        Ok(())
     }
 }
 
-/// Returns rates, of which NaN ones are not given; `None` if one is infinite.
-pub(super) fn checked_rates(rates: [f32; 3]) -> Option<[Option<f32>; 3]> {
-    is_finite(&rates).then(|| rates.map(given))
+/// Returns degrees, or what is scaled already, in 1e-7 degrees; `i32::MAX` if it is none.
+#[inline(never)]
+fn scaled(param: f32, is_scaled: bool) -> i32 {
+    let scaled = if is_scaled { num::integer(param) } else { num::scale_1e7(param) };
+    scaled.unwrap_or(i32::MAX)
 }
 
 /// Returns an attitude, which is not given if all of it is NaN; `None` if it is not normalised.
 #[inline(never)]
-pub(super) fn checked_attitude(q: [f32; 4]) -> Option<Option<[f32; 4]>> {
+pub(super) fn attitude(q: [f32; 4]) -> Option<Option<[f32; 4]>> {
     if q.iter().all(|number| number.is_nan()) {
         return Some(None);
     }
