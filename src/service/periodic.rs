@@ -93,8 +93,8 @@ impl Periodic {
             _ if second == 0.0 => 0,
             micros => micros.clamp(MIN, MAX),
         };
-        // NaN is below everything.
-        if (micros != OFF && !(second >= 0.0)) || !(third.is_nan() || third == 0.0) {
+        let is_instance_valid = third.is_nan() || third == 0.0;
+        if second.is_nan() || (second < 0.0 && micros != OFF) || !is_instance_valid {
             return Some(MavResult::DENIED);
         }
         (self.at, self.micros) = (Instant::ZERO, micros);

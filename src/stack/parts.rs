@@ -102,7 +102,7 @@ impl<D: Declares<OperatorControl = OperatorControl>, const LINKS: usize> Stack<D
     }
 }
 
-/// With `gimbal_manager`.
+/// With `gimbal_manager` (GIM-7).
 impl<D: Declares<Vehicle: GimbalManager, GimbalManager = ManagerService>, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the gimbal manager: who is in control of the gimbal.
     pub fn gimbal_manager(&self) -> &ManagerService {

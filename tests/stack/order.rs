@@ -141,6 +141,15 @@ fn pending_frames_are_sent_in_order() {
     let links = [LinkConfig::unlimited().with_streams(StreamProfile::Onboard), off];
     let mut world = Loaded::of(Setup { links, ..Setup::new() });
     world.run_for(secs(2));
+    // A link has room for four answers to commands, so two are sent before.
+    for id in [GimbalManagerInformation::ID, GimbalDeviceInformation::ID] {
+        let now = world.now();
+        let message = world.gcs[0].long(MavCmd::REQUEST_MESSAGE, [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        receive(&mut world, now, 0, STATION, &message);
+        let answer = world.stack.transmit(now, LinkId(0), &mut world.vehicle).to_vec();
+        assert_eq!(u32::from(answer[7]), CommandAck::ID);
+        world.stack.transmitted(LinkId(0), answer.len());
+    }
     // Every periodic message is due now.
     let now = world.now().after(millis(1_400));
     world.pulse.tick();
@@ -162,8 +171,6 @@ fn pending_frames_are_sent_in_order() {
         (MavCmd::REQUEST_MESSAGE, BatteryStatus::ID),
         (MavCmd::GET_MESSAGE_INTERVAL, Attitude::ID),
         (MavCmd::REQUEST_MESSAGE, AutopilotVersion::ID),
-        (MavCmd::REQUEST_MESSAGE, GimbalManagerInformation::ID),
-        (MavCmd::REQUEST_MESSAGE, GimbalDeviceInformation::ID),
     ] {
         let message = world.gcs[0].long(command, [id as f32, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         receive(&mut world, now, 0, STATION, &message);
