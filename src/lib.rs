@@ -206,6 +206,7 @@ pub use message::{Address, CommandRule, Item, Message, Text};
 pub use pulse::Pulse;
 pub use service::client::{CommandClient, CommandReply, OutgoingCommand, ParamAnswer};
 pub use service::command::Commands;
+pub use service::components::Components;
 #[cfg(test)]
 pub use service::example::Tunes;
 pub use service::gimbal::{GimbalDevice, GimbalManager};
@@ -216,8 +217,8 @@ pub use service::stream::{Fill, Stream, Telemetry};
 pub use stack::Stack;
 pub use time::{Duration, Instant};
 pub use types::{
-    Command, Config, Context, Destination, LinkConfig, LinkId, Outcome, Peer, PeerEvent, PlanType, Recipient, Vehicle,
-    VehicleState,
+    Command, Component, Config, Context, Destination, LinkConfig, LinkId, Outcome, Peer, PeerEvent, PlanType,
+    Recipient, Vehicle, VehicleState,
 };
 
 /// What [`Config`] and [`LinkConfig`] consist of.
@@ -230,7 +231,7 @@ pub mod limits {
     pub use crate::service::mode::MAX_MODES;
     pub use crate::service::param::MAX_PARAMS;
     pub use crate::service::stream::MAX_STREAMS;
-    pub use crate::types::{MAX_ITEMS, MAX_LINKS, MAX_TEXT_LEN};
+    pub use crate::types::{MAX_COMPONENTS, MAX_ITEMS, MAX_LINKS, MAX_TEXT_LEN};
 }
 
 /// Commands: which ones a vehicle accepts, and those that run for long. [`Commands`] has the hooks.
@@ -312,13 +313,14 @@ pub mod __private {
     pub use crate::network::PeerInfo;
     pub use crate::service::client::Client;
     pub use crate::service::command::{CommandSlots, NoSlots};
+    pub use crate::service::components::ComponentService;
     pub use crate::service::forwarding::Forwarding;
     pub use crate::service::messages::Messages;
     pub use crate::service::mission::{Missions, WithoutPlans};
     pub use crate::service::mode::ModeService;
     pub use crate::service::param::{NoParams, ParamMemory, ParamService, ParamValues, TableMut};
     pub use crate::service::stream::StreamService;
-    pub use crate::service::{Absent, ControlGate, ForwardingGate, Service, SigningGate, WithoutSigning};
+    pub use crate::service::{Absent, ControlGate, ForwardingGate, OwnCommands, Service, SigningGate, WithoutSigning};
     pub use crate::stack::{Declares, Persistent};
     #[cfg(feature = "storage")]
     pub use crate::storage::{RecordService, Storage};

@@ -37,8 +37,8 @@ use crate::service::param::ParamMemory;
 use crate::service::{Cx, Shared, SigningGate, View, increment};
 use crate::time::Instant;
 use crate::types::{
-    Allowance, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PeerEvent, PlanMemory, StatusTexts, Values,
-    Vehicle, VehicleAddress,
+    Allowance, Component, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PeerEvent, PlanMemory, StatusTexts,
+    Values, Vehicle, VehicleAddress,
 };
 
 /// The vehicle's side of MAVLink for the declaration `D`, on `LINKS` links. A struct made by [`stack!`](crate::stack)
@@ -144,6 +144,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     pub fn begin(&mut self, config: Config, links: [LinkConfig; LINKS]) {
         const { assert!(LINKS > 0 && LINKS <= MAX_LINKS, "a stack has 1 to 16 links: `links: 1`") };
         const { D::CHECKED };
+        const { Component::check(D::COMPONENTS) };
         const { <D::Vehicle as Vehicle>::MESSAGES.check() };
         let shared = &mut self.shared;
         shared.config = config;
@@ -166,11 +167,16 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Runs the timers of silent peers and stalled transfers, and checks whether the vehicle's state has changed. It
     /// does a bounded amount of work. Call it in every pass of the loop.
     pub fn poll(&mut self, now: Instant, vehicle: &mut D::Vehicle) {
-        let (mut cx, services, _, states) = split!(&mut *self, now, vehicle);
+        let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
         cx.shared.has_acted = false;
         let timeout = cx.shared.config.peer_timeout;
         network::poll(cx.peers, now, timeout, report!(cx));
         services.poll(&mut cx, states);
+        if !D::COMPONENTS.is_empty()
+            && let (Some(Link { port, .. }), Some(state)) = (links.first_mut(), states.first_mut())
+        {
+            services.carry_out_own(&mut cx, port, state);
+        }
         cx.requests.end_poll();
         #[cfg(feature = "defmt")]
         self.log_drops(now);

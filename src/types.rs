@@ -1,6 +1,7 @@
 //! Small data types that the services share: links and peers, commands and outcomes, the configuration, texts.
 
 mod command;
+mod component;
 mod config;
 mod context;
 mod decode;
@@ -17,6 +18,7 @@ mod vehicle;
 
 pub use command::{Command, CommandPosition, Outcome};
 pub(crate) use command::{ModeFault, Origin, Refusal, SignedAt, Why};
+pub use component::{Component, MAX_COMPONENTS};
 pub(crate) use config::Allowance;
 pub use config::{Config, Durability, PollBudget, VehicleAddress};
 pub use context::Context;

@@ -4,8 +4,8 @@ use crate::dialect::Heartbeat;
 use crate::frame::{Header, MAX_FRAME_LEN, Version, wrap};
 #[cfg(feature = "signing")]
 use crate::frame::{INCOMPAT_SIGNED, SIGNATURE_LEN, SigningKey};
-use crate::message::{Address, Message, MessageInfo};
-use crate::types::{LinkClass, LinkId};
+use crate::message::{Address, ComponentId, Message, MessageInfo};
+use crate::types::{Component, Firmware, LinkClass, LinkId, MAX_COMPONENTS};
 
 /// Two checksum bits of each of the last 256 frames, by sequence number. An echo always matches them; of another
 /// vehicle's frames, three of four do not (H-14).
@@ -23,14 +23,32 @@ impl Fingerprints {
     }
 
     fn agree(&self, seq: u8, checksum: u8) -> bool {
-        let cell = self.0.get(usize::from(seq >> 2)).copied().unwrap_or(0);
-        (cell.wrapping_shr(Self::shift(seq)) ^ checksum) & 3 == 0
+        (self.cell(seq).wrapping_shr(Self::shift(seq)) ^ checksum) & 3 == 0
+    }
+
+    /// Returns the byte that has the bits of a sequence number.
+    fn cell(&self, seq: u8) -> u8 {
+        self.0.get(usize::from(seq >> 2)).copied().unwrap_or(0)
+    }
+
+    fn set_cell(&mut self, seq: u8, bits: u8) {
+        if let Some(cell) = self.0.get_mut(usize::from(seq >> 2)) {
+            *cell = bits;
+        }
     }
 
     /// Returns the position of a sequence number's bits in their byte.
     fn shift(seq: u8) -> u32 {
         u32::from((seq & 3) << 1)
     }
+}
+
+/// What another component's frame leaves as it is.
+struct Source {
+    component: ComponentId,
+    seq: u8,
+    has_wrapped: bool,
+    fingerprint: u8,
 }
 
 /// Room for one outbound frame. Services write into it only while it is empty.
@@ -43,6 +61,8 @@ pub(crate) struct Outbox {
     version: Version,
     /// The next sequence number: one sequence for each link (S-16).
     seq: u8,
+    /// Those of the firmware's other components: each has its own.
+    other_seqs: [u8; MAX_COMPONENTS],
     /// Whether every sequence number has been used.
     has_wrapped: bool,
     fingerprints: Fingerprints,
@@ -80,6 +100,7 @@ impl Outbox {
         class: LinkClass::Normal,
         version: Version::V1,
         seq: 0,
+        other_seqs: [0; MAX_COMPONENTS],
         has_wrapped: false,
         fingerprints: Fingerprints::NONE,
         bytes: [0; MAX_FRAME_LEN],
@@ -171,6 +192,60 @@ impl Outbox {
             return false;
         }
         self.finish(info)
+    }
+
+    /// Has `send` send as another component of the firmware, with its own sequence number; as the autopilot if there is no such
+    /// component.
+    pub(crate) fn as_component<F: Firmware>(
+        &mut self,
+        component: Option<ComponentId>,
+        send: impl FnOnce(&mut Self) -> bool,
+    ) -> bool {
+        let is_it = |other: &Component| Some(other.id) == component;
+        let found = F::COMPONENTS.iter().position(is_it).zip(component);
+        let autopilot = found.map(|(number, component)| (number, self.swap_source(number, component)));
+        let sent = send(self);
+        if let Some((number, autopilot)) = autopilot {
+            self.restore_source(number, autopilot);
+        }
+        sent
+    }
+
+    /// Sends `message` as another component of the firmware: see [`as_component`](Self::as_component).
+    pub(crate) fn send_from<F: Firmware, M: Message>(&mut self, component: Option<ComponentId>, message: &M) -> bool {
+        self.as_component::<F>(component, |outbox| outbox.send(message))
+    }
+
+    /// Returns the component that sends.
+    pub(crate) const fn component(&self) -> ComponentId {
+        self.source.component
+    }
+
+    /// Makes another component the source. Returns the autopilot's part.
+    #[inline(never)]
+    fn swap_source(&mut self, number: usize, component: ComponentId) -> Source {
+        let seq = self.other_seqs.get(number).copied().unwrap_or(0);
+        let autopilot = Source {
+            component: core::mem::replace(&mut self.source.component, component),
+            seq: core::mem::replace(&mut self.seq, seq),
+            has_wrapped: self.has_wrapped,
+            fingerprint: self.fingerprints.cell(seq),
+        };
+        self.has_wrapped = false;
+        autopilot
+    }
+
+    /// Makes the autopilot the source again.
+    #[inline(never)]
+    fn restore_source(&mut self, number: usize, autopilot: Source) {
+        let Source { component, seq, has_wrapped, fingerprint } = autopilot;
+        if let Some(other) = self.other_seqs.get_mut(number) {
+            // Only the autopilot's frames are recognised as echoes.
+            self.fingerprints.set_cell(*other, fingerprint);
+            *other = self.seq;
+        }
+        self.source.component = component;
+        (self.seq, self.has_wrapped) = (seq, has_wrapped);
     }
 
     /// Sends `message` in `version`, whatever the link's own (V-6).

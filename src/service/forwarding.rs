@@ -70,7 +70,9 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> For
 {
     fn examine(&mut self, cx: &Cx<'_, F>, port: &Port, frame: &Frame<'_>, is_accepted: bool) -> Passage {
         let target = network::target_of(frame);
-        if !port.config.forwards || target == cx.shared.config.address.get() {
+        let own = cx.shared.config.address.get();
+        let is_ours = target.component == own.component || F::is_component(target.component);
+        if !port.config.forwards || (target.system == own.system && is_ours) {
             return Passage::Stays;
         }
         let from = Peer { address: frame.source(), link: port.id };

@@ -1,10 +1,10 @@
 //! Gates: they examine each received frame before the services see it, and sign each frame before it is sent.
 
 use super::{Cx, Handled, Received, Service, increment};
-use crate::dialect::SetupSigning;
+use crate::dialect::{CommandAck, MavCmd, SetupSigning};
 use crate::frame::{Decoder, Frame};
 use crate::link::Port;
-use crate::message::{Message, SystemId};
+use crate::message::{Address, Message, SystemId};
 use crate::network::{Booking, Passage};
 use crate::time::{Duration, Instant};
 use crate::types::{Command, Firmware, SignedAt};
@@ -92,6 +92,28 @@ pub trait ControlGate {
 }
 
 impl ControlGate for Absent {}
+
+/// Hands over the firmware's own commands to its other components, which are carried out without a link (K-11).
+pub trait OwnCommands<F: Firmware> {
+    /// Takes a command that is pending for one of our components, or its cancellation: then true is returned with it.
+    fn take_own(&mut self, now: Instant, own: Address) -> Option<(Command, bool)> {
+        let _ = (now, own);
+        None
+    }
+
+    /// Returns the command in slot `number` if one of our components is carrying it out.
+    fn running_own(&self, number: usize) -> Option<MavCmd> {
+        let _ = number;
+        None
+    }
+
+    /// Tells the vehicle the answer of one of our components.
+    fn answered_own(&mut self, cx: &mut Cx<'_, F>, from: Address, answer: &CommandAck) {
+        let _ = (cx, from, answer);
+    }
+}
+
+impl<F: Firmware> OwnCommands<F> for Absent {}
 
 /// A service that the firmware did not declare.
 #[derive(Clone, Copy, Debug)]

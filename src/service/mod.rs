@@ -13,6 +13,7 @@ mod turn;
 
 pub(crate) mod client;
 pub mod command;
+pub(crate) mod components;
 #[cfg(test)]
 pub mod example;
 pub(crate) mod forwarding;
@@ -36,7 +37,7 @@ pub(crate) mod statustext;
 pub(crate) mod stream;
 pub mod time;
 
-pub use gate::{Absent, ControlGate, ForwardingGate, SigningGate, WithoutSigning};
+pub use gate::{Absent, ControlGate, ForwardingGate, OwnCommands, SigningGate, WithoutSigning};
 #[cfg(test)]
 pub(crate) use turn::TABLE;
 pub use turn::Turn;
@@ -89,6 +90,15 @@ pub trait Service<F: Firmware> {
     /// Returns when [`poll`](Self::poll) has something to do.
     fn deadline(&self) -> Instant {
         Instant::NEVER
+    }
+
+    /// The component of the firmware that the service is, if it is not a part of the autopilot.
+    const COMPONENT: Option<ComponentId> = None;
+
+    /// Whether the service is a part of this component of the firmware: then it gets the frames and commands that are addressed
+    /// to it, besides those for all.
+    fn is_part_of(component: ComponentId) -> bool {
+        Self::COMPONENT.map_or(!F::is_component(component), |own| own == component)
     }
 
     /// Whether the service also handles a message with this id that is addressed to this other component of our system.
@@ -199,6 +209,8 @@ pub struct Shared {
     pub(crate) has_acted: bool,
     /// An operation on the storage is running, so nothing else can be written.
     pub(crate) is_storage_busy: bool,
+    /// The component of the firmware that answers a command to all of them; 0 is the autopilot.
+    pub(crate) answerer: ComponentId,
 }
 
 impl Shared {
@@ -210,6 +222,7 @@ impl Shared {
         flight: Flight::new(),
         has_acted: false,
         is_storage_busy: false,
+        answerer: ComponentId(0),
     };
 
     /// Samples the pulse, and returns whether heartbeats may be sent (H-5).

@@ -15,7 +15,7 @@ use crate::dialect::{
 };
 use crate::frame::Version;
 use crate::link::Port;
-use crate::message::{Message, Text};
+use crate::message::{ComponentId, Message, Text};
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{
@@ -205,6 +205,8 @@ fn from_set_mode(message: &SetMode, origin: Origin) -> Request {
         from: origin.from,
         class: origin.class,
         age: origin.age,
+        // It has no target component.
+        component: ComponentId(0),
         is_broadcast: message.target_system == 0,
         confirmation: 0,
     };

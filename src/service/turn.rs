@@ -15,6 +15,7 @@ macro_rules! turns {
         $crate::service::turns! {
             $callback:
             Heartbeat heartbeat Stalled Normal "HEARTBEAT" "at once; an extra one, after a change, while the link has room";
+            ComponentHeartbeat components AtOnce Normal "HEARTBEAT of the firmware's other components" "at once, after the autopilot's";
             CommandAck command AtOnce Every "COMMAND_ACK" "at once; IN_PROGRESS while the link has room";
             MissionAck mission AtOnce Normal "MISSION_ACK" "at once";
             SigningText signing AtOnce Normal "STATUSTEXT that answers SETUP_SIGNING" "at once";

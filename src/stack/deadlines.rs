@@ -3,8 +3,8 @@
 //! A deadline that is too early makes a sleeping firmware spin; one that is too late makes it late. Each turn is checked by
 //! itself too: [`Service::due`] is now exactly when [`Service::next`] sends a frame.
 //!
-//! This holds after [`poll`](Stack::poll): before it the vehicle may have acted. Three things are due and send nothing, once: a
-//! forwarded frame that has waited for too long, a message that the vehicle cannot fill, and a step of the hash of many parameters.
+//! This holds after [`poll`](Stack::poll): before it the vehicle may have acted. Four things are due and send nothing, once: a
+//! forwarded frame that has waited for too long, the heartbeat of a component in a fault, a message that the vehicle cannot fill, and a step of the hash of many parameters.
 
 use std::boxed::Box;
 use std::vec::Vec;
@@ -22,13 +22,13 @@ use crate::frame::{Version, encode};
 use crate::gimbal::GimbalSetpoint;
 use crate::high_latency::{HighLatencyConfig, HighLatencySample};
 use crate::manual_control::ControlSource;
-use crate::message::{Address, Item, Message, Secret, Text};
+use crate::message::{Address, ComponentId, Item, Message, Secret, Text};
 use crate::service::{Cx, ForwardingGate, Service, SigningGate, TABLE, Turn, View, turns};
 use crate::time::{Duration, Instant};
 use crate::{
-    Command, CommandClient, CommandReply, CommandRule, Commands, Config, Context, Fill, FlightMode, GimbalDevice,
-    GimbalManager, LinkConfig, LinkId, ModeRequest, Modes, Outcome, OutgoingCommand, Parameters, Peer, PlanChange,
-    PlanType, Plans, Progress, Pulse, Stream, Telemetry, Vehicle, VehicleState,
+    Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context, Fill,
+    FlightMode, GimbalDevice, GimbalManager, LinkConfig, LinkId, ModeRequest, Modes, Outcome, OutgoingCommand,
+    Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 const LINKS: usize = 3;
@@ -58,6 +58,7 @@ macro_rules! declare {
                 command_client: { slots: 2 },
                 modes,
                 commands: { slots: 2 },
+                components,
                 forwarding: { bytes: 512, seen: 16 },
                 time,
                 manual_control,
@@ -101,6 +102,15 @@ impl Commands for Rover {
 
     fn cancel_command(&mut self, _: &mut Context<'_>, _: MavCmd, _: Peer) -> bool {
         true
+    }
+}
+
+impl Components for Rover {
+    const COMPONENTS: &'static [Component] =
+        &[Component::new(ComponentId(154), MavType::GIMBAL), Component::new(ComponentId(100), MavType::CAMERA)];
+
+    fn component_command(&mut self, cx: &mut Context<'_>, _: ComponentId, command: &Command) -> Outcome {
+        self.command(cx, command)
     }
 }
 
@@ -186,6 +196,7 @@ impl Telemetry for Rover {
         Stream::of::<BatteryStatus>().instance(3).every(Duration::from_millis(90)),
         Stream::of::<SysStatus>().onboard(Duration::from_millis(7)),
         Stream::of::<VfrHud>().every(Duration::from_secs(3)),
+        Stream::of::<VfrHud>().of_component(ComponentId(154)).every(Duration::from_secs(2)),
     ];
 
     fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
@@ -272,6 +283,11 @@ fn requests() -> Vec<Request> {
         (MavCmd(32_100), [0.0; 3]),
     ] {
         pool.push(command(id, params));
+    }
+    for (id, param1) in [(MavCmd::REQUEST_MESSAGE, 0.0), (MavCmd::DO_MOTOR_TEST, 1.0), (MavCmd::REQUEST_MESSAGE, 74.0)]
+    {
+        let (target_component, command) = (154, id);
+        pool.push(of(CommandLong { param1, command, target_system, target_component, ..Default::default() }));
     }
     for result in [MavResult::ACCEPTED, MavResult::IN_PROGRESS] {
         pool.push(of(CommandAck { command: MavCmd(1), result, target_system, target_component, ..Default::default() }));

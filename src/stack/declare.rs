@@ -5,7 +5,7 @@ use crate::service::command::{CommandMemory, Commands};
 #[cfg(feature = "storage")]
 use crate::service::param::ExternalService;
 use crate::service::param::ParamMemory;
-use crate::service::{Absent, ControlGate, ForwardingGate, Service, SigningGate};
+use crate::service::{Absent, ControlGate, ForwardingGate, OwnCommands, Service, SigningGate};
 use crate::types::{Firmware, RequestQueue, Requests, StatusTexts, TextEntry, Vehicle};
 
 #[cfg(feature = "storage")]
@@ -32,11 +32,12 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     /// The number of links that have a queue of messages.
     const MESSAGE_QUEUES: usize = 0;
     type Commands: CommandMemory;
+    type Components: Service<Self>;
     type Mission: Persistent<Self>;
     type Param: Persistent<Self>;
     type Stream: Service<Self>;
     type Messages: Service<Self>;
-    type Client: Service<Self>;
+    type Client: Service<Self> + OwnCommands<Self>;
     type Mode: Service<Self>;
     type Time: Service<Self>;
     type ManualControl: Service<Self>;
@@ -192,6 +193,7 @@ impl<const N: usize> RequestMemory for Requests<[RequestQueue; N]> {
 /// | `modes` | [flight modes](crate::Modes) | none | [`Modes`](crate::Modes) |
 /// | `commands: { slots: N }` | slots for long-running [commands](crate::command::LongCommands), and for those that must not run twice | none | |
 /// | `command_client: { slots: N }` | [requests of the vehicle](crate::CommandClient) to other components, commands and parameters, `N` at a time | none | [`CommandClient`](crate::CommandClient) |
+/// | `components` | other [components](crate::Components) of the firmware: a gimbal, a camera | none | [`Components`](crate::Components) |
 /// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
 /// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |
 /// | `setpoints` | [setpoints](crate::setpoints::Setpoints) of a companion computer | none | |
@@ -261,12 +263,15 @@ macro_rules! stack {
             type Parameters = $crate::__declared!(parameters $($entries)*,);
             const HAS_MODES: bool = $crate::__declared!(has_modes $($entries)*,);
             const HAS_TEXTS: bool = $crate::__declared!(texts $($entries)*,) > 0;
+            const COMPONENTS: &'static [$crate::Component] = $crate::__declared!(component_list [$vehicle] $($entries)*,);
+            $crate::__declared!(component_hook [$vehicle] $($entries)*,);
         }
 
         impl $crate::__private::Declares for $name {
             type Peers = $crate::__private::PeerTable<{ $crate::__declared!(peers $($entries)*,) }>;
             type Texts = $crate::__private::TextQueue<{ $crate::__declared!(texts $($entries)*,) }>;
             type Commands = $crate::__declared!(commands $($entries)*,);
+            type Components = $crate::__declared!(components $($entries)*,);
             type Mission = $crate::__declared!(mission $($entries)*,);
             type Param = $crate::__declared!(param $($entries)*,);
             type Stream = $crate::__declared!(stream [$vehicle] $($entries)*,);
@@ -401,6 +406,31 @@ macro_rules! __declared {
     (setpoints setpoints, $($rest:tt)*) => { $crate::setpoints::Setpoints };
     (setpoints) => { $crate::__private::Absent };
 
+    (component_list [$vehicle:ty] components, $($rest:tt)*) => {
+        <$vehicle as $crate::Components>::COMPONENTS
+    };
+    (component_list [$vehicle:ty]) => { &[] };
+    (component_list [$vehicle:ty] $skipped:tt $($rest:tt)*) => {
+        $crate::__declared!(component_list [$vehicle] $($rest)*)
+    };
+
+    (component_hook [$vehicle:ty] components, $($rest:tt)*) => {
+        fn component_command(
+            vehicle: &mut $vehicle,
+            cx: &mut $crate::Context<'_>,
+            command: &$crate::Command,
+        ) -> $crate::Outcome {
+            <$vehicle as $crate::Components>::component_command(vehicle, cx, command.component, command)
+        }
+    };
+    (component_hook [$vehicle:ty]) => {};
+    (component_hook [$vehicle:ty] $skipped:tt $($rest:tt)*) => {
+        $crate::__declared!(component_hook [$vehicle] $($rest)*);
+    };
+
+    (components components, $($rest:tt)*) => { $crate::__private::ComponentService };
+    (components) => { $crate::__private::Absent };
+
     (operator_control operator_control, $($rest:tt)*) => { $crate::operator_control::OperatorControl };
     (operator_control) => { $crate::__private::Absent };
 
@@ -450,6 +480,7 @@ macro_rules! __declared {
     (check command_client: { slots: $n:expr $(,)? }, $($rest:tt)*) => {
         $crate::__declared!(rest command_client $($rest)*);
     };
+    (check components, $($rest:tt)*) => { $crate::__declared!(rest components $($rest)*); };
     (check time, $($rest:tt)*) => { $crate::__declared!(rest time $($rest)*); };
     (check manual_control, $($rest:tt)*) => { $crate::__declared!(rest manual_control $($rest)*); };
     (check setpoints, $($rest:tt)*) => { $crate::__declared!(rest setpoints $($rest)*); };
@@ -486,6 +517,7 @@ macro_rules! __declared {
     (once modes modes, $($rest:tt)*) => { $crate::__declared!(twice modes); };
     (once commands commands: $($rest:tt)*) => { $crate::__declared!(twice commands); };
     (once command_client command_client: $($rest:tt)*) => { $crate::__declared!(twice command_client); };
+    (once components components, $($rest:tt)*) => { $crate::__declared!(twice components); };
     (once time time, $($rest:tt)*) => { $crate::__declared!(twice time); };
     (once manual_control manual_control, $($rest:tt)*) => { $crate::__declared!(twice manual_control); };
     (once setpoints setpoints, $($rest:tt)*) => { $crate::__declared!(twice setpoints); };

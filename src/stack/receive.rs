@@ -3,13 +3,15 @@
 
 use super::services::{Services, States};
 use super::{Declares, report};
-use crate::dialect::{MavResult, MavSeverity};
+use crate::dialect::{CommandAck, MavCmd, MavResult, MavSeverity};
 use crate::frame::{Decoder, Frame};
 use crate::link::{Link, Port};
 use crate::message::{Address, Text};
 use crate::network::{self, Booking, Passage, Reception};
-use crate::service::command::CommandService;
-use crate::service::{ControlGate, Cx, ForwardingGate, Handled, Received, Request, SigningGate, Verdict, increment};
+use crate::service::command::{CommandMemory, CommandService};
+use crate::service::{
+    ControlGate, Cx, ForwardingGate, Handled, OwnCommands, Received, Request, SigningGate, Verdict, increment,
+};
 use crate::time::Instant;
 use crate::types::{Allowance, Context, MAX_TEXT_LEN, Peer, Values, Vehicle};
 
@@ -70,9 +72,10 @@ impl<D: Declares> Services<D> {
     ) -> (u32, bool) {
         let own = cx.shared.config.address.get();
         // Neither used nor forwarded (S-15, R-8).
-        if frame.source() == own {
+        let source = frame.source();
+        if source.system == own.system && (source.component == own.component || D::is_component(source.component)) {
             increment(&mut port.counters.own_address);
-            if frame.is_checked() && self.signing.believes_unsigned(port, frame.id()) {
+            if source == own && frame.is_checked() && self.signing.believes_unsigned(port, frame.id()) {
                 let header = frame.header();
                 let sum_at = header.version.header_len().saturating_add(frame.payload().len());
                 *own_frame = frame.raw().get(sum_at).map(|&checksum| [header.seq, checksum]);
@@ -187,6 +190,62 @@ impl<D: Declares> Services<D> {
     }
 }
 
+impl<D: Declares> Services<D> {
+    /// Carries out the commands of the firmware itself to its other components (K-11): as if they were received, but the answer
+    /// stays inside. `port` and `state` are those of any link.
+    #[inline(never)]
+    pub(super) fn carry_out_own(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) {
+        let own = cx.shared.config.address.get();
+        let mut number = 0usize;
+        // As many as the client has slots.
+        while number < OWN_COMMANDS {
+            let running = self.client.running_own(number);
+            if let Some(command) = running
+                && let Some(slots) = self.command.slots.view()
+                && let Some((component, answer)) = slots.own_answer(cx.now, own, command)
+            {
+                self.client.answered_own(cx, Address { component, ..own }, &answer);
+            }
+            number = number.wrapping_add(1);
+        }
+        for _ in 0..OWN_COMMANDS {
+            let Some((command, is_cancelled)) = self.client.take_own(cx.now, own) else { return };
+            if is_cancelled {
+                self.command.cancel_own(cx, &command);
+                continue;
+            }
+            let from = Address { component: command.component, ..own };
+            let request = Request::from(command);
+            let mut verdict = self.command.admit(cx, &request);
+            let is_admitted = verdict.is_none();
+            if asks_for_message(request.command.id) {
+                // It would be sent on a link.
+                verdict = Some(Verdict::done(MavResult::DENIED));
+            } else if is_admitted {
+                verdict = self.on_command(cx, port, state, &request);
+            }
+            let outcome = self.command.settle_own(cx, &request, verdict, is_admitted);
+            let answer = CommandAck {
+                command: request.command.id,
+                result: outcome.result,
+                progress: u8::MAX,
+                result_param2: outcome.result_param2,
+                target_system: own.system.0,
+                target_component: own.component.0,
+            };
+            self.client.answered_own(cx, from, &answer);
+        }
+    }
+}
+
+/// The maximum number of the firmware's own commands that are taken up in a poll.
+const OWN_COMMANDS: usize = 8;
+
+/// Whether a command asks for a message, which a component of the firmware does not send to the firmware itself.
+const fn asks_for_message(command: MavCmd) -> bool {
+    matches!(command, MavCmd::REQUEST_MESSAGE | MavCmd::SET_MESSAGE_INTERVAL | MavCmd::GET_MESSAGE_INTERVAL)
+}
+
 /// Returns the address to which the frame is sent, if it is ours or everybody's and the link may carry the message (C-2, L-4, R-1,
 /// S-11, SEC-9).
 #[inline(never)]
@@ -195,6 +254,7 @@ fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Op
     let target = network::target_of(frame);
     let is_our_component = target.component.0 == 0
         || target.component == own.component
+        || D::is_component(target.component)
         || Services::<D>::handles_for(target.component, frame.id());
     if (target.system.0 != 0 && target.system != own.system) || !is_our_component {
         increment(&mut port.counters.not_ours);

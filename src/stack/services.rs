@@ -19,6 +19,11 @@ use crate::time::Instant;
 use crate::types::LinkId;
 use crate::types::{Config, Peer};
 
+/// Whether a service gets a frame or a command for this component, or for all. Always true in a firmware of one component.
+fn is_addressed<D: Declares, S: Service<D>>(component: ComponentId) -> bool {
+    D::COMPONENTS.is_empty() || component.0 == 0 || S::is_part_of(component)
+}
+
 /// Defines the services, and what each call does for each of them, in the order of the list.
 macro_rules! define {
     ($($name:ident: $service:ty,)*) => {
@@ -80,12 +85,13 @@ macro_rules! define {
                 state: &mut States<D>,
                 received: &Received<'_>,
             ) -> Handled {
-                $(
+                let component = received.target.component;
+                $(if is_addressed::<D, $service>(component) {
                     let handled = self.$name.on_frame(cx, port, &mut state.$name, received);
                     if handled != Handled::No {
                         return handled;
                     }
-                )*
+                })*
                 Handled::No
             }
 
@@ -97,10 +103,14 @@ macro_rules! define {
                 state: &mut States<D>,
                 request: &Request,
             ) -> Option<Verdict> {
+                let component = request.command.component;
                 // A scope for each: they share one place on the stack.
-                $({
+                $(if is_addressed::<D, $service>(component) {
                     let verdict = self.$name.on_command(cx, port, &mut state.$name, request);
                     if verdict.is_some() {
+                        if let Some(component) = <$service as Service<D>>::COMPONENT {
+                            cx.shared.answerer = component;
+                        }
                         return verdict;
                     }
                 })*
@@ -162,9 +172,10 @@ services! {
     mission: D::Mission,
     param: D::Param,
     heartbeat: Heartbeats,
-    // Before the streams, which refuse the intervals of all other messages.
+    // Before the components and the streams, which refuse the intervals of all other messages.
     gimbal_manager: D::GimbalManager,
     gimbal_device: D::GimbalDevice,
+    components: D::Components,
     stream: D::Stream,
     messages: D::Messages,
     time: D::Time,

@@ -4,6 +4,7 @@ use core::num::NonZeroU64;
 
 use super::link::{LinkClass, Peer};
 use crate::dialect::{MavCmd, MavFrame, MavResult};
+use crate::message::ComponentId;
 use crate::time::Duration;
 
 /// A received command, from COMMAND_LONG or COMMAND_INT.
@@ -31,6 +32,8 @@ pub struct Command {
     /// `signing`. The age is only as accurate as both clocks. A sender whose clock is behind makes its commands look
     /// older than they are; one whose clock is ahead makes them look younger.
     pub age: Option<Duration>,
+    /// The component to which it is addressed: the autopilot, another one of the firmware, or 0, which is all.
+    pub component: ComponentId,
     /// Whether the command is addressed to every system (C-1). A vehicle may refuse to arm or to take off on a
     /// broadcast. The stack itself denies broadcasts that would reset, erase or restart, such as PREFLIGHT_STORAGE and
     /// PREFLIGHT_REBOOT_SHUTDOWN (C-14).

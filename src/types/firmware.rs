@@ -1,6 +1,11 @@
 //! The types of a firmware that every service may use.
 
+use super::command::{Command, Outcome};
+use super::component::Component;
+use super::context::Context;
 use super::plans::PlanMemory;
+use crate::dialect::MavResult;
+use crate::message::ComponentId;
 
 /// A firmware: its vehicle, and the data that several services use. [`stack!`](crate::stack) implements it.
 #[doc(hidden)]
@@ -15,6 +20,19 @@ pub trait Firmware: Sized + 'static {
     const HAS_MODES: bool = false;
     /// Whether there is a queue of texts.
     const HAS_TEXTS: bool = true;
+    /// The components of the firmware besides the autopilot.
+    const COMPONENTS: &'static [Component] = &[];
+
+    /// Calls the hook for a command to another component of the firmware.
+    fn component_command(vehicle: &mut Self::Vehicle, cx: &mut Context<'_>, command: &Command) -> Outcome {
+        let _ = (vehicle, cx, command);
+        MavResult::UNSUPPORTED.into()
+    }
+
+    /// Whether this is the id of a component of the firmware besides the autopilot.
+    fn is_component(id: ComponentId) -> bool {
+        Self::COMPONENTS.iter().any(|component| component.id == id)
+    }
 }
 
 /// The values of a table of parameters, each in 32 bits: the bits of a float, or an integer in the low bytes.

@@ -10,6 +10,11 @@ use crate::message::{Address, Message};
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LinkId(pub u8);
 
+impl LinkId {
+    /// Inside the firmware: a component that is not reached by any link.
+    pub(crate) const NONE: Self = Self(u8::MAX);
+}
+
 /// A sender and its link: where an answer is sent (M-11).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

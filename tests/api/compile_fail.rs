@@ -63,6 +63,15 @@ impl CommandClient for Rover {
 }
 ";
 
+/// Other components of the firmware, with these ids.
+fn components(ids: &[u8]) -> String {
+    let list: Vec<_> =
+        ids.iter().map(|id| format!("Component::new(mavstack::message::ComponentId({id}), MavType::GIMBAL)")).collect();
+    let hooks =
+        format!("impl Components for Rover {{ const COMPONENTS: &'static [Component] = &[{}]; }}", list.join(", "));
+    Firmware { hooks: &hooks, entries: "links: 1, components", ..Firmware::default() }.text()
+}
+
 const BACKEND: &str = "
 impl ParamBackend for Rover {
     fn param_count(&self) -> u16 { 0 }
@@ -312,6 +321,15 @@ fn cases() -> Vec<Case> {
             .text(),
             "the vehicle reads no parameters of others: set `READS_PARAMS`",
         ),
+        ("components", components(&[154, 100]), ""),
+        ("components_0", components(&[0]), "give each of `COMPONENTS` an id of its own"),
+        ("components_twice", components(&[154, 100, 154]), "two of `COMPONENTS` have the same id"),
+        (
+            "components_4",
+            components(&[154, 100, 171, 172]),
+            "a firmware has at most 3 components besides the autopilot",
+        ),
+        ("components_without_hooks", declares("links: 1, components"), "does not implement `Components`"),
         ("send", sends("Tunnel", "links: 1, messages"), ""),
         (
             "send_heartbeat",
@@ -383,6 +401,17 @@ fn cases() -> Vec<Case> {
             "gimbal_device_id",
             implements(&gimbal("const DEVICE: u8 = 1;", "const ID: u8 = 7;"), "links: 1, gimbal_device"),
             "`GimbalDevice::ID` is 0, or 1 to 6 for a gimbal that is no component of its own",
+        ),
+        (
+            "gimbal_device_of_no_component",
+            implements(
+                &gimbal(
+                    "const DEVICE: u8 = 154;",
+                    "const COMPONENT: Option<message::ComponentId> = Some(message::ComponentId(154));",
+                ),
+                "links: 1, gimbal_device",
+            ),
+            "`GimbalDevice::COMPONENT` is no component of the firmware: name it in `Components::COMPONENTS`",
         ),
         (
             "gimbal_device_twice",

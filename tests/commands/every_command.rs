@@ -6,7 +6,7 @@
 use mavstack::command::CommandPosition;
 use mavstack::config::LinkClass;
 use mavstack::dialect::{MavFrame, MavMissionResult, MavResult};
-use mavstack::message::{Location, ParamRule, Secret, TypedCommand};
+use mavstack::message::{ComponentId, Location, ParamRule, Secret, TypedCommand};
 use mavstack::{Address, Command, CommandRule, Item, LinkId, Peer, Text};
 use std::fmt::Debug;
 
@@ -71,6 +71,7 @@ where
         from: GCS,
         class: LinkClass::Normal,
         age: None,
+        component: ComponentId(1),
         is_broadcast: false,
         confirmation: 0,
     }

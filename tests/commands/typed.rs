@@ -4,7 +4,7 @@ use mavstack::command::CommandPosition;
 use mavstack::config::LinkClass;
 use mavstack::dialect::commands::*;
 use mavstack::dialect::*;
-use mavstack::message::{LatLon, Location, ParamRule, TypedCommand};
+use mavstack::message::{ComponentId, LatLon, Location, ParamRule, TypedCommand};
 use mavstack::{Address, Command, CommandRule, Item, LinkId, Peer, command};
 use proptest::prelude::*;
 
@@ -22,6 +22,7 @@ fn long(id: MavCmd, [p1, p2, p3, p4, param5, param6, z]: [f32; 7]) -> Command {
         from: GCS,
         class: LinkClass::Normal,
         age: None,
+        component: ComponentId(1),
         is_broadcast: false,
         confirmation: 0,
     }
@@ -38,6 +39,7 @@ fn int(id: MavCmd, frame: MavFrame, params: [f32; 4], x: i32, y: i32, z: f32) ->
         from: GCS,
         class: LinkClass::Normal,
         age: None,
+        component: ComponentId(1),
         is_broadcast: false,
         confirmation: 0,
     }

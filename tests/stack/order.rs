@@ -190,6 +190,8 @@ fn pending_frames_are_sent_in_order() {
     let own = |id| (id, false);
     let pending = [
         ("Heartbeat", vec![own(Heartbeat::ID)]),
+        // `vehicle/components` has firmwares of several components.
+        ("ComponentHeartbeat", vec![]),
         ("CommandAck", vec![own(CommandAck::ID)]),
         ("MissionAck", vec![own(MissionAck::ID)]),
         ("SigningText", vec![]),

@@ -38,6 +38,7 @@ where
     type Peers = PeerTable<PEERS>;
     type Texts = TextQueue<4>;
     type Commands = CommandSlots<3>;
+    type Components = Absent;
     type Mission = P::Mission;
     type Param = V::Param;
     type Requests = Requests<[RequestQueue; 0]>;

@@ -3,11 +3,11 @@
 use crate::support::*;
 use mavstack::config::{LinkClass, StreamProfile, TxVersion, VehicleAddress};
 use mavstack::dialect::*;
-use mavstack::gimbal::{Axes, DeviceCounters, DeviceSetpoint, GimbalSetpoint};
+use mavstack::gimbal::{Axes, DeviceCounters, DeviceSetpoint, GimbalSetpoint, GimbalTarget};
 use mavstack::message::ComponentId;
 use mavstack::{
-    Address, Command, Commands, Config, Context, Duration, GimbalDevice, GimbalManager, Instant, LinkConfig, LinkId,
-    Message, Outcome, Text, Vehicle, VehicleState,
+    Address, Command, Commands, Component, Components, Config, Context, Duration, GimbalDevice, GimbalManager, Instant,
+    LinkConfig, LinkId, Message, Outcome, Text, Vehicle, VehicleState,
 };
 
 const GIMBAL: Address = Address::new(1, 154);
@@ -233,6 +233,116 @@ fn device_follows_its_manager() {
         (counters.taken, counters.not_manager, counters.invalid) = (2, 5, 4);
     });
     assert_eq!(world.stack.gimbal_device().counters(), expected);
+}
+
+/// An autopilot with a gimbal that is a component of its own, and its manager.
+#[derive(Default)]
+struct Both {
+    pitch: Option<f32>,
+}
+
+impl Vehicle for Both {
+    fn state(&self) -> Option<VehicleState> {
+        Some(VehicleState::new(false))
+    }
+}
+
+impl Commands for Both {
+    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
+        MavResult::UNSUPPORTED.into()
+    }
+}
+
+impl Components for Both {
+    const COMPONENTS: &'static [Component] = &[Component::new(GIMBAL.component, MavType::GIMBAL)];
+}
+
+impl GimbalManager for Both {
+    const DEVICE: u8 = 154;
+
+    fn manager_information(&self) -> GimbalManagerInformation {
+        GimbalManagerInformation::default()
+    }
+
+    fn manager_flags(&self) -> GimbalManagerFlags {
+        GimbalManagerFlags::EMPTY
+    }
+
+    fn point_gimbal(&mut self, _: &mut Context<'_>, setpoint: &GimbalSetpoint) -> MavResult {
+        let GimbalTarget::Angles { angles, .. } = setpoint.target else { return MavResult::DENIED };
+        self.pitch = angles.pitch();
+        MavResult::ACCEPTED
+    }
+}
+
+impl GimbalDevice for Both {
+    const COMPONENT: Option<ComponentId> = Some(GIMBAL.component);
+    const MANAGER: Option<ComponentId> = None;
+
+    fn device_information(&self) -> GimbalDeviceInformation {
+        GimbalDeviceInformation::default()
+    }
+
+    fn device_status(&self) -> Option<GimbalDeviceAttitudeStatus> {
+        Some(status())
+    }
+}
+
+mavstack::stack! {
+    struct Whole for Both { links: 3, components, gimbal_manager, gimbal_device }
+}
+
+/// GIM-10, GIM-4, K-10: manager and device in one firmware. The device's messages and answers come from its own component, the manager's
+/// from the autopilot. A setpoint moves the gimbal, and leaves on no link.
+#[test]
+fn manager_and_device_in_one_firmware() {
+    let mut world = World::<3, Whole>::of(setup(VEHICLE, [LinkConfig::uart(115_200); 3]));
+    let ask = |id: u32| [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    for (id, target_component, sender) in [
+        (GimbalDeviceInformation::ID, 154, GIMBAL),
+        (GimbalDeviceInformation::ID, 0, GIMBAL),
+        (GimbalDeviceAttitudeStatus::ID, 154, GIMBAL),
+        (GimbalManagerInformation::ID, 1, VEHICLE),
+        (GimbalManagerInformation::ID, 0, VEHICLE),
+    ] {
+        world.gcs[0].forget();
+        let message = CommandLong { target_component, ..world.gcs[0].long(MavCmd::REQUEST_MESSAGE, ask(id)) };
+        send(&mut world, 0, STATION, &message);
+        world.run_for(millis(50));
+        let from = |id: u32| {
+            let frame = world.gcs[0].received.iter().find(|frame| frame.header.id == id);
+            frame.map(|frame| frame.header.source)
+        };
+        assert_eq!((from(id), from(CommandAck::ID)), (Some(sender), Some(sender)), "{id} of {target_component}");
+        let (_, ack) = world.gcs[0].take::<CommandAck>().unwrap();
+        assert_eq!(ack.result, MavResult::ACCEPTED);
+    }
+    // The other component has no such message.
+    for (id, target_component) in [(GimbalDeviceInformation::ID, 1), (GimbalManagerInformation::ID, 154)] {
+        let message = CommandLong { target_component, ..world.gcs[0].long(MavCmd::REQUEST_MESSAGE, ask(id)) };
+        send(&mut world, 0, STATION, &message);
+        assert_ne!(world.expect::<CommandAck>(0, millis(50)).result, MavResult::ACCEPTED);
+    }
+    world.gcs.iter_mut().for_each(Gcs::forget);
+    for (id, params) in [
+        (MavCmd::DO_GIMBAL_MANAGER_CONFIGURE, [255.0, 190.0, -1.0, -1.0, 0.0, 0.0, 154.0]),
+        (MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, [-45.0, NAN, NAN, NAN, 0.0, 0.0, 154.0]),
+    ] {
+        let message = world.gcs[0].long(id, params);
+        send(&mut world, 0, STATION, &message);
+        assert_eq!(world.expect::<CommandAck>(0, millis(50)).result, MavResult::ACCEPTED);
+    }
+    assert_eq!(world.vehicle.pitch, Some((-45.0_f32).to_radians()));
+    // The autopilot's address is ours, so nobody else is the manager.
+    send(&mut world, 0, STATION, &set_attitude());
+    world.run_for(secs(1));
+    assert_eq!(world.stack.gimbal_device().counters().not_manager, 1);
+    for gcs in &world.gcs {
+        assert_eq!(gcs.count_of::<GimbalDeviceSetAttitude>(), 0);
+        let statuses = gcs.received.iter().filter(|frame| frame.header.id == GimbalDeviceAttitudeStatus::ID);
+        let sources: Vec<_> = statuses.map(|frame| frame.header.source).collect();
+        assert!(sources.len() >= 9 && sources.iter().all(|source| *source == GIMBAL), "{sources:?}");
+    }
 }
 
 /// An autopilot with a gimbal on a link.

@@ -3,6 +3,7 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+mod components;
 mod gimbal;
 mod gimbal_device;
 mod gimbal_properties;

@@ -171,6 +171,34 @@ impl Body {
         self.travel(wanted, goal.down - self.position.down, course, dt);
     }
 
+    /// Returns the next point to fly to on a circle, in the direction of the sign of `angle`: clockwise if it is positive.
+    pub fn around(&self, center: Vector, radius: f32, angle: f32) -> Vector {
+        /// Cosine and sine of the angle to that point: 0.5 rad.
+        const AHEAD: (f32, f32) = (0.877_582_6, 0.479_425_54);
+        let distance = self.position.distance(center);
+        // From the centre itself, to the north.
+        let (north, east) = match distance > 0.1 {
+            true => ((self.position.north - center.north) / distance, (self.position.east - center.east) / distance),
+            false => (1.0, 0.0),
+        };
+        let (cos, sin) = (AHEAD.0, AHEAD.1.copysign(angle));
+        Vector {
+            north: center.north + radius * (north * cos - east * sin),
+            east: center.east + radius * (east * cos + north * sin),
+            down: center.down,
+        }
+    }
+
+    /// Returns the rate at which the vehicle flies around a point (rad/s), clockwise positive; 0 away from the circle.
+    pub fn angle_about(&self, center: Vector, radius: f32) -> f32 {
+        let (north, east) = (self.position.north - center.north, self.position.east - center.east);
+        let square = north * north + east * east;
+        if square < 0.25 * radius * radius || square > 2.25 * radius * radius {
+            return 0.0;
+        }
+        (north * self.velocity.east - east * self.velocity.north) / square
+    }
+
     /// Flies manually for `dt` seconds: velocity forward, right and down (m/s), yaw rate `rate` (rad/s).
     pub fn steer(&mut self, [forward, right, down]: [f32; 3], rate: f32, dt: f32) {
         let (north, east) = self.heading;

@@ -17,6 +17,9 @@ use crate::geo::Home;
 const MIN_RADIUS: f32 = 0.5;
 /// Minimum height of a position to fly to (m).
 pub const MIN_HEIGHT: f32 = CLEARANCE + 0.5;
+/// Default radius of a circle, and the minimum radius that the vehicle can follow (m).
+const CIRCLE_RADIUS: f32 = 10.0;
+const MIN_CIRCLE: f32 = 2.0;
 /// Longer than any battery lasts.
 const FOREVER: Duration = Duration::from_micros(u64::MAX);
 
@@ -29,6 +32,8 @@ pub enum Maneuver {
     Wait { at: Vector, until: Instant },
     /// Fly to within `radius` metres of a position.
     Reach { to: Vector, radius: f32 },
+    /// Fly around `center`, at `radius` metres from it, until the angle flown is `angle` (rad). A negative angle is counter-clockwise.
+    Circle { center: Vector, radius: f32, angle: f32 },
     /// Climb or descend to the height first, then fly to the position.
     Climb(Vector),
     /// Fly to the position at its height, then descend and touch down.
@@ -59,6 +64,10 @@ pub enum Action {
     Wait(Condition),
     /// Continue at another item.
     Jump,
+    /// Set the pulse of a servo (µs).
+    Servo { number: f32, pulse: f32 },
+    /// Nothing: the item marks a place in the plan.
+    Mark,
     /// An unsupported command. The vehicle's table of commands refuses plans that contain one.
     Unknown,
 }
@@ -86,6 +95,7 @@ pub fn is_flown(command: MavCmd) -> bool {
         MavCmd::NAV_WAYPOINT
             | MavCmd::NAV_LOITER_UNLIM
             | MavCmd::NAV_LOITER_TIME
+            | MavCmd::NAV_LOITER_TURNS
             | MavCmd::NAV_RETURN_TO_LAUNCH
             | MavCmd::NAV_LAND
             | MavCmd::NAV_TAKEOFF
@@ -117,6 +127,11 @@ pub fn action(item: &Item, now: &Situation) -> Action {
         }
         MavCmd::NAV_LOITER_TIME => fly(Maneuver::Reach { to, radius: now.radius }, seconds(p1)),
         MavCmd::NAV_LOITER_UNLIM => fly(Maneuver::Reach { to, radius: now.radius }, FOREVER),
+        MavCmd::NAV_LOITER_TURNS => {
+            let radius = if p3 == 0.0 || p3.is_nan() { CIRCLE_RADIUS } else { p3.abs().max(MIN_CIRCLE) };
+            let angle = (TAU * p1.max(0.0)).copysign(p3);
+            fly(Maneuver::Circle { center: to, radius, angle }, Duration::ZERO)
+        }
         MavCmd::NAV_TAKEOFF => fly(Maneuver::Climb(to), Duration::ZERO),
         MavCmd::NAV_LAND => fly(Maneuver::Land(Vector { down, ..to }), Duration::ZERO),
         MavCmd::NAV_RETURN_TO_LAUNCH => fly(Maneuver::Return, Duration::ZERO),
@@ -128,6 +143,8 @@ pub fn action(item: &Item, now: &Situation) -> Action {
         MavCmd::DO_CHANGE_SPEED if p2 == -2.0 => Action::Speed(None),
         MavCmd::DO_CHANGE_SPEED => Action::Speed(now.speed),
         MavCmd::DO_JUMP => Action::Jump,
+        MavCmd::DO_SET_SERVO => Action::Servo { number: p1, pulse: p2 },
+        MavCmd::DO_LAND_START => Action::Mark,
         MavCmd::CONDITION_DELAY => Action::Wait(Condition::Delay(seconds(p1))),
         MavCmd::CONDITION_DISTANCE => Action::Wait(Condition::Distance(p1)),
         MavCmd::CONDITION_YAW => {

@@ -5,7 +5,7 @@ use mavstack::dialect::{
     Attitude, AttitudeQuaternion, BatteryStatus, ComponentMetadata, ExtendedSysState, FlightInformation,
     GimbalDeviceSetAttitude, GlobalPositionInt, GpsFixType, GpsGlobalOrigin, GpsRawInt, HomePosition, LocalPositionNed,
     MavBatteryChargeState, MavBatteryFunction, MavBatteryType, MavDataStream, MavLandedState,
-    MavSysStatusSensor as Sensor, RcChannels, SysStatus, SystemTime, VfrHud,
+    MavSysStatusSensor as Sensor, RcChannels, ServoOutputRaw, SysStatus, SystemTime, VfrHud,
 };
 use mavstack::message::LatLon;
 use mavstack::telemetry::{self, GpsFix, Motion, extended_sys_state};
@@ -32,6 +32,7 @@ const STREAMS: &[Stream] = &[
     stream::<BatteryStatus>(10_000, 5_000).instance(AVIONICS).in_group(MavDataStream::EXTRA3),
     stream::<HomePosition>(5_000, 2_000),
     stream::<RcChannels>(2_000, 500).in_group(MavDataStream::RC_CHANNELS),
+    Stream::of::<ServoOutputRaw>().in_group(MavDataStream::RC_CHANNELS),
     Stream::of::<FlightInformation>(),
     Stream::of::<GpsGlobalOrigin>(),
     Stream::of::<ComponentMetadata>(),
@@ -73,6 +74,7 @@ impl Telemetry for Quadrotor {
             FlightInformation::ID => put(out, || self.flight_information(now)),
             GimbalDeviceSetAttitude::ID => self.put_gimbal_attitude(out),
             ComponentMetadata::ID => self.put_metadata(out),
+            ServoOutputRaw::ID => put(out, || self.servo_output(now)),
             RcChannels::ID => put(out, || self.rc_channels(now)),
             ExtendedSysState::ID => out.put(&extended_sys_state(self.landed_state())),
             _ => false,
@@ -236,15 +238,34 @@ impl Quadrotor {
         // At most as many as BAT_N_CELLS.
         let cells = [battery.voltage / f32::from(battery.cells); 10];
         let cells = cells.get(..usize::from(battery.cells)).unwrap_or(&cells);
-        BatteryStatus {
-            battery_function: MavBatteryFunction::ALL,
-            r#type: MavBatteryType::LIPO,
-            charge_state: match battery.charge {
-                Charge::Critical => MavBatteryChargeState::CRITICAL,
-                Charge::Low => MavBatteryChargeState::LOW,
-                Charge::Good => MavBatteryChargeState::OK,
-            },
-            ..self.pack(cells).battery_status()
+        // Completed in place: the message is large.
+        let mut status = self.pack(cells).battery_status();
+        status.battery_function = MavBatteryFunction::ALL;
+        status.r#type = MavBatteryType::LIPO;
+        status.charge_state = match battery.charge {
+            Charge::Critical => MavBatteryChargeState::CRITICAL,
+            Charge::Low => MavBatteryChargeState::LOW,
+            Charge::Good => MavBatteryChargeState::OK,
+        };
+        status
+    }
+
+    /// Returns the outputs: the motors have 1 to 4, which are 1,000 µs while they stand still; the servos 5 to 8.
+    fn servo_output(&self, now: Instant) -> ServoOutputRaw {
+        let motor = if self.is_armed() { 1_500 } else { 1_000 };
+        let [servo5_raw, servo6_raw, servo7_raw, servo8_raw] = self.servos();
+        let [servo1_raw, servo2_raw, servo3_raw, servo4_raw] = [motor; 4];
+        ServoOutputRaw {
+            time_usec: now.as_micros() as u32,
+            servo1_raw,
+            servo2_raw,
+            servo3_raw,
+            servo4_raw,
+            servo5_raw,
+            servo6_raw,
+            servo7_raw,
+            servo8_raw,
+            ..ServoOutputRaw::UNKNOWN
         }
     }
 

@@ -15,7 +15,8 @@
 //! Retransmissions have a rising `confirmation` and take the next link on which the recipient is alive, so a redundant link
 //! takes over. An answer does not say which of two commands it answers, so of two commands with the same number to the same
 //! component the second waits until the first has ended; if that was sent more than once, two seconds longer.
-//! High-latency links carry no answers to the vehicle (L-4), and so no requests.
+//! A command to another [component](crate::Components) of the firmware itself is carried out by the next
+//! [`poll`](crate::Stack::poll), and sent on no link (K-11). High-latency links carry no answers to the vehicle (L-4), and so no requests.
 
 mod param;
 
@@ -24,14 +25,17 @@ pub use param::{ExtParamValue, ParamAnswer};
 pub(crate) use param::check;
 
 use self::param::Query;
-use super::{Cx, Handled, Received, Service, Shared, Turn, View};
+use super::{Cx, Handled, OwnCommands, Received, Service, Shared, Turn, View};
 use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavResult};
 use crate::link::Port;
 use crate::message::{Address, ComponentId, Message, Text};
 use crate::network::{PeerInfo, Peers};
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::{CommandPosition, Context, Firmware, LinkId, LinkMask, PENDING, Peer, Pending, Recipient};
+use crate::types::{
+    Command, CommandPosition, Component, Context, Firmware, LinkClass, LinkId, LinkMask, PENDING, Peer, Pending,
+    Recipient,
+};
 
 /// How long to wait for an answer before the command is sent again.
 const TIMEOUT: Duration = Duration::from_millis(700);
@@ -304,7 +308,7 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut (), received: &Received<'_>) -> Handled {
         match received.frame.id() {
-            CommandAck::ID => take_ack(&mut self.slots, cx, received),
+            CommandAck::ID => take_ack(&mut self.slots, cx, received.from.address, received.frame.decode().as_ref()),
             _ if F::Vehicle::READS_PARAMS => param::take_answer(&mut self.slots, cx, received),
             _ => Handled::No,
         }
@@ -324,6 +328,44 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
     fn due(&self, view: &View<'_>, port: &Port, (): &(), _: Turn) -> Instant {
         if self.due_on(port).is_some() { view.now } else { Instant::NEVER }
     }
+}
+
+/// The firmware's own components are on no link: [`LinkId::NONE`].
+impl<F: Firmware<Vehicle: CommandClient>, const N: usize> OwnCommands<F> for Client<N> {
+    fn take_own(&mut self, now: Instant, own: Address) -> Option<(Command, bool)> {
+        take_own(&mut self.slots, now, own)
+    }
+
+    fn running_own(&self, number: usize) -> Option<MavCmd> {
+        let is_it = |slot: &&Slot| slot.to.link == LinkId::NONE && slot.is_running && slot.state != State::Free;
+        self.slots.get(number).filter(is_it).and_then(Slot::command)
+    }
+
+    fn answered_own(&mut self, cx: &mut Cx<'_, F>, from: Address, answer: &CommandAck) {
+        take_ack(&mut self.slots, cx, from, Some(answer));
+    }
+}
+
+/// Takes a transmission that is pending for one of our components.
+#[inline(never)]
+fn take_own(slots: &mut [Slot], now: Instant, own: Address) -> Option<(Command, bool)> {
+    let slot = slots.iter_mut().find(|slot| slot.state == State::Due && slot.to.link == LinkId::NONE)?;
+    let What::Command(OutgoingCommand { id, params, position, z }) = slot.what else { return None };
+    (slot.state, slot.at) = (State::Sent, now.after(TIMEOUT));
+    slot.sent = slot.sent.saturating_add(1);
+    let command = Command {
+        id,
+        params,
+        position,
+        z,
+        from: Peer { address: own, link: LinkId::NONE },
+        class: LinkClass::Normal,
+        age: None,
+        component: slot.to.address.component,
+        is_broadcast: false,
+        confirmation: 0,
+    };
+    Some((command, slot.is_cancelled))
 }
 
 impl<const N: usize> Client<N> {
@@ -391,9 +433,10 @@ impl Slot {
 fn take_ack<F: Firmware<Vehicle: CommandClient>>(
     slots: &mut [Slot],
     cx: &mut Cx<'_, F>,
-    received: &Received<'_>,
+    from: Address,
+    ack: Option<&CommandAck>,
 ) -> Handled {
-    let (from, Some(ack)) = (received.from.address, received.frame.decode::<CommandAck>()) else { return Handled::No };
+    let Some(ack) = ack else { return Handled::No };
     let is_it = |slot: &&mut Slot| slot.is_answered_by(from) && slot.command() == Some(ack.command);
     let Some(slot) = slots.iter_mut().find(is_it) else { return Handled::No };
     let is_for_all = slot.to.address.component.0 == 0;
@@ -474,10 +517,11 @@ fn take_request<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mu
         }
         _ => return,
     };
-    match (find(cx.peers, cx.shared, to), what) {
+    let is_command = matches!(request, Pending::Command { .. });
+    let inside = if is_command { find_inside(F::COMPONENTS, cx.shared, to) } else { None };
+    match (inside.or_else(|| find(cx.peers, cx.shared, to)), what) {
         (Some(to), Some(what)) => *slot = Slot { state: State::Waiting, to, token, what, ..Slot::FREE },
         _ => {
-            let is_command = matches!(request, Pending::Command { .. });
             fail(cx, is_command, token, Failure::NotSent);
         }
     }
@@ -554,6 +598,18 @@ fn find(peers: &Peers, shared: &Shared, to: Recipient) -> Option<Peer> {
         peer.address.component = component;
     }
     found
+}
+
+/// Returns the recipient if it is another component of this firmware.
+fn find_inside(components: &[Component], shared: &Shared, to: Recipient) -> Option<Peer> {
+    let system = shared.config.address.get().system;
+    let is_it = |component: &&Component| match to {
+        Recipient::Type(r#type) => component.r#type == r#type,
+        Recipient::Address(address) => address == Address { system, component: component.id },
+        Recipient::Peer(_) => false,
+    };
+    let Component { id, .. } = *components.iter().find(is_it)?;
+    Some(Peer { address: Address { system, component: id }, link: LinkId::NONE })
 }
 
 impl Context<'_> {

@@ -3,8 +3,8 @@
 use super::long::NO_PROGRESS;
 use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::link::Outbox;
-use crate::message::Address;
-use crate::types::Outcome;
+use crate::message::{Address, ComponentId};
+use crate::types::{Firmware, Outcome};
 
 /// Capacity of the queue: a power of two, because the index into the ring wraps.
 const SLOTS: usize = 4;
@@ -22,6 +22,8 @@ pub(crate) struct Acks {
 #[derive(Clone, Copy, Debug)]
 struct Ack {
     to: Address,
+    /// The component that answers.
+    from: ComponentId,
     command: MavCmd,
     result: MavResult,
     /// The bytes of an `i32`, without its alignment: that saves padding on each link.
@@ -30,8 +32,13 @@ struct Ack {
 
 impl Acks {
     pub(crate) const fn new() -> Self {
-        let none =
-            Ack { to: Address::new(0, 0), command: MavCmd(0), result: MavResult::ACCEPTED, result_param2: [0; 4] };
+        let none = Ack {
+            to: Address::new(0, 0),
+            from: ComponentId(0),
+            command: MavCmd(0),
+            result: MavResult::ACCEPTED,
+            result_param2: [0; 4],
+        };
         Self { slots: [none; SLOTS], first: 0, count: 0 }
     }
 
@@ -48,36 +55,37 @@ impl Acks {
         self.slots.get_mut(usize::from(self.first.wrapping_add(number)) % SLOTS)
     }
 
-    /// Queues the answer to `to`. The caller checks [`is_full`](Self::is_full) before the command is carried out. Not inlined: few
+    /// Queues the answer of a component to `to`. The caller checks [`is_full`](Self::is_full) before the command is carried out. Not inlined: few
     /// commands are answered, and the path to them needs the stack space.
     #[inline(never)]
-    pub(crate) fn push(&mut self, to: Address, command: MavCmd, outcome: Outcome) {
+    pub(crate) fn push(&mut self, from: ComponentId, to: Address, command: MavCmd, outcome: Outcome) {
         if self.is_full() {
             return;
         }
         if let Some(slot) = self.slot(self.count) {
             let Outcome { result, result_param2 } = outcome;
-            *slot = Ack { to, command, result, result_param2: result_param2.to_ne_bytes() };
+            *slot = Ack { to, from, command, result, result_param2: result_param2.to_ne_bytes() };
         }
         self.count = self.count.wrapping_add(1);
     }
 
     /// Sends the oldest answer. Returns false if none is pending. `progress` returns the progress of a running command.
-    pub(crate) fn next(&mut self, tx: &mut Outbox, progress: impl FnOnce(MavCmd) -> u8) -> bool {
+    pub(crate) fn next<F: Firmware>(&mut self, tx: &mut Outbox, progress: impl FnOnce(MavCmd) -> u8) -> bool {
         if self.is_empty() {
             return false;
         }
         let Some(ack) = self.slot(0).copied() else { return false };
         self.first = self.first.wrapping_add(1);
         self.count = self.count.wrapping_sub(1);
-        tx.send(&CommandAck {
+        let message = CommandAck {
             command: ack.command,
             result: ack.result,
             progress: if ack.result == MavResult::IN_PROGRESS { progress(ack.command) } else { NO_PROGRESS },
             result_param2: i32::from_ne_bytes(ack.result_param2),
             target_system: ack.to.system.0,
             target_component: ack.to.component.0,
-        })
+        };
+        tx.send_from::<F, _>(Some(ack.from), &message)
     }
 }
 
@@ -87,6 +95,14 @@ mod tests {
     use crate::frame::Version;
     use crate::message::Message;
 
+    struct Rover;
+
+    impl Firmware for Rover {
+        type Vehicle = ();
+        type Plans = crate::types::NoPlans;
+        type Parameters = crate::service::param::NoParams;
+    }
+
     /// C-3: an answer for each command, in the order of the commands, at every position of the ring.
     #[test]
     fn answers_are_sent_in_the_order_of_the_commands() {
@@ -94,7 +110,7 @@ mod tests {
         tx.set_version(Version::V2);
         let mut acks = Acks::new();
         let sent = |acks: &mut Acks, tx: &mut Outbox| {
-            acks.next(tx, |_| 0).then(|| {
+            acks.next::<Rover>(tx, |_| 0).then(|| {
                 let frame = tx.pending();
                 let command = CommandAck::decode(&frame[10..frame.len() - 2]).command.0;
                 tx.advance(frame.len());
@@ -105,7 +121,7 @@ mod tests {
         for count in 0..=4 {
             for number in 0..count {
                 assert!(!acks.is_full());
-                acks.push(Address::new(255, 190), MavCmd(next + number), MavResult::ACCEPTED.into());
+                acks.push(ComponentId(1), Address::new(255, 190), MavCmd(next + number), MavResult::ACCEPTED.into());
             }
             assert_eq!((acks.is_full(), acks.is_empty()), (count == 4, count == 0));
             for _ in 0..count {

@@ -9,9 +9,9 @@ use super::duplicates::REPEATED_WITHIN;
 use super::{Duplicates, LATE, Once, SOON, is_well_after};
 use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::link::Outbox;
-use crate::message::Address;
+use crate::message::{Address, ComponentId};
 use crate::time::{Duration, Instant};
-use crate::types::{Command, CommandPosition, Context, LinkClass, LinkId, LinkMask, Outcome, SignedAt};
+use crate::types::{Command, CommandPosition, Context, Firmware, LinkClass, LinkId, LinkMask, Outcome, SignedAt};
 
 /// Interval between IN_PROGRESS acknowledgements (C-20).
 const REPEAT_EVERY: Duration = Duration::from_secs(1);
@@ -37,6 +37,8 @@ pub type CommandSlots<const N: usize> = LongCommands<[CommandSlot; N]>;
 pub struct CommandSlot {
     key: Key,
     from: Address,
+    /// The component to which it is addressed.
+    component: ComponentId,
     confirmation: u8,
     is_broadcast: bool,
     state: State,
@@ -94,6 +96,7 @@ impl CommandSlot {
     const FREE: Self = Self {
         key: [0; 8],
         from: Address::new(0, 0),
+        component: ComponentId(0),
         confirmation: 0,
         is_broadcast: false,
         state: State::Free,
@@ -114,6 +117,7 @@ impl CommandSlot {
         Self {
             key: key(command),
             from: command.from.address,
+            component: command.component,
             confirmation: command.confirmation,
             is_broadcast: command.is_broadcast,
             state,
@@ -133,7 +137,7 @@ impl CommandSlot {
     }
 
     fn is_same(&self, command: &Command) -> bool {
-        self.from == command.from.address && self.key == key(command)
+        self.from == command.from.address && self.component == command.component && self.key == key(command)
     }
 
     /// Whether `command`, which is equal to this one and was received on its link before, is a retransmission because of a lost
@@ -486,24 +490,35 @@ impl LongCommands {
         due.min().unwrap_or(Instant::NEVER)
     }
 
+    /// Returns the component's answer to a command of the firmware itself: its result, or its progress if that is due now.
+    pub(crate) fn own_answer(&self, now: Instant, own: Address, command: MavCmd) -> Option<(ComponentId, CommandAck)> {
+        let slot = self.slots.iter().find(|slot| slot.from == own && slot.is_long && slot.command() == command)?;
+        let ack = match slot.state {
+            State::Running if slot.at == now => slot.ack(MavResult::IN_PROGRESS.into(), slot.progress),
+            State::Done => slot.ack(slot.outcome, NO_PROGRESS),
+            _ => return None,
+        };
+        Some((slot.component, ack))
+    }
+
     /// Sends a final ACK on this link (C-20). Returns false if none is pending.
-    pub(crate) fn next_final(&mut self, tx: &mut Outbox) -> bool {
+    pub(crate) fn next_final<F: Firmware>(&mut self, tx: &mut Outbox) -> bool {
         let link = tx.link();
         let Some(slot) = self.slots.iter_mut().find_map(|slot| slot.take_pending(State::Done, link).then_some(slot))
         else {
             return false;
         };
-        tx.send(&slot.ack(slot.outcome, NO_PROGRESS))
+        tx.send_from::<F, _>(Some(slot.component), &slot.ack(slot.outcome, NO_PROGRESS))
     }
 
     /// Sends an IN_PROGRESS on this link (C-20). Returns false if none is pending.
-    pub(crate) fn next_progress(&mut self, tx: &mut Outbox) -> bool {
+    pub(crate) fn next_progress<F: Firmware>(&mut self, tx: &mut Outbox) -> bool {
         let link = tx.link();
         let Some(slot) = self.slots.iter_mut().find_map(|slot| slot.take_pending(State::Running, link).then_some(slot))
         else {
             return false;
         };
-        tx.send(&slot.ack(MavResult::IN_PROGRESS.into(), slot.progress))
+        tx.send_from::<F, _>(Some(slot.component), &slot.ack(MavResult::IN_PROGRESS.into(), slot.progress))
     }
 
     /// Returns the progress of `command` for its first IN_PROGRESS.

@@ -23,9 +23,9 @@ use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increm
 use crate::dialect::{CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavProtocolCapability, MavResult};
 use crate::link::Port;
 use crate::log::RefusalLog;
-use crate::message::Address;
+use crate::message::{Address, ComponentId};
 use crate::time::Instant;
-use crate::types::{Command, CommandPosition, Context, Firmware, Origin, Outcome, Refusal};
+use crate::types::{Command, CommandPosition, Context, Firmware, Origin, Outcome, Peer, Refusal};
 
 /// Returns the command of a COMMAND_LONG.
 pub(crate) fn from_long(message: &CommandLong, origin: Origin) -> Command {
@@ -37,6 +37,7 @@ pub(crate) fn from_long(message: &CommandLong, origin: Origin) -> Command {
         from: origin.from,
         class: origin.class,
         age: origin.age,
+        component: ComponentId(message.target_component),
         is_broadcast: message.target_system == 0,
         confirmation: message.confirmation,
     }
@@ -52,6 +53,7 @@ pub(crate) fn from_int(message: &CommandInt, origin: Origin) -> Command {
         from: origin.from,
         class: origin.class,
         age: origin.age,
+        component: ComponentId(message.target_component),
         is_broadcast: message.target_system == 0,
         confirmation: 0,
     }
@@ -151,6 +153,11 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
         }
     }
 
+    /// The commands of all components.
+    fn is_part_of(_: ComponentId) -> bool {
+        true
+    }
+
     fn deadline(&self) -> Instant {
         self.slots.view().map_or(Instant::NEVER, LongCommands::deadline)
     }
@@ -166,29 +173,25 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut CommandLink, received: &Received<'_>) -> Handled {
         let Some(long) = self.slots.view_mut() else { return Handled::No };
         let Some(message) = received.frame.decode::<CommandCancel>() else { return Handled::No };
-        if received.target != cx.shared.config.address.get() {
+        let own = cx.shared.config.address.get();
+        let Address { system, component } = received.target;
+        if system != own.system || !(component == own.component || F::is_component(component)) {
             return Handled::OutOfPlace;
         }
-        if long.is_running(message.command) {
-            let (vehicle, mut context) = cx.hook();
-            if vehicle.cancel_command(&mut context, message.command, received.from) {
-                long.finish(message.command, MavResult::CANCELLED);
-            }
-        }
-        cx.shared.has_acted = true;
+        cancel(cx, long, message.command, received.from);
         Handled::Yes
     }
 
     /// Sends one COMMAND_ACK: the answer to a received command, the final result of a finished one, or the progress of a running
     /// one. Progress is limited to the link's byte rate, and is not sent on high-latency links.
     fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut CommandLink, _: Turn) -> bool {
-        let sent = link.acks.next(&mut port.outbox, |command| {
+        let sent = link.acks.next::<F>(&mut port.outbox, |command| {
             let long = self.slots.view_mut();
             long.map_or(self::long::NO_PROGRESS, |long| long.progress_of(command))
         });
         sent || self.slots.view_mut().is_some_and(|long| {
             let may_wait = !port.config.class.is_high_latency() && port.bucket.has_room();
-            long.next_final(&mut port.outbox) || (may_wait && long.next_progress(&mut port.outbox))
+            long.next_final::<F>(&mut port.outbox) || (may_wait && long.next_progress::<F>(&mut port.outbox))
         })
     }
 
@@ -240,7 +243,8 @@ impl<S: CommandMemory> CommandService<S> {
         Some(if is_busy { Verdict::Refused(outcome.result.into()) } else { Verdict::Done(outcome) })
     }
 
-    /// Queues the answer to a command. An admitted command that no service has handled is passed to the vehicle.
+    /// Queues the answer to a command: of the component to which it is addressed, or of the one that has
+    /// executed a command to all. An admitted command that no service has handled is passed to the vehicle.
     pub(crate) fn answer<F: Firmware<Vehicle: Commands>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -263,16 +267,51 @@ impl<S: CommandMemory> CommandService<S> {
         }
         let from = request.command.from.address;
         self.log(cx.now, request.answer_as, from, outcome.result);
-        link.acks.push(from, request.answer_as, outcome);
+        let mut by = request.command.component;
+        if !F::COMPONENTS.is_empty() {
+            let answerer = core::mem::replace(&mut cx.shared.answerer, ComponentId(0));
+            by = if by.0 == 0 { answerer } else { by };
+        }
+        link.acks.push(by, from, request.answer_as, outcome);
     }
 
-    /// Passes a command that no service handles to the vehicle.
+    /// Returns the outcome of a command of the firmware itself to one of its components: `verdict` is that of a service.
+    pub(crate) fn settle_own<F: Firmware<Vehicle: Commands>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        request: &Request,
+        verdict: Option<Verdict>,
+        is_admitted: bool,
+    ) -> Outcome {
+        let outcome = match verdict {
+            None => self.execute(cx, &request.command),
+            Some(Verdict::Done(outcome)) => outcome,
+            Some(Verdict::Refused(refusal)) => refusal.result.into(),
+        };
+        if is_admitted {
+            self.settle(cx, request, outcome);
+        }
+        outcome
+    }
+
+    /// Cancels a command that the firmware itself has sent to one of its components.
+    pub(crate) fn cancel_own<F: Firmware<Vehicle: Commands>>(&mut self, cx: &mut Cx<'_, F>, command: &Command) {
+        if let Some(long) = self.slots.view_mut() {
+            cancel(cx, long, command.id, command.from);
+        }
+    }
+
+    /// Passes a command that no service handles to the vehicle: to the hook of the component to which it is addressed.
     #[inline(never)]
     fn execute<F: Firmware<Vehicle: Commands>>(&mut self, cx: &mut Cx<'_, F>, command: &Command) -> Outcome {
         let can_start = self.slots.view_mut().is_some_and(|long| long.can_start());
         let (vehicle, mut context) = cx.hook();
         context.can_start = can_start;
-        vehicle.command(&mut context, command)
+        if F::is_component(command.component) {
+            F::component_command(vehicle, &mut context, command)
+        } else {
+            vehicle.command(&mut context, command)
+        }
     }
 
     /// Logs the answer to a command; of refusals, at most one a second.
@@ -297,6 +336,17 @@ impl<S: CommandMemory> CommandService<S> {
         }
         cx.shared.has_acted = true;
     }
+}
+
+/// Has the vehicle cancel a command if it is running (C-23).
+fn cancel<F: Firmware<Vehicle: Commands>>(cx: &mut Cx<'_, F>, long: &mut LongCommands, command: MavCmd, from: Peer) {
+    if long.is_running(command) {
+        let (vehicle, mut context) = cx.hook();
+        if vehicle.cancel_command(&mut context, command, from) {
+            long.finish(command, MavResult::CANCELLED);
+        }
+    }
+    cx.shared.has_acted = true;
 }
 
 /// Whether the vehicle's declaration permits `command` (C-5). For messages that are equivalent to a command.

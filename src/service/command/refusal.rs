@@ -154,6 +154,7 @@ mod tests {
             from: Peer { address: Address::new(255, 190), link: LinkId(0) },
             class: LinkClass::Normal,
             age: None,
+            component: crate::message::ComponentId(1),
             is_broadcast: false,
             confirmation: 0,
         };

@@ -163,8 +163,21 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
             id == 0 || F::Vehicle::COMPONENT.is_none(),
             "a gimbal that is a component of its own has the `GimbalDevice::ID` 0"
         );
+        if let Some(ComponentId(own)) = F::Vehicle::COMPONENT {
+            let mut components = F::COMPONENTS;
+            let mut is_declared = false;
+            while let [component, rest @ ..] = components {
+                is_declared |= component.id.0 == own;
+                components = rest;
+            }
+            assert!(
+                is_declared,
+                "`GimbalDevice::COMPONENT` is no component of the firmware: name it in `Components::COMPONENTS`"
+            );
+        }
         Self { counters: DeviceCounters::ZERO }
     };
+    const COMPONENT: Option<ComponentId> = F::Vehicle::COMPONENT;
     type Link = Periodic;
     const VACANT: Periodic = Periodic::NEW;
 
@@ -209,7 +222,7 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         if turn == Turn::GimbalDevice {
             return match link.take_asked() {
                 Asked::OTHER => send_information::<F>(cx, port),
-                Asked::INTERVAL => send(port, F::Vehicle::COMPONENT, &link.told(STATUS, port)),
+                Asked::INTERVAL => send::<F, _>(port, F::Vehicle::COMPONENT, &link.told(STATUS, port)),
                 Asked::MESSAGE => send_status::<F>(cx, port),
                 _ => false,
             };
@@ -247,7 +260,7 @@ fn send_information<F: Firmware<Vehicle: GimbalDevice>>(cx: &Cx<'_, F>, port: &m
     let mut information = cx.vehicle.device_information();
     information.time_boot_ms = cx.now.time_boot_ms();
     information.gimbal_device_id = F::Vehicle::ID;
-    send(port, F::Vehicle::COMPONENT, &information)
+    send::<F, _>(port, F::Vehicle::COMPONENT, &information)
 }
 
 #[inline(never)]
@@ -264,5 +277,5 @@ fn send_status<F: Firmware<Vehicle: GimbalDevice>>(cx: &Cx<'_, F>, port: &mut Po
     status.time_boot_ms = cx.now.time_boot_ms();
     status.gimbal_device_id = F::Vehicle::ID;
     (status.target_system, status.target_component) = (0, 0);
-    send(port, F::Vehicle::COMPONENT, &status)
+    send::<F, _>(port, F::Vehicle::COMPONENT, &status)
 }

@@ -414,7 +414,7 @@ impl ManagerService {
             self.setpoint_at = cx.now.after(F::Vehicle::SETPOINT_INTERVAL);
             if let Some(setpoint) = cx.vehicle.device_setpoint(cx.now) {
                 let setpoint = GimbalDeviceSetAttitude { target_system, target_component, ..setpoint };
-                return send(port, None, &setpoint);
+                return send::<F, _>(port, None, &setpoint);
             }
         }
         if is_v2 && self.state_at <= cx.now {
@@ -422,7 +422,7 @@ impl ManagerService {
             if let Some(state) = cx.vehicle.autopilot_state(cx.now) {
                 let time_boot_us = cx.now.as_micros();
                 let state = AutopilotStateForGimbalDevice { time_boot_us, target_system, target_component, ..state };
-                return send(port, None, &state);
+                return send::<F, _>(port, None, &state);
             }
         }
         if self.is_known || self.ask_at > cx.now {
@@ -431,7 +431,11 @@ impl ManagerService {
         self.ask_at = cx.now.after(ASK_PERIOD);
         let param1 = num::f32_from_u32(GimbalDeviceInformation::ID);
         let command = MavCmd::REQUEST_MESSAGE;
-        send(port, None, &CommandLong { param1, command, target_system, target_component, ..CommandLong::default() })
+        send::<F, _>(
+            port,
+            None,
+            &CommandLong { param1, command, target_system, target_component, ..CommandLong::default() },
+        )
     }
 }
 
@@ -564,7 +568,7 @@ impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
         if turn == Turn::Gimbal {
             match link.status.take_asked() {
                 Asked::OTHER => return send_information::<F>(cx, port),
-                Asked::INTERVAL => return send(port, None, &link.status.told(STATUS, port)),
+                Asked::INTERVAL => return send::<F, _>(port, None, &link.status.told(STATUS, port)),
                 Asked::MESSAGE => {}
                 _ if link.owes(self.changes, port) && has_listener => {}
                 _ => return F::Vehicle::IS_REMOTE && self.next_for_device(cx, port),
@@ -618,7 +622,7 @@ fn send_information<F: Firmware<Vehicle: GimbalManager>>(cx: &Cx<'_, F>, port: &
         gimbal_device_id: F::Vehicle::DEVICE,
         ..cx.vehicle.manager_information()
     };
-    send(port, None, &information)
+    send::<F, _>(port, None, &information)
 }
 
 impl ManagerService {
@@ -634,6 +638,6 @@ impl ManagerService {
             secondary_control_sysid: secondary.system.0,
             secondary_control_compid: secondary.component.0,
         };
-        send(port, None, &status)
+        send::<F, _>(port, None, &status)
     }
 }

@@ -24,9 +24,9 @@ pub use setpoint::{Axes, GimbalSetpoint, GimbalTarget};
 
 use crate::link::Port;
 use crate::message::{ComponentId, Message};
+use crate::types::Firmware;
 
 /// Sends a message of the autopilot, or of another component of the firmware.
-fn send<M: Message>(port: &mut Port, component: Option<ComponentId>, message: &M) -> bool {
-    let _ = component;
-    port.outbox.send(message)
+fn send<F: Firmware, M: Message>(port: &mut Port, component: Option<ComponentId>, message: &M) -> bool {
+    port.outbox.send_from::<F, M>(component, message)
 }

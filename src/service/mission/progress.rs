@@ -8,7 +8,7 @@ use super::{Plans, Progress};
 use crate::dialect::{MavCmd, MavResult, MissionCurrent, MissionItemReached, MissionSetCurrent};
 use crate::link::Outbox;
 use crate::list::take_first;
-use crate::message::Message;
+use crate::message::{ComponentId, Message};
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{Command, CommandPosition, LinkMask, Origin};
@@ -157,6 +157,7 @@ pub(crate) fn from_set_current(message: &MissionSetCurrent, origin: Origin) -> C
         from: origin.from,
         class: origin.class,
         age: origin.age,
+        component: ComponentId(message.target_component),
         is_broadcast: message.target_system == 0,
         confirmation: 0,
     }

@@ -26,7 +26,7 @@ use crate::dialect::{
     ProtocolVersion,
 };
 use crate::link::{Outbox, Port};
-use crate::message::{Address, Message};
+use crate::message::{Address, ComponentId, Message};
 use crate::network::PeerInfo;
 use crate::time::{Duration, Instant};
 use crate::types::{Context, Firmware, LinkId, PlanMemory, StreamProfile};
@@ -50,12 +50,14 @@ pub struct Stream {
     instance: u16,
     /// The group of REQUEST_DATA_STREAM; [`MavDataStream::ALL`] if it is in none.
     group: MavDataStream,
+    /// The component that sends it; 0 is the autopilot.
+    component: ComponentId,
 }
 
 impl Stream {
     /// Returns the message `M`, which is sent only on request.
     pub const fn of<M: Message>() -> Self {
-        Self { id: M::ID, radio: 0, onboard: 0, instance: 0, group: MavDataStream::ALL }
+        Self { id: M::ID, radio: 0, onboard: 0, instance: 0, group: MavDataStream::ALL, component: ComponentId(0) }
     }
 
     /// Returns the same message for another instance, such as the second battery: a row of its own, with its own intervals.
@@ -76,6 +78,14 @@ impl Stream {
     #[must_use]
     pub const fn instance(mut self, instance: u16) -> Self {
         self.instance = instance;
+        self
+    }
+
+    /// Returns the same message as one of another [component](crate::Components) of the firmware: it is sent from its address, and
+    /// requested and set there (K-10).
+    #[must_use]
+    pub const fn of_component(mut self, component: ComponentId) -> Self {
+        self.component = component;
         self
     }
 
@@ -103,6 +113,14 @@ impl Stream {
         self
     }
 
+    /// Whether this is a message of the component; 0 is the autopilot.
+    const fn is_of(&self, component: Option<ComponentId>) -> bool {
+        match component {
+            Some(component) => self.component.0 == component.0,
+            None => true,
+        }
+    }
+
     /// Returns the id of the message.
     pub const fn id(&self) -> u32 {
         self.id
@@ -119,7 +137,7 @@ impl Stream {
 
     /// Returns the rows of message `M` in the table: a bit for each.
     pub(crate) const fn rows_of<M: Message>(table: &[Self]) -> u32 {
-        let rows = rows(table, M::ID, 0);
+        let rows = rows(table, None, M::ID, 0);
         assert!(rows != 0, "the vehicle does not declare this message in `STREAMS`");
         rows
     }
@@ -137,7 +155,9 @@ impl Stream {
             assert!(!is_own(table[i].id), "the stack sends this message by itself: leave it out of `STREAMS`");
             let mut j = 0;
             while j < i {
-                let is_twice = table[i].id == table[j].id && table[i].instance == table[j].instance;
+                let is_twice = table[i].id == table[j].id
+                    && table[i].instance == table[j].instance
+                    && table[i].component.0 == table[j].component.0;
                 assert!(!is_twice, "a message is twice in `STREAMS`: remove one of the two, or give it an `instance`");
                 j += 1;
             }
@@ -151,12 +171,13 @@ pub(crate) const fn is_own(id: u32) -> bool {
     matches!(id, Heartbeat::ID | MissionCurrent::ID | AutopilotVersion::ID | ProtocolVersion::ID | MessageInterval::ID)
 }
 
-/// Returns the rows of a message in a table, a bit for each: of one instance, or of all of them if `index` is 0.
+/// Returns the rows of a message in a table, a bit for each: of one component or of all of them, and of one instance, or of all of
+/// them if `index` is 0.
 #[inline(never)]
-pub(crate) const fn rows(mut table: &[Stream], id: u32, index: u16) -> u32 {
+pub(crate) const fn rows(mut table: &[Stream], of: Option<ComponentId>, id: u32, index: u16) -> u32 {
     let (mut rows, mut bit) = (0u32, 1u32);
     while let [stream, rest @ ..] = table {
-        if stream.id == id && (index == 0 || stream.instance == index) {
+        if stream.id == id && (index == 0 || stream.instance == index) && stream.is_of(of) {
             rows |= bit;
         }
         (table, bit) = (rest, bit.wrapping_shl(1));
@@ -218,6 +239,11 @@ impl<'a> Fill<'a> {
         self.target
     }
 
+    /// Returns the component that sends it: the autopilot, or the one of the stream's [row](Stream::of_component).
+    pub fn component(&self) -> ComponentId {
+        self.outbox.component()
+    }
+
     /// Returns the link on which it is sent.
     pub fn link(&self) -> LinkId {
         self.outbox.link()
@@ -264,7 +290,10 @@ impl<const N: usize> StreamService<N> {
         let Port { outbox, config, .. } = port;
         while let Some(number) = link.streams.next_due(cx.now, F::Vehicle::STREAMS, &mut link.slots, config.streams) {
             let Some(stream) = F::Vehicle::STREAMS.get(number) else { continue };
-            if requests::fill(cx.vehicle, &mut Fill::new(cx.now, stream.id, stream.instance, outbox, false)) {
+            let (now, vehicle) = (cx.now, &mut *cx.vehicle);
+            if outbox.as_component::<F>(Some(stream.component), |outbox| {
+                requests::fill(vehicle, &mut Fill::new(now, stream.id, stream.instance, outbox, false))
+            }) {
                 port.facts.own_was_last = true;
                 return true;
             }
@@ -277,6 +306,11 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
     const NEW: Self = Self;
     type Link = StreamLink<[Slot; N]>;
     const VACANT: Self::Link = StreamLink { streams: Streams::new(), slots: [Slot::NEW; N] };
+
+    /// The component of any row.
+    fn is_part_of(component: ComponentId) -> bool {
+        !F::is_component(component) || F::Vehicle::STREAMS.iter().any(|stream| stream.component == component)
+    }
 
     /// Takes up the messages that hooks have announced.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) {
@@ -294,7 +328,8 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         received: &Received<'_>,
     ) -> Handled {
         let StreamLink { streams, slots } = link;
-        let is_handled = requests::handle_frame(cx.now, streams, F::Vehicle::STREAMS, slots, received.frame);
+        let of = part::<F>(received.target.component);
+        let is_handled = requests::handle_frame(cx.now, streams, F::Vehicle::STREAMS, of, slots, received.frame);
         if is_handled { Handled::Yes } else { Handled::No }
     }
 
@@ -308,7 +343,8 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
     ) -> Option<Verdict> {
         let fixed = Self::fixed(cx);
         let StreamLink { streams, slots } = link;
-        requests::handle_command(cx.now, fixed, port, streams, slots, cx.vehicle, &request.command).map(Verdict::done)
+        requests::handle_command::<F>(cx.now, fixed, port, streams, slots, cx.vehicle, &request.command)
+            .map(Verdict::done)
     }
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Self::Link, turn: Turn) -> bool {
@@ -318,7 +354,7 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         let fixed = Self::fixed(cx);
         let StreamLink { streams, slots } = link;
         requests::next_interval(cx.now, fixed, port, streams, F::Vehicle::STREAMS, slots)
-            || requests::next_asked(cx.now, streams, &mut port.outbox, cx.vehicle)
+            || requests::next_asked::<F>(cx.now, streams, &mut port.outbox, cx.vehicle)
     }
 
     fn due(&self, view: &View<'_>, port: &Port, link: &Self::Link, turn: Turn) -> Instant {
@@ -329,6 +365,14 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
             return link.streams.deadline(view.now, F::Vehicle::STREAMS, &link.slots, port.config.streams);
         }
         if link.streams.is_asked() { view.now } else { Instant::NEVER }
+    }
+}
+
+/// Returns the rows that a request to this component is about: 0 is the autopilot's, and `None` is all.
+fn part<F: Firmware>(component: ComponentId) -> Option<ComponentId> {
+    match F::COMPONENTS.is_empty() || component.0 == 0 {
+        true => None,
+        false => Some(if F::is_component(component) { component } else { ComponentId(0) }),
     }
 }
 

@@ -1,17 +1,17 @@
 //! Requests for messages and intervals: commands, and the older REQUEST_DATA_STREAM.
 
 use super::schedule::{Slot, Streams};
-use super::{Fill, Stream, Telemetry, clamped, rows};
+use super::{Fill, Stream, Telemetry, clamped, part, rows};
 use crate::dialect::{
     CurrentMode, Heartbeat, HomePosition, MavCmd, MavDataStream, MavResult, MessageInterval, MissionCurrent,
     RadioStatus, RequestDataStream,
 };
 use crate::frame::Frame;
 use crate::link::{Outbox, Port};
-use crate::message::Message;
+use crate::message::{ComponentId, Message};
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::{Command, LinkClass};
+use crate::types::{Command, Firmware, LinkClass};
 
 /// Interval of the MISSION_CURRENT that the stack sends by itself (µs).
 const MISSION_CURRENT_INTERVAL: u32 = 1_000_000;
@@ -44,35 +44,38 @@ impl Fixed {
 }
 
 /// Handles a command about messages; `None` for all other commands, and for messages that the vehicle does not declare.
-pub(super) fn handle_command<V: Telemetry>(
+pub(super) fn handle_command<F: Firmware<Vehicle: Telemetry>>(
     now: Instant,
     fixed: Fixed,
     port: &mut Port,
     streams: &mut Streams,
     slots: &mut [Slot],
-    vehicle: &mut V,
+    vehicle: &mut F::Vehicle,
     command: &Command,
 ) -> Option<MavResult> {
     let request = Asked::of(command)?;
+    let (table, of) = (F::Vehicle::STREAMS, part::<F>(command.component));
     if port.config.class == LinkClass::HighLatency || !request.is_valid {
         return Some(MavResult::DENIED);
     }
     let is_interval = matches!(command.id, MavCmd::SET_MESSAGE_INTERVAL | MavCmd::GET_MESSAGE_INTERVAL);
     if is_interval || request.id == Some(MessageInterval::ID) {
-        return Some(on_interval(now, fixed, port, streams, (V::STREAMS, slots), command, request));
+        return Some(on_interval(now, fixed, port, streams, (table, of, slots), command, request));
     }
     let id = request.id?;
-    let all = rows(V::STREAMS, id, 0);
+    let all = rows(table, of, id, 0);
     if all == 0 {
         return None;
     }
     let Some(index) = request.index else { return Some(MavResult::DENIED) };
     // A message that cannot be filled now is refused now; otherwise the client would wait for it.
-    let mut probe = Fill::new(now, id, index, &mut port.outbox, true);
-    for stream in V::STREAMS.iter().filter(|stream| stream.id == id) {
-        probe.index = if index == 0 { stream.instance } else { index };
-        if fill(vehicle, &mut probe) {
-            let is_pending = streams.ask(rows(V::STREAMS, id, index), all, index);
+    for stream in table.iter().filter(|stream| stream.id == id && stream.is_of(of)) {
+        let probed = if index == 0 { stream.instance } else { index };
+        let vehicle = &mut *vehicle;
+        if port.outbox.as_component::<F>(Some(stream.component), |outbox| {
+            fill(vehicle, &mut Fill::new(now, id, probed, outbox, true))
+        }) {
+            let is_pending = streams.ask(rows(table, of, id, index), all, index);
             return Some(if is_pending { MavResult::ACCEPTED } else { MavResult::TEMPORARILY_REJECTED });
         }
     }
@@ -119,7 +122,7 @@ fn on_interval(
     fixed: Fixed,
     port: &Port,
     streams: &mut Streams,
-    (table, slots): (&[Stream], &mut [Slot]),
+    (table, of, slots): (&[Stream], Option<ComponentId>, &mut [Slot]),
     command: &Command,
     request: Asked,
 ) -> MavResult {
@@ -147,7 +150,7 @@ fn on_interval(
         return if is_off || instance != 0 { MavResult::DENIED } else { MavResult::ACCEPTED };
     }
     let interval = if micros == 0.0 { 0 } else { clamped(u64::from(num::saturated(micros))) };
-    let mut rows = rows(table, id, instance);
+    let mut rows = rows(table, of, id, instance);
     let result = if rows == 0 { MavResult::DENIED } else { MavResult::ACCEPTED };
     for slot in slots {
         if rows & 1 != 0 {
@@ -164,6 +167,7 @@ pub(super) fn handle_frame(
     now: Instant,
     streams: &mut Streams,
     table: &[Stream],
+    of: Option<ComponentId>,
     slots: &mut [Slot],
     frame: &Frame<'_>,
 ) -> bool {
@@ -181,7 +185,10 @@ pub(super) fn handle_frame(
     let interval = micros.map(|micros| clamped(u64::from(micros)));
     let group = request.req_stream_id;
     for (stream, slot) in table.iter().zip(slots) {
-        if stream.group != MavDataStream::ALL && (group == MavDataStream::ALL || group == stream.group) {
+        if stream.group != MavDataStream::ALL
+            && stream.is_of(of)
+            && (group == MavDataStream::ALL || group == stream.group)
+        {
             streams.set_interval(now, slot, interval);
         }
     }
@@ -217,16 +224,19 @@ pub(super) fn next_interval(
 }
 
 /// Asks the vehicle for the next requested message. Returns false if none is pending, or none can be filled.
-pub(super) fn next_asked<V: Telemetry>(
+pub(super) fn next_asked<F: Firmware<Vehicle: Telemetry>>(
     now: Instant,
     streams: &mut Streams,
     outbox: &mut Outbox,
-    vehicle: &mut V,
+    vehicle: &mut F::Vehicle,
 ) -> bool {
     while let Some((number, index)) = streams.take_asked() {
-        let Some(stream) = V::STREAMS.get(number) else { continue };
+        let Some(stream) = F::Vehicle::STREAMS.get(number) else { continue };
         let index = index.unwrap_or(stream.instance);
-        if fill(vehicle, &mut Fill::new(now, stream.id, index, outbox, false)) {
+        let vehicle = &mut *vehicle;
+        if outbox.as_component::<F>(Some(stream.component), |outbox| {
+            fill(vehicle, &mut Fill::new(now, stream.id, index, outbox, false))
+        }) {
             return true;
         }
     }

@@ -87,6 +87,13 @@ const GROUPS: [(&str, &[Row]); 9] = [
             Row("typed-2", "another, with seven parameters, one of them with a range", "typed-2", "typed", 1),
             Row("client", "commands to other components, 2 at a time, on one link", "client", SMALLEST, 1),
             Row("client-slot", "one more command to another component at a time", "client-4", "client", 2),
+            Row(
+                "components",
+                "a second component, with commands and heartbeats, on one link",
+                "components",
+                SMALLEST,
+                1,
+            ),
             Row("long-commands", "long-running commands, 2 at a time", "commands-long", SMALLEST, 1),
             Row("long-command", "one more long-running command at a time", "commands-long-4", "commands-long", 2),
             Row("manual", "manual control", "manual", SMALLEST, 1),

@@ -61,6 +61,8 @@ const POLICIES: &[CommandPolicy] = &[
     CommandPolicy::new(rules::DO_SET_STANDARD_MODE).no_broadcast(),
     CommandPolicy::new(rules::DO_FLIGHTTERMINATION).no_broadcast(),
     CommandPolicy::new(super::payload::PITCHYAW).no_broadcast(),
+    CommandPolicy::new(super::plans::SET_SERVO).no_broadcast(),
+    CommandPolicy::new(rules::DO_LAND_START).no_broadcast(),
     CommandPolicy::new(super::ground::CALIBRATION).no_broadcast(),
     CommandPolicy::new(super::ground::REBOOT).no_broadcast(),
 ];
@@ -89,7 +91,7 @@ impl Quadrotor {
         if self.is_rebooting() && command.id != MavCmd::PREFLIGHT_REBOOT_SHUTDOWN {
             return Err(refuse(cx, MavResult::TEMPORARILY_REJECTED, "Command refused: rebooting"));
         }
-        let [_, p2, ..] = command.params;
+        let [p1, p2, ..] = command.params;
         let result = match command.id {
             MavCmd::COMPONENT_ARM_DISARM => return self.arm_disarm(cx, command),
             MavCmd::NAV_TAKEOFF if self.may_be_delayed(command.class) => {
@@ -104,6 +106,11 @@ impl Quadrotor {
             MavCmd::DO_SET_HOME => self.set_home(cx, command)?,
             MavCmd::DO_FLIGHTTERMINATION => self.terminate(cx, command)?,
             MavCmd::DO_GIMBAL_MANAGER_PITCHYAW => self.point_gimbal(cx, command)?,
+            MavCmd::DO_LAND_START => self.fly_landing(cx),
+            MavCmd::DO_SET_SERVO => {
+                self.set_servo(p1, p2);
+                MavResult::ACCEPTED
+            }
             MavCmd::RUN_PREARM_CHECKS => self.run_checks(cx),
             MavCmd::PREFLIGHT_CALIBRATION => return self.calibrate(cx, command),
             MavCmd::PREFLIGHT_REBOOT_SHUTDOWN => self.request_reboot(cx, command)?,
@@ -148,6 +155,14 @@ impl Quadrotor {
             self.arm();
         }
         Ok(MavResult::ACCEPTED.into())
+    }
+
+    /// Sets the pulse (µs) of a servo, whose number a rule has checked.
+    pub(super) fn set_servo(&mut self, number: f32, pulse: f32) {
+        let index = (number as usize).wrapping_sub(1);
+        if let Some(servo) = self.servos.get_mut(index) {
+            *servo = pulse as u16;
+        }
     }
 
     pub(super) fn arm(&mut self) {

@@ -20,6 +20,10 @@ impl Quadrotor {
             Maneuver::Reach { to, radius } => {
                 (to, here.distance(to) <= radius && (to.down - here.down).abs() <= radius)
             }
+            Maneuver::Circle { center, radius, angle } => {
+                let flown = self.circled * 1.0_f32.copysign(angle);
+                (self.body.around(center, radius, angle), flown >= angle.abs())
+            }
             Maneuver::Climb(to) => {
                 let is_up = (to.down - here.down).abs() < 0.5;
                 let goal = if is_up { to } else { Vector { down: to.down, ..here } };
@@ -29,6 +33,9 @@ impl Quadrotor {
             // The caller has replaced it with a landing.
             Maneuver::Return => (here, false),
         };
+        if let Maneuver::Circle { center, radius, .. } = maneuver {
+            self.circled += self.body.angle_about(center, radius) * DT;
+        }
         let mut next = self.body;
         next.fly(goal, self.speed(cx), DT);
         // A vehicle that holds is not stopped again.

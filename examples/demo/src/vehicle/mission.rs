@@ -222,6 +222,26 @@ impl Quadrotor {
         result
     }
 
+    /// MAV_CMD_DO_LAND_START: flies the mission from the nearest marker of a landing on.
+    #[inline(never)]
+    pub(super) fn fly_landing(&mut self, cx: &mut Context<'_>) -> MavResult {
+        let here = self.body.position;
+        let distance = |item: &Item| match (item.x, item.y) {
+            // A marker without a position is as near as any.
+            (0, 0) | (i32::MAX, _) | (_, i32::MAX) => 0.0,
+            (latitude, longitude) => {
+                let (north, east) = self.home.to_local(latitude, longitude);
+                here.distance(Vector { north, east, ..here })
+            }
+        };
+        let items = (0..).zip(cx.plan(PlanType::Mission).items());
+        let marks = items.filter(|(_, item)| item.command == MavCmd::DO_LAND_START);
+        match marks.min_by(|(_, a), (_, b)| distance(a).total_cmp(&distance(b))) {
+            Some((seq, _)) => self.fly_from(cx, Some(seq)),
+            None => refuse(cx, MavResult::FAILED, "Landing refused: the mission has no DO_LAND_START"),
+        }
+    }
+
     pub(super) fn go_to_item(&mut self, cx: &mut Context<'_>, seq: u16, reset: bool) -> MavResult {
         if seq >= self.mission.count {
             return refuse(cx, MavResult::FAILED, "Mission refused: no such item");
@@ -292,6 +312,7 @@ impl Quadrotor {
             (Maneuver::Land(_), Some(yaw)) => self.turn_to(yaw),
             _ => Nose::Course,
         };
+        self.circled = 0.0;
         self.mission.leg = Some(leg);
         leg
     }
@@ -335,6 +356,7 @@ impl Quadrotor {
             }
             match plan::action(item, &self.situation(cx)) {
                 Action::Speed(speed) => self.speed = speed,
+                Action::Servo { number, pulse } => self.set_servo(number, pulse),
                 Action::Wait(condition) if !self.is_met(condition, leg) => return false,
                 _ => {}
             }
@@ -418,7 +440,7 @@ impl Leg {
     fn to(&self) -> Option<Vector> {
         match self.maneuver {
             Maneuver::Reach { to, .. } | Maneuver::Climb(to) | Maneuver::Land(to) => Some(to),
-            Maneuver::Stay(_) | Maneuver::Wait { .. } | Maneuver::Return => None,
+            Maneuver::Stay(_) | Maneuver::Wait { .. } | Maneuver::Circle { .. } | Maneuver::Return => None,
         }
     }
 }

@@ -42,6 +42,9 @@ const DT: f32 = 0.01;
 /// Maximum number of steps per pass. After a longer stall of the flight loop the simulation skips time.
 const MAX_STEPS: usize = 10;
 
+/// The number of servos, on the outputs after those of the four motors.
+const SERVOS: usize = 4;
+
 /// A position on the globe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -109,6 +112,10 @@ pub struct Quadrotor {
     /// Cruise speed (m/s); `None` means the parameter's.
     speed: Option<f32>,
     mission: Mission,
+    /// The angle flown around the centre of a circle (rad), clockwise positive.
+    circled: f32,
+    /// The pulses of the servos (µs); 0 is off.
+    servos: [u16; SERVOS],
     /// The vehicle is disarmed outside its fence.
     is_outside: bool,
     /// The current contact with the fence was reported.
@@ -157,6 +164,8 @@ impl Quadrotor {
             maneuver: Maneuver::Stay(Vector::ZERO),
             speed: None,
             mission: Mission::NONE,
+            circled: 0.0,
+            servos: [0; SERVOS],
             is_outside: false,
             is_warned: false,
             is_in_air: false,
@@ -231,6 +240,11 @@ impl Quadrotor {
     /// Returns SYSTEM_TIME. Until the time of day is known it contains the time since boot only.
     pub(crate) fn system_time(&self, now: Instant) -> SystemTime {
         self.calendar.message(now)
+    }
+
+    /// Returns the pulses of the servos (µs); 0 is off.
+    pub fn servos(&self) -> [u16; SERVOS] {
+        self.servos
     }
 
     /// Returns the global position; `None` without a GPS fix.

@@ -16,6 +16,10 @@ const MAX_FIRST_WAYPOINT_DISTANCE: u32 = 10_000;
 /// Supported frames. Terrain frames are not supported: the vehicle has no terrain model.
 pub(super) const FRAMES: &[MavFrame] = &[MavFrame::GLOBAL, MavFrame::GLOBAL_RELATIVE_ALT];
 
+/// The servos on the auxiliary outputs: 1 to [`SERVOS`](super::SERVOS).
+pub(super) const SET_SERVO: CommandRule =
+    rules::DO_SET_SERVO.with_params(&[ParamRule::integers(1, 1, 4), ParamRule::range(2, 800.0, 2_200.0)]);
+
 impl Plans for Quadrotor {
     const MISSION_COMMANDS: &'static [CommandRule] = &[
         rules::NAV_WAYPOINT
@@ -25,6 +29,12 @@ impl Plans for Quadrotor {
             .with_frames(FRAMES)
             .with_params(&[ParamRule::at_least(1, 0.0).or_nan(), ParamRule::any(2)]),
         rules::NAV_LOITER_UNLIM.with_frames(FRAMES),
+        rules::NAV_LOITER_TURNS.with_frames(FRAMES).with_params(&[
+            ParamRule::at_least(1, 0.0),
+            ParamRule::any(2),
+            ParamRule::any(3),
+            ParamRule::any(4),
+        ]),
         rules::NAV_RETURN_TO_LAUNCH,
         // Precision landing: off or opportunistic. The vehicle has no beacon receiver.
         rules::NAV_LAND.with_frames(FRAMES).with_params(&[ParamRule::integers(2, 0, 1).or_nan()]).altitude_optional(),
@@ -40,6 +50,8 @@ impl Plans for Quadrotor {
         rules::CONDITION_DISTANCE,
         rules::CONDITION_YAW,
         rules::DO_JUMP,
+        rules::DO_LAND_START,
+        SET_SERVO,
         // Horizontal speed only, without a throttle setting.
         rules::DO_CHANGE_SPEED.with_params(&[
             ParamRule::integers(1, 0, 1),

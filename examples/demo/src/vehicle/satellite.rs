@@ -100,6 +100,7 @@ impl Quadrotor {
             Maneuver::Stay(to) | Maneuver::Wait { at: to, .. } | Maneuver::Reach { to, .. } | Maneuver::Climb(to) => {
                 Some(to)
             }
+            Maneuver::Circle { center, .. } => Some(center),
             Maneuver::Land(to) => Some(Vector { down: 0.0, ..to }),
             Maneuver::Return => None,
         }

@@ -36,6 +36,69 @@ fn waypoints_are_reached_in_order_and_once_each() {
     assert!(flight.vehicle.is_armed() && flight.height() > 9.0);
 }
 
+/// NAV_LOITER_TURNS: clockwise with a positive radius, counter-clockwise with a negative one.
+#[test]
+fn circles_are_flown_in_their_direction() {
+    for (turns, radius) in [(1.0, 12.0), (2.0, -8.0)] {
+        let circle = at(MavCmd::NAV_LOITER_TURNS, [turns, 0.0, radius, 0.0], 40.0, 30.0, 10.0);
+        let mut flight = Flight::flying(&[circle, waypoint(0.0, 0.0)]);
+        let distance = |flight: &Flight| flight.distance(40.0, 30.0);
+        flight.until("on the circle", 60, |_| true);
+        while distance(&flight) > radius.abs() {
+            flight.run(100);
+        }
+        // The angle flown, from the sum of the steps.
+        let angle = |flight: &Flight| {
+            let at = flight.vehicle.local_position();
+            (at.east - 30.0).atan2(at.north - 40.0)
+        };
+        let (mut last, mut sum, mut furthest, mut nearest) = (angle(&flight), 0.0, 0.0_f32, f32::MAX);
+        while flight.mission().0 == 0 {
+            flight.run(100);
+            let now = angle(&flight);
+            sum += (now - last + 3.0 * std::f32::consts::PI).rem_euclid(std::f32::consts::TAU) - std::f32::consts::PI;
+            last = now;
+            (furthest, nearest) = (furthest.max(distance(&flight)), nearest.min(distance(&flight)));
+            assert!(flight.millis < 200_000);
+        }
+        let whole = turns * std::f32::consts::TAU * radius.signum();
+        assert!((sum - whole).abs() < 0.7, "{sum} instead of {whole}");
+        assert!(nearest > 0.6 * radius.abs() && furthest < 1.4 * radius.abs(), "{nearest} to {furthest}");
+        assert_eq!(flight.reached(), [0]);
+    }
+}
+
+/// DO_SET_SERVO on the way: SERVO_OUTPUT_RAW shows the pulse on the outputs after those of the motors.
+#[test]
+fn servos_are_set_on_the_way() {
+    let mut flight = Flight::flying(&[
+        waypoint(10.0, 0.0),
+        act(MavCmd::DO_SET_SERVO, [2.0, 1_750.0, 0.0, 0.0]),
+        waypoint(20.0, 0.0),
+    ]);
+    assert_eq!(flight.vehicle.servos(), [0; 4]);
+    flight.until_end(60);
+    assert_eq!(flight.vehicle.servos(), [0, 1_750, 0, 0]);
+    assert_eq!(flight.command(MavCmd::DO_SET_SERVO, &[1.0, 1_100.0]), MavResult::ACCEPTED);
+    assert_eq!(flight.vehicle.servos(), [1_100, 1_750, 0, 0]);
+}
+
+/// DO_LAND_START marks where the landing begins. The command flies the mission from the nearest one on.
+#[test]
+fn the_landing_begins_at_its_mark() {
+    let mark =
+        |north| Item { frame: MavFrame::GLOBAL_RELATIVE_ALT, ..at(MavCmd::DO_LAND_START, [0.0; 4], north, 0.0, 0.0) };
+    let land = |north| at(MavCmd::NAV_LAND, [0.0, 0.0, 0.0, NAN], north, 0.0, 0.0);
+    let plan = [waypoint(200.0, 0.0), mark(90.0), land(90.0), mark(20.0), land(20.0)];
+    let mut flight = Flight::airborne();
+    assert_eq!(flight.command(MavCmd::DO_LAND_START, &[]), MavResult::FAILED);
+    assert_eq!(flight.texts(), ["Landing refused: the mission has no DO_LAND_START"]);
+    flight.upload(&plan);
+    assert_eq!(flight.command(MavCmd::DO_LAND_START, &[]), MavResult::ACCEPTED);
+    flight.until("landed", 60, |vehicle| !vehicle.is_armed());
+    assert!(flight.distance(20.0, 0.0) < 1.0);
+}
+
 /// Many items at one position are each reached once and in order, even with a slow loop (M-91).
 #[test]
 fn items_at_one_position_are_each_reached() {

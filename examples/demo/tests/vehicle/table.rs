@@ -131,7 +131,9 @@ fn unsupported_items_are_refused() {
     let fly = |command, params| at(command, params, 10.0, 0.0, 10.0);
     let table = [
         (fly(MavCmd::NAV_SPLINE_WAYPOINT, [0.0; 4]), R::UNSUPPORTED),
-        (act(MavCmd::DO_SET_SERVO, [1.0, 1_500.0, 0.0, 0.0]), R::UNSUPPORTED),
+        (act(MavCmd::DO_SET_RELAY, [1.0, 1.0, 0.0, 0.0]), R::UNSUPPORTED),
+        (act(MavCmd::DO_SET_SERVO, [5.0, 1_500.0, 0.0, 0.0]), R::INVALID_PARAM1),
+        (act(MavCmd::DO_SET_SERVO, [1.0, 3_000.0, 0.0, 0.0]), R::INVALID_PARAM2),
         (act(MavCmd::CONDITION_CHANGE_ALT, [0.0; 4]), R::UNSUPPORTED),
         (Item { frame: MavFrame::GLOBAL_TERRAIN_ALT, ..waypoint(0.0, 0.0) }, R::UNSUPPORTED_FRAME),
         (Item { frame: MavFrame::GLOBAL_TERRAIN_ALT_INT, ..fly(MavCmd::NAV_LAND, [0.0; 4]) }, R::UNSUPPORTED_FRAME),

@@ -75,7 +75,8 @@ entry!($ "streams" with_streams with_messages [streams]);
 entry!($ "messages" with_messages with_modes [messages]);
 entry!($ "modes" with_modes with_commands [modes]);
 entry!($ "commands-long" with_commands with_client [commands: { slots: SLOTS }]);
-entry!($ "client" with_client with_forwarding [command_client: { slots: if cfg!(feature = "client-4") { 4 } else { 2 } }]);
+entry!($ "client" with_client with_components [command_client: { slots: if cfg!(feature = "client-4") { 4 } else { 2 } }]);
+entry!($ "components" with_components with_forwarding [components]);
 entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
 entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
 entry!($ "time" with_time with_manual [time]);
@@ -362,6 +363,16 @@ impl Telemetry for Rover {
             Tunnel::ID => out.put(&Tunnel { target_system: out.target().system.0, ..Tunnel::default() }),
             _ => false,
         }
+    }
+}
+
+#[cfg(feature = "components")]
+impl Components for Rover {
+    const COMPONENTS: &'static [Component] = &[Component::new(message::ComponentId(154), MavType::GIMBAL)];
+
+    fn component_command(&mut self, _: &mut Context<'_>, _: message::ComponentId, command: &Command) -> Outcome {
+        self.armed ^= command.id == MavCmd::USER_1;
+        MavResult::ACCEPTED.into()
     }
 }
 

@@ -233,6 +233,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
             from: A,
             class: LinkClass::Normal,
             age: None,
+            component: crate::message::ComponentId(1),
             is_broadcast: false,
             confirmation: 0,
         };

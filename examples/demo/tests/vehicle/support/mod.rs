@@ -8,7 +8,7 @@ use mavstack::dialect::{
     Common, MavCmd, MavFrame, MavResult, MavSeverity, MissionItemReached, MissionState, Statustext,
 };
 use mavstack::frame::Decoder;
-use mavstack::message::Dialect;
+use mavstack::message::{ComponentId, Dialect};
 use mavstack::plan::PlanFault;
 use mavstack::{
     Address, Command, Commands, Config, Context, Duration, Instant, Item, LinkConfig, LinkId, ModeRequest, Modes, Peer,
@@ -281,6 +281,7 @@ pub fn command(id: MavCmd, params: [f32; 4]) -> Command {
         from: STATION,
         class: LinkClass::Normal,
         age: None,
+        component: ComponentId(1),
         is_broadcast: false,
         confirmation: 0,
     }
