@@ -87,7 +87,7 @@
 //! | [`mod@frame`] | bytes to checked frames and back, MAVLink 1 and 2; usable alone |
 //! | [`mod@message`], [`mod@dialect`] | payloads: all of MAVLink's `common`, and your own messages; usable alone |
 //! | [`mod@config`], [`mod@network`] | the links, the peers on them, and forwarding between links |
-//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@operator_control`], [`mod@camera`], [`mod@ext_parameters`], [`mod@high_latency`], `signing` | the services, besides the traits below |
+//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@operator_control`], [`mod@camera`], [`mod@ext_parameters`], [`mod@gimbal`], [`mod@high_latency`], `signing` | the services, besides the traits below |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //! | [`mod@io`], `storage` | transports between the stack and a UART; flash and FRAM |
 //!
@@ -106,6 +106,8 @@
 //! | [`Telemetry`] | with `streams` | fills its messages |
 //! | [`Modes`] | with `modes` | switches to another flight mode |
 //! | [`Parameters`] | with `parameters` | decides which parameter may be set |
+//! | [`GimbalManager`] | with `gimbal_manager` | points the gimbal |
+//! | [`GimbalDevice`] | with `gimbal_device` | is the gimbal |
 //! | [`CommandClient`] | with `command_client` | makes its own commands to other components |
 //! | [`Camera`] | with `camera` | takes images, records video |
 //! | [`ExtParameters`] | with `ext_parameters` | has the extended parameters |
@@ -211,6 +213,7 @@ pub use service::components::Components;
 #[cfg(test)]
 pub use service::example::Tunes;
 pub use service::ext_parameters::ExtParameters;
+pub use service::gimbal::{GimbalDevice, GimbalManager};
 pub use service::mission::{PlanChange, Plans, Progress};
 pub use service::mode::{CustomMode, FlightMode, ModeRequest, Modes};
 pub use service::param::{Param, ParamBackend, ParamChange, Parameters};
@@ -300,6 +303,14 @@ pub mod camera {
 /// Extended parameters: settings of any type, such as a camera's. [`ExtParameters`] has the hooks.
 pub mod ext_parameters {
     pub use crate::service::ext_parameters::{ExtParamServer, ExtValue};
+}
+
+/// Gimbals: who points one, and what it is to do. [`GimbalManager`] and [`GimbalDevice`] have the hooks.
+pub mod gimbal {
+    pub use crate::service::gimbal::{
+        Axes, DeviceCounters, DeviceService, DeviceSetpoint, GimbalControl, GimbalSetpoint, GimbalTarget,
+        ManagerCounters, ManagerService,
+    };
 }
 
 /// Clocks: those of peers, by PING and TIMESYNC, and the time of day.

@@ -19,6 +19,7 @@ pub(crate) mod components;
 pub mod example;
 pub mod ext_parameters;
 pub(crate) mod forwarding;
+pub mod gimbal;
 pub(crate) mod heartbeat;
 pub mod high_latency;
 pub(crate) mod identity;
@@ -28,6 +29,7 @@ pub mod mission;
 pub mod mode;
 pub mod operator_control;
 pub mod param;
+pub(crate) mod periodic;
 #[cfg(test)]
 pub(crate) mod rest;
 pub mod setpoints;

@@ -30,6 +30,8 @@ macro_rules! turns {
             Camera camera Room Normal "CAMERA_INFORMATION, CAMERA_SETTINGS, STORAGE_INFORMATION, VIDEO_STREAM_INFORMATION, VIDEO_STREAM_STATUS, CAMERA_IMAGE_CAPTURED, CAMERA_CAPTURE_STATUS" "while the link has room";
             Client client Room Normal "COMMAND_LONG, COMMAND_INT, COMMAND_CANCEL, PARAM_REQUEST_READ, PARAM_EXT_REQUEST_READ" "while the link has room";
             OperatorControl operator_control Room Normal "COMMAND_LONG that tells the owner of a request, CONTROL_STATUS" "while the link has room";
+            Gimbal gimbal_manager Room Normal "GIMBAL_MANAGER_INFORMATION; GIMBAL_MANAGER_STATUS after a change; GIMBAL_DEVICE_SET_ATTITUDE, AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, COMMAND_LONG to a gimbal device" "while the link has room";
+            GimbalDevice gimbal_device Room Normal "GIMBAL_DEVICE_INFORMATION" "while the link has room";
             CurrentMode mode Room Normal "CURRENT_MODE, AVAILABLE_MODES_MONITOR" "while the link has room";
             MissionProgress mission Room Normal "MISSION_ITEM_REACHED, MISSION_CURRENT" "while the link has room";
             ModeList mode Room Normal "AVAILABLE_MODES" "while the link has room";
@@ -37,6 +39,8 @@ macro_rules! turns {
             ExtParamList ext_parameters Room Normal "the list of all extended parameters" "while the link has room, at 40 % of its rate";
             LateParamList param Room Normal "the list of all parameters" "while the link has room, if its next value has waited for 20 ms";
             ForwardedFirst forwarding Idle Normal "a forwarded frame" "while the link is idle, if a stream was last";
+            GimbalStatus gimbal_manager Idle Normal "GIMBAL_MANAGER_STATUS" "while the link is idle";
+            GimbalAttitude gimbal_device Idle Normal "GIMBAL_DEVICE_ATTITUDE_STATUS" "while the link is idle";
             Stream stream Idle Normal "streams" "while the link is idle";
             Forwarded forwarding Idle Every "forwarded frames" "while the link is idle";
             ParamList param Room Normal "the list of all parameters" "while the link has room, at 40 % of its rate";

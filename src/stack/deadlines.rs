@@ -21,6 +21,7 @@ use crate::dialect::rules;
 use crate::dialect::*;
 use crate::ext_parameters::ExtValue;
 use crate::frame::{Version, encode};
+use crate::gimbal::GimbalSetpoint;
 use crate::high_latency::{HighLatencyConfig, HighLatencySample};
 use crate::manual_control::ControlSource;
 use crate::message::{Address, ComponentId, Item, Message, Secret, Text};
@@ -28,8 +29,9 @@ use crate::service::{Cx, ForwardingGate, Service, SigningGate, TABLE, Turn, View
 use crate::time::{Duration, Instant};
 use crate::{
     Camera, Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context,
-    ExtParameters, Fill, FlightMode, LinkConfig, LinkId, ModeRequest, Modes, Outcome, OutgoingCommand, Parameters,
-    Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry, Vehicle, VehicleState,
+    ExtParameters, Fill, FlightMode, GimbalDevice, GimbalManager, LinkConfig, LinkId, ModeRequest, Modes, Outcome,
+    OutgoingCommand, Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry, Vehicle,
+    VehicleState,
 };
 
 const LINKS: usize = 3;
@@ -66,6 +68,8 @@ macro_rules! declare {
                 operator_control,
                 camera: { images: 3 },
                 ext_parameters,
+                gimbal_manager,
+                gimbal_device,
                 high_latency,
                 $($signing)?
             }
@@ -156,6 +160,42 @@ impl ExtParameters for Rover {
 
     fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: ExtValue<'_>) -> ParamAck {
         ParamAck::ACCEPTED
+    }
+}
+
+/// Its device is the companion, whose heartbeats are random: it is asked, and gets setpoints, while it is alive.
+impl GimbalManager for Rover {
+    const DEVICE: u8 = COMPANION.component.0;
+    const IS_REMOTE: bool = true;
+
+    fn manager_information(&self) -> GimbalManagerInformation {
+        GimbalManagerInformation::default()
+    }
+
+    fn manager_flags(&self) -> GimbalManagerFlags {
+        GimbalManagerFlags::EMPTY
+    }
+
+    fn point_gimbal(&mut self, _: &mut Context<'_>, _: &GimbalSetpoint) -> MavResult {
+        MavResult::ACCEPTED
+    }
+
+    fn device_setpoint(&mut self, _: Instant) -> Option<GimbalDeviceSetAttitude> {
+        Some(GimbalDeviceSetAttitude::default())
+    }
+
+    fn autopilot_state(&mut self, _: Instant) -> Option<AutopilotStateForGimbalDevice> {
+        Some(AutopilotStateForGimbalDevice::default())
+    }
+}
+
+impl GimbalDevice for Rover {
+    fn device_information(&self) -> GimbalDeviceInformation {
+        GimbalDeviceInformation::default()
+    }
+
+    fn device_status(&self) -> Option<GimbalDeviceAttitudeStatus> {
+        Some(GimbalDeviceAttitudeStatus::default())
     }
 }
 
@@ -252,12 +292,16 @@ fn requests() -> Vec<Request> {
         CameraImageCaptured::ID,
         VideoStreamInformation::ID,
         VideoStreamStatus::ID,
+        GimbalManagerInformation::ID,
+        GimbalManagerStatus::ID,
+        GimbalDeviceInformation::ID,
+        GimbalDeviceAttitudeStatus::ID,
     ] {
         pool.push(command(MavCmd::REQUEST_MESSAGE, [id as f32, 0.0, 0.0]));
         pool.push(command(MavCmd::GET_MESSAGE_INTERVAL, [id as f32, 0.0, 0.0]));
     }
     pool.push(command(MavCmd::REQUEST_MESSAGE, [BatteryStatus::ID as f32, 1.0, 0.0]));
-    for id in [Attitude::ID, SysStatus::ID, VfrHud::ID] {
+    for id in [Attitude::ID, SysStatus::ID, VfrHud::ID, GimbalManagerStatus::ID, GimbalDeviceAttitudeStatus::ID] {
         for micros in [-1.0, 0.0, 1_000.0, 7_300.0, 300_000.0, 2_500_000.0] {
             pool.push(command(MavCmd::SET_MESSAGE_INTERVAL, [id as f32, micros, 0.0]));
         }
@@ -274,6 +318,8 @@ fn requests() -> Vec<Request> {
         (MavCmd::DO_SET_MISSION_CURRENT, [0.0; 3]),
         (MavCmd::MISSION_START, [0.0; 3]),
         (MavCmd::NAV_LAND, [0.0; 3]),
+        (MavCmd::DO_SET_ROI_NONE, [0.0; 3]),
+        (MavCmd::DO_GIMBAL_MANAGER_CONFIGURE, [-3.0, -3.0, 255.0]),
         (MavCmd(32_100), [1.0, 0.0, 10.0]),
         (MavCmd(32_100), [1.0, 1.0, 10.0]),
         (MavCmd(32_100), [0.0; 3]),
@@ -346,6 +392,8 @@ fn requests() -> Vec<Request> {
     for txbuf in [5, 99] {
         pool.push(of(RadioStatus { txbuf, ..Default::default() }));
     }
+    pool.push(of(GimbalDeviceInformation::default()));
+    pool.push(of(GimbalManagerSetPitchyaw { target_system, target_component, ..Default::default() }));
     pool.push(of(ManualControl { x: 0, y: 0, z: 500, r: 0, target: 1, ..Default::default() }));
     for to in [STATION, WINGMAN, Address::new(0, 0)] {
         let (target_system, target_component) = (to.system.0, to.component.0);

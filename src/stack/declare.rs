@@ -45,6 +45,8 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type ManualControl: Service<Self>;
     type Setpoints: Service<Self>;
     type OperatorControl: Service<Self> + ControlGate;
+    type GimbalManager: Service<Self>;
+    type GimbalDevice: Service<Self>;
     type HighLatency: Service<Self>;
     type Signing: Persistent<Self> + SigningGate<<Self::Signing as Service<Self>>::Link>;
     type Forwarding: Service<Self> + ForwardingGate<Self>;
@@ -200,6 +202,8 @@ impl<const N: usize> RequestMemory for Requests<[RequestQueue; N]> {
 /// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |
 /// | `setpoints` | [setpoints](crate::setpoints::Setpoints) of a companion computer | none | |
 /// | `operator_control` | [operator control](crate::operator_control::OperatorControl): which ground station is in control | none | |
+/// | `gimbal_manager` | a [gimbal manager](crate::gimbal::ManagerService): who points the gimbal, and where | none | [`GimbalManager`](crate::GimbalManager) |
+/// | `gimbal_device` | a [gimbal device](crate::gimbal::DeviceService): the gimbal itself | none | [`GimbalDevice`](crate::GimbalDevice) |
 /// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
 /// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::network::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
 /// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
@@ -290,6 +294,8 @@ macro_rules! stack {
             type ManualControl = $crate::__declared!(manual_control $($entries)*,);
             type Setpoints = $crate::__declared!(setpoints $($entries)*,);
             type OperatorControl = $crate::__declared!(operator_control $($entries)*,);
+            type GimbalManager = $crate::__declared!(gimbal_manager $($entries)*,);
+            type GimbalDevice = $crate::__declared!(gimbal_device $($entries)*,);
             type HighLatency = $crate::__declared!(high_latency $($entries)*,);
             type Signing = $crate::__declared!(signing $($entries)*,);
             type Records = $crate::__declared!(records $($entries)*,);
@@ -443,6 +449,12 @@ macro_rules! __declared {
     (operator_control operator_control, $($rest:tt)*) => { $crate::operator_control::OperatorControl };
     (operator_control) => { $crate::__private::Absent };
 
+    (gimbal_manager gimbal_manager, $($rest:tt)*) => { $crate::gimbal::ManagerService };
+    (gimbal_manager) => { $crate::__private::Absent };
+
+    (gimbal_device gimbal_device, $($rest:tt)*) => { $crate::gimbal::DeviceService };
+    (gimbal_device) => { $crate::__private::Absent };
+
     (high_latency high_latency, $($rest:tt)*) => { $crate::high_latency::HighLatency };
     (high_latency) => { $crate::__private::Absent };
 
@@ -491,6 +503,8 @@ macro_rules! __declared {
     (check manual_control, $($rest:tt)*) => { $crate::__declared!(rest manual_control $($rest)*); };
     (check setpoints, $($rest:tt)*) => { $crate::__declared!(rest setpoints $($rest)*); };
     (check operator_control, $($rest:tt)*) => { $crate::__declared!(rest operator_control $($rest)*); };
+    (check gimbal_manager, $($rest:tt)*) => { $crate::__declared!(rest gimbal_manager $($rest)*); };
+    (check gimbal_device, $($rest:tt)*) => { $crate::__declared!(rest gimbal_device $($rest)*); };
     (check high_latency, $($rest:tt)*) => { $crate::__declared!(rest high_latency $($rest)*); };
     (check signing: { streams: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(rest signing $($rest)*); };
     (check signing, $($rest:tt)*) => { $crate::__declared!(rest signing $($rest)*); };
@@ -528,6 +542,8 @@ macro_rules! __declared {
     (once manual_control manual_control, $($rest:tt)*) => { $crate::__declared!(twice manual_control); };
     (once setpoints setpoints, $($rest:tt)*) => { $crate::__declared!(twice setpoints); };
     (once operator_control operator_control, $($rest:tt)*) => { $crate::__declared!(twice operator_control); };
+    (once gimbal_manager gimbal_manager, $($rest:tt)*) => { $crate::__declared!(twice gimbal_manager); };
+    (once gimbal_device gimbal_device, $($rest:tt)*) => { $crate::__declared!(twice gimbal_device); };
     (once high_latency high_latency, $($rest:tt)*) => { $crate::__declared!(twice high_latency); };
     (once signing signing $($rest:tt)*) => { $crate::__declared!(twice signing); };
     (once storage storage $($rest:tt)*) => { $crate::__declared!(twice storage); };

@@ -1,13 +1,16 @@
 //! The methods of single services. Each exists only if its service is declared.
 
-use super::{Declares, RequestMemory, Stack};
-use crate::message::Message;
+use super::{Declares, RequestMemory, Stack, split};
+use crate::dialect::MavResult;
+use crate::message::{Item, Message};
 use crate::network::ForwardCounters;
+use crate::service::Cx;
 use crate::service::camera::{CameraControl, Image};
 use crate::service::client::{Client, CommandClient, check};
 use crate::service::command::{CommandSlots, LongCommands};
 use crate::service::ext_parameters::ExtParamServer;
 use crate::service::forwarding::Forwarding;
+use crate::service::gimbal::{DeviceService, GimbalManager, ManagerService, Order, Who};
 use crate::service::high_latency::HighLatency;
 use crate::service::manual_control::ManualInput;
 use crate::service::messages::{Messages, id_of};
@@ -18,6 +21,7 @@ use crate::service::setpoints::Setpoints;
 use crate::service::signing::{Signing, SigningStream};
 use crate::service::stream::{Stream, StreamService, Telemetry};
 use crate::service::time::{Time, TimeSample};
+use crate::time::Instant;
 use crate::types::{Destination, LinkId, Pending, Recipient};
 
 /// With `commands: { slots: N }`.
@@ -118,6 +122,75 @@ impl<D: Declares<ExtParameters = ExtParamServer>, const LINKS: usize> Stack<D, L
     /// Returns the server of extended parameters, to end a change that was in progress.
     pub fn ext_parameters_mut(&mut self) -> &mut ExtParamServer {
         &mut self.services.ext_parameters
+    }
+}
+
+/// With `gimbal_manager` (GIM-7).
+impl<D: Declares<Vehicle: GimbalManager, GimbalManager = ManagerService>, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns the gimbal manager: who is in control of the gimbal.
+    pub fn gimbal_manager(&self) -> &ManagerService {
+        &self.services.gimbal_manager
+    }
+
+    /// Points the gimbal for the vehicle itself: carries out an item of its mission, or one that it makes. These are the commands that
+    /// peers may send too: MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW and _CONFIGURE, MAV_CMD_DO_SET_ROI_* and MAV_CMD_DO_MOUNT_*.
+    ///
+    /// An accepted item that points takes primary control from whoever has it, as PX4's missions do; see
+    /// [`release_gimbal`](Self::release_gimbal). A vehicle that does not want to take it looks at
+    /// [`ManagerService::control`](crate::gimbal::ManagerService::control) first.
+    ///
+    /// Returns the result of [`GimbalManager::point_gimbal`](crate::GimbalManager::point_gimbal). DENIED: a parameter is out of range.
+    /// UNSUPPORTED: the item is about no gimbal.
+    ///
+    /// ```
+    /// # use mavstack::dialect::*;
+    /// # use mavstack::*;
+    /// # struct Rover;
+    /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+    /// # impl Commands for Rover {
+    /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { MavResult::UNSUPPORTED.into() }
+    /// # }
+    /// # impl GimbalManager for Rover {
+    /// #     const DEVICE: u8 = 1;
+    /// #     fn manager_information(&self) -> GimbalManagerInformation { Default::default() }
+    /// #     fn manager_flags(&self) -> GimbalManagerFlags { GimbalManagerFlags::EMPTY }
+    /// #     fn point_gimbal(&mut self, _: &mut Context<'_>, _: &gimbal::GimbalSetpoint) -> MavResult { MavResult::ACCEPTED }
+    /// # }
+    /// # stack! {
+    /// #     struct Mavlink for Rover { links: 1, gimbal_manager }
+    /// # }
+    /// /// Called when an item of the mission becomes current. Returns whether the mission goes on at once.
+    /// fn begin_item(stack: &mut Mavlink, now: Instant, item: &Item, rover: &mut Rover) -> bool {
+    ///     // What the gimbal refuses does not stop the mission.
+    ///     stack.point_gimbal(now, item, rover) != MavResult::UNSUPPORTED
+    /// }
+    ///
+    /// fn end_of_mission(stack: &mut Mavlink) {
+    ///     stack.release_gimbal();
+    /// }
+    /// ```
+    pub fn point_gimbal(&mut self, now: Instant, item: &Item, vehicle: &mut D::Vehicle) -> MavResult {
+        let order = Order::of_item(item);
+        if !order.is_about_gimbal() {
+            return MavResult::UNSUPPORTED;
+        }
+        let (mut cx, services, ..) = split!(&mut *self, now, vehicle);
+        let own = Who::new(cx.shared.config.address.get());
+        services.gimbal_manager.carry_out(&mut cx, own, &order).unwrap_or_else(|refusal| refusal)
+    }
+
+    /// Ends the vehicle's own control of the gimbal, if it has it: at the end of a mission that pointed it, so that ground stations need
+    /// not ask their pilot before they take it.
+    pub fn release_gimbal(&mut self) {
+        self.services.gimbal_manager.release(Who::new(self.shared.config.address.get()));
+    }
+}
+
+/// With `gimbal_device`.
+impl<D: Declares<GimbalDevice = DeviceService>, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns the gimbal device, to read its counters.
+    pub fn gimbal_device(&self) -> &DeviceService {
+        &self.services.gimbal_device
     }
 }
 

@@ -175,6 +175,9 @@ services! {
     heartbeat: Heartbeats,
     // Before the two that refuse requests for messages that they do not know.
     camera: D::Camera,
+    // Before the components and the streams, which refuse the intervals of all other messages.
+    gimbal_manager: D::GimbalManager,
+    gimbal_device: D::GimbalDevice,
     components: D::Components,
     stream: D::Stream,
     messages: D::Messages,

@@ -109,6 +109,25 @@ impl ParamBackend for Rover {
 }
 ";
 
+/// Returns the hooks of a vehicle that is a gimbal manager and a gimbal device, with these constants.
+fn gimbal(manager: &str, device: &str) -> String {
+    format!(
+        "impl GimbalManager for Rover {{
+             {manager}
+             fn manager_information(&self) -> GimbalManagerInformation {{ Default::default() }}
+             fn manager_flags(&self) -> GimbalManagerFlags {{ GimbalManagerFlags::EMPTY }}
+             fn point_gimbal(&mut self, _: &mut Context<'_>, _: &gimbal::GimbalSetpoint) -> MavResult {{
+                 MavResult::ACCEPTED
+             }}
+         }}
+         impl GimbalDevice for Rover {{
+             {device}
+             fn device_information(&self) -> GimbalDeviceInformation {{ Default::default() }}
+             fn device_status(&self) -> Option<GimbalDeviceAttitudeStatus> {{ None }}
+         }}"
+    )
+}
+
 /// The parts of [`FIRMWARE`] that a case defines.
 #[derive(Clone, Copy, Default)]
 struct Firmware<'a> {
@@ -387,6 +406,54 @@ fn cases() -> Vec<Case> {
             "`modes` in `stack!` needs `impl Modes for Rover`: write it, or leave `modes` out",
         ),
         (
+            "hook_gimbal_manager",
+            declares("links: 1, gimbal_manager"),
+            "`gimbal_manager` in `stack!` needs `impl GimbalManager for Rover`: write it, or leave `gimbal_manager` out",
+        ),
+        (
+            "hook_gimbal_device",
+            declares("links: 1, gimbal_device"),
+            "`gimbal_device` in `stack!` needs `impl GimbalDevice for Rover`: write it, or leave `gimbal_device` out",
+        ),
+        (
+            "manager_of_no_device",
+            implements(&gimbal("const DEVICE: u8 = 0;", ""), "links: 1, gimbal_manager"),
+            "`GimbalManager::DEVICE` is 1 to 6, or the component id of the gimbal device",
+        ),
+        (
+            "manager_of_no_component",
+            implements(&gimbal("const DEVICE: u8 = 6; const IS_REMOTE: bool = true;", ""), "links: 1, gimbal_manager"),
+            "a remote gimbal device has a component id above 6",
+        ),
+        (
+            "gimbal_device_id",
+            implements(&gimbal("const DEVICE: u8 = 1;", "const ID: u8 = 7;"), "links: 1, gimbal_device"),
+            "`GimbalDevice::ID` is 0, or 1 to 6 for a gimbal that is no component of its own",
+        ),
+        (
+            "gimbal_device_of_no_component",
+            implements(
+                &gimbal(
+                    "const DEVICE: u8 = 154;",
+                    "const COMPONENT: Option<message::ComponentId> = Some(message::ComponentId(154));",
+                ),
+                "links: 1, gimbal_device",
+            ),
+            "`GimbalDevice::COMPONENT` is no component of the firmware: name it in `Components::COMPONENTS`",
+        ),
+        (
+            "gimbal_device_twice",
+            implements(
+                &gimbal(
+                    "const DEVICE: u8 = 1;",
+                    "const ID: u8 = 1;
+                     const COMPONENT: Option<message::ComponentId> = Some(message::ComponentId(154));",
+                ),
+                "links: 1, gimbal_device",
+            ),
+            "a gimbal that is a component of its own has the `GimbalDevice::ID` 0",
+        ),
+        (
             "hook_parameters",
             implements("parameters! { struct Tuning { A: u8 = 0, 0..=1, \"\"; } }", "links: 1, parameters: Tuning"),
             "`parameters` in `stack!` needs `impl Parameters for Rover`: write it, or leave `parameters` out",
@@ -463,6 +530,8 @@ fn cases() -> Vec<Case> {
         ("calls_operator_control", calls("stack.operator_control_mut();"), "Declares>::OperatorControl = "),
         ("calls_camera", calls("stack.camera_mut();"), "Declares>::Camera = "),
         ("calls_ext_parameters", calls("stack.ext_parameters_mut();"), "Declares>::ExtParameters = "),
+        ("calls_gimbal_manager", calls("stack.release_gimbal();"), "Declares>::GimbalManager = "),
+        ("calls_gimbal_device", calls("stack.gimbal_device();"), "Declares>::GimbalDevice = "),
         ("calls_high_latency", calls("stack.high_latency_mut();"), "Declares>::HighLatency = "),
         ("calls_forwarding", calls("stack.forward_counters(LinkId(0));"), "Declares>::Forwarding = "),
         ("calls_signing", calls("stack.signing_mut();"), "Declares>::Signing = "),
@@ -549,8 +618,9 @@ fn judge(cases: &[Case], lines: &[String], wrong: &mut String) {
 fn invalid_configurations_do_not_compile() {
     let everything =
         "links: 2, plans: { mission: 9 }, parameters: Tuning, streams, modes, commands: { slots: 1 }, forwarding,
-                      signing, time, manual_control, setpoints, operator_control, camera, ext_parameters, high_latency,
-                      peers: 1, texts: 0";
+                      signing, time, manual_control, setpoints, operator_control, camera, ext_parameters, gimbal_manager,
+                      gimbal_device, high_latency, peers: 1, texts: 0";
+    let gimbal = gimbal("const DEVICE: u8 = 1;", "const ID: u8 = 1;");
     let hooks = [
         PLANS,
         PARAMETERS,
@@ -558,11 +628,14 @@ fn invalid_configurations_do_not_compile() {
         EXT_PARAMETERS,
         &telemetry("Stream::of::<Attitude>()"),
         &modes("FlightMode::new(1, \"A\")"),
+        &gimbal,
     ]
     .concat();
     let main = "stack.announce::<Attitude>(); stack.ask_time(LinkId(1)); stack.forward_counters(LinkId(1));
                 stack.long_commands_mut(); stack.parameters_mut(); stack.manual_input_mut(); stack.setpoints_mut();
                 stack.operator_control_mut(); stack.camera_mut(); stack.ext_parameters_mut();
+                stack.gimbal_manager(); stack.gimbal_device(); stack.release_gimbal();
+                stack.point_gimbal(Instant::ZERO, &Item::default(), &mut Rover);
                 stack.high_latency_mut();
                 stack.signing_mut(); stack.mission_item_reached(Instant::ZERO, 0);";
     let once = &policies(".once()");

@@ -8,11 +8,13 @@ use mavstack::camera::{Image, Shot};
 use mavstack::config::{LinkClass, StreamProfile, TxVersion};
 use mavstack::dialect::*;
 use mavstack::ext_parameters::ExtValue;
+use mavstack::gimbal::GimbalSetpoint;
 use mavstack::high_latency::{HighLatencyConfig, HighLatencySample};
 use mavstack::message::Dialect;
 use mavstack::{
-    Camera, Command, Commands, Context, CustomMode, ExtParameters, Fill, FlightMode, Instant, LinkConfig, LinkId,
-    Message, ModeRequest, Modes, Outcome, Peer, PlanType, Stream, Telemetry, Vehicle, VehicleState,
+    Camera, Command, Commands, Context, CustomMode, ExtParameters, Fill, FlightMode, GimbalDevice, GimbalManager,
+    Instant, LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome, Peer, PlanType, Stream, Telemetry, Vehicle,
+    VehicleState,
 };
 
 /// A vehicle with every service: [`TestVehicle`], and modes.
@@ -46,6 +48,42 @@ impl Modes for Everything {
             state.custom_mode = mode.custom_mode;
         }
         MavResult::ACCEPTED.into()
+    }
+}
+
+/// Its gimbal device is heard on every link.
+impl GimbalManager for Everything {
+    const DEVICE: u8 = 154;
+    const IS_REMOTE: bool = true;
+
+    fn manager_information(&self) -> GimbalManagerInformation {
+        GimbalManagerInformation::default()
+    }
+
+    fn manager_flags(&self) -> GimbalManagerFlags {
+        GimbalManagerFlags::EMPTY
+    }
+
+    fn point_gimbal(&mut self, _: &mut Context<'_>, _: &GimbalSetpoint) -> MavResult {
+        MavResult::ACCEPTED
+    }
+
+    fn device_setpoint(&mut self, _: Instant) -> Option<GimbalDeviceSetAttitude> {
+        Some(GimbalDeviceSetAttitude::UNKNOWN)
+    }
+
+    fn autopilot_state(&mut self, _: Instant) -> Option<AutopilotStateForGimbalDevice> {
+        Some(AutopilotStateForGimbalDevice::UNKNOWN)
+    }
+}
+
+impl GimbalDevice for Everything {
+    fn device_information(&self) -> GimbalDeviceInformation {
+        GimbalDeviceInformation::default()
+    }
+
+    fn device_status(&self) -> Option<GimbalDeviceAttitudeStatus> {
+        Some(GimbalDeviceAttitudeStatus::default())
     }
 }
 
@@ -110,6 +148,8 @@ mavstack::stack! {
         operator_control,
         camera,
         ext_parameters,
+        gimbal_manager,
+        gimbal_device,
         high_latency,
     }
 }
@@ -131,6 +171,8 @@ mavstack::stack! {
         operator_control,
         camera,
         ext_parameters,
+        gimbal_manager,
+        gimbal_device,
         high_latency,
     }
 }

@@ -7,11 +7,12 @@ use mavstack::command::CommandPolicy;
 use mavstack::config::StreamProfile;
 use mavstack::dialect::*;
 use mavstack::ext_parameters::ExtValue;
+use mavstack::gimbal::GimbalSetpoint;
 use mavstack::param::ParamTable;
 use mavstack::{
     Address, Camera, CommandClient, CommandReply, Commands, Context, Duration, ExtParameters, Fill, FlightMode, Frame,
-    Instant, LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome, OutgoingCommand, Stream, Telemetry, Vehicle,
-    VehicleState,
+    GimbalDevice, GimbalManager, Instant, LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome, OutgoingCommand,
+    Stream, Telemetry, Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, VecDeque};
 
@@ -29,6 +30,8 @@ mavstack::stack! {
         operator_control,
         camera,
         ext_parameters,
+        gimbal_manager,
+        gimbal_device,
         modes,
         commands: { slots: 3 },
         forwarding,
@@ -71,6 +74,34 @@ impl Modes for Moded {
 
     fn set_mode(&mut self, _: &mut Context<'_>, _: &'static FlightMode, _: &ModeRequest) -> Outcome {
         MavResult::UNSUPPORTED.into()
+    }
+}
+
+impl GimbalManager for Moded {
+    const DEVICE: u8 = 1;
+
+    fn manager_information(&self) -> GimbalManagerInformation {
+        GimbalManagerInformation::default()
+    }
+
+    fn manager_flags(&self) -> GimbalManagerFlags {
+        GimbalManagerFlags::EMPTY
+    }
+
+    fn point_gimbal(&mut self, _: &mut Context<'_>, _: &GimbalSetpoint) -> MavResult {
+        MavResult::ACCEPTED
+    }
+}
+
+impl GimbalDevice for Moded {
+    const ID: u8 = 1;
+
+    fn device_information(&self) -> GimbalDeviceInformation {
+        GimbalDeviceInformation::default()
+    }
+
+    fn device_status(&self) -> Option<GimbalDeviceAttitudeStatus> {
+        Some(GimbalDeviceAttitudeStatus::default())
     }
 }
 
@@ -138,6 +169,15 @@ fn pending_frames_are_sent_in_order() {
     let links = [LinkConfig::unlimited().with_streams(StreamProfile::Onboard), off];
     let mut world = Loaded::of(Setup { links, ..Setup::new() });
     world.run_for(secs(2));
+    // A link has room for four answers to commands, so two are sent before.
+    for id in [GimbalManagerInformation::ID, GimbalDeviceInformation::ID] {
+        let now = world.now();
+        let message = world.gcs[0].long(MavCmd::REQUEST_MESSAGE, [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        receive(&mut world, now, 0, STATION, &message);
+        let answer = world.stack.transmit(now, LinkId(0), &mut world.vehicle).to_vec();
+        assert_eq!(u32::from(answer[7]), CommandAck::ID);
+        world.stack.transmitted(LinkId(0), answer.len());
+    }
     // Every periodic message is due now.
     let now = world.now().after(millis(1_400));
     world.pulse.tick();
@@ -197,12 +237,16 @@ fn pending_frames_are_sent_in_order() {
         ("Camera", [CameraImageCaptured::ID, CameraCaptureStatus::ID].map(own).to_vec()),
         ("Client", vec![own(CommandLong::ID)]),
         ("OperatorControl", vec![own(512)]),
+        ("Gimbal", vec![own(GimbalManagerInformation::ID)]),
+        ("GimbalDevice", vec![own(GimbalDeviceInformation::ID)]),
         ("CurrentMode", vec![own(CurrentMode::ID)]),
         ("MissionProgress", vec![own(MissionCurrent::ID)]),
         ("ModeList", vec![own(AvailableModes::ID)]),
         ("Message", vec![own(SystemTime::ID)]),
         ("ExtParamList", vec![own(ParamExtValue::ID)]),
         ("LateParamList", vec![]),
+        ("GimbalStatus", vec![own(GimbalManagerStatus::ID)]),
+        ("GimbalAttitude", vec![own(GimbalDeviceAttitudeStatus::ID)]),
         ("Stream", vec![own(Attitude::ID), own(GlobalPositionInt::ID), own(SysStatus::ID)]),
         ("Forwarded", vec![(Tunnel::ID, true); 2]),
         ("ParamList", vec![own(ParamValue::ID)]),
@@ -236,7 +280,8 @@ fn in_order<const N: usize>(turns: &[&str], pending: [(&str, Vec<(u32, bool)>); 
         }
         let kind = if turn == "ForwardedFirst" { "Forwarded" } else { turn };
         let frame = pending.get_mut(kind)?.pop_front()?;
-        has_streamed = (has_streamed || kind == "Stream") && kind != "Forwarded";
+        let is_stream = ["GimbalStatus", "GimbalAttitude", "Stream"].contains(&kind);
+        has_streamed = (has_streamed || is_stream) && kind != "Forwarded";
         Some(frame)
     };
     while let Some(frame) = turns.iter().find_map(|turn| next(turn)) {

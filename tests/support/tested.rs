@@ -52,6 +52,8 @@ where
     type ManualControl = O::ManualControl;
     type Setpoints = O::Setpoints;
     type OperatorControl = Absent;
+    type GimbalManager = Absent;
+    type GimbalDevice = Absent;
     type HighLatency = O::HighLatency;
     type Signing = O::Signing;
     type Forwarding = O::Forwarding;

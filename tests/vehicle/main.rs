@@ -4,6 +4,9 @@
 mod support;
 
 mod components;
+mod gimbal;
+mod gimbal_device;
+mod gimbal_properties;
 mod heartbeat;
 mod instances;
 mod manual_control;

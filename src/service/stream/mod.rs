@@ -377,7 +377,7 @@ fn part<F: Firmware>(component: ComponentId) -> Option<ComponentId> {
 }
 
 /// Whether streams are sent on the link: to a peer that is alive there, or to any that may be there (H-8).
-fn has_listener(shared: &Shared, peers: &[PeerInfo], port: &Port) -> bool {
+pub(crate) fn has_listener(shared: &Shared, peers: &[PeerInfo], port: &Port) -> bool {
     !shared.config.streams_wait_for_peer || peers.iter().any(|info| info.is_alive && info.peer.link == port.id)
 }
 

@@ -60,7 +60,7 @@ const POLICIES: &[CommandPolicy] = &[
         .no_broadcast(),
     CommandPolicy::new(rules::DO_SET_STANDARD_MODE).no_broadcast(),
     CommandPolicy::new(rules::DO_FLIGHTTERMINATION).no_broadcast(),
-    CommandPolicy::new(super::payload::PITCHYAW).no_broadcast(),
+    CommandPolicy::new(rules::DO_GIMBAL_MANAGER_PITCHYAW).no_broadcast(),
     CommandPolicy::new(rules::DO_SET_CAM_TRIGG_DIST).no_broadcast(),
     CommandPolicy::new(super::plans::SET_SERVO).no_broadcast(),
     CommandPolicy::new(rules::DO_LAND_START).no_broadcast(),

@@ -22,6 +22,13 @@ pub(crate) const GIMBAL: ComponentId = ComponentId(154);
 
 /// Limits of the pitch (rad). The yaw has none.
 const PITCH: [f32; 2] = [-FRAC_PI_2, 0.5];
+const CAPABILITIES: GimbalDeviceCapFlags = GimbalDeviceCapFlags::HAS_RETRACT
+    .with(GimbalDeviceCapFlags::HAS_NEUTRAL)
+    .with(GimbalDeviceCapFlags::HAS_PITCH_AXIS)
+    .with(GimbalDeviceCapFlags::HAS_PITCH_LOCK)
+    .with(GimbalDeviceCapFlags::HAS_YAW_AXIS)
+    .with(GimbalDeviceCapFlags::HAS_YAW_FOLLOW)
+    .with(GimbalDeviceCapFlags::HAS_YAW_LOCK);
 /// The pitch when it is retracted.
 const RETRACTED: f32 = 0.4;
 /// How fast the gimbal turns (rad/s).
@@ -59,7 +66,8 @@ pub(super) struct Gimbal {
 const NEUTRAL: Aim = Aim::Angles { pitch: 0.0, yaw: 0.0, is_north: false };
 
 impl Gimbal {
-    pub(super) const NEW: Self = Self { aim: NEUTRAL, is_retracted: false, angles: [0.0; 2], order: None, is_released: false };
+    pub(super) const NEW: Self =
+        Self { aim: NEUTRAL, is_retracted: false, angles: [0.0; 2], order: None, is_released: false };
 
     /// Whether the yaw is kept from north.
     const fn is_north(&self) -> bool {
@@ -186,24 +194,24 @@ impl GimbalManager for Quadrotor {
                 return MavResult::ACCEPTED;
             }
             GimbalTarget::Neutral | GimbalTarget::Released => NEUTRAL,
-            GimbalTarget::Angles { angles: [_, None, None], rates: [_, up, right] } => turn(up, right),
-            GimbalTarget::Angles { angles: [_, to_pitch, to_yaw], .. } => {
-                Aim::Angles { pitch: to_pitch.unwrap_or(pitch), yaw: to_yaw.unwrap_or(yaw), is_north }
+            GimbalTarget::Angles { angles, .. } if angles.pitch().is_some() || angles.yaw().is_some() => {
+                Aim::Angles { pitch: angles.pitch().unwrap_or(pitch), yaw: angles.yaw().unwrap_or(yaw), is_north }
             }
+            GimbalTarget::Angles { rates, .. } => turn(rates.pitch(), rates.yaw()),
             GimbalTarget::Attitude { q: [w, x, y, z], .. } => {
                 // The pitch and the yaw of the quaternion. The pitch is an arcsine, by the arctangent.
                 let sine = (2.0 * (w * y - z * x)).clamp(-1.0, 1.0);
                 let pitch = atan2f(sine, libm::sqrtf(1.0 - sine * sine));
                 Aim::Angles { pitch, yaw: atan2f(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)), is_north }
             }
-            GimbalTarget::Manual { angles: [None, None], rates: [up, right] } => {
-                turn(up.map(|up| up * SPEED), right.map(|right| right * SPEED))
-            }
-            GimbalTarget::Manual { angles: [to_pitch, to_yaw], .. } => Aim::Angles {
-                pitch: to_pitch.map_or(pitch, |share| share * FRAC_PI_2),
-                yaw: to_yaw.map_or(yaw, |share| share * PI),
+            GimbalTarget::Manual { angles, .. } if angles.pitch().is_some() || angles.yaw().is_some() => Aim::Angles {
+                pitch: angles.pitch().map_or(pitch, |share| share * FRAC_PI_2),
+                yaw: angles.yaw().map_or(yaw, |share| share * PI),
                 is_north,
             },
+            GimbalTarget::Manual { rates, .. } => {
+                turn(rates.pitch().map(|up| up * SPEED), rates.yaw().map(|right| right * SPEED))
+            }
             GimbalTarget::Location { position, altitude, frame } => {
                 let (north, east) = self.home.to_local(position.latitude, position.longitude);
                 // On the ground, if no altitude is given.
@@ -211,7 +219,9 @@ impl GimbalManager for Quadrotor {
                 let height = altitude.and_then(|altitude| self.home.to_height(frame, altitude)).unwrap_or(0.0);
                 Aim::Place(Vector { north, east, down: -height })
             }
-            GimbalTarget::NextWaypoint { offsets: [_, pitch, yaw] } => Aim::Next([pitch, yaw]),
+            GimbalTarget::NextWaypoint { offsets } => {
+                Aim::Next([offsets.pitch().unwrap_or(0.0), offsets.yaw().unwrap_or(0.0)])
+            }
             // The positions of others are not known here.
             GimbalTarget::System(_) => return MavResult::DENIED,
         };
@@ -229,13 +239,8 @@ impl GimbalDevice for Quadrotor {
             vendor_name: Text::new("mavstack"),
             model_name: Text::new("Demo gimbal"),
             firmware_version: 1,
-            cap_flags: GimbalDeviceCapFlags::HAS_RETRACT
-                .with(GimbalDeviceCapFlags::HAS_NEUTRAL)
-                .with(GimbalDeviceCapFlags::HAS_PITCH_AXIS)
-                .with(GimbalDeviceCapFlags::HAS_PITCH_LOCK)
-                .with(GimbalDeviceCapFlags::HAS_YAW_AXIS)
-                .with(GimbalDeviceCapFlags::HAS_YAW_FOLLOW)
-                .with(GimbalDeviceCapFlags::HAS_YAW_LOCK),
+            cap_flags: CAPABILITIES.0 as u16,
+            cap_flags2: CAPABILITIES,
             pitch_min: PITCH[0],
             pitch_max: PITCH[1],
             yaw_min: -PI,

@@ -15,7 +15,12 @@ use mavstack::dialect::{
     RawImu, RcChannels, ScaledImu, ScaledPressure, ServoOutputRaw, SetFocusType, StorageInformation, SysStatus,
     SystemTime, Timesync, Tunnel, VfrHud, Vibration, VideoStreamInformation, WindCov, rules,
 };
+use mavstack::dialect::{
+    AutopilotStateForGimbalDevice, GimbalDeviceAttitudeStatus, GimbalDeviceInformation, GimbalDeviceSetAttitude,
+    GimbalManagerFlags, GimbalManagerInformation,
+};
 use mavstack::ext_parameters::ExtValue;
+use mavstack::gimbal::{DeviceSetpoint, GimbalSetpoint, GimbalTarget};
 use mavstack::high_latency::HighLatencySample;
 use mavstack::manual_control::ControlSource;
 use mavstack::message::{Dialect, MessageTable};
@@ -82,7 +87,9 @@ entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
 entry!($ "time" with_time with_manual [time]);
 entry!($ "manual" with_manual with_setpoints [manual_control]);
 entry!($ "setpoints" with_setpoints with_operator [setpoints]);
-entry!($ "operator-control" with_operator with_high_latency [operator_control]);
+entry!($ "operator-control" with_operator with_manager [operator_control]);
+entry!($ "gimbal-manager" with_manager with_device [gimbal_manager]);
+entry!($ "gimbal-device" with_device with_high_latency [gimbal_device]);
 entry!($ "high-latency" with_high_latency with_storage [high_latency]);
 entry!($ "storage" with_storage declare [storage]);
 
@@ -235,6 +242,67 @@ impl Commands for Rover {
             _ => return MavResult::UNSUPPORTED.into(),
         }
         MavResult::ACCEPTED.into()
+    }
+}
+
+#[cfg(feature = "gimbal-manager")]
+impl GimbalManager for Rover {
+    const DEVICE: u8 = 154;
+    const IS_REMOTE: bool = cfg!(feature = "gimbal-remote");
+
+    fn manager_information(&self) -> GimbalManagerInformation {
+        GimbalManagerInformation { pitch_min: -1.5, pitch_max: 0.5, ..GimbalManagerInformation::default() }
+    }
+
+    fn manager_flags(&self) -> GimbalManagerFlags {
+        GimbalManagerFlags(self.mode)
+    }
+
+    fn point_gimbal(&mut self, _: &mut Context<'_>, setpoint: &GimbalSetpoint) -> MavResult {
+        match setpoint.target {
+            GimbalTarget::Angles { angles, .. } => self.armed = angles.pitch().is_some_and(|pitch| pitch > 0.0),
+            GimbalTarget::Attitude { q: [w, ..], .. } => self.armed = w > 0.0,
+            GimbalTarget::Manual { rates, .. } => self.armed = rates.yaw().is_some(),
+            GimbalTarget::Location { altitude: Some(altitude), .. } => self.armed = altitude > 0.0,
+            GimbalTarget::NextWaypoint { offsets } => self.armed = offsets.roll().is_some(),
+            GimbalTarget::System(system) => self.mode = u32::from(system.0),
+            _ => return MavResult::DENIED,
+        }
+        MavResult::ACCEPTED
+    }
+
+    fn device_setpoint(&mut self, _: Instant) -> Option<GimbalDeviceSetAttitude> {
+        self.armed.then_some(GimbalDeviceSetAttitude::UNKNOWN)
+    }
+
+    fn autopilot_state(&mut self, _: Instant) -> Option<AutopilotStateForGimbalDevice> {
+        self.armed.then_some(AutopilotStateForGimbalDevice::UNKNOWN)
+    }
+
+    fn device_moved(&mut self, _: &mut Context<'_>, status: &GimbalDeviceAttitudeStatus) {
+        self.mode = status.failure_flags.0;
+    }
+
+    fn device_found(&mut self, _: &mut Context<'_>, information: &GimbalDeviceInformation) {
+        self.mode = u32::from(information.cap_flags);
+    }
+}
+
+#[cfg(feature = "gimbal-device")]
+impl GimbalDevice for Rover {
+    fn device_information(&self) -> GimbalDeviceInformation {
+        GimbalDeviceInformation { cap_flags: 7, ..GimbalDeviceInformation::UNKNOWN }
+    }
+
+    fn device_status(&self) -> Option<GimbalDeviceAttitudeStatus> {
+        self.armed.then_some(GimbalDeviceAttitudeStatus::UNKNOWN)
+    }
+
+    fn set_device_attitude(&mut self, _: &mut Context<'_>, setpoint: &DeviceSetpoint) {
+        if let Some([w, ..]) = setpoint.attitude {
+            self.armed = w > 0.0;
+        }
+        self.mode = u32::from(setpoint.flags.0);
     }
 }
 
@@ -519,6 +587,10 @@ fn main() -> ! {
         #[cfg(feature = "setpoints")]
         {
             rover.armed ^= stack.setpoints().current(now).is_some_and(|setpoint| setpoint.time_boot_ms == 7);
+        }
+        #[cfg(feature = "gimbal-manager")]
+        {
+            rover.armed ^= stack.point_gimbal(now, &Item::default(), rover) == MavResult::ACCEPTED;
         }
         #[cfg(feature = "texts")]
         stack.send_text(now, MavSeverity::INFO, "started");

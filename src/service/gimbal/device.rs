@@ -1,0 +1,281 @@
+//! The gimbal device: attitude and failures of the gimbal, and what its manager asks of it: rules GIM-10 and GIM-11.
+
+use super::super::periodic::{Asked, Periodic, Row};
+use super::super::stream::has_listener;
+use super::super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::send;
+use super::setpoint::{Axes, attitude};
+use crate::dialect::{
+    GimbalDeviceAttitudeStatus, GimbalDeviceErrorFlags, GimbalDeviceFlags, GimbalDeviceInformation,
+    GimbalDeviceSetAttitude, MavResult,
+};
+use crate::frame::Frame;
+use crate::link::Port;
+use crate::message::{Address, ComponentId, Message};
+use crate::time::Instant;
+use crate::types::{Context, Firmware};
+
+/// GIMBAL_DEVICE_ATTITUDE_STATUS: ten times a second, as the guide advises.
+const STATUS: Row = Row { id: GimbalDeviceAttitudeStatus::ID, micros: 100_000, other: GimbalDeviceInformation::ID };
+
+counters! {
+    /// Counters of the gimbal device. They wrap.
+    DeviceCounters {
+        /// Setpoints that reached [`GimbalDevice::set_device_attitude`].
+        count taken,
+        /// Setpoints that were dropped because they were not from the manager, or were sent to every vehicle.
+        drop not_manager,
+        /// Setpoints that were dropped because a rate was infinite, the quaternion was not normalised, or the flags named two frames.
+        drop invalid,
+    }
+}
+
+/// What the manager asks of the gimbal device: see [`GimbalDevice::set_device_attitude`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct DeviceSetpoint {
+    /// Which axes are locked to the earth, the frame of the yaw, and [`RETRACT`](GimbalDeviceFlags::RETRACT), which takes
+    /// precedence over [`NEUTRAL`](GimbalDeviceFlags::NEUTRAL), which takes precedence over all else.
+    pub flags: GimbalDeviceFlags,
+    /// The attitude (w, x, y, z). Its length is 0.99 to 1.01. `None`: only rates.
+    pub attitude: Option<[f32; 4]>,
+    /// Rates (rad/s). Without a rate, an axis follows the attitude.
+    pub rates: Axes,
+}
+
+impl DeviceSetpoint {
+    /// Returns whether the yaw and its rate are relative to north, and not to the front of the vehicle. A manager that names neither
+    /// frame means the earth exactly if it locks the yaw.
+    pub const fn is_yaw_in_earth_frame(&self) -> bool {
+        let flags = self.flags;
+        flags.contains(GimbalDeviceFlags::YAW_IN_EARTH_FRAME)
+            || (flags.contains(GimbalDeviceFlags::YAW_LOCK) && !flags.contains(GimbalDeviceFlags::YAW_IN_VEHICLE_FRAME))
+    }
+}
+
+/// A gimbal device, for a firmware that declares `gimbal_device` in [`stack!`](crate::stack): the firmware of a gimbal, or of an
+/// autopilot that has one.
+///
+/// | | [`COMPONENT`](Self::COMPONENT) | [`ID`](Self::ID) | [`MANAGER`](Self::MANAGER) |
+/// |---|---|---|---|
+/// | the firmware is a gimbal, with the address 1/154 | `None` | 0 | the autopilot, component 1 |
+/// | an autopilot with a gimbal that is a component of its own | `Some(ComponentId(154))` | 0 | `None` |
+/// | an autopilot with a gimbal that is not, such as two servos | `None` | 1 to 6 | `None` |
+///
+/// If the manager is in the same firmware, its [`point_gimbal`](crate::GimbalManager::point_gimbal) moves the gimbal, and no frame is
+/// sent for it.
+///
+/// ```
+/// use mavstack::dialect::{GimbalDeviceAttitudeStatus, GimbalDeviceFlags, GimbalDeviceInformation};
+/// use mavstack::gimbal::DeviceSetpoint;
+/// use mavstack::{Context, GimbalDevice, Instant, Text};
+///
+/// /// The firmware of a gimbal.
+/// struct Gimbal { goal: [f32; 4], attitude: [f32; 4] }
+///
+/// impl GimbalDevice for Gimbal {
+///     fn device_information(&self) -> GimbalDeviceInformation {
+///         GimbalDeviceInformation { model_name: Text::new("Two axes"), ..GimbalDeviceInformation::UNKNOWN }
+///     }
+///
+///     fn device_status(&self) -> Option<GimbalDeviceAttitudeStatus> {
+///         Some(GimbalDeviceAttitudeStatus {
+///             q: self.attitude,
+///             flags: GimbalDeviceFlags::PITCH_LOCK.with(GimbalDeviceFlags::YAW_IN_VEHICLE_FRAME),
+///             ..GimbalDeviceAttitudeStatus::UNKNOWN
+///         })
+///     }
+///
+///     fn set_device_attitude(&mut self, _: &mut Context<'_>, setpoint: &DeviceSetpoint) {
+///         if let Some(attitude) = setpoint.attitude {
+///             self.goal = attitude;
+///         }
+///     }
+/// }
+/// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not implement `GimbalDevice`",
+    note = "`gimbal_device` in `stack!` needs `impl GimbalDevice for {Self}`: write it, or leave `gimbal_device` out"
+)]
+pub trait GimbalDevice {
+    /// The component that the gimbal is, besides the one of [`Config`](crate::Config); `None` if it is that one, or none at all.
+    const COMPONENT: Option<ComponentId> = None;
+
+    /// The `gimbal_device_id` of its messages: 1 to 6 for a gimbal that is attached to the autopilot and no component of its own;
+    /// otherwise 0.
+    const ID: u8 = 0;
+
+    /// The component of our system whose setpoints it follows; `None` if its manager is in this firmware.
+    const MANAGER: Option<ComponentId> = Some(ComponentId(1));
+
+    /// Returns names, capabilities and limits, for GIMBAL_DEVICE_INFORMATION. The stack sets time and id.
+    fn device_information(&self) -> GimbalDeviceInformation;
+
+    /// Returns attitude, flags and failures, for GIMBAL_DEVICE_ATTITUDE_STATUS; `None` if they are not known yet: nothing is sent then. The
+    /// flags name the frame of the yaw. The stack sets time, target and id, and adds
+    /// [`NO_MANAGER`](GimbalDeviceErrorFlags::NO_MANAGER) while the [`MANAGER`](Self::MANAGER) is not alive.
+    fn device_status(&self) -> Option<GimbalDeviceAttitudeStatus>;
+
+    /// Follows a setpoint of the manager. Its numbers are finite. What the gimbal cannot do it shows in its status.
+    fn set_device_attitude(&mut self, cx: &mut Context<'_>, setpoint: &DeviceSetpoint) {
+        let _ = (cx, setpoint);
+    }
+}
+
+/// The gimbal device: declared by `gimbal_device` in [`stack!`](crate::stack), and read through
+/// [`Stack::gimbal_device`](crate::Stack::gimbal_device). [`GimbalDevice`] has its hooks.
+///
+/// GIMBAL_DEVICE_ATTITUDE_STATUS is sent ten times a second by default, on every normal link that carries MAVLink 2; a client may set
+/// another interval, from 20 ms. GIMBAL_DEVICE_INFORMATION is sent on request. GIMBAL_DEVICE_SET_ATTITUDE is followed only if it comes
+/// from the manager and is addressed to our system.
+#[derive(Clone, Debug)]
+pub struct DeviceService {
+    counters: DeviceCounters,
+}
+
+impl DeviceService {
+    /// Returns the counters.
+    pub const fn counters(&self) -> DeviceCounters {
+        self.counters
+    }
+}
+
+/// Returns the setpoint in a message; `None` if it is invalid.
+#[inline(never)]
+fn read(frame: &Frame<'_>) -> Option<DeviceSetpoint> {
+    let message = frame.decode::<GimbalDeviceSetAttitude>()?;
+    let GimbalDeviceSetAttitude {
+        flags, q, angular_velocity_x: x, angular_velocity_y: y, angular_velocity_z: z, ..
+    } = message;
+    let frames = GimbalDeviceFlags::YAW_IN_VEHICLE_FRAME.with(GimbalDeviceFlags::YAW_IN_EARTH_FRAME);
+    let rates = [x, y, z];
+    if flags.contains(frames) || rates.iter().any(|rate| rate.is_infinite()) {
+        return None;
+    }
+    Some(DeviceSetpoint { flags, attitude: attitude(q)?, rates: Axes(rates) })
+}
+
+impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
+    const NEW: Self = {
+        let id = F::Vehicle::ID;
+        assert!(id <= 6, "`GimbalDevice::ID` is 0, or 1 to 6 for a gimbal that is no component of its own");
+        assert!(
+            id == 0 || F::Vehicle::COMPONENT.is_none(),
+            "a gimbal that is a component of its own has the `GimbalDevice::ID` 0"
+        );
+        if let Some(ComponentId(own)) = F::Vehicle::COMPONENT {
+            let mut components = F::COMPONENTS;
+            let mut is_declared = false;
+            while let [component, rest @ ..] = components {
+                is_declared |= component.id.0 == own;
+                components = rest;
+            }
+            assert!(
+                is_declared,
+                "`GimbalDevice::COMPONENT` is no component of the firmware: name it in `Components::COMPONENTS`"
+            );
+        }
+        Self { counters: DeviceCounters::ZERO }
+    };
+    const COMPONENT: Option<ComponentId> = F::Vehicle::COMPONENT;
+    type Link = Periodic;
+    const VACANT: Periodic = Periodic::NEW;
+
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut Periodic, received: &Received<'_>) -> Handled {
+        let Received { frame, from, target, .. } = received;
+        if frame.id() != GimbalDeviceSetAttitude::ID {
+            return Handled::No;
+        }
+        let system = cx.shared.config.address.get().system;
+        let manager = F::Vehicle::MANAGER.map(|component| Address { system, component });
+        let counter = if target.system != system || manager != Some(from.address) {
+            &mut self.counters.not_manager
+        } else if let Some(setpoint) = read(frame) {
+            cx.shared.has_acted = true;
+            let (vehicle, mut context) = cx.hook();
+            vehicle.set_device_attitude(&mut context, &setpoint);
+            &mut self.counters.taken
+        } else {
+            &mut self.counters.invalid
+        };
+        increment(counter);
+        Handled::Yes
+    }
+
+    fn on_command(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut Periodic,
+        request: &Request,
+    ) -> Option<Verdict> {
+        let result = link.on_command(STATUS, port, &request.command)?;
+        // A status that is not known yet is refused now; otherwise the client would wait for it (Q-1).
+        if link.is_message_asked() && cx.vehicle.device_status().is_none() {
+            link.forget();
+            return Some(Verdict::done(MavResult::DENIED));
+        }
+        Some(Verdict::done(result))
+    }
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Periodic, turn: Turn) -> bool {
+        if turn == Turn::GimbalDevice {
+            return match link.take_asked() {
+                Asked::OTHER => send_information::<F>(cx, port),
+                Asked::INTERVAL => send::<F, _>(port, F::Vehicle::COMPONENT, &link.told(STATUS, port)),
+                Asked::MESSAGE => send_status::<F>(cx, port),
+                _ => false,
+            };
+        }
+        if link.due(STATUS, port, has_listener(cx.shared, cx.peers, port)) > cx.now {
+            return false;
+        }
+        link.sent(cx.now, STATUS, port);
+        port.facts.own_was_last = true;
+        send_status::<F>(cx, port)
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &Periodic, turn: Turn) -> Instant {
+        match turn {
+            Turn::GimbalDevice if link.is_asked() => view.now,
+            Turn::GimbalDevice => Instant::NEVER,
+            _ => link.due(STATUS, port, has_listener(view.shared, view.peers, port)),
+        }
+    }
+
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        self.counters.drops()
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {
+        event!("{}", self.counters);
+    }
+}
+
+/// Not inlined: the message is large.
+#[inline(never)]
+fn send_information<F: Firmware<Vehicle: GimbalDevice>>(cx: &Cx<'_, F>, port: &mut Port) -> bool {
+    let mut information = cx.vehicle.device_information();
+    information.time_boot_ms = cx.now.time_boot_ms();
+    information.gimbal_device_id = F::Vehicle::ID;
+    send::<F, _>(port, F::Vehicle::COMPONENT, &information)
+}
+
+#[inline(never)]
+fn send_status<F: Firmware<Vehicle: GimbalDevice>>(cx: &Cx<'_, F>, port: &mut Port) -> bool {
+    let Some(mut status) = cx.vehicle.device_status() else { return false };
+    let own = cx.shared.config.address.get();
+    let is_alone = F::Vehicle::MANAGER.is_some_and(|component| {
+        let manager = Address { component, ..own };
+        !cx.peers.iter().any(|info| info.is_alive && info.peer.address == manager)
+    });
+    if is_alone {
+        status.failure_flags = status.failure_flags.with(GimbalDeviceErrorFlags::NO_MANAGER);
+    }
+    status.time_boot_ms = cx.now.time_boot_ms();
+    status.gimbal_device_id = F::Vehicle::ID;
+    (status.target_system, status.target_component) = (0, 0);
+    send::<F, _>(port, F::Vehicle::COMPONENT, &status)
+}

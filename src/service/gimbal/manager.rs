@@ -1,0 +1,653 @@
+//! The gimbal manager: who points the gimbal, and what reaches the vehicle of it: rules GIM-1 to GIM-4, GIM-6, GIM-7, GIM-9 and GIM-12.
+
+use super::super::periodic::{Asked, Periodic, Row};
+use super::super::stream::has_listener;
+use super::super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::send;
+use super::setpoint::{GimbalSetpoint, Order, Raw};
+use crate::dialect::{
+    AutopilotStateForGimbalDevice, CommandLong, GimbalDeviceAttitudeStatus, GimbalDeviceInformation,
+    GimbalDeviceSetAttitude, GimbalManagerFlags, GimbalManagerInformation, GimbalManagerStatus, MavCmd,
+    MavProtocolCapability, MavResult, MavSeverity,
+};
+use crate::frame::Frame;
+use crate::link::Port;
+use crate::message::{Address, ComponentId, Message, SystemId};
+use crate::network::PeerInfo;
+use crate::num;
+use crate::time::{Duration, Instant};
+use crate::types::{Context, Firmware, LinkId};
+
+/// GIMBAL_MANAGER_STATUS: five times a second, as its definition advises.
+const STATUS: Row = Row { id: GimbalManagerStatus::ID, micros: 200_000, other: GimbalManagerInformation::ID };
+
+/// How often a device is asked for its GIMBAL_DEVICE_INFORMATION until it answers, as PX4 does.
+const ASK_PERIOD: Duration = Duration::from_secs(1);
+
+/// A component, or nobody: its address as one number, because it is compared often.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Who(u16);
+
+const NOBODY: Who = Who(0);
+
+impl Who {
+    pub(crate) const fn new(address: Address) -> Self {
+        Self(u16::from_le_bytes([address.component.0, address.system.0]))
+    }
+
+    const fn address(self) -> Address {
+        let [component, system] = self.0.to_le_bytes();
+        Address::new(system, component)
+    }
+
+    fn get(self) -> Option<Address> {
+        if self == NOBODY { None } else { Some(self.address()) }
+    }
+}
+
+counters! {
+    /// Counters of the gimbal manager. They wrap.
+    ManagerCounters {
+        /// Commands and messages that reached [`GimbalManager::point_gimbal`].
+        count taken,
+        /// Commands that were DENIED because their sender was not in control (GIM-4).
+        drop refused,
+        /// Messages that were dropped because their sender was not in control (GIM-4).
+        drop not_in_control,
+        /// Messages that were dropped because they were sent to every vehicle.
+        drop broadcast,
+        /// Messages that were dropped because they were for another gimbal device.
+        drop other_device,
+        /// Messages that were dropped because a number was infinite or out of range, a quaternion was not normalised, or the flags
+        /// named two frames.
+        drop invalid,
+    }
+}
+
+/// Who points the gimbal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct GimbalControl {
+    /// The component in primary control; `None` if nobody is.
+    pub primary: Option<Address>,
+    /// The component in secondary control; `None` if nobody is.
+    pub secondary: Option<Address>,
+}
+
+/// A gimbal manager, for a vehicle that declares `gimbal_manager` in [`stack!`](crate::stack). Without it, the commands reach
+/// [`Commands::command`](crate::Commands::command), and the messages [`Vehicle::message`](crate::Vehicle::message).
+///
+/// ```
+/// use mavstack::dialect::{GimbalManagerCapFlags, GimbalManagerFlags, GimbalManagerInformation, MavResult};
+/// use mavstack::gimbal::{GimbalSetpoint, GimbalTarget};
+/// use mavstack::{Context, GimbalManager};
+///
+/// /// Two servos: the pitch is level, and the yaw is relative to the vehicle.
+/// struct Rover { pitch: f32, yaw: f32 }
+///
+/// impl GimbalManager for Rover {
+///     const DEVICE: u8 = 1;
+///
+///     fn manager_information(&self) -> GimbalManagerInformation {
+///         GimbalManagerInformation {
+///             cap_flags: GimbalManagerCapFlags::HAS_NEUTRAL
+///                 .with(GimbalManagerCapFlags::HAS_PITCH_AXIS)
+///                 .with(GimbalManagerCapFlags::HAS_PITCH_LOCK)
+///                 .with(GimbalManagerCapFlags::HAS_YAW_AXIS)
+///                 .with(GimbalManagerCapFlags::HAS_YAW_FOLLOW),
+///             pitch_min: -1.5,
+///             pitch_max: 0.5,
+///             yaw_min: -1.5,
+///             yaw_max: 1.5,
+///             ..GimbalManagerInformation::default()
+///         }
+///     }
+///
+///     fn manager_flags(&self) -> GimbalManagerFlags {
+///         GimbalManagerFlags::PITCH_LOCK.with(GimbalManagerFlags::YAW_IN_VEHICLE_FRAME)
+///     }
+///
+///     fn point_gimbal(&mut self, _: &mut Context<'_>, setpoint: &GimbalSetpoint) -> MavResult {
+///         match setpoint.target {
+///             GimbalTarget::Neutral | GimbalTarget::Released => (self.pitch, self.yaw) = (0.0, 0.0),
+///             GimbalTarget::Angles { angles, rates } if rates.is_none() && !setpoint.is_yaw_in_earth_frame() => {
+///                 self.pitch = angles.pitch().unwrap_or(self.pitch).clamp(-1.5, 0.5);
+///                 self.yaw = angles.yaw().unwrap_or(self.yaw).clamp(-1.5, 1.5);
+///             }
+///             _ => return MavResult::DENIED,
+///         }
+///         MavResult::ACCEPTED
+///     }
+/// }
+/// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not implement `GimbalManager`",
+    note = "`gimbal_manager` in `stack!` needs `impl GimbalManager for {Self}`: write it, or leave `gimbal_manager` out"
+)]
+pub trait GimbalManager {
+    /// The gimbal device: 1 to 6 for one without MAVLink, which is attached to the autopilot; otherwise its component id, such as
+    /// 154. Ground stations need its GIMBAL_DEVICE_ATTITUDE_STATUS, and ask for its GIMBAL_DEVICE_INFORMATION: a device in this
+    /// firmware sends both if [`gimbal_device`](crate::GimbalDevice) is declared.
+    const DEVICE: u8;
+
+    /// Whether the device is a MAVLink component on a link. It then gets [`device_setpoint`](Self::device_setpoint) and
+    /// [`autopilot_state`](Self::autopilot_state) while it is alive, each on the first link on which it was heard. The code for it is
+    /// left out if not.
+    const IS_REMOTE: bool = false;
+
+    /// How often [`device_setpoint`](Self::device_setpoint) is sent: 20 Hz by default.
+    const SETPOINT_INTERVAL: Duration = Duration::from_millis(50);
+
+    /// How often [`autopilot_state`](Self::autopilot_state) is sent: 20 Hz by default.
+    const STATE_INTERVAL: Duration = Duration::from_millis(50);
+
+    /// Returns the capabilities and the limits (rad), for GIMBAL_MANAGER_INFORMATION. The stack sets time and device.
+    fn manager_information(&self) -> GimbalManagerInformation;
+
+    /// Returns the flags that hold now, for GIMBAL_MANAGER_STATUS: of the two for the yaw's frame exactly one. Those of a remote device
+    /// are in the last [`device_moved`](Self::device_moved).
+    fn manager_flags(&self) -> GimbalManagerFlags;
+
+    /// Points the gimbal, or refuses. It is called only for what those in control ask for, with finite numbers (GIM-4, GIM-5). The result
+    /// answers a command, and is ignored for a message. How primary and secondary control are mixed is the vehicle's decision.
+    ///
+    /// A sender of rates that is lost does not stop them. A vehicle that follows rates stops by itself when they are not repeated:
+    /// QGroundControl repeats them twice a second.
+    fn point_gimbal(&mut self, cx: &mut Context<'_>, setpoint: &GimbalSetpoint) -> MavResult;
+
+    /// Called in the next [`poll`](crate::Stack::poll) after control has changed. A mission whose vehicle has lost control waits, or goes on without the gimbal.
+    fn gimbal_control_changed(&mut self, cx: &mut Context<'_>, control: &GimbalControl) {
+        let _ = (cx, control);
+    }
+
+    /// Returns what a remote device is to do now. The stack sets the target. `None`: nothing is sent. Start from
+    /// [`GimbalDeviceSetAttitude::UNKNOWN`]. The vehicle makes the quaternion, because only it knows its own attitude and position.
+    fn device_setpoint(&mut self, now: Instant) -> Option<GimbalDeviceSetAttitude> {
+        let _ = now;
+        None
+    }
+
+    /// Returns the vehicle's state for a remote device, which keeps its horizon by it. The stack sets the target and the time. `None`:
+    /// nothing is sent. Start from [`AutopilotStateForGimbalDevice::UNKNOWN`].
+    fn autopilot_state(&mut self, now: Instant) -> Option<AutopilotStateForGimbalDevice> {
+        let _ = now;
+        None
+    }
+
+    /// Called with the attitude and the failures of a remote device. [`Vehicle::peer`](crate::Vehicle::peer) reports its loss.
+    fn device_moved(&mut self, cx: &mut Context<'_>, status: &GimbalDeviceAttitudeStatus) {
+        let _ = (cx, status);
+    }
+
+    /// Called with the capabilities and the limits of a remote device, each time that they are received. The stack asks for them when the
+    /// device appears, every second until they are received.
+    fn device_found(&mut self, cx: &mut Context<'_>, information: &GimbalDeviceInformation) {
+        let _ = (cx, information);
+    }
+}
+
+/// The gimbal manager: declared by `gimbal_manager` in [`stack!`](crate::stack), and read through
+/// [`Stack::gimbal_manager`](crate::Stack::gimbal_manager). [`GimbalManager`] has its hooks.
+///
+/// A component takes control by MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, which is never refused: senders are expected to look at
+/// GIMBAL_MANAGER_STATUS first, and to ask their pilot. Its parameters are pairs of a system and a component:
+///
+/// | both numbers | control |
+/// |---|---|
+/// | a system and a component | is given to it |
+/// | 0 | is taken from whoever has it |
+/// | −1 | is unchanged |
+/// | −2 | is given to the autopilot |
+/// | −3 | is taken from the sender, if it has it |
+///
+/// Then these point (GIM-4):
+///
+/// | what | from those in control | from others |
+/// |---|---|---|
+/// | MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW | yes | DENIED |
+/// | MAV_CMD_DO_SET_ROI\_\*, MAV_CMD_DO_SET_ROI, MAV_CMD_DO_MOUNT_\* | yes | takes primary control if nobody has it; otherwise DENIED |
+/// | GIMBAL_MANAGER_SET_ATTITUDE, \_SET_PITCHYAW, \_SET_MANUAL_CONTROL | yes | dropped and counted |
+///
+/// The clients of the second row do not know gimbal control: QGroundControl sets a region of interest, and MAVProxy points by the
+/// older protocol, without it.
+///
+/// The vehicle itself points by [`Stack::point_gimbal`](crate::Stack::point_gimbal), for an item of its mission. That takes primary
+/// control, so that ground stations see it; [`Stack::release_gimbal`](crate::Stack::release_gimbal) ends it.
+///
+/// With `operator_control`, control ends when another system takes over the vehicle, except that of the vehicle's own system.
+///
+/// GIMBAL_MANAGER_STATUS is sent five times a second and at once after a change, on every normal link that carries MAVLink 2.
+#[derive(Clone, Debug)]
+pub struct ManagerService {
+    primary: Who,
+    secondary: Who,
+    /// The number of changes of control, to report each of them once on each link, and those that the vehicle was told. They wrap.
+    changes: u8,
+    told: u8,
+    /// A remote device has sent its information since it appeared.
+    is_known: bool,
+    /// When a remote device gets its next setpoint, the vehicle's state, and a question.
+    setpoint_at: Instant,
+    state_at: Instant,
+    ask_at: Instant,
+    counters: ManagerCounters,
+}
+
+/// The state of the service on a link.
+#[derive(Clone, Copy, Debug)]
+pub struct ManagerLink {
+    status: Periodic,
+    /// The changes that it has reported.
+    changes: u8,
+}
+
+/// Whether an order is for our device: 0 and NaN are every device.
+fn is_for<F: Firmware<Vehicle: GimbalManager>>(order: &Order) -> bool {
+    let device = order.device();
+    device.is_nan() || device == 0.0 || device == f32::from(F::Vehicle::DEVICE)
+}
+
+impl ManagerService {
+    /// Returns who is in control.
+    pub fn control(&self) -> GimbalControl {
+        GimbalControl { primary: self.primary.get(), secondary: self.secondary.get() }
+    }
+
+    /// Returns the counters.
+    pub const fn counters(&self) -> ManagerCounters {
+        self.counters
+    }
+
+    /// Sets who is in control. The next poll tells the vehicle.
+    fn assign(&mut self, primary: Who, secondary: Who) {
+        if (self.primary, self.secondary) != (primary, secondary) {
+            (self.primary, self.secondary) = (primary, secondary);
+            event!("gimbal control: {}", primary.address());
+            self.changes = self.changes.wrapping_add(1);
+        }
+    }
+
+    /// Takes control from a component, if it has it.
+    pub(crate) fn release(&mut self, from: Who) {
+        let [primary, secondary] = [self.primary, self.secondary].map(|has| if has == from { NOBODY } else { has });
+        self.assign(primary, secondary);
+    }
+
+    /// Whether a component may point. A frame may have the address of nobody as its source.
+    fn may_point(&self, from: Who) -> bool {
+        from != NOBODY && (from == self.primary || from == self.secondary)
+    }
+
+    /// Returns who has control after a pair of MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE; `None` if it is invalid.
+    #[inline(never)]
+    fn configured(pair: [f32; 2], has: Who, from: Who, own: Who) -> Option<Who> {
+        // NaN leaves it as it is (C-8), and -9 is invalid.
+        let [system, component] =
+            pair.map(|param| if param.is_nan() { -1 } else { num::integer::<i32>(param).unwrap_or(-9) });
+        match (system, component) {
+            (-1, -1) => Some(has),
+            (-2, -2) => Some(own),
+            (-3, -3) => Some(if has == from { NOBODY } else { has }),
+            (0, 0..=255) => Some(NOBODY),
+            // A component 0 would be every one of its system.
+            (1..=255, 1..=255) => {
+                let ([system, ..], [component, ..]) = (system.to_le_bytes(), component.to_le_bytes());
+                Some(Who::new(Address::new(system, component)))
+            }
+            _ => None,
+        }
+    }
+
+    /// Carries out a command about a gimbal, or an item of the vehicle's mission.
+    ///
+    /// # Errors
+    ///
+    /// The result of what the vehicle was not asked for: a parameter is out of range, or the frame is not supported.
+    #[inline(never)]
+    pub(crate) fn carry_out<F: Firmware<Vehicle: GimbalManager>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        from: Who,
+        order: &Order,
+    ) -> Result<MavResult, MavResult> {
+        let own = Who::new(cx.shared.config.address.get());
+        let is_ours = is_for::<F>(order);
+        if order.id == MavCmd::DO_GIMBAL_MANAGER_CONFIGURE {
+            let [primary, secondary] = order.pairs();
+            let primary = Self::configured(primary, self.primary, from, own);
+            let secondary = Self::configured(secondary, self.secondary, from, own);
+            let (Some(primary), Some(secondary), true) = (primary, secondary, is_ours) else {
+                return Err(MavResult::DENIED);
+            };
+            self.assign(primary, secondary);
+            return Ok(MavResult::ACCEPTED);
+        }
+        // The vehicle may always point. Clients that know no gimbal control get it while nobody has it.
+        let is_free = self.primary == NOBODY && from != NOBODY;
+        let takes = from == own || (order.id != MavCmd::DO_GIMBAL_MANAGER_PITCHYAW && is_free);
+        if !takes && !self.may_point(from) {
+            increment(&mut self.counters.refused);
+            if cfg!(feature = "plan-texts") {
+                cx.say(MavSeverity::WARNING, b"Gimbal: not in control, take control first");
+            }
+            // Not NOT_IN_CONTROL, which MAVSDK takes for no answer. PX4 answers the same.
+            return Ok(MavResult::DENIED);
+        }
+        let mut raw = Raw::NEW;
+        order.read(&mut raw)?;
+        let result = if is_ours { self.point(cx, from, takes || from == self.primary, &raw) } else { None };
+        let result = result.ok_or(MavResult::DENIED)?;
+        if takes && result == MavResult::ACCEPTED {
+            self.assign(from, self.secondary);
+        }
+        Ok(result)
+    }
+
+    /// Has the vehicle point, unless the order only takes control; `None` if the setpoint is invalid.
+    #[inline(never)]
+    fn point<F: Firmware<Vehicle: GimbalManager>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        from: Who,
+        is_primary: bool,
+        raw: &Raw,
+    ) -> Option<MavResult> {
+        if raw.only_takes() {
+            return Some(MavResult::ACCEPTED);
+        }
+        let setpoint =
+            GimbalSetpoint { from: from.address(), is_secondary: !is_primary, flags: raw.flags, target: raw.target()? };
+        increment(&mut self.counters.taken);
+        cx.shared.has_acted = true;
+        let (vehicle, mut context) = cx.hook();
+        Some(vehicle.point_gimbal(&mut context, &setpoint))
+    }
+
+    /// Handles a setpoint in a message. Returns false if it is none.
+    #[inline(never)]
+    fn on_message<F: Firmware<Vehicle: GimbalManager>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        frame: &Frame<'_>,
+        from: Who,
+        is_broadcast: bool,
+    ) -> bool {
+        let mut raw = Raw::NEW;
+        let Some(device) = raw.read_message(frame) else { return false };
+        let counter = if is_broadcast {
+            &mut self.counters.broadcast
+        } else if device != 0 && device != F::Vehicle::DEVICE {
+            &mut self.counters.other_device
+        } else if !self.may_point(from) {
+            &mut self.counters.not_in_control
+        } else if self.point(cx, from, from == self.primary, &raw).is_none() {
+            &mut self.counters.invalid
+        } else {
+            return true;
+        };
+        increment(counter);
+        true
+    }
+
+    /// Handles a message of a remote device.
+    #[inline(never)]
+    fn on_device<F: Firmware<Vehicle: GimbalManager>>(&mut self, cx: &mut Cx<'_, F>, frame: &Frame<'_>) -> bool {
+        let (vehicle, mut context) = cx.hook();
+        if let Some(status) = &frame.decode::<GimbalDeviceAttitudeStatus>() {
+            vehicle.device_moved(&mut context, status);
+            return true;
+        }
+        let found = frame.id() == GimbalDeviceInformation::ID;
+        if found {
+            self.is_known = true;
+            tell_found::<F>(vehicle, &mut context, frame);
+        }
+        found
+    }
+
+    /// Sends what is due to a remote device.
+    #[inline(never)]
+    fn next_for_device<F: Firmware<Vehicle: GimbalManager>>(&mut self, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
+        let system = cx.shared.config.address.get().system;
+        if !is_on::<F>(cx.peers, system, port.id) {
+            return false;
+        }
+        let (target_system, target_component) = (system.0, F::Vehicle::DEVICE);
+        // MAVLink 1 has neither of the two (S-10).
+        let is_v2 = port.outbox.takes(STATUS.id);
+        if is_v2 && self.setpoint_at <= cx.now {
+            self.setpoint_at = cx.now.after(F::Vehicle::SETPOINT_INTERVAL);
+            if let Some(setpoint) = cx.vehicle.device_setpoint(cx.now) {
+                let setpoint = GimbalDeviceSetAttitude { target_system, target_component, ..setpoint };
+                return send::<F, _>(port, None, &setpoint);
+            }
+        }
+        if is_v2 && self.state_at <= cx.now {
+            self.state_at = cx.now.after(F::Vehicle::STATE_INTERVAL);
+            if let Some(state) = cx.vehicle.autopilot_state(cx.now) {
+                let time_boot_us = cx.now.as_micros();
+                let state = AutopilotStateForGimbalDevice { time_boot_us, target_system, target_component, ..state };
+                return send::<F, _>(port, None, &state);
+            }
+        }
+        if self.is_known || self.ask_at > cx.now {
+            return false;
+        }
+        self.ask_at = cx.now.after(ASK_PERIOD);
+        let param1 = num::f32_from_u32(GimbalDeviceInformation::ID);
+        let command = MavCmd::REQUEST_MESSAGE;
+        send::<F, _>(
+            port,
+            None,
+            &CommandLong { param1, command, target_system, target_component, ..CommandLong::default() },
+        )
+    }
+}
+
+/// Not inlined: the message is large.
+#[inline(never)]
+fn tell_found<F: Firmware<Vehicle: GimbalManager>>(
+    vehicle: &mut F::Vehicle,
+    context: &mut Context<'_>,
+    frame: &Frame<'_>,
+) {
+    if let Some(information) = &frame.decode::<GimbalDeviceInformation>() {
+        vehicle.device_found(context, information);
+    }
+}
+
+/// Whether the remote device is alive, and this link is the first on which it was heard.
+fn is_on<F: Firmware<Vehicle: GimbalManager>>(peers: &[PeerInfo], system: SystemId, link: LinkId) -> bool {
+    living::<F>(peers, system) == Some(link)
+}
+
+/// Returns the first link on which the remote device is alive.
+fn living<F: Firmware<Vehicle: GimbalManager>>(peers: &[PeerInfo], system: SystemId) -> Option<LinkId> {
+    let address = Address { system, component: ComponentId(F::Vehicle::DEVICE) };
+    peers.iter().find(|info| info.is_alive && info.peer.address == address).map(|info| info.peer.link)
+}
+
+/// Whether a command points or configures a gimbal.
+const fn is_about_gimbal(command: MavCmd) -> bool {
+    matches!(
+        command,
+        MavCmd::DO_GIMBAL_MANAGER_PITCHYAW
+            | MavCmd::DO_GIMBAL_MANAGER_CONFIGURE
+            | MavCmd::DO_SET_ROI_LOCATION
+            | MavCmd::DO_SET_ROI_WPNEXT_OFFSET
+            | MavCmd::DO_SET_ROI_NONE
+            | MavCmd::DO_SET_ROI_SYSID
+            | MavCmd::DO_SET_ROI
+            | MavCmd::DO_MOUNT_CONFIGURE
+            | MavCmd::DO_MOUNT_CONTROL
+    )
+}
+
+impl Order {
+    /// Whether it is about a gimbal.
+    pub(crate) const fn is_about_gimbal(&self) -> bool {
+        is_about_gimbal(self.id)
+    }
+}
+
+impl ManagerLink {
+    /// Whether a change of control was not reported yet, on a link that can.
+    fn owes(&self, changes: u8, port: &Port) -> bool {
+        self.changes != changes && port.outbox.takes(STATUS.id)
+    }
+}
+
+impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
+    const NEW: Self = {
+        let device = F::Vehicle::DEVICE;
+        assert!(device != 0, "`GimbalManager::DEVICE` is 1 to 6, or the component id of the gimbal device");
+        assert!(!F::Vehicle::IS_REMOTE || device > 6, "a remote gimbal device has a component id above 6");
+        Self {
+            primary: NOBODY,
+            secondary: NOBODY,
+            changes: 0,
+            told: 0,
+            is_known: false,
+            setpoint_at: Instant::ZERO,
+            state_at: Instant::ZERO,
+            ask_at: Instant::ZERO,
+            counters: ManagerCounters::ZERO,
+        }
+    };
+    type Link = ManagerLink;
+    const VACANT: ManagerLink = ManagerLink { status: Periodic::NEW, changes: 0 };
+    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMPONENT_IMPLEMENTS_GIMBAL_MANAGER;
+
+    /// Tells the vehicle of a change. A device that has timed out may be another one when it reappears.
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ManagerLink>) {
+        if self.told != self.changes {
+            self.told = self.changes;
+            let control = self.control();
+            let (vehicle, mut context) = cx.hook();
+            vehicle.gimbal_control_changed(&mut context, &control);
+        }
+        if F::Vehicle::IS_REMOTE && self.is_known {
+            self.is_known = living::<F>(cx.peers, cx.shared.config.address.get().system).is_some();
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        if self.told == self.changes { Instant::NEVER } else { Instant::ZERO }
+    }
+
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut ManagerLink, received: &Received<'_>) -> Handled {
+        let Received { frame, from, target, .. } = received;
+        let own = cx.shared.config.address.get().system;
+        let device = Address { system: own, component: ComponentId(F::Vehicle::DEVICE) };
+        let is_of_device = F::Vehicle::IS_REMOTE && from.address == device;
+        let is_handled = self.on_message(cx, frame, Who::new(from.address), target.system.0 == 0)
+            || is_of_device && self.on_device(cx, frame);
+        if is_handled { Handled::Yes } else { Handled::No }
+    }
+
+    fn on_command(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut ManagerLink,
+        request: &Request,
+    ) -> Option<Verdict> {
+        let command = &request.command;
+        if !is_about_gimbal(command.id) {
+            return link.status.on_command(STATUS, port, command).map(Verdict::done);
+        }
+        let order = Order::of_command(command);
+        if !is_for::<F>(&order) {
+            // The vehicle may have another gimbal.
+            return None;
+        }
+        Some(match self.carry_out(cx, Who::new(command.from.address), &order) {
+            Ok(result) => Verdict::done(result),
+            Err(result) => Verdict::Refused(result.into()),
+        })
+    }
+
+    /// What others have sent ends.
+    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
+        let keep = |who: Who| if [own, owner].contains(&who.address().system) { who } else { NOBODY };
+        self.assign(keep(self.primary), keep(self.secondary));
+    }
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ManagerLink, turn: Turn) -> bool {
+        let has_listener = has_listener(cx.shared, cx.peers, port);
+        if turn == Turn::Gimbal {
+            match link.status.take_asked() {
+                Asked::OTHER => return send_information::<F>(cx, port),
+                Asked::INTERVAL => return send::<F, _>(port, None, &link.status.told(STATUS, port)),
+                Asked::MESSAGE => {}
+                _ if link.owes(self.changes, port) && has_listener => {}
+                _ => return F::Vehicle::IS_REMOTE && self.next_for_device(cx, port),
+            }
+        } else {
+            if link.status.due(STATUS, port, has_listener) > cx.now {
+                return false;
+            }
+            link.status.sent(cx.now, STATUS, port);
+            port.facts.own_was_last = true;
+        }
+        link.changes = self.changes;
+        link.status.forget();
+        self.send_status(cx, port)
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &ManagerLink, turn: Turn) -> Instant {
+        let has_listener = has_listener(view.shared, view.peers, port);
+        if turn != Turn::Gimbal {
+            return link.status.due(STATUS, port, has_listener);
+        }
+        let is_new = link.owes(self.changes, port) && has_listener;
+        if is_new || link.status.is_asked() {
+            return view.now;
+        }
+        if !F::Vehicle::IS_REMOTE || !is_on::<F>(view.peers, view.shared.config.address.get().system, port.id) {
+            return Instant::NEVER;
+        }
+        let ask_at = if self.is_known { Instant::NEVER } else { self.ask_at };
+        let message_at =
+            if port.outbox.takes(STATUS.id) { self.setpoint_at.min(self.state_at) } else { Instant::NEVER };
+        message_at.min(ask_at)
+    }
+
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        self.counters.drops()
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {
+        event!("{}", self.counters);
+    }
+}
+
+/// Not inlined, so that the messages share the stack.
+#[inline(never)]
+fn send_information<F: Firmware<Vehicle: GimbalManager>>(cx: &Cx<'_, F>, port: &mut Port) -> bool {
+    let information = GimbalManagerInformation {
+        time_boot_ms: cx.now.time_boot_ms(),
+        gimbal_device_id: F::Vehicle::DEVICE,
+        ..cx.vehicle.manager_information()
+    };
+    send::<F, _>(port, None, &information)
+}
+
+impl ManagerService {
+    #[inline(never)]
+    fn send_status<F: Firmware<Vehicle: GimbalManager>>(&self, cx: &Cx<'_, F>, port: &mut Port) -> bool {
+        let [primary, secondary] = [self.primary, self.secondary].map(Who::address);
+        let status = GimbalManagerStatus {
+            time_boot_ms: cx.now.time_boot_ms(),
+            flags: cx.vehicle.manager_flags(),
+            gimbal_device_id: F::Vehicle::DEVICE,
+            primary_control_sysid: primary.system.0,
+            primary_control_compid: primary.component.0,
+            secondary_control_sysid: secondary.system.0,
+            secondary_control_compid: secondary.component.0,
+        };
+        send::<F, _>(port, None, &status)
+    }
+}

@@ -1,0 +1,148 @@
+//! A message that a service streams by itself, at an interval that a client may change on each link.
+//!
+//! The vehicle's own streams have a table with rows; this is for the one message of an optional service. Both answer the
+//! same commands in the same way. Left out: the pause that a radio's full buffer causes.
+
+use crate::dialect::{MavCmd, MavResult, MessageInterval};
+use crate::link::Port;
+use crate::message::Message;
+use crate::num;
+use crate::time::{Duration, Instant};
+use crate::types::{Command, StreamProfile};
+
+/// The bounds of an interval that a client sets (µs); a request beyond them is clamped.
+const MIN: u32 = 20_000;
+const MAX: u32 = 60_000_000;
+
+/// The interval of a message that is off.
+const OFF: u32 = u32::MAX;
+
+/// The message, its interval by default (µs), on each link whose profile has streams, and another message that is sent on request
+/// only.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    pub(crate) id: u32,
+    pub(crate) micros: u32,
+    pub(crate) other: u32,
+}
+
+/// The state of the message on a link. Initially all zero bits.
+#[derive(Clone, Copy, Debug)]
+pub struct Periodic {
+    /// When it is due.
+    at: Instant,
+    /// The interval that a client has set (µs): 0 is the default.
+    micros: u32,
+    /// What is to be sent at once: a bit for each of [`Asked`].
+    asked: u8,
+}
+
+/// What a client may ask for, as a bit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Asked(u8);
+
+impl Asked {
+    pub(crate) const NOTHING: Self = Self(0);
+    pub(crate) const MESSAGE: Self = Self(1);
+    pub(crate) const INTERVAL: Self = Self(2);
+    pub(crate) const OTHER: Self = Self(4);
+}
+
+impl Periodic {
+    pub(crate) const NEW: Self = Self { at: Instant::ZERO, micros: 0, asked: 0 };
+
+    /// Returns the interval on a link (µs).
+    fn interval(&self, row: Row, port: &Port) -> u32 {
+        match (self.micros, port.config.streams) {
+            (0, StreamProfile::Off) => OFF,
+            (0, _) => row.micros,
+            (micros, _) => micros,
+        }
+    }
+
+    /// Handles a command about one of the messages; `None` for all others.
+    #[inline(never)]
+    pub(crate) fn on_command(&mut self, row: Row, port: &Port, command: &Command) -> Option<MavResult> {
+        let [first, second, third, _] = command.params;
+        let is_request = command.id == MavCmd::REQUEST_MESSAGE;
+        let mut id = num::integer::<i32>(first)?.cast_unsigned();
+        let is_interval = is_request && id == MessageInterval::ID;
+        if is_interval {
+            id = num::integer::<i32>(second)?.cast_unsigned();
+        }
+        let asked = match command.id {
+            MavCmd::REQUEST_MESSAGE if is_interval => Asked::INTERVAL,
+            MavCmd::REQUEST_MESSAGE if id == row.other => Asked::OTHER,
+            MavCmd::REQUEST_MESSAGE => Asked::MESSAGE,
+            MavCmd::GET_MESSAGE_INTERVAL => Asked::INTERVAL,
+            MavCmd::SET_MESSAGE_INTERVAL => Asked::NOTHING,
+            _ => return None,
+        };
+        if id != row.id && asked != Asked::OTHER {
+            return None;
+        }
+        if !command.has_response_target() || !port.outbox.takes(row.id) {
+            return Some(MavResult::DENIED);
+        }
+        if asked != Asked::NOTHING {
+            self.asked |= asked.0;
+            return Some(MavResult::ACCEPTED);
+        }
+        let micros = match num::saturated(second) {
+            _ if second == -1.0 => OFF,
+            _ if second == 0.0 => 0,
+            micros => micros.clamp(MIN, MAX),
+        };
+        let is_instance_valid = third.is_nan() || third == 0.0;
+        if second.is_nan() || (second < 0.0 && micros != OFF) || !is_instance_valid {
+            return Some(MavResult::DENIED);
+        }
+        (self.at, self.micros) = (Instant::ZERO, micros);
+        Some(MavResult::ACCEPTED)
+    }
+
+    /// Returns whether anything was asked for.
+    pub(crate) const fn is_asked(&self) -> bool {
+        self.asked != 0
+    }
+
+    /// Returns whether the message itself was asked for.
+    pub(crate) const fn is_message_asked(&self) -> bool {
+        self.asked & Asked::MESSAGE.0 != 0
+    }
+
+    /// Returns what was asked for, one thing at a time, and forgets it.
+    pub(crate) const fn take_asked(&mut self) -> Asked {
+        let lowest = self.asked & self.asked.wrapping_neg();
+        self.asked ^= lowest;
+        Asked(lowest)
+    }
+
+    /// Forgets that the message was asked for, because it is sent now, or cannot be.
+    pub(crate) const fn forget(&mut self) {
+        self.asked &= !Asked::MESSAGE.0;
+    }
+
+    /// Returns MESSAGE_INTERVAL. Off is -1, all bits of which are set.
+    pub(crate) fn told(&self, row: Row, port: &Port) -> MessageInterval {
+        let message_id = u16::try_from(row.id).unwrap_or(0);
+        MessageInterval { interval_us: self.interval(row, port).cast_signed(), message_id }
+    }
+
+    /// Returns when the message is due in its stream. `has_listener`: see `streams_wait_for_peer`.
+    pub(crate) fn due(&self, row: Row, port: &Port, has_listener: bool) -> Instant {
+        let is_on = has_listener && self.interval(row, port) != OFF && port.outbox.takes(row.id);
+        if is_on { self.at } else { Instant::NEVER }
+    }
+
+    /// Records that it is sent now, in its stream.
+    #[inline(never)]
+    pub(crate) fn sent(&mut self, now: Instant, row: Row, port: &Port) {
+        let interval = Duration::from_micros(u64::from(self.interval(row, port)));
+        // The average rate is kept, and what was missed is not made up.
+        self.at = self.at.after(interval);
+        if self.at <= now {
+            self.at = now.after(interval);
+        }
+    }
+}
