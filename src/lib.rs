@@ -87,7 +87,7 @@
 //! | [`mod@frame`] | bytes to checked frames and back, MAVLink 1 and 2; usable alone |
 //! | [`mod@message`], [`mod@dialect`] | payloads: all of MAVLink's `common`, and your own messages; usable alone |
 //! | [`mod@config`], [`mod@network`] | the links, the peers on them, and forwarding between links |
-//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@operator_control`], [`mod@gimbal`], [`mod@high_latency`], `signing` | the services, besides the traits below |
+//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@operator_control`], [`mod@camera`], [`mod@ext_parameters`], [`mod@gimbal`], [`mod@high_latency`], `signing` | the services, besides the traits below |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //! | [`mod@io`], `storage` | transports between the stack and a UART; flash and FRAM |
 //!
@@ -109,6 +109,8 @@
 //! | [`GimbalManager`] | with `gimbal_manager` | points the gimbal |
 //! | [`GimbalDevice`] | with `gimbal_device` | is the gimbal |
 //! | [`CommandClient`] | with `command_client` | makes its own commands to other components |
+//! | [`Camera`] | with `camera` | takes images, records video |
+//! | [`ExtParameters`] | with `ext_parameters` | has the extended parameters |
 //! | [`ParamBackend`] | instead of `Parameters`, if they live elsewhere | has the parameters |
 //!
 //! [`stack!`] lists all entries of a declaration. What a firmware does not declare takes neither flash nor RAM. Hooks get a
@@ -204,11 +206,13 @@ pub use frame::Frame;
 #[doc(inline)]
 pub use message::{Address, CommandRule, Item, Message, Text};
 pub use pulse::Pulse;
+pub use service::camera::Camera;
 pub use service::client::{CommandClient, CommandReply, OutgoingCommand, ParamAnswer};
 pub use service::command::Commands;
 pub use service::components::Components;
 #[cfg(test)]
 pub use service::example::Tunes;
+pub use service::ext_parameters::ExtParameters;
 pub use service::gimbal::{GimbalDevice, GimbalManager};
 pub use service::mission::{PlanChange, Plans, Progress};
 pub use service::mode::{CustomMode, FlightMode, ModeRequest, Modes};
@@ -228,6 +232,7 @@ pub mod config {
 
 /// The largest numbers of links, items, parameters, modes and streams, and the longest text.
 pub mod limits {
+    pub use crate::service::ext_parameters::MAX_EXT_PARAMS;
     pub use crate::service::mode::MAX_MODES;
     pub use crate::service::param::MAX_PARAMS;
     pub use crate::service::stream::MAX_STREAMS;
@@ -288,6 +293,16 @@ pub mod setpoints {
 /// Operator control: which ground station controls the vehicle, and how another one takes over.
 pub mod operator_control {
     pub use crate::service::operator_control::{OperatorControl, OperatorCounters};
+}
+
+/// A camera: images on command and at intervals, video, and a report of each image. [`Camera`] has the hooks.
+pub mod camera {
+    pub use crate::service::camera::{CameraControl, CameraCounters, CameraOrder, Image, Shot};
+}
+
+/// Extended parameters: settings of any type, such as a camera's. [`ExtParameters`] has the hooks.
+pub mod ext_parameters {
+    pub use crate::service::ext_parameters::{ExtParamServer, ExtValue};
 }
 
 /// Gimbals: who points one, and what it is to do. [`GimbalManager`] and [`GimbalDevice`] have the hooks.

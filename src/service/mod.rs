@@ -11,11 +11,13 @@ mod share;
 mod token_bucket;
 mod turn;
 
+pub mod camera;
 pub(crate) mod client;
 pub mod command;
 pub(crate) mod components;
 #[cfg(test)]
 pub mod example;
+pub mod ext_parameters;
 pub(crate) mod forwarding;
 pub mod gimbal;
 pub(crate) mod heartbeat;

@@ -23,9 +23,11 @@ macro_rules! turns {
             HighLatency high_latency Stalled HighLatency "HIGH_LATENCY2" "at once";
             MissionTransfer mission Room Normal "MISSION_REQUEST_INT or MISSION_REQUEST, MISSION_COUNT, MISSION_ITEM_INT or MISSION_ITEM" "while the link has room";
             ParamAnswer param Room Normal "PARAM_ERROR, PARAM_VALUE" "while the link has room";
+            ExtParamAnswer ext_parameters Room Normal "PARAM_EXT_ACK, PARAM_EXT_VALUE" "while the link has room";
             Text statustext Room Normal "STATUSTEXT" "while the link has room";
             Identity identity Room Normal "AUTOPILOT_VERSION, PROTOCOL_VERSION" "while the link has room";
             Request stream Room Normal "MESSAGE_INTERVAL, the vehicle's messages on request" "while the link has room";
+            Camera camera Room Normal "CAMERA_INFORMATION, CAMERA_SETTINGS, STORAGE_INFORMATION, VIDEO_STREAM_INFORMATION, VIDEO_STREAM_STATUS, CAMERA_IMAGE_CAPTURED, CAMERA_CAPTURE_STATUS" "while the link has room";
             Client client Room Normal "COMMAND_LONG, COMMAND_INT, COMMAND_CANCEL, PARAM_REQUEST_READ, PARAM_EXT_REQUEST_READ" "while the link has room";
             OperatorControl operator_control Room Normal "COMMAND_LONG that tells the owner of a request, CONTROL_STATUS" "while the link has room";
             Gimbal gimbal_manager Room Normal "GIMBAL_MANAGER_INFORMATION; GIMBAL_MANAGER_STATUS after a change; GIMBAL_DEVICE_SET_ATTITUDE, AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, COMMAND_LONG to a gimbal device" "while the link has room";
@@ -34,6 +36,7 @@ macro_rules! turns {
             MissionProgress mission Room Normal "MISSION_ITEM_REACHED, MISSION_CURRENT" "while the link has room";
             ModeList mode Room Normal "AVAILABLE_MODES" "while the link has room";
             Message messages Room Normal "the vehicle's own messages" "while the link has room, at half of its rate";
+            ExtParamList ext_parameters Room Normal "the list of all extended parameters" "while the link has room, at 40 % of its rate";
             LateParamList param Room Normal "the list of all parameters" "while the link has room, if its next value has waited for 20 ms";
             ForwardedFirst forwarding Idle Normal "a forwarded frame" "while the link is idle, if a stream was last";
             GimbalStatus gimbal_manager Idle Normal "GIMBAL_MANAGER_STATUS" "while the link is idle";

@@ -14,10 +14,12 @@ use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 
 use super::{Declares, Stack, split};
+use crate::camera::{Image, Shot};
 use crate::command::CommandPolicy;
 use crate::config::{LinkClass, StreamProfile, TxVersion};
 use crate::dialect::rules;
 use crate::dialect::*;
+use crate::ext_parameters::ExtValue;
 use crate::frame::{Version, encode};
 use crate::gimbal::GimbalSetpoint;
 use crate::high_latency::{HighLatencyConfig, HighLatencySample};
@@ -26,9 +28,10 @@ use crate::message::{Address, ComponentId, Item, Message, Secret, Text};
 use crate::service::{Cx, ForwardingGate, Service, SigningGate, TABLE, Turn, View, turns};
 use crate::time::{Duration, Instant};
 use crate::{
-    Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context, Fill,
-    FlightMode, GimbalDevice, GimbalManager, LinkConfig, LinkId, ModeRequest, Modes, Outcome, OutgoingCommand,
-    Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry, Vehicle, VehicleState,
+    Camera, Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context,
+    ExtParameters, Fill, FlightMode, GimbalDevice, GimbalManager, LinkConfig, LinkId, ModeRequest, Modes, Outcome,
+    OutgoingCommand, Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry, Vehicle,
+    VehicleState,
 };
 
 const LINKS: usize = 3;
@@ -63,6 +66,8 @@ macro_rules! declare {
                 time,
                 manual_control,
                 operator_control,
+                camera: { images: 3 },
+                ext_parameters,
                 gimbal_manager,
                 gimbal_device,
                 high_latency,
@@ -125,6 +130,36 @@ impl CommandClient for Rover {
 
     fn param_for(&mut self, _: u16) -> Option<Text<16>> {
         Some(Text::new("TRIM"))
+    }
+}
+
+impl Camera for Rover {
+    const FLAGS: CameraCapFlags = CameraCapFlags::CAPTURE_IMAGE.with(CameraCapFlags::CAPTURE_VIDEO);
+    const STORAGES: u8 = 1;
+    const VIDEO_STREAMS: u8 = 2;
+
+    fn camera_information(&self, _: &mut CameraInformation) {}
+
+    fn take_image(&mut self, cx: &mut Context<'_>, index: u32) -> Shot {
+        if index % 3 == 0 { Shot::Started } else { Shot::Taken(Image::at(cx.now())) }
+    }
+
+    fn record_video(&mut self, _: &mut Context<'_>, _: u8, _: bool) -> MavResult {
+        MavResult::ACCEPTED
+    }
+}
+
+impl ExtParameters for Rover {
+    fn ext_param_count(&self) -> u16 {
+        3
+    }
+
+    fn ext_param(&self, index: u16) -> Option<(&str, ExtValue<'_>)> {
+        (index < 3).then_some(("TRIM", ExtValue::U16(index)))
+    }
+
+    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: ExtValue<'_>) -> ParamAck {
+        ParamAck::ACCEPTED
     }
 }
 
@@ -250,6 +285,13 @@ fn requests() -> Vec<Request> {
         MessageInterval::ID,
         HighLatency2::ID,
         Tunnel::ID,
+        CameraInformation::ID,
+        CameraSettings::ID,
+        StorageInformation::ID,
+        CameraCaptureStatus::ID,
+        CameraImageCaptured::ID,
+        VideoStreamInformation::ID,
+        VideoStreamStatus::ID,
         GimbalManagerInformation::ID,
         GimbalManagerStatus::ID,
         GimbalDeviceInformation::ID,
@@ -281,6 +323,14 @@ fn requests() -> Vec<Request> {
         (MavCmd(32_100), [1.0, 0.0, 10.0]),
         (MavCmd(32_100), [1.0, 1.0, 10.0]),
         (MavCmd(32_100), [0.0; 3]),
+        (MavCmd::IMAGE_START_CAPTURE, [0.0, 0.0, 1.0]),
+        (MavCmd::IMAGE_START_CAPTURE, [0.0, 0.6, 0.0]),
+        (MavCmd::IMAGE_STOP_CAPTURE, [0.0; 3]),
+        (MavCmd::VIDEO_START_CAPTURE, [0.0, 3.0, 0.0]),
+        (MavCmd::VIDEO_STOP_CAPTURE, [0.0; 3]),
+        (MavCmd::STORAGE_FORMAT, [1.0, 0.0, 1.0]),
+        (MavCmd::REQUEST_CAMERA_IMAGE_CAPTURE, [1.0, 0.0, 0.0]),
+        (MavCmd::SET_MESSAGE_INTERVAL, [CameraCaptureStatus::ID as f32, 150_000.0, 0.0]),
     ] {
         pool.push(command(id, params));
     }
@@ -295,6 +345,13 @@ fn requests() -> Vec<Request> {
     let param_id = Text::new("TRIM");
     pool.push(of(ParamValue { param_id, ..Default::default() }));
     pool.push(of(ParamExtValue { param_id, ..Default::default() }));
+    pool.push(of(ParamExtRequestList { target_system, target_component }));
+    for param_type in [MavParamExtType::UINT16, MavParamExtType::UINT8] {
+        pool.push(of(ParamExtSet { target_system, target_component, param_id, param_type, ..Default::default() }));
+    }
+    for param_index in [-1, 1, 9] {
+        pool.push(of(ParamExtRequestRead { param_index, target_system, target_component, param_id }));
+    }
     pool.push(of(CommandCancel { command: MavCmd::DO_MOTOR_TEST, target_system, target_component }));
     pool.push(of(SetMode { custom_mode: 1, target_system, base_mode: MavModeFlag::CUSTOM_MODE_ENABLED }));
 
@@ -392,7 +449,7 @@ fn event() -> impl Strategy<Value = Event> {
 }
 
 /// So many things the firmware may do of itself.
-const FIRMWARE: u8 = 22;
+const FIRMWARE: u8 = 26;
 
 struct World {
     stack: Everything,
@@ -531,6 +588,12 @@ impl World {
                 let peer = Peer { address: STATION, link: LinkId(link) };
                 let _ = stack.with_context(now, |cx| cx.send::<Attitude>(peer, 0));
             }
+            22 => {
+                stack.camera_mut().take_image();
+            }
+            23 => stack.camera_mut().image_captured(Image::at(now)),
+            24 => stack.camera_mut().settings_changed(),
+            25 => stack.ext_parameters_mut().finish(u16::from(link), ParamAck::ACCEPTED),
             _ => {
                 self.rover.current = u16::from(link);
                 let items = [Item::from_int(&waypoint()); 2];

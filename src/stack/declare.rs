@@ -38,6 +38,8 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type Stream: Service<Self>;
     type Messages: Service<Self>;
     type Client: Service<Self> + OwnCommands<Self>;
+    type Camera: Service<Self>;
+    type ExtParameters: Service<Self>;
     type Mode: Service<Self>;
     type Time: Service<Self>;
     type ManualControl: Service<Self>;
@@ -194,6 +196,8 @@ impl<const N: usize> RequestMemory for Requests<[RequestQueue; N]> {
 /// | `commands: { slots: N }` | slots for long-running [commands](crate::command::LongCommands), and for those that must not run twice | none | |
 /// | `command_client: { slots: N }` | [requests of the vehicle](crate::CommandClient) to other components, commands and parameters, `N` at a time | none | [`CommandClient`](crate::CommandClient) |
 /// | `components` | other [components](crate::Components) of the firmware: a gimbal, a camera | none | [`Components`](crate::Components) |
+/// | `camera: { images: N }` | a [camera](crate::Camera) that remembers the last `N` images (48 bytes each); `camera` alone is 16 | none | [`Camera`](crate::Camera) |
+/// | `ext_parameters` | [extended parameters](crate::ExtParameters), such as a camera's settings | none | [`ExtParameters`](crate::ExtParameters) |
 /// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
 /// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |
 /// | `setpoints` | [setpoints](crate::setpoints::Setpoints) of a companion computer | none | |
@@ -277,6 +281,8 @@ macro_rules! stack {
             type Stream = $crate::__declared!(stream [$vehicle] $($entries)*,);
             type Messages = $crate::__declared!(messages $($entries)*,);
             type Client = $crate::__declared!(client $($entries)*,);
+            type Camera = $crate::__declared!(camera $($entries)*,);
+            type ExtParameters = $crate::__declared!(ext_parameters $($entries)*,);
             type Requests = $crate::__private::Requests<[$crate::__private::RequestQueue; {
                 $crate::__declared!(message_queues [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,)
                     + $crate::__declared!(client_queues $($entries)*,)
@@ -368,6 +374,15 @@ macro_rules! __declared {
 
     (client command_client: { slots: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__private::Client<{ $n }> };
     (client) => { $crate::__private::Absent };
+
+    (camera camera: { images: $n:expr $(,)? }, $($rest:tt)*) => {
+        $crate::camera::CameraControl<[$crate::camera::Image; { $n }]>
+    };
+    (camera camera, $($rest:tt)*) => { $crate::camera::CameraControl<[$crate::camera::Image; 16]> };
+    (camera) => { $crate::__private::Absent };
+
+    (ext_parameters ext_parameters, $($rest:tt)*) => { $crate::ext_parameters::ExtParamServer };
+    (ext_parameters) => { $crate::__private::Absent };
 
     (client_queues command_client: $($rest:tt)*) => { 1 };
     (client_queues) => { 0 };
@@ -481,6 +496,9 @@ macro_rules! __declared {
         $crate::__declared!(rest command_client $($rest)*);
     };
     (check components, $($rest:tt)*) => { $crate::__declared!(rest components $($rest)*); };
+    (check camera: { images: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(rest camera $($rest)*); };
+    (check camera, $($rest:tt)*) => { $crate::__declared!(rest camera $($rest)*); };
+    (check ext_parameters, $($rest:tt)*) => { $crate::__declared!(rest ext_parameters $($rest)*); };
     (check time, $($rest:tt)*) => { $crate::__declared!(rest time $($rest)*); };
     (check manual_control, $($rest:tt)*) => { $crate::__declared!(rest manual_control $($rest)*); };
     (check setpoints, $($rest:tt)*) => { $crate::__declared!(rest setpoints $($rest)*); };
@@ -518,6 +536,8 @@ macro_rules! __declared {
     (once commands commands: $($rest:tt)*) => { $crate::__declared!(twice commands); };
     (once command_client command_client: $($rest:tt)*) => { $crate::__declared!(twice command_client); };
     (once components components, $($rest:tt)*) => { $crate::__declared!(twice components); };
+    (once camera camera $($rest:tt)*) => { $crate::__declared!(twice camera); };
+    (once ext_parameters ext_parameters, $($rest:tt)*) => { $crate::__declared!(twice ext_parameters); };
     (once time time, $($rest:tt)*) => { $crate::__declared!(twice time); };
     (once manual_control manual_control, $($rest:tt)*) => { $crate::__declared!(twice manual_control); };
     (once setpoints setpoints, $($rest:tt)*) => { $crate::__declared!(twice setpoints); };

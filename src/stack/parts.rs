@@ -5,8 +5,10 @@ use crate::dialect::MavResult;
 use crate::message::{Item, Message};
 use crate::network::ForwardCounters;
 use crate::service::Cx;
+use crate::service::camera::{CameraControl, Image};
 use crate::service::client::{Client, CommandClient, check};
 use crate::service::command::{CommandSlots, LongCommands};
+use crate::service::ext_parameters::ExtParamServer;
 use crate::service::forwarding::Forwarding;
 use crate::service::gimbal::{DeviceService, GimbalManager, ManagerService, Order, Who};
 use crate::service::high_latency::HighLatency;
@@ -99,6 +101,27 @@ impl<D: Declares<OperatorControl = OperatorControl>, const LINKS: usize> Stack<D
     /// Returns operator control, to configure it, and to release control.
     pub fn operator_control_mut(&mut self) -> &mut OperatorControl {
         &mut self.services.operator_control
+    }
+}
+
+/// With `camera`.
+impl<D: Declares<Camera = CameraControl<[Image; N]>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
+    /// Returns the state of the camera.
+    pub fn camera(&self) -> &CameraControl {
+        &self.services.camera
+    }
+
+    /// Returns the state of the camera, to have it take images, and to report images that were taken.
+    pub fn camera_mut(&mut self) -> &mut CameraControl {
+        &mut self.services.camera
+    }
+}
+
+/// With `ext_parameters`.
+impl<D: Declares<ExtParameters = ExtParamServer>, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns the server of extended parameters, to end a change that was in progress.
+    pub fn ext_parameters_mut(&mut self) -> &mut ExtParamServer {
+        &mut self.services.ext_parameters
     }
 }
 

@@ -171,7 +171,10 @@ services! {
     high_latency: D::HighLatency,
     mission: D::Mission,
     param: D::Param,
+    ext_parameters: D::ExtParameters,
     heartbeat: Heartbeats,
+    // Before the two that refuse requests for messages that they do not know.
+    camera: D::Camera,
     // Before the components and the streams, which refuse the intervals of all other messages.
     gimbal_manager: D::GimbalManager,
     gimbal_device: D::GimbalDevice,

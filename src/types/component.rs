@@ -41,4 +41,20 @@ impl Component {
             i += 1;
         }
     }
+
+    /// Checks that the component of a service is one of the firmware's.
+    #[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated")]
+    pub(crate) const fn check_service(components: &[Self], component: Option<ComponentId>) {
+        let Some(component) = component else { return };
+        let (mut i, mut is_declared) = (0, false);
+        while i < components.len() {
+            is_declared |= components[i].id.0 == component.0;
+            i += 1;
+        }
+        assert!(
+            is_declared,
+            "a service has a `COMPONENT` that the firmware does not: add it to `COMPONENTS` of `impl Components`, and \
+             `components` to `stack!`"
+        );
+    }
 }

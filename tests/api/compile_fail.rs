@@ -72,6 +72,34 @@ fn components(ids: &[u8]) -> String {
     Firmware { hooks: &hooks, entries: "links: 1, components", ..Firmware::default() }.text()
 }
 
+const CAMERA: &str = "
+impl Camera for Rover {
+    const FLAGS: CameraCapFlags = CameraCapFlags::CAPTURE_IMAGE;
+    fn camera_information(&self, _: &mut CameraInformation) {}
+    fn take_image(&mut self, _: &mut Context<'_>, _: u32) -> mavstack::camera::Shot { mavstack::camera::Shot::Failed }
+}
+";
+
+/// A camera that is a component.
+const CAMERA_100: &str = "
+impl Camera for Rover {
+    const COMPONENT: Option<mavstack::message::ComponentId> = Some(mavstack::message::ComponentId(100));
+    const FLAGS: CameraCapFlags = CameraCapFlags::CAPTURE_IMAGE;
+    fn camera_information(&self, _: &mut CameraInformation) {}
+    fn take_image(&mut self, _: &mut Context<'_>, _: u32) -> mavstack::camera::Shot { mavstack::camera::Shot::Failed }
+}
+";
+
+const EXT_PARAMETERS: &str = "
+impl ExtParameters for Rover {
+    fn ext_param_count(&self) -> u16 { 0 }
+    fn ext_param(&self, _: u16) -> Option<(&str, mavstack::ext_parameters::ExtValue<'_>)> { None }
+    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: mavstack::ext_parameters::ExtValue<'_>) -> ParamAck {
+        ParamAck::FAILED
+    }
+}
+";
+
 const BACKEND: &str = "
 impl ParamBackend for Rover {
     fn param_count(&self) -> u16 { 0 }
@@ -431,6 +459,26 @@ fn cases() -> Vec<Case> {
             "`parameters` in `stack!` needs `impl Parameters for Rover`: write it, or leave `parameters` out",
         ),
         (
+            "hook_camera",
+            declares("links: 1, camera"),
+            "`camera` in `stack!` needs `impl Camera for Rover`: write it, or leave `camera` out",
+        ),
+        (
+            "hook_ext_parameters",
+            declares("links: 1, ext_parameters"),
+            "`ext_parameters` in `stack!` needs `impl ExtParameters for Rover`: write it, or leave `ext_parameters` out",
+        ),
+        (
+            "camera_without_images",
+            implements(CAMERA, "links: 1, camera: { images: 0 }"),
+            "a camera remembers at least one image: `camera: { images: 16 }`",
+        ),
+        (
+            "camera_of_no_component",
+            implements(CAMERA_100, "links: 1, camera"),
+            "a service has a `COMPONENT` that the firmware does not: add it to `COMPONENTS`",
+        ),
+        (
             "other_table",
             implements(
                 &(PARAMETERS.to_owned() + "parameters! { struct Other { A: u8 = 0, 0..=1, \"\"; } }"),
@@ -480,6 +528,8 @@ fn cases() -> Vec<Case> {
         ("calls_manual_control", calls("stack.manual_input_mut();"), "Declares>::ManualControl = "),
         ("calls_setpoints", calls("stack.setpoints_mut();"), "Declares>::Setpoints = "),
         ("calls_operator_control", calls("stack.operator_control_mut();"), "Declares>::OperatorControl = "),
+        ("calls_camera", calls("stack.camera_mut();"), "Declares>::Camera = "),
+        ("calls_ext_parameters", calls("stack.ext_parameters_mut();"), "Declares>::ExtParameters = "),
         ("calls_gimbal_manager", calls("stack.release_gimbal();"), "Declares>::GimbalManager = "),
         ("calls_gimbal_device", calls("stack.gimbal_device();"), "Declares>::GimbalDevice = "),
         ("calls_high_latency", calls("stack.high_latency_mut();"), "Declares>::HighLatency = "),
@@ -568,14 +618,23 @@ fn judge(cases: &[Case], lines: &[String], wrong: &mut String) {
 fn invalid_configurations_do_not_compile() {
     let everything =
         "links: 2, plans: { mission: 9 }, parameters: Tuning, streams, modes, commands: { slots: 1 }, forwarding,
-                      signing, time, manual_control, setpoints, operator_control, gimbal_manager, gimbal_device,
-                      high_latency, peers: 1, texts: 0";
-    let streams = telemetry("Stream::of::<Attitude>()");
+                      signing, time, manual_control, setpoints, operator_control, camera, ext_parameters, gimbal_manager,
+                      gimbal_device, high_latency, peers: 1, texts: 0";
     let gimbal = gimbal("const DEVICE: u8 = 1;", "const ID: u8 = 1;");
-    let hooks = [PLANS, PARAMETERS, &streams, &modes("FlightMode::new(1, \"A\")"), &gimbal].concat();
+    let hooks = [
+        PLANS,
+        PARAMETERS,
+        CAMERA,
+        EXT_PARAMETERS,
+        &telemetry("Stream::of::<Attitude>()"),
+        &modes("FlightMode::new(1, \"A\")"),
+        &gimbal,
+    ]
+    .concat();
     let main = "stack.announce::<Attitude>(); stack.ask_time(LinkId(1)); stack.forward_counters(LinkId(1));
                 stack.long_commands_mut(); stack.parameters_mut(); stack.manual_input_mut(); stack.setpoints_mut();
-                stack.operator_control_mut(); stack.gimbal_manager(); stack.gimbal_device(); stack.release_gimbal();
+                stack.operator_control_mut(); stack.camera_mut(); stack.ext_parameters_mut();
+                stack.gimbal_manager(); stack.gimbal_device(); stack.release_gimbal();
                 stack.point_gimbal(Instant::ZERO, &Item::default(), &mut Rover);
                 stack.high_latency_mut();
                 stack.signing_mut(); stack.mission_item_reached(Instant::ZERO, 0);";

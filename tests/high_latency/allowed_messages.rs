@@ -4,14 +4,17 @@
 use std::collections::BTreeSet;
 
 use crate::support::*;
+use mavstack::camera::{Image, Shot};
 use mavstack::config::{LinkClass, StreamProfile, TxVersion};
 use mavstack::dialect::*;
+use mavstack::ext_parameters::ExtValue;
 use mavstack::gimbal::GimbalSetpoint;
 use mavstack::high_latency::{HighLatencyConfig, HighLatencySample};
 use mavstack::message::Dialect;
 use mavstack::{
-    Command, Commands, Context, CustomMode, Fill, FlightMode, GimbalDevice, GimbalManager, Instant, LinkConfig, LinkId,
-    Message, ModeRequest, Modes, Outcome, Peer, PlanType, Stream, Telemetry, Vehicle, VehicleState,
+    Camera, Command, Commands, Context, CustomMode, ExtParameters, Fill, FlightMode, GimbalDevice, GimbalManager,
+    Instant, LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome, Peer, PlanType, Stream, Telemetry, Vehicle,
+    VehicleState,
 };
 
 /// A vehicle with every service: [`TestVehicle`], and modes.
@@ -86,6 +89,30 @@ impl GimbalDevice for Everything {
 
 wrap_plans!(Everything);
 
+impl Camera for Everything {
+    const FLAGS: CameraCapFlags = CameraCapFlags::CAPTURE_IMAGE;
+
+    fn camera_information(&self, _: &mut CameraInformation) {}
+
+    fn take_image(&mut self, cx: &mut Context<'_>, _: u32) -> Shot {
+        Shot::Taken(Image::at(cx.now()))
+    }
+}
+
+impl ExtParameters for Everything {
+    fn ext_param_count(&self) -> u16 {
+        2
+    }
+
+    fn ext_param(&self, index: u16) -> Option<(&str, ExtValue<'_>)> {
+        (index < 2).then_some(("CAM", ExtValue::U16(index)))
+    }
+
+    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: ExtValue<'_>) -> ParamAck {
+        ParamAck::ACCEPTED
+    }
+}
+
 impl Telemetry for Everything {
     const STREAMS: &'static [Stream] = &[
         Stream::of::<Attitude>().onboard(millis(20)),
@@ -119,6 +146,8 @@ mavstack::stack! {
         manual_control,
         setpoints,
         operator_control,
+        camera,
+        ext_parameters,
         gimbal_manager,
         gimbal_device,
         high_latency,
@@ -140,6 +169,8 @@ mavstack::stack! {
         manual_control,
         setpoints,
         operator_control,
+        camera,
+        ext_parameters,
         gimbal_manager,
         gimbal_device,
         high_latency,
@@ -194,12 +225,12 @@ impl Line {
 
 /// Returns a random frame: any message to any target, usually one that the stack acts on.
 fn any_frame(rng: &mut Rng) -> Vec<u8> {
-    const BUSY: [u32; 31] = [
+    const BUSY: [u32; 34] = [
         0, 4, 11, 20, 21, 23, 40, 41, 43, 44, 45, 47, 51, 66, 69, 70, 73, 75, 76, 76, 76, 76, 76, 77, 80, 109, 111,
-        235, 253, 110, 256,
+        235, 253, 110, 256, 320, 321, 323,
     ];
-    const COMMANDS: [u16; 18] =
-        [2600, 2600, 2600, 512, 512, 512, 511, 510, 520, 519, 176, 262, 400, 22, 300, 224, 245, 183];
+    const COMMANDS: [u16; 20] =
+        [2600, 2600, 2600, 512, 512, 512, 511, 510, 520, 519, 176, 262, 400, 22, 300, 224, 245, 183, 2000, 521];
     let rows = Common::MESSAGES.rows();
     let row = match rng.below(4) {
         0 => &rows[rng.below(rows.len() as u64) as usize],
@@ -213,7 +244,7 @@ fn any_frame(rng: &mut Rng) -> Vec<u8> {
             _ => [30.0, 148.0, 235.0, 234.0, 242.0, 435.0, 436.0][rng.below(7) as usize],
         };
         let command = CommandLong {
-            command: MavCmd(COMMANDS[rng.below(18) as usize]),
+            command: MavCmd(COMMANDS[rng.below(20) as usize]),
             param1: first,
             param2: [0.0, 1.0, 10_000.0, f32::NAN][rng.below(4) as usize],
             confirmation: rng.below(2) as u8,

@@ -2,15 +2,17 @@
 //! `docs/architecture.md` shows it as a table, which these tests read.
 
 use crate::support::*;
+use mavstack::camera::{Image, Shot};
 use mavstack::command::CommandPolicy;
 use mavstack::config::StreamProfile;
 use mavstack::dialect::*;
+use mavstack::ext_parameters::ExtValue;
 use mavstack::gimbal::GimbalSetpoint;
 use mavstack::param::ParamTable;
 use mavstack::{
-    Address, CommandClient, CommandReply, Commands, Context, Duration, Fill, FlightMode, Frame, GimbalDevice,
-    GimbalManager, Instant, LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome, OutgoingCommand, Stream,
-    Telemetry, Vehicle, VehicleState,
+    Address, Camera, CommandClient, CommandReply, Commands, Context, Duration, ExtParameters, Fill, FlightMode, Frame,
+    GimbalDevice, GimbalManager, Instant, LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome, OutgoingCommand,
+    Stream, Telemetry, Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, VecDeque};
 
@@ -26,6 +28,8 @@ mavstack::stack! {
         messages,
         command_client: { slots: 1 },
         operator_control,
+        camera,
+        ext_parameters,
         gimbal_manager,
         gimbal_device,
         modes,
@@ -103,6 +107,30 @@ impl GimbalDevice for Moded {
 
 wrap_plans!(Moded);
 
+impl Camera for Moded {
+    const FLAGS: CameraCapFlags = CameraCapFlags::CAPTURE_IMAGE;
+
+    fn camera_information(&self, _: &mut CameraInformation) {}
+
+    fn take_image(&mut self, _: &mut Context<'_>, _: u32) -> Shot {
+        Shot::Failed
+    }
+}
+
+impl ExtParameters for Moded {
+    fn ext_param_count(&self) -> u16 {
+        1
+    }
+
+    fn ext_param(&self, index: u16) -> Option<(&str, ExtValue<'_>)> {
+        (index == 0).then_some(("CAM_ISO", ExtValue::U8(1)))
+    }
+
+    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: ExtValue<'_>) -> ParamAck {
+        ParamAck::ACCEPTED
+    }
+}
+
 impl Telemetry for Moded {
     const STREAMS: &'static [Stream] = TestVehicle::STREAMS;
 
@@ -166,6 +194,10 @@ fn pending_frames_are_sent_in_order() {
     // Only a living component gets commands.
     receive(&mut world, now, 0, STATION, &Heartbeat::default());
     receive(&mut world, now, 0, STATION, &ParamRequestList { target_system: 1, target_component: 1 });
+    receive(&mut world, now, 0, STATION, &ParamExtRequestList { target_system: 1, target_component: 1 });
+    let read = ParamExtRequestRead { param_index: 0, target_system: 1, target_component: 1, ..Default::default() };
+    receive(&mut world, now, 0, STATION, &read);
+    world.stack.camera_mut().image_captured(Image::at(now));
     for (command, id) in [
         (MavCmd::REQUEST_MESSAGE, AvailableModes::ID),
         (MavCmd::REQUEST_MESSAGE, BatteryStatus::ID),
@@ -198,9 +230,11 @@ fn pending_frames_are_sent_in_order() {
         ("Time", vec![own(Timesync::ID)]),
         ("MissionTransfer", vec![own(MissionCount::ID)]),
         ("ParamAnswer", vec![own(ParamValue::ID)]),
+        ("ExtParamAnswer", vec![own(ParamExtValue::ID)]),
         ("Text", vec![own(Statustext::ID)]),
         ("Identity", vec![own(AutopilotVersion::ID)]),
         ("Request", vec![own(MessageInterval::ID), own(BatteryStatus::ID)]),
+        ("Camera", [CameraImageCaptured::ID, CameraCaptureStatus::ID].map(own).to_vec()),
         ("Client", vec![own(CommandLong::ID)]),
         ("OperatorControl", vec![own(512)]),
         ("Gimbal", vec![own(GimbalManagerInformation::ID)]),
@@ -209,6 +243,7 @@ fn pending_frames_are_sent_in_order() {
         ("MissionProgress", vec![own(MissionCurrent::ID)]),
         ("ModeList", vec![own(AvailableModes::ID)]),
         ("Message", vec![own(SystemTime::ID)]),
+        ("ExtParamList", vec![own(ParamExtValue::ID)]),
         ("LateParamList", vec![]),
         ("GimbalStatus", vec![own(GimbalManagerStatus::ID)]),
         ("GimbalAttitude", vec![own(GimbalDeviceAttitudeStatus::ID)]),

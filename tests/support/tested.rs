@@ -44,6 +44,8 @@ where
     type Requests = Requests<[RequestQueue; 0]>;
     type Messages = Absent;
     type Client = Absent;
+    type Camera = Absent;
+    type ExtParameters = Absent;
     type Stream = V::Stream;
     type Mode = V::Mode;
     type Time = O::Time;

@@ -300,7 +300,7 @@ fn invalid_control_is_denied() {
     let mut world = world();
     take(&mut world, STATION);
     let before = control(&world);
-    let odd: [[f32; 7]; 9] = [
+    let odd: [[f32; 7]; 7] = [
         [-4.0, -4.0, -1.0, -1.0, 0.0, 0.0, 0.0],
         [255.0, -1.0, -1.0, -1.0, 0.0, 0.0, 0.0],
         [255.0, 0.0, -1.0, -1.0, 0.0, 0.0, 0.0],
@@ -308,14 +308,17 @@ fn invalid_control_is_denied() {
         [254.5, 190.0, -1.0, -1.0, 0.0, 0.0, 0.0],
         [254.0, 190.0, -1.0, -3.0, 0.0, 0.0, 0.0],
         [f32::INFINITY, 190.0, -1.0, -1.0, 0.0, 0.0, 0.0],
-        // Another gimbal device.
-        [254.0, 190.0, -1.0, -1.0, 0.0, 0.0, 2.0],
-        [254.0, 190.0, -1.0, -1.0, 0.0, 0.0, 154.0],
     ];
     for params in odd {
         let result = command(&mut world, OTHER_STATION, MavCmd::DO_GIMBAL_MANAGER_CONFIGURE, params);
         assert_eq!(result, MavResult::DENIED, "{params:?}");
         assert_eq!(control(&world), before);
+    }
+    // Another gimbal device is the vehicle's own business, which has none here.
+    for device in [2.0, 154.0] {
+        let params = [254.0, 190.0, -1.0, -1.0, 0.0, 0.0, device];
+        let result = command(&mut world, OTHER_STATION, MavCmd::DO_GIMBAL_MANAGER_CONFIGURE, params);
+        assert_eq!((result, control(&world)), (MavResult::UNSUPPORTED, before));
     }
     // NaN leaves it as it is (C-8), and NaN and 1 are this device.
     for params in [[NAN, NAN, NAN, NAN, NAN, NAN, NAN], [255.0, 190.0, NAN, NAN, 0.0, 0.0, 1.0]] {
@@ -433,8 +436,6 @@ fn pitch_and_yaw_are_given_in_radians() {
         [0.0, 0.0, NAN, NAN, -1.0, 0.0, 0.0],
         // The yaw in both frames.
         [0.0, 0.0, NAN, NAN, 96.0, 0.0, 0.0],
-        // Another gimbal device (GIM-6).
-        [0.0, 0.0, NAN, NAN, 0.0, 0.0, 2.0],
     ] {
         assert_eq!(command(&mut world, STATION, PITCH_YAW, params), MavResult::DENIED, "{params:?}");
     }
@@ -524,10 +525,12 @@ fn regions_of_interest() {
         [0.0, 0.0, 0.0, 0.0, 91.0, 8.0, 500.0],
         [0.0, 0.0, 0.0, 0.0, NAN, 8.0, 500.0],
         [0.0, 0.0, 0.0, 0.0, 47.0, 8.0, f32::INFINITY],
-        [154.0, 0.0, 0.0, 0.0, 47.0, 8.0, 0.0],
     ] {
         assert_eq!(command(&mut world, STATION, MavCmd::DO_SET_ROI_LOCATION, params), MavResult::DENIED);
     }
+    // Another gimbal device is left to the vehicle (GIM-6).
+    let other = [154.0, 0.0, 0.0, 0.0, 47.0, 8.0, 0.0];
+    assert_eq!(command(&mut world, STATION, MavCmd::DO_SET_ROI_LOCATION, other), MavResult::UNSUPPORTED);
     for system in [0.0, 256.0, NAN, 1.5] {
         let params = [system, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         assert_eq!(command(&mut world, STATION, MavCmd::DO_SET_ROI_SYSID, params), MavResult::DENIED);

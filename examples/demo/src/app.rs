@@ -45,6 +45,11 @@ mavstack::stack! {
         command_client: { slots: 2 },
         modes,
         commands: { slots: 4 },
+        components,
+        camera: { images: 16 },
+        ext_parameters,
+        gimbal_manager,
+        gimbal_device,
         forwarding: { bytes: 512, seen: 256 },
         signing: { streams: 16 },
         time,
@@ -140,6 +145,7 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         vehicle.report_calibration(stack.long_commands_mut());
         vehicle.report_arming(stack.long_commands_mut());
         vehicle.watch_payload(stack);
+        vehicle.carry_out_gimbal_item(now, stack);
         vehicle.store_counts(stack.parameters_mut());
         vehicle.watch_satellite(stack);
         vehicle.state() != before || self.has_something_due(now)

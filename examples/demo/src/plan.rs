@@ -68,6 +68,10 @@ pub enum Action {
     Servo { number: f32, pulse: f32 },
     /// Nothing: the item marks a place in the plan.
     Mark,
+    /// Operate the camera.
+    Camera,
+    /// Point the gimbal.
+    Gimbal,
     /// An unsupported command. The vehicle's table of commands refuses plans that contain one.
     Unknown,
 }
@@ -145,6 +149,19 @@ pub fn action(item: &Item, now: &Situation) -> Action {
         MavCmd::DO_JUMP => Action::Jump,
         MavCmd::DO_SET_SERVO => Action::Servo { number: p1, pulse: p2 },
         MavCmd::DO_LAND_START => Action::Mark,
+        MavCmd::DO_SET_CAM_TRIGG_DIST
+        | MavCmd::SET_CAMERA_MODE
+        | MavCmd::IMAGE_START_CAPTURE
+        | MavCmd::IMAGE_STOP_CAPTURE
+        | MavCmd::VIDEO_START_CAPTURE
+        | MavCmd::VIDEO_STOP_CAPTURE => Action::Camera,
+        MavCmd::DO_GIMBAL_MANAGER_PITCHYAW
+        | MavCmd::DO_GIMBAL_MANAGER_CONFIGURE
+        | MavCmd::DO_SET_ROI_LOCATION
+        | MavCmd::DO_SET_ROI_WPNEXT_OFFSET
+        | MavCmd::DO_SET_ROI_NONE
+        | MavCmd::DO_MOUNT_CONFIGURE
+        | MavCmd::DO_MOUNT_CONTROL => Action::Gimbal,
         MavCmd::CONDITION_DELAY => Action::Wait(Condition::Delay(seconds(p1))),
         MavCmd::CONDITION_DISTANCE => Action::Wait(Condition::Distance(p1)),
         MavCmd::CONDITION_YAW => {

@@ -241,6 +241,12 @@ pub struct ManagerLink {
     changes: u8,
 }
 
+/// Whether an order is for our device: 0 and NaN are every device.
+fn is_for<F: Firmware<Vehicle: GimbalManager>>(order: &Order) -> bool {
+    let device = order.device();
+    device.is_nan() || device == 0.0 || device == f32::from(F::Vehicle::DEVICE)
+}
+
 impl ManagerService {
     /// Returns who is in control.
     pub fn control(&self) -> GimbalControl {
@@ -305,8 +311,7 @@ impl ManagerService {
         order: &Order,
     ) -> Result<MavResult, MavResult> {
         let own = Who::new(cx.shared.config.address.get());
-        let device = order.device();
-        let is_ours = device.is_nan() || device == 0.0 || device == f32::from(F::Vehicle::DEVICE);
+        let is_ours = is_for::<F>(order);
         if order.id == MavCmd::DO_GIMBAL_MANAGER_CONFIGURE {
             let [primary, secondary] = order.pairs();
             let primary = Self::configured(primary, self.primary, from, own);
@@ -553,7 +558,12 @@ impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
         if !is_about_gimbal(command.id) {
             return link.status.on_command(STATUS, port, command).map(Verdict::done);
         }
-        Some(match self.carry_out(cx, Who::new(command.from.address), &Order::of_command(command)) {
+        let order = Order::of_command(command);
+        if !is_for::<F>(&order) {
+            // The vehicle may have another gimbal.
+            return None;
+        }
+        Some(match self.carry_out(cx, Who::new(command.from.address), &order) {
             Ok(result) => Verdict::done(result),
             Err(result) => Verdict::Refused(result.into()),
         })

@@ -16,7 +16,7 @@ struct Row(&'static str, &'static str, &'static str, &'static str, i64);
 const SMALLEST: &str = "";
 const BASE: (&str, &str) = ("base", "heartbeat, commands, 8 peers, one link, all of common");
 
-const GROUPS: [(&str, &[Row]); 9] = [
+const GROUPS: [(&str, &[Row]); 10] = [
     (
         "links and peers",
         &[
@@ -103,6 +103,21 @@ const GROUPS: [(&str, &[Row]); 9] = [
             Row("gimbal-remote", "a gimbal device on a link behind it", "gimbal-remote", "gimbal-manager", 1),
             Row("gimbal-device", "a gimbal device, on one link", "gimbal-device", SMALLEST, 1),
             Row("time", "PING, and TIMESYNC requests, on one link", "time", SMALLEST, 1),
+        ],
+    ),
+    (
+        "a camera",
+        &[
+            Row("camera", "a camera that takes images and remembers 16, on one link", "camera", SMALLEST, 1),
+            Row("camera-image", "one more remembered image", "camera-64", "camera", 48),
+            Row(
+                "camera-full",
+                "a camera with video, modes, zoom, focus, a stream and a storage in addition",
+                "camera-full",
+                "camera",
+                1,
+            ),
+            Row("ext-parameters", "extended parameters, on one link", "ext-parameters", SMALLEST, 1),
         ],
     ),
     (

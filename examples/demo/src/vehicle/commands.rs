@@ -60,7 +60,8 @@ const POLICIES: &[CommandPolicy] = &[
         .no_broadcast(),
     CommandPolicy::new(rules::DO_SET_STANDARD_MODE).no_broadcast(),
     CommandPolicy::new(rules::DO_FLIGHTTERMINATION).no_broadcast(),
-    CommandPolicy::new(super::payload::PITCHYAW).no_broadcast(),
+    CommandPolicy::new(rules::DO_GIMBAL_MANAGER_PITCHYAW).no_broadcast(),
+    CommandPolicy::new(rules::DO_SET_CAM_TRIGG_DIST).no_broadcast(),
     CommandPolicy::new(super::plans::SET_SERVO).no_broadcast(),
     CommandPolicy::new(rules::DO_LAND_START).no_broadcast(),
     CommandPolicy::new(super::ground::CALIBRATION).no_broadcast(),
@@ -91,7 +92,7 @@ impl Quadrotor {
         if self.is_rebooting() && command.id != MavCmd::PREFLIGHT_REBOOT_SHUTDOWN {
             return Err(refuse(cx, MavResult::TEMPORARILY_REJECTED, "Command refused: rebooting"));
         }
-        let [p1, p2, ..] = command.params;
+        let [p1, p2, p3, _] = command.params;
         let result = match command.id {
             MavCmd::COMPONENT_ARM_DISARM => return self.arm_disarm(cx, command),
             MavCmd::NAV_TAKEOFF if self.may_be_delayed(command.class) => {
@@ -106,6 +107,10 @@ impl Quadrotor {
             MavCmd::DO_SET_HOME => self.set_home(cx, command)?,
             MavCmd::DO_FLIGHTTERMINATION => self.terminate(cx, command)?,
             MavCmd::DO_GIMBAL_MANAGER_PITCHYAW => self.point_gimbal(cx, command)?,
+            MavCmd::DO_SET_CAM_TRIGG_DIST => {
+                self.trigger_by_distance(p1, p3);
+                MavResult::ACCEPTED
+            }
             MavCmd::DO_LAND_START => self.fly_landing(cx),
             MavCmd::DO_SET_SERVO => {
                 self.set_servo(p1, p2);

@@ -125,6 +125,11 @@ impl Mission {
         self.leg.map(|leg| leg.maneuver)
     }
 
+    /// Returns the destination of the current leg.
+    pub fn leg_to(&self) -> Option<Vector> {
+        self.leg.and_then(|leg| leg.to())
+    }
+
     /// Pauses the mission. The current leg restarts on resume, but its item is not reported again.
     pub fn pause(&mut self) {
         *self = Self { leg: None, waiting: None, state: MissionState::PAUSED, ..*self };
@@ -357,6 +362,8 @@ impl Quadrotor {
             match plan::action(item, &self.situation(cx)) {
                 Action::Speed(speed) => self.speed = speed,
                 Action::Servo { number, pulse } => self.set_servo(number, pulse),
+                Action::Camera if !self.operate_camera(item) => return false,
+                Action::Gimbal if !self.operate_gimbal(item) => return false,
                 Action::Wait(condition) if !self.is_met(condition, leg) => return false,
                 _ => {}
             }
@@ -431,6 +438,8 @@ impl Quadrotor {
         mission.go_to(mission.current.min(mission.last));
         mission.is_complete = true;
         mission.state = MissionState::COMPLETE;
+        self.trigger_by_distance(0.0, 0.0);
+        self.release_gimbal();
         cx.text(severity, text);
     }
 }

@@ -1,9 +1,11 @@
 //! The vehicle: a simulated quadrotor. The simulation is deterministic: the same time steps give the same flight.
 
 mod authorise;
+mod camera;
 mod client;
 mod commands;
 mod fly;
+mod gimbal;
 mod ground;
 mod manual;
 mod mission;
@@ -15,10 +17,10 @@ mod plans;
 mod satellite;
 
 use mavstack::clock::WallClock;
-use mavstack::dialect::{ComponentMetadata, HomePosition, MavModeFlag, MavSeverity, MavState, SystemTime};
+use mavstack::dialect::{ComponentMetadata, HomePosition, MavModeFlag, MavSeverity, MavState, MavType, SystemTime};
 use mavstack::manual_control::RcOverride;
 use mavstack::message::LatLon;
-use mavstack::{Context, Duration, Frame, Instant, LinkId, Vehicle, VehicleState};
+use mavstack::{Component, Components, Context, Duration, Frame, Instant, LinkId, Vehicle, VehicleState};
 
 use crate::battery::{Battery, Charge};
 use crate::body::{Body, Limits, Nose, Vector};
@@ -26,7 +28,11 @@ use crate::geo::Home;
 use crate::plan::Maneuver;
 use crate::tuning::Tuning;
 use authorise::Authorisation;
+pub(crate) use camera::CAMERA;
+use camera::Photographer;
 use fly::is_above;
+pub(crate) use gimbal::GIMBAL;
+use gimbal::Gimbal;
 use ground::Reboot;
 use manual::Sticks;
 use mission::Mission;
@@ -136,6 +142,8 @@ pub struct Quadrotor {
     /// Our system id.
     system: u8,
     payload: Payload,
+    camera: Photographer,
+    gimbal: Gimbal,
     last: Snapshot,
     counts: Counts,
     sticks: Option<Sticks>,
@@ -178,6 +186,8 @@ impl Quadrotor {
             authorisations: 0,
             system: 1,
             payload: Payload::NONE,
+            camera: Photographer::NEW,
+            gimbal: Gimbal::NEW,
             last: Snapshot {
                 has_fix: false,
                 is_ready: false,
@@ -340,6 +350,8 @@ impl Quadrotor {
     }
 
     fn step(&mut self, cx: &mut Context<'_>) {
+        self.turn_gimbal();
+        self.survey();
         self.watch_receiver(cx);
         self.watch_ground();
         self.watch_battery(cx);
@@ -504,6 +516,11 @@ impl Default for Quadrotor {
     fn default() -> Self {
         Self::new()
     }
+}
+
+impl Components for Quadrotor {
+    const COMPONENTS: &'static [Component] =
+        &[Component::new(GIMBAL, MavType::GIMBAL), Component::new(CAMERA, MavType::CAMERA)];
 }
 
 impl Vehicle for Quadrotor {

@@ -1,30 +1,21 @@
-//! A gimbal and a camera on the links.
+//! A second gimbal and a second camera, on the links. The vehicle's [own](super::gimbal) need no messages.
 //!
-//! MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW of a ground station becomes GIMBAL_DEVICE_SET_ATTITUDE to the gimbal device
-//! (<https://mavlink.io/en/services/gimbal_v2.html>). When a gimbal is found, the vehicle requests GIMBAL_DEVICE_INFORMATION;
-//! when a camera is found, it reads its extended parameter CAM_MODE. The vehicle is no complete gimbal manager.
+//! MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW for that gimbal becomes GIMBAL_DEVICE_SET_ATTITUDE. When a gimbal is found, the vehicle requests
+//! GIMBAL_DEVICE_INFORMATION; when a camera is found, it reads its extended parameter CAM_MODE. The vehicle is no complete manager of
+//! that gimbal.
 
 use mavstack::dialect::commands::DoGimbalManagerPitchyaw;
-use mavstack::dialect::rules;
 use mavstack::dialect::{
-    GimbalDeviceFlags, GimbalDeviceInformation, GimbalDeviceSetAttitude, MavResult, MavSeverity, MavType,
+    GimbalDeviceFlags, GimbalDeviceInformation, GimbalDeviceSetAttitude, GimbalManagerFlags, MavResult, MavSeverity,
+    MavType,
 };
-use mavstack::message::ParamRule;
 use mavstack::network::PeerInfo;
-use mavstack::{Command, CommandRule, Context, Fill, Frame, ParamAnswer, Peer, Text};
+use mavstack::{Command, Context, Fill, Frame, ParamAnswer, Peer, Text};
 
 use super::Quadrotor;
 use super::commands::refuse;
 use crate::angle::{cos, sin};
 use crate::app::Mavlink;
-
-/// Angles only, of the only gimbal; yaw relative to the vehicle.
-pub(super) const PITCHYAW: CommandRule = rules::DO_GIMBAL_MANAGER_PITCHYAW.with_params(&[
-    ParamRule::range(1, -90.0, 45.0),
-    ParamRule::range(2, -180.0, 180.0),
-    ParamRule::bits(5, GimbalDeviceFlags::YAW_IN_VEHICLE_FRAME.0 as u32),
-    ParamRule::integers(7, 0, 1).or_nan(),
-]);
 
 /// The token of the request for GIMBAL_DEVICE_INFORMATION, and of the parameter CAM_MODE.
 pub(super) const GIMBAL_INFORMATION: u16 = 2;
@@ -90,8 +81,17 @@ impl Quadrotor {
     #[inline(never)]
     pub(super) fn point_gimbal(&mut self, cx: &mut Context<'_>, command: &Command) -> Result<MavResult, MavResult> {
         let what: DoGimbalManagerPitchyaw = command.decode()?;
-        let (Some(pitch), Some(yaw)) = (what.pitch_angle, what.yaw_angle) else { return Err(MavResult::DENIED) };
-        let Some(device) = self.payload.gimbal else {
+        // Angles only, with the yaw relative to the vehicle.
+        let (Some(pitch @ -90.0..=45.0), Some(yaw)) = (what.pitch_angle, what.yaw_angle) else {
+            return Err(MavResult::DENIED);
+        };
+        if GimbalManagerFlags::YAW_IN_VEHICLE_FRAME.with(what.gimbal_manager_flags)
+            != GimbalManagerFlags::YAW_IN_VEHICLE_FRAME
+        {
+            return Err(MavResult::DENIED);
+        }
+        let is_it = |gimbal: &Peer| what.gimbal_device_id == Some(f32::from(gimbal.address.component.0));
+        let Some(device) = self.payload.gimbal.filter(is_it) else {
             return Err(refuse(cx, MavResult::TEMPORARILY_REJECTED, "Gimbal refused: none is connected"));
         };
         self.payload.angles = [pitch, yaw];

@@ -52,6 +52,21 @@ impl Plans for Quadrotor {
         rules::DO_JUMP,
         rules::DO_LAND_START,
         SET_SERVO,
+        // The camera. The id of the camera is 0 for all, or its component.
+        rules::DO_SET_CAM_TRIGG_DIST,
+        rules::SET_CAMERA_MODE,
+        rules::IMAGE_START_CAPTURE,
+        rules::IMAGE_STOP_CAPTURE,
+        rules::VIDEO_START_CAPTURE,
+        rules::VIDEO_STOP_CAPTURE,
+        // The gimbal.
+        rules::DO_GIMBAL_MANAGER_PITCHYAW,
+        rules::DO_GIMBAL_MANAGER_CONFIGURE,
+        rules::DO_SET_ROI_LOCATION.with_frames(FRAMES),
+        rules::DO_SET_ROI_WPNEXT_OFFSET,
+        rules::DO_SET_ROI_NONE,
+        rules::DO_MOUNT_CONFIGURE,
+        rules::DO_MOUNT_CONTROL,
         // Horizontal speed only, without a throttle setting.
         rules::DO_CHANGE_SPEED.with_params(&[
             ParamRule::integers(1, 0, 1),

@@ -3,20 +3,23 @@
 #![no_main]
 #![allow(unused_imports, unused_variables, dead_code, reason = "each option uses other names")]
 
+use mavstack::camera::{Image, Shot};
 use mavstack::command::CommandPolicy;
 use mavstack::config::LinkClass;
 use mavstack::dialect::commands::{ComponentArmDisarm, NavTakeoff};
 use mavstack::dialect::{
-    Attitude, AttitudeQuaternion, BatteryStatus, CommandAck, CommandInt, CommandLong, EstimatorStatus,
-    ExtendedSysState, GlobalPositionInt, GpsRawInt, Heartbeat, HomePosition, LocalPositionNed, MavCmd, MavModeFlag,
-    MavParamError, MavResult, MavSeverity, MavState, MavType, MissionCount, MissionItemInt, MissionRequestList,
-    MissionState, NavControllerOutput, RawImu, RcChannels, ScaledImu, ScaledPressure, ServoOutputRaw, SysStatus,
-    SystemTime, Timesync, Tunnel, VfrHud, Vibration, WindCov, rules,
+    Attitude, AttitudeQuaternion, BatteryStatus, CameraCapFlags, CameraInformation, CameraMode, CameraSettings,
+    CameraZoomType, CommandAck, CommandInt, CommandLong, EstimatorStatus, ExtendedSysState, GlobalPositionInt,
+    GpsRawInt, Heartbeat, HomePosition, LocalPositionNed, MavCmd, MavModeFlag, MavParamError, MavResult, MavSeverity,
+    MavState, MavType, MissionCount, MissionItemInt, MissionRequestList, MissionState, NavControllerOutput, ParamAck,
+    RawImu, RcChannels, ScaledImu, ScaledPressure, ServoOutputRaw, SetFocusType, StorageInformation, SysStatus,
+    SystemTime, Timesync, Tunnel, VfrHud, Vibration, VideoStreamInformation, WindCov, rules,
 };
 use mavstack::dialect::{
     AutopilotStateForGimbalDevice, GimbalDeviceAttitudeStatus, GimbalDeviceInformation, GimbalDeviceSetAttitude,
     GimbalManagerFlags, GimbalManagerInformation,
 };
+use mavstack::ext_parameters::ExtValue;
 use mavstack::gimbal::{DeviceSetpoint, GimbalSetpoint, GimbalTarget};
 use mavstack::high_latency::HighLatencySample;
 use mavstack::manual_control::ControlSource;
@@ -76,7 +79,9 @@ entry!($ "messages" with_messages with_modes [messages]);
 entry!($ "modes" with_modes with_commands [modes]);
 entry!($ "commands-long" with_commands with_client [commands: { slots: SLOTS }]);
 entry!($ "client" with_client with_components [command_client: { slots: if cfg!(feature = "client-4") { 4 } else { 2 } }]);
-entry!($ "components" with_components with_forwarding [components]);
+entry!($ "components" with_components with_camera [components]);
+entry!($ "camera" with_camera with_ext_parameters [camera: { images: if cfg!(feature = "camera-64") { 64 } else { 16 } }]);
+entry!($ "ext-parameters" with_ext_parameters with_forwarding [ext_parameters]);
 entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
 entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
 entry!($ "time" with_time with_manual [time]);
@@ -385,6 +390,99 @@ impl CommandClient for Rover {
 
     fn command_answered(&mut self, _: &mut Context<'_>, _: u16, reply: CommandReply) {
         self.armed &= reply != CommandReply::TimedOut;
+    }
+}
+
+#[cfg(feature = "camera")]
+impl Camera for Rover {
+    #[cfg(not(feature = "camera-full"))]
+    const FLAGS: CameraCapFlags = CameraCapFlags::CAPTURE_IMAGE;
+    #[cfg(feature = "camera-full")]
+    const FLAGS: CameraCapFlags = CameraCapFlags::CAPTURE_IMAGE
+        .with(CameraCapFlags::CAPTURE_VIDEO)
+        .with(CameraCapFlags::HAS_MODES)
+        .with(CameraCapFlags::HAS_BASIC_ZOOM)
+        .with(CameraCapFlags::HAS_BASIC_FOCUS)
+        .with(CameraCapFlags::HAS_VIDEO_STREAM);
+    const STORAGES: u8 = if cfg!(feature = "camera-full") { 1 } else { 0 };
+    const VIDEO_STREAMS: u8 = if cfg!(feature = "camera-full") { 1 } else { 0 };
+
+    fn camera_information(&self, information: &mut CameraInformation) {
+        information.vendor_name = *Text::new("Acme").wire();
+        information.resolution_h = 4_000;
+    }
+
+    fn take_image(&mut self, cx: &mut Context<'_>, _: u32) -> Shot {
+        Shot::Taken(Image { latitude: 470_000_000, ..Image::at(cx.now()) })
+    }
+
+    #[cfg(feature = "camera-full")]
+    fn camera_settings(&self, settings: &mut CameraSettings) {
+        settings.mode_id = CameraMode(u8::from(self.armed));
+    }
+
+    #[cfg(feature = "camera-full")]
+    fn storage_information(&self, _: u8, information: &mut StorageInformation) {
+        information.available_capacity = if self.armed { 0.0 } else { 900.0 };
+    }
+
+    #[cfg(feature = "camera-full")]
+    fn video_stream_information(&self, _: u8, information: &mut VideoStreamInformation) {
+        information.framerate = 25.0;
+    }
+
+    #[cfg(feature = "camera-full")]
+    fn set_camera_mode(&mut self, _: &mut Context<'_>, mode: CameraMode) -> MavResult {
+        self.mode = u32::from(mode.0);
+        MavResult::ACCEPTED
+    }
+
+    #[cfg(feature = "camera-full")]
+    fn set_zoom(&mut self, _: &mut Context<'_>, zoom: CameraZoomType, value: f32) -> MavResult {
+        self.armed = zoom == CameraZoomType::RANGE && value > 50.0;
+        MavResult::ACCEPTED
+    }
+
+    #[cfg(feature = "camera-full")]
+    fn set_focus(&mut self, _: &mut Context<'_>, _: SetFocusType, value: f32) -> MavResult {
+        self.armed = value > 50.0;
+        MavResult::ACCEPTED
+    }
+
+    #[cfg(feature = "camera-full")]
+    fn record_video(&mut self, _: &mut Context<'_>, _: u8, on: bool) -> MavResult {
+        self.armed = on;
+        MavResult::ACCEPTED
+    }
+
+    #[cfg(feature = "camera-full")]
+    fn format_storage(&mut self, _: &mut Context<'_>, _: u8) -> MavResult {
+        self.mode = 0;
+        MavResult::ACCEPTED
+    }
+}
+
+#[cfg(feature = "ext-parameters")]
+impl ExtParameters for Rover {
+    fn ext_param_count(&self) -> u16 {
+        2
+    }
+
+    fn ext_param(&self, index: u16) -> Option<(&str, ExtValue<'_>)> {
+        match index {
+            0 => Some(("CAM_ISO", ExtValue::U32(self.mode))),
+            1 => Some(("CAM_WBMODE", ExtValue::U8(u8::from(self.armed)))),
+            _ => None,
+        }
+    }
+
+    fn set_ext_param(&mut self, _: &mut Context<'_>, index: u16, value: ExtValue<'_>) -> ParamAck {
+        match (index, value) {
+            (0, ExtValue::U32(iso)) => self.mode = iso,
+            (1, ExtValue::U8(mode)) => self.armed = mode != 0,
+            _ => return ParamAck::VALUE_UNSUPPORTED,
+        }
+        ParamAck::ACCEPTED
     }
 }
 

@@ -1,0 +1,471 @@
+//! Extended parameters: settings of any type, such as a camera's, by the extended parameter protocol.
+//!
+//! Implements the server's side of <https://mavlink.io/en/services/parameter_ext.html>, rules P-40 to P-42: PARAM_EXT_REQUEST_READ,
+//! PARAM_EXT_REQUEST_LIST and PARAM_EXT_SET. The parameters live in the vehicle. MAVSDK and QGroundControl use them for the settings
+//! of a camera that has a definition file (`CAMERA_INFORMATION.cam_definition_uri`).
+//!
+//! Left out: storage, and PARAM_ERROR, which is for ordinary parameters. A request for a parameter that does not exist is not
+//! answered; an attempt to set one is.
+
+use super::share::Share;
+use super::{Cx, Handled, Received, Service, Turn, View};
+use crate::dialect::{
+    MavParamExtType, ParamAck, ParamExtAck, ParamExtRequestList, ParamExtRequestRead, ParamExtSet, ParamExtValue,
+};
+use crate::link::Port;
+use crate::message::{ComponentId, Field, Message, Text};
+use crate::time::Instant;
+use crate::types::{Component, Context, Firmware, LinkMask};
+
+/// The maximum number of extended parameters. More are not listed.
+pub const MAX_EXT_PARAMS: u16 = 128;
+
+/// The bytes of a set of parameters.
+const BYTES: usize = 16;
+
+/// The number of answers to PARAM_EXT_SET that can be pending, on all links together.
+const SLOTS: usize = 3;
+
+/// The cost of a value: the size of a PARAM_EXT_VALUE, times 10^6, times 5/2 for a share of 40 % of the link.
+const COST: u32 = 402_500_000;
+
+/// The index of a parameter that does not exist.
+const UNKNOWN: u16 = u16::MAX;
+
+/// The value of an extended parameter. Numbers are little-endian on the wire.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ExtValue<'a> {
+    /// `uint8_t`
+    U8(u8),
+    /// `int8_t`
+    I8(i8),
+    /// `uint16_t`
+    U16(u16),
+    /// `int16_t`
+    I16(i16),
+    /// `uint32_t`
+    U32(u32),
+    /// `int32_t`
+    I32(i32),
+    /// `uint64_t`
+    U64(u64),
+    /// `int64_t`
+    I64(i64),
+    /// `float`
+    F32(f32),
+    /// `double`
+    F64(f64),
+    /// Bytes of the vehicle's own meaning, at most 128, such as a text. A received value has all 128; a shorter one of the
+    /// vehicle is sent with zeros after it.
+    Custom(&'a [u8]),
+}
+
+impl<'a> ExtValue<'a> {
+    /// Returns the value as a text: its bytes up to the first NUL. `None` for a number, and if it is not UTF-8.
+    pub fn text(&self) -> Option<&'a str> {
+        let Self::Custom(bytes) = *self else { return None };
+        core::str::from_utf8(bytes.split(|&byte| byte == 0).next()?).ok()
+    }
+
+    /// Returns the type of the value.
+    pub const fn kind(&self) -> MavParamExtType {
+        match self {
+            Self::U8(_) => MavParamExtType::UINT8,
+            Self::I8(_) => MavParamExtType::INT8,
+            Self::U16(_) => MavParamExtType::UINT16,
+            Self::I16(_) => MavParamExtType::INT16,
+            Self::U32(_) => MavParamExtType::UINT32,
+            Self::I32(_) => MavParamExtType::INT32,
+            Self::U64(_) => MavParamExtType::UINT64,
+            Self::I64(_) => MavParamExtType::INT64,
+            Self::F32(_) => MavParamExtType::REAL32,
+            Self::F64(_) => MavParamExtType::REAL64,
+            Self::Custom(_) => MavParamExtType::CUSTOM,
+        }
+    }
+
+    /// Reads a value of this type.
+    #[inline(never)]
+    fn read(kind: MavParamExtType, bytes: &'a [u8]) -> Option<Self> {
+        Some(match kind {
+            MavParamExtType::UINT8 => Self::U8(Field::read(bytes, 0)),
+            MavParamExtType::INT8 => Self::I8(Field::read(bytes, 0)),
+            MavParamExtType::UINT16 => Self::U16(Field::read(bytes, 0)),
+            MavParamExtType::INT16 => Self::I16(Field::read(bytes, 0)),
+            MavParamExtType::UINT32 => Self::U32(Field::read(bytes, 0)),
+            MavParamExtType::INT32 => Self::I32(Field::read(bytes, 0)),
+            MavParamExtType::UINT64 => Self::U64(Field::read(bytes, 0)),
+            MavParamExtType::INT64 => Self::I64(Field::read(bytes, 0)),
+            MavParamExtType::REAL32 => Self::F32(Field::read(bytes, 0)),
+            MavParamExtType::REAL64 => Self::F64(Field::read(bytes, 0)),
+            MavParamExtType::CUSTOM => Self::Custom(bytes),
+            _ => return None,
+        })
+    }
+
+    /// Writes the value over zeros.
+    fn write(&self, bytes: &mut [u8]) {
+        match self {
+            Self::U8(value) => value.write(bytes, 0),
+            Self::I8(value) => value.write(bytes, 0),
+            Self::U16(value) => value.write(bytes, 0),
+            Self::I16(value) => value.write(bytes, 0),
+            Self::U32(value) => value.write(bytes, 0),
+            Self::I32(value) => value.write(bytes, 0),
+            Self::U64(value) => value.write(bytes, 0),
+            Self::I64(value) => value.write(bytes, 0),
+            Self::F32(value) => value.write(bytes, 0),
+            Self::F64(value) => value.write(bytes, 0),
+            Self::Custom(value) => {
+                for (to, from) in bytes.iter_mut().zip(*value) {
+                    *to = *from;
+                }
+            }
+        }
+    }
+}
+
+/// Extended parameters, for a vehicle that declares `ext_parameters` in [`stack!`](crate::stack).
+///
+/// ```
+/// use mavstack::dialect::{MavResult, ParamAck};
+/// use mavstack::ext_parameters::ExtValue;
+/// use mavstack::*;
+///
+/// /// A camera with two settings.
+/// struct Surveyor { iso: u32, owner: [u8; 16] }
+///
+/// stack! {
+///     struct Mavlink for Surveyor { links: 1, ext_parameters }
+/// }
+///
+/// impl ExtParameters for Surveyor {
+///     fn ext_param_count(&self) -> u16 {
+///         2
+///     }
+///
+///     fn ext_param(&self, index: u16) -> Option<(&str, ExtValue<'_>)> {
+///         match index {
+///             0 => Some(("CAM_ISO", ExtValue::U32(self.iso))),
+///             1 => Some(("CAM_OWNER", ExtValue::Custom(&self.owner))),
+///             _ => None,
+///         }
+///     }
+///
+///     fn set_ext_param(&mut self, _: &mut Context<'_>, index: u16, value: ExtValue<'_>) -> ParamAck {
+///         match (index, value) {
+///             (0, ExtValue::U32(iso @ 100..=6400)) => self.iso = iso,
+///             (1, value) if value.text().is_some_and(|text| text.len() <= 16) => {
+///                 self.owner = *Text::new(value.text().unwrap_or_default()).wire();
+///             }
+///             _ => return ParamAck::VALUE_UNSUPPORTED,
+///         }
+///         ParamAck::ACCEPTED
+///     }
+/// }
+/// # impl Vehicle for Surveyor { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Surveyor {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { MavResult::UNSUPPORTED.into() }
+/// # }
+/// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not implement `ExtParameters`",
+    note = "`ext_parameters` in `stack!` needs `impl ExtParameters for {Self}`: write it, or leave `ext_parameters` out"
+)]
+pub trait ExtParameters {
+    /// The component that has the parameters, such as the camera with id 100. `None` is the autopilot.
+    const COMPONENT: Option<ComponentId> = None;
+
+    /// Returns the number of parameters, at most [`MAX_EXT_PARAMS`]. It must not change while ground stations are connected.
+    fn ext_param_count(&self) -> u16;
+
+    /// Returns name and value of parameter `index`: a name of 1 to 16 bytes, always the same, with a value of always the same type.
+    /// `None` from [`ext_param_count`](Self::ext_param_count) on.
+    fn ext_param(&self, index: u16) -> Option<(&str, ExtValue<'_>)>;
+
+    /// Sets parameter `index` to a value of its type, and returns ACCEPTED; or refuses it by VALUE_UNSUPPORTED or FAILED. With
+    /// IN_PROGRESS, [`ExtParamServer::finish`] follows. Setting the present value must do no harm: a client that has missed the
+    /// answer sends it again.
+    fn set_ext_param(&mut self, cx: &mut Context<'_>, index: u16, value: ExtValue<'_>) -> ParamAck;
+}
+
+/// A pending PARAM_EXT_ACK.
+#[derive(Clone, Copy, Debug)]
+struct Answer {
+    /// The links on which it is pending.
+    links: LinkMask,
+    index: u16,
+    /// As in the request. For a parameter that exists, the vehicle has them when the answer is sent.
+    name: Name,
+    kind: MavParamExtType,
+    result: ParamAck,
+}
+
+impl Answer {
+    /// All zero bits.
+    const NONE: Self =
+        Self { links: LinkMask::NONE, index: 0, name: [0; 16], kind: MavParamExtType(0), result: ParamAck::ACCEPTED };
+}
+
+/// The server of extended parameters: declared by `ext_parameters` in [`stack!`](crate::stack), and used through
+/// [`Stack::ext_parameters_mut`](crate::Stack::ext_parameters_mut).
+///
+/// Each PARAM_EXT_SET is answered by a PARAM_EXT_ACK on every normal link that carries MAVLink 2, so that all ground stations learn of
+/// it. It has the resulting value. At most three answers can be pending: a link that takes none loses those to the requests of
+/// others, and a link on which three are pending has further requests dropped and counted, without effect.
+#[derive(Debug)]
+pub struct ExtParamServer {
+    answers: [Answer; SLOTS],
+}
+
+/// The state of the service on a link.
+#[derive(Debug)]
+pub struct ExtParamLink {
+    /// Parameters that were requested: a bit for each.
+    asked: [u8; BYTES],
+    share: Share,
+    /// The index of the list's next value.
+    next: u16,
+    is_listing: bool,
+}
+
+impl ExtParamLink {
+    const VACANT: Self = Self { asked: [0; BYTES], share: Share::NEW, next: 0, is_listing: false };
+
+    /// Marks a parameter as requested.
+    fn ask(&mut self, index: u16) {
+        if let Some(byte) = self.asked.get_mut(usize::from(index >> 3)) {
+            *byte |= 1u8.wrapping_shl(u32::from(index));
+        }
+    }
+
+    /// Takes the first parameter that was requested.
+    fn take_asked(&mut self) -> Option<u16> {
+        let (base, byte) = (0u16..).zip(&mut self.asked).find(|(_, byte)| **byte != 0)?;
+        let bit = u16::try_from(byte.trailing_zeros()).unwrap_or(0);
+        *byte &= byte.wrapping_sub(1);
+        Some(base.wrapping_shl(3) | bit)
+    }
+
+    fn is_asked(&self) -> bool {
+        self.asked.iter().any(|byte| *byte != 0)
+    }
+}
+
+impl ExtParamServer {
+    /// Ends a change that was IN_PROGRESS: another PARAM_EXT_ACK has the result and the parameter's value now.
+    pub fn finish(&mut self, index: u16, result: ParamAck) {
+        if let Some(answer) = self.slot(LinkMask::NONE, index, &[0; 16]) {
+            *answer = Answer { links: LinkMask::ALL, index, result, ..Answer::NONE };
+        }
+    }
+
+    /// Returns the slot for an answer to a request on this link: that of an answer about the same parameter, a free one, or one that
+    /// is not pending on this link. `None` if there is none.
+    #[inline(never)]
+    fn slot(&mut self, link: LinkMask, index: u16, name: &Name) -> Option<&mut Answer> {
+        let rank = |answer: &&mut Answer| match answer.links {
+            links if links.is_empty() => 1,
+            _ if answer.index == index && (index != UNKNOWN || answer.name == *name) => 0,
+            links if !links.contains(link) => 2,
+            _ => 3u8,
+        };
+        self.answers.iter_mut().min_by_key(rank).filter(|answer| rank(answer) < 3)
+    }
+
+    /// Returns the first answer that is pending on a link.
+    fn pending(&self, port: &Port) -> Option<usize> {
+        let mask = LinkMask::of(port.id);
+        self.answers.iter().position(|answer| answer.links.contains(mask))
+    }
+
+    /// Drops the answers that are pending on a link.
+    fn forget(&mut self, port: &Port) {
+        for answer in &mut self.answers {
+            answer.links = answer.links.without(LinkMask::of(port.id));
+        }
+    }
+}
+
+/// Returns the number of parameters.
+fn count<V: ExtParameters>(vehicle: &V) -> u16 {
+    vehicle.ext_param_count().min(MAX_EXT_PARAMS)
+}
+
+/// A name, with zeros after it.
+type Name = [u8; 16];
+
+/// Returns a name as it is compared: what follows the NUL is no part of it (S-18).
+#[inline(never)]
+fn name_of(bytes: &[u8]) -> Name {
+    let mut name = [0; 16];
+    for (to, from) in name.iter_mut().zip(bytes.iter().take_while(|byte| **byte != 0)) {
+        *to = *from;
+    }
+    name
+}
+
+/// Returns the index of a parameter by its name.
+#[inline(never)]
+fn find<V: ExtParameters>(vehicle: &V, name: &Name) -> Option<u16> {
+    let is_it = |index: &u16| vehicle.ext_param(*index).is_some_and(|(other, _)| name_of(other.as_bytes()) == *name);
+    (0..count(vehicle)).find(is_it)
+}
+
+/// Handles PARAM_EXT_SET (P-41).
+#[inline(never)]
+fn set<F: Firmware<Vehicle: ExtParameters>>(
+    server: &mut ExtParamServer,
+    cx: &mut Cx<'_, F>,
+    port: &Port,
+    received: &Received<'_>,
+) -> Handled {
+    if received.target.system.0 == 0 {
+        // It would set the parameter on every vehicle in range.
+        return Handled::OutOfPlace;
+    }
+    // Not decoded as a whole: a copy of 128 bytes would be on the call stack below the hook.
+    let payload = received.frame.payload();
+    let name = name_of(payload.get(2..18).unwrap_or_default());
+    let kind = MavParamExtType(received.frame.byte(146));
+    let found = find(cx.vehicle, &name);
+    let (index, link) = (found.unwrap_or(UNKNOWN), LinkMask::of(port.id));
+    if server.slot(link, index, &name).is_none() {
+        return Handled::NoRoom;
+    }
+    let is_of_type = cx.vehicle.ext_param(index).is_some_and(|(_, now)| now.kind() == kind);
+    let value = payload.get(18..146).filter(|_| is_of_type).and_then(|bytes| ExtValue::read(kind, bytes));
+    let result = match value {
+        Some(value) => {
+            let (vehicle, mut context) = cx.hook();
+            vehicle.set_ext_param(&mut context, index, value)
+        }
+        None => ParamAck::VALUE_UNSUPPORTED,
+    };
+    event!("extended parameter {=u16}: {=u8}", index, result.0);
+    if let Some(answer) = server.slot(link, index, &name) {
+        *answer = Answer { links: cx.shared.normal, index, name, kind, result };
+    }
+    cx.shared.has_acted = true;
+    Handled::Yes
+}
+
+/// Sends a parameter.
+#[inline(never)]
+fn send_value<F: Firmware<Vehicle: ExtParameters>>(cx: &Cx<'_, F>, port: &mut Port, index: u16) -> bool {
+    let Some((name, value)) = cx.vehicle.ext_param(index) else { return false };
+    let mut bytes = [0; 128];
+    value.write(&mut bytes);
+    let message = ParamExtValue {
+        param_count: count(cx.vehicle),
+        param_index: index,
+        param_id: Text::from_wire(name_of(name.as_bytes())),
+        param_value: Text::from_wire(bytes),
+        param_type: value.kind(),
+    };
+    port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &message)
+}
+
+/// Sends an answer, with the present value.
+#[inline(never)]
+fn send_answer<F: Firmware<Vehicle: ExtParameters>>(cx: &Cx<'_, F>, port: &mut Port, answer: &Answer) -> bool {
+    let Answer { index, name, kind, result, .. } = *answer;
+    let (mut name, mut param_type, mut bytes) = (name, kind, [0; 128]);
+    if let Some((own, value)) = cx.vehicle.ext_param(index) {
+        (name, param_type) = (name_of(own.as_bytes()), value.kind());
+        value.write(&mut bytes);
+    }
+    let (param_id, param_value) = (Text::from_wire(name), Text::from_wire(bytes));
+    let message = ParamExtAck { param_id, param_value, param_type, param_result: result };
+    port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &message)
+}
+
+impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
+    const NEW: Self = {
+        Component::check_service(F::COMPONENTS, F::Vehicle::COMPONENT);
+        Self { answers: [Answer::NONE; SLOTS] }
+    };
+    const COMPONENT: Option<ComponentId> = F::Vehicle::COMPONENT;
+    type Link = ExtParamLink;
+    const VACANT: ExtParamLink = ExtParamLink::VACANT;
+
+    /// Answers for links that carry none are not pending.
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ExtParamLink>) {
+        for answer in &mut self.answers {
+            if !answer.links.contains(cx.shared.normal) {
+                answer.links = LinkMask::NONE;
+            }
+        }
+    }
+
+    fn on_frame(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut ExtParamLink,
+        received: &Received<'_>,
+    ) -> Handled {
+        let frame = received.frame;
+        match frame.id() {
+            ParamExtRequestRead::ID | ParamExtRequestList::ID | ParamExtSet::ID => {}
+            _ => return Handled::No,
+        }
+        if !port.outbox.takes(ParamExtValue::ID) {
+            return Handled::OutOfPlace;
+        }
+        if let Some(read) = frame.decode::<ParamExtRequestRead>() {
+            let found = match u16::try_from(read.param_index) {
+                Ok(index) => Some(index).filter(|index| *index < count(cx.vehicle)),
+                Err(_) => find(cx.vehicle, &name_of(read.param_id.wire())),
+            };
+            if let Some(index) = found {
+                link.ask(index);
+            }
+            return Handled::Yes;
+        }
+        if frame.id() == ParamExtSet::ID {
+            return set(self, cx, port, received);
+        }
+        (link.next, link.is_listing) = (0, count(cx.vehicle) > 0);
+        link.share.begin(cx.now);
+        Handled::Yes
+    }
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ExtParamLink, turn: Turn) -> bool {
+        if !port.outbox.takes(ParamExtValue::ID) {
+            self.forget(port);
+            return false;
+        }
+        if turn == Turn::ExtParamList {
+            if !link.is_listing || link.share.due() > cx.now {
+                return false;
+            }
+            let index = link.next;
+            link.next = index.saturating_add(1);
+            link.is_listing = link.next < count(cx.vehicle);
+            link.share.spend(cx.now, COST, port.config.bytes_per_second);
+            return send_value(cx, port, index);
+        }
+        if let Some(answer) = self.pending(port).and_then(|place| self.answers.get_mut(place)) {
+            answer.links = answer.links.without(LinkMask::of(port.id));
+            return send_answer(cx, port, answer);
+        }
+        link.take_asked().is_some_and(|index| send_value(cx, port, index))
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &ExtParamLink, turn: Turn) -> Instant {
+        match turn {
+            _ if !port.outbox.takes(ParamExtValue::ID) => Instant::NEVER,
+            Turn::ExtParamList if link.is_listing => link.share.due(),
+            Turn::ExtParamList => Instant::NEVER,
+            _ if self.pending(port).is_some() || link.is_asked() => view.now,
+            _ => Instant::NEVER,
+        }
+    }
+
+    fn restart(&mut self, port: &Port, link: &mut ExtParamLink) {
+        self.forget(port);
+        *link = ExtParamLink::VACANT;
+    }
+}
