@@ -204,6 +204,8 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         Handled::Yes
     }
 
+    // Not inlined: all services need the stack space of the call.
+    #[inline(never)]
     fn on_command(
         &mut self,
         cx: &mut Cx<'_, F>,

@@ -547,6 +547,8 @@ impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
         if is_handled { Handled::Yes } else { Handled::No }
     }
 
+    // Not inlined: all services need the stack space of the call.
+    #[inline(never)]
     fn on_command(
         &mut self,
         cx: &mut Cx<'_, F>,
