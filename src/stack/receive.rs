@@ -222,7 +222,7 @@ impl<D: Declares> Services<D> {
                 // It would be sent on a link.
                 verdict = Some(Verdict::done(MavResult::DENIED));
             } else if is_admitted {
-                verdict = self.on_command(cx, port, state, &request);
+                verdict = self.on_own_command(cx, port, state, &request);
             }
             let outcome = self.command.settle_own(cx, &request, verdict, is_admitted);
             let answer = CommandAck {

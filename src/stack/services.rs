@@ -117,6 +117,24 @@ macro_rules! define {
                 None
             }
 
+            /// Offers a command of the firmware itself to the services that are one of its other components.
+            #[inline(never)]
+            pub(crate) fn on_own_command(
+                &mut self,
+                cx: &mut Cx<'_, D>,
+                port: &mut Port,
+                state: &mut States<D>,
+                request: &Request,
+            ) -> Option<Verdict> {
+                $(if <$service as Service<D>>::COMPONENT == Some(request.command.component) {
+                    let verdict = self.$name.on_command(cx, port, &mut state.$name, request);
+                    if verdict.is_some() {
+                        return verdict;
+                    }
+                })*
+                None
+            }
+
             pub(crate) fn on_heard(&mut self, now: Instant, from: Peer) {
                 $(Service::<D>::on_heard(&mut self.$name, now, from);)*
             }

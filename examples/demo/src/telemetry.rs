@@ -62,10 +62,7 @@ impl Telemetry for Quadrotor {
             Attitude::ID => put(out, || self.motion().attitude(now)),
             AttitudeQuaternion::ID => put(out, || self.attitude_quaternion(now)),
             LocalPositionNed::ID => put(out, || self.local_position_ned(now)),
-            GlobalPositionInt::ID => match self.global_position_int(now) {
-                Some(message) => out.put(&message),
-                None => false,
-            },
+            GlobalPositionInt::ID => self.put_global_position(out),
             VfrHud::ID => put(out, || self.motion().vfr_hud()),
             BatteryStatus::ID if out.index() == 0 => put(out, || self.battery_status()),
             BatteryStatus::ID if out.index() == AVIONICS => put(out, avionics_status),
@@ -76,7 +73,7 @@ impl Telemetry for Quadrotor {
             ComponentMetadata::ID => self.put_metadata(out),
             ServoOutputRaw::ID => put(out, || self.servo_output(now)),
             RcChannels::ID => put(out, || self.rc_channels(now)),
-            ExtendedSysState::ID => out.put(&extended_sys_state(self.landed_state())),
+            ExtendedSysState::ID => put(out, || extended_sys_state(self.landed_state())),
             _ => false,
         }
     }
@@ -85,8 +82,9 @@ impl Telemetry for Quadrotor {
 /// Returns BATTERY_STATUS of the avionics' battery. It has two cells, and only their voltage is measured.
 fn avionics_status() -> BatteryStatus {
     let battery = telemetry::Battery { cells: &[4.05, 4.06], ..telemetry::Battery::UNKNOWN };
-    let (battery_function, r#type) = (MavBatteryFunction::AVIONICS, MavBatteryType::LION);
-    BatteryStatus { id: 1, battery_function, r#type, ..battery.battery_status() }
+    let mut status = battery.battery_status();
+    (status.id, status.battery_function, status.r#type) = (1, MavBatteryFunction::AVIONICS, MavBatteryType::LION);
+    status
 }
 
 /// Puts a message. Not inlined, so that only the message that is sent takes stack.
@@ -129,6 +127,12 @@ impl Quadrotor {
             // 20 %: 2 ms in every 10 ms.
             ..self.pack(&[]).sys_status(20.0)
         }
+    }
+
+    #[inline(never)]
+    fn put_global_position(&self, out: &mut Fill<'_>) -> bool {
+        let message = self.global_position_int(out.now());
+        message.is_some_and(|message| out.put(&message))
     }
 
     /// Not inlined, because only this message needs a large stack frame.

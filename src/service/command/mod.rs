@@ -284,7 +284,7 @@ impl<S: CommandMemory> CommandService<S> {
         is_admitted: bool,
     ) -> Outcome {
         let outcome = match verdict {
-            None => self.execute(cx, &request.command),
+            None => self.execute_of_component(cx, &request.command),
             Some(Verdict::Done(outcome)) => outcome,
             Some(Verdict::Refused(refusal)) => refusal.result.into(),
         };
@@ -304,14 +304,24 @@ impl<S: CommandMemory> CommandService<S> {
     /// Passes a command that no service handles to the vehicle: to the hook of the component to which it is addressed.
     #[inline(never)]
     fn execute<F: Firmware<Vehicle: Commands>>(&mut self, cx: &mut Cx<'_, F>, command: &Command) -> Outcome {
+        if F::is_component(command.component) {
+            return self.execute_of_component(cx, command);
+        }
         let can_start = self.slots.view_mut().is_some_and(|long| long.can_start());
         let (vehicle, mut context) = cx.hook();
         context.can_start = can_start;
-        if F::is_component(command.component) {
-            F::component_command(vehicle, &mut context, command)
-        } else {
-            vehicle.command(&mut context, command)
-        }
+        vehicle.command(&mut context, command)
+    }
+
+    fn execute_of_component<F: Firmware<Vehicle: Commands>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        command: &Command,
+    ) -> Outcome {
+        let can_start = self.slots.view_mut().is_some_and(|long| long.can_start());
+        let (vehicle, mut context) = cx.hook();
+        context.can_start = can_start;
+        F::component_command(vehicle, &mut context, command)
     }
 
     /// Logs the answer to a command; of refusals, at most one a second.

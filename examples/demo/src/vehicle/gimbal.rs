@@ -86,6 +86,7 @@ fn direction(from: Vector, to: Vector) -> [f32; 2] {
 
 impl Quadrotor {
     /// Turns the gimbal for one step.
+    #[inline(never)]
     pub(super) fn turn_gimbal(&mut self) {
         let (here, nose) = (self.body.position, self.body.yaw());
         let next = self.mission.leg_to();
@@ -137,6 +138,8 @@ impl Quadrotor {
     }
 
     /// Executes an item of the mission through the gimbal manager. What the gimbal refuses does not stop the mission.
+    // Not inlined: the flight loop has the deepest call stack.
+    #[inline(never)]
     pub(crate) fn carry_out_gimbal_item(&mut self, now: Instant, stack: &mut Mavlink) {
         if let Some(item) = self.gimbal.order.take() {
             let _ = stack.point_gimbal(now, &item, self);

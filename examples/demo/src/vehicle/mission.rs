@@ -281,6 +281,12 @@ impl Quadrotor {
                 }
             },
         };
+        // Not in `begin_leg`: the choice of a place to land has the deepest call stack.
+        let leg = match leg.maneuver {
+            Maneuver::Return => Leg { maneuver: self.return_landing(cx), ..leg },
+            _ => leg,
+        };
+        self.mission.leg = Some(leg);
         let are_items_done = self.execute_items(cx, &leg, items);
         if self.mode != Mode::Mission || self.mission.leg.is_none() {
             return;
@@ -309,8 +315,8 @@ impl Quadrotor {
         if let Some(item) = items.get(usize::from(seq))
             && let Action::Fly { maneuver, stay, yaw } = plan::action(item, &self.situation(cx))
         {
-            let maneuver = if maneuver == Maneuver::Return { self.return_landing(cx) } else { maneuver };
-            let stay = if matches!(maneuver, Maneuver::Land(_)) { disarm_delay(cx) } else { stay };
+            let lands = matches!(maneuver, Maneuver::Land(_) | Maneuver::Return);
+            let stay = if lands { disarm_delay(cx) } else { stay };
             leg = Leg { maneuver, stay, yaw, ..leg };
         }
         self.body.nose = match (leg.maneuver, leg.yaw) {
