@@ -516,6 +516,12 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.link_mut(link).map(|link| &mut link.port.counters)
     }
 
+    /// Whether received frames are pending that exceeded the budget of a call.
+    #[cfg(feature = "embedded-io-async")]
+    pub(crate) fn is_late(&self, now: Instant, link: LinkId) -> bool {
+        self.links.get(usize::from(link.0)).is_some_and(|link| link.decoder.deadline() <= now)
+    }
+
     fn link_mut(&mut self, link: LinkId) -> Option<&mut Link> {
         self.links.get_mut(usize::from(link.0))
     }

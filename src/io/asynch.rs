@@ -78,7 +78,9 @@ pub struct AsyncReceiver<'a, R: ErrorType> {
     begin: usize,
     end: usize,
     fault: Option<Fault<R::Error>>,
-    /// Whether the next [`wait`](Self::wait) may not return at once: other tasks run first.
+    /// Whether frames are pending in the stack that exceeded the budget of a call.
+    has_backlog: bool,
+    /// Whether the next [`wait`](Self::wait) lets other tasks run first.
     must_yield: bool,
 }
 
@@ -87,7 +89,7 @@ impl<'a, R: ErrorType> AsyncReceiver<'a, R> {
     /// restricts the memory, use a `static`.
     pub const fn new<const N: usize>(uart: R, buffer: &'a mut [u8; N]) -> Self {
         const { assert!(N > 0, "the buffer of a receiver must hold bytes: `[0; 64]`") };
-        Self { uart, buffer, begin: 0, end: 0, fault: None, must_yield: false }
+        Self { uart, buffer, begin: 0, end: 0, fault: None, has_backlog: false, must_yield: false }
     }
 
     fn pending(&self) -> &[u8] {
@@ -96,17 +98,16 @@ impl<'a, R: ErrorType> AsyncReceiver<'a, R> {
 }
 
 impl<R: Read> AsyncReceiver<'_, R> {
-    /// Waits until bytes or an error were received: then call [`Stack::receive_from`]. Returns at once while the stack
-    /// has not taken all bytes.
+    /// Waits until bytes or an error were received: then call [`Stack::receive_from`].
     ///
-    /// After an error, and while bytes are left, it yields to other tasks once. A transport that fails again and again
-    /// keeps tasks of lower priority from running: then pause.
+    /// After an error, and while bytes are pending that exceeded the budget of a call, it only yields to other tasks once. A
+    /// transport that fails again and again keeps tasks of lower priority from running: then pause.
     pub async fn wait(&mut self) {
         if self.must_yield {
             yield_now().await;
             self.must_yield = false;
         }
-        if self.begin < self.end || self.fault.is_some() {
+        if self.has_backlog || self.begin < self.end || self.fault.is_some() {
             return;
         }
         // No `await` between the read and the fields: a future that is dropped has read nothing.
@@ -179,9 +180,8 @@ impl<R: ErrorType> core::fmt::Debug for AsyncReceiver<'_, R> {
 ///         };
 ///         match has_bytes {
 ///             Ok(true) => transmitter.send().await,
-///             // With Embassy: `select(WAKE.wait(), Timer::at(deadline))`
-///             Ok(false) => wake_up_or(deadline).await,
-///             Err(_) => {} // counted; the link continues
+///             // With Embassy: `select(WAKE.wait(), Timer::at(deadline))`. An error is counted, and the link continues.
+///             _ => wake_up_or(deadline).await,
 ///         }
 ///     }
 /// }
@@ -280,7 +280,7 @@ impl<W: ErrorType> core::fmt::Debug for AsyncTransmitter<'_, W> {
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Takes bytes from an [`AsyncReceiver`], and handles the frames in them up to the budget of one poll. What exceeds the
-    /// budget stays in the receiver, whose [`wait`](AsyncReceiver::wait) then returns at once. Needs the feature
+    /// budget stays pending, and the receiver's [`wait`](AsyncReceiver::wait) does not wait for more bytes. Needs the feature
     /// `embedded-io-async`.
     ///
     /// # Errors
@@ -296,7 +296,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     ) -> Result<(), LinkError<R::Error>> {
         let taken = self.receive(now, link, receiver.pending(), vehicle);
         receiver.begin = receiver.begin.saturating_add(taken);
-        receiver.must_yield |= receiver.begin < receiver.end;
+        receiver.has_backlog = self.is_late(now, link);
+        receiver.must_yield |= receiver.has_backlog || receiver.begin < receiver.end;
         let counters = self.counters_mut(link).ok_or(LinkError::NoSuchLink)?;
         match receiver.fault.take() {
             None => Ok(()),
@@ -315,7 +316,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// If `false`, there is nothing to send before [`link_deadline`](Self::link_deadline), unless something happens: bytes
     /// are received on any link, or the vehicle's state changes.
     ///
-    /// Received frames that exceeded the budget of a poll are handled first, up to the budget of another.
+    /// Received bytes that wait for silence, or for more budget, are handled first, up to the budget of one poll.
     ///
     /// # Errors
     ///
