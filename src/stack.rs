@@ -503,7 +503,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let view = View { now, shared, peers: self.peers.view(), texts: self.texts.view(), requests };
         let peers = network::deadline(view.peers, shared.config.peer_timeout);
         let mut deadline = peers.min(self.services.deadline());
-        for (link, state) in self.links.iter().zip(&self.states).skip(first).take(count) {
+        let links = self.links.get(first..).unwrap_or_default().iter();
+        let states = self.states.get(first..).unwrap_or_default();
+        for (link, state) in links.zip(states).take(count) {
             let due = self.services.due(&view, &link.port, state);
             deadline = deadline.min(link.decoder.deadline()).min(due);
         }
@@ -518,8 +520,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 
     /// Whether received frames are pending that exceeded the budget of a call.
     #[cfg(feature = "embedded-io-async")]
-    pub(crate) fn is_late(&self, now: Instant, link: LinkId) -> bool {
-        self.links.get(usize::from(link.0)).is_some_and(|link| link.decoder.deadline() <= now)
+    pub(crate) fn has_backlog(&self, link: LinkId) -> bool {
+        self.links.get(usize::from(link.0)).is_some_and(|link| link.decoder.has_backlog())
     }
 
     fn link_mut(&mut self, link: LinkId) -> Option<&mut Link> {

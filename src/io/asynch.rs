@@ -296,7 +296,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     ) -> Result<(), LinkError<R::Error>> {
         let taken = self.receive(now, link, receiver.pending(), vehicle);
         receiver.begin = receiver.begin.saturating_add(taken);
-        receiver.has_backlog = self.is_late(now, link);
+        receiver.has_backlog = self.has_backlog(link);
         receiver.must_yield |= receiver.has_backlog || receiver.begin < receiver.end;
         let counters = self.counters_mut(link).ok_or(LinkError::NoSuchLink)?;
         match receiver.fault.take() {
@@ -331,19 +331,18 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     ) -> Result<bool, LinkError<W::Error>> {
         self.receive(now, link, &[], vehicle);
         let counters = self.counters_mut(link).ok_or(LinkError::NoSuchLink)?;
-        if let Some(fault) = transmitter.fault.take() {
+        let fault = transmitter.fault.take();
+        if fault.is_some() {
             counters.write_errors = counters.write_errors.wrapping_add(1);
-            transmitter.put(&[]);
-            self.transmitted(link, usize::MAX);
-            return Err(match fault {
-                Fault::Closed => LinkError::Closed,
-                Fault::Failed(error) => LinkError::Write(error),
-            });
+        } else if transmitter.has_bytes() {
+            return Ok(true);
         }
-        if !transmitter.has_bytes() {
-            self.transmitted(link, transmitter.end);
-            transmitter.put(self.transmit(now, link, vehicle));
+        self.transmitted(link, if fault.is_some() { usize::MAX } else { transmitter.end });
+        transmitter.put(if fault.is_some() { &[] } else { self.transmit(now, link, vehicle) });
+        match fault {
+            None => Ok(transmitter.has_bytes()),
+            Some(Fault::Closed) => Err(LinkError::Closed),
+            Some(Fault::Failed(error)) => Err(LinkError::Write(error)),
         }
-        Ok(transmitter.has_bytes())
     }
 }
