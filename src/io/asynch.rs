@@ -59,11 +59,11 @@ enum Fault<E> {
 ///         wake_transmitters(); // answers are pending
 ///     }
 /// }
-/// # let _ = receive::<&[u8]>;
+/// # let _ = |shared| receive(shared, LinkId(0), &[0u8][..]);
 /// ```
 ///
-/// The length of the buffer bounds the work of one call. With 16 bytes, a call rarely handles more than one frame, so
-/// that other tasks wait for the lock as briefly as possible.
+/// A call of `receive_from` handles several frames, up to the budget of a poll. [`with_piece`](Self::with_piece) makes it
+/// shorter, so that other tasks wait for the lock as briefly as possible.
 ///
 /// # Cancellation
 ///
@@ -74,6 +74,8 @@ enum Fault<E> {
 pub struct AsyncReceiver<'a, R: ErrorType> {
     uart: R,
     buffer: &'a mut [u8],
+    /// The most bytes for one call of the stack.
+    piece: usize,
     /// The bytes that the stack has not taken are `buffer[begin..end]`.
     begin: usize,
     end: usize,
@@ -89,7 +91,15 @@ impl<'a, R: ErrorType> AsyncReceiver<'a, R> {
     /// restricts the memory, use a `static`.
     pub const fn new<const N: usize>(uart: R, buffer: &'a mut [u8; N]) -> Self {
         const { assert!(N > 0, "the buffer of a receiver must hold bytes: `[0; 64]`") };
-        Self { uart, buffer, begin: 0, end: 0, fault: None, has_backlog: false, must_yield: false }
+        Self { uart, buffer, piece: usize::MAX, begin: 0, end: 0, fault: None, has_backlog: false, must_yield: false }
+    }
+
+    /// Returns the same receiver, of which one call of [`Stack::receive_from`] takes at most `len` bytes, at least 1. By
+    /// default it takes all. With 16, it rarely handles more than one frame.
+    #[must_use]
+    pub const fn with_piece(mut self, len: usize) -> Self {
+        self.piece = if len > 0 { len } else { 1 };
+        self
     }
 
     fn pending(&self) -> &[u8] {
@@ -185,7 +195,7 @@ impl<R: ErrorType> core::fmt::Debug for AsyncReceiver<'_, R> {
 ///         }
 ///     }
 /// }
-/// # let _ = transmit::<Vec<u8>>;
+/// # let _ = |shared, uart: &'static mut [u8]| transmit(shared, LinkId(0), uart);
 /// ```
 ///
 /// A buffer of [`MAX_FRAME_LEN`](crate::frame::MAX_FRAME_LEN) bytes sends each frame at once. A shorter one leaves a gap on
@@ -279,9 +289,9 @@ impl<W: ErrorType> core::fmt::Debug for AsyncTransmitter<'_, W> {
 }
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
-    /// Takes bytes from an [`AsyncReceiver`], and handles the frames in them up to the budget of one poll. What exceeds the
-    /// budget stays pending, and the receiver's [`wait`](AsyncReceiver::wait) does not wait for more bytes. Needs the feature
-    /// `embedded-io-async`.
+    /// Takes bytes from an [`AsyncReceiver`], and handles the frames in them up to the budget of one poll. Returns whether
+    /// some stay pending, because they exceed the budget or the [piece](AsyncReceiver::with_piece): then call it again. The
+    /// receiver's [`wait`](AsyncReceiver::wait) does not wait for more bytes meanwhile. Needs the feature `embedded-io-async`.
     ///
     /// # Errors
     ///
@@ -293,14 +303,16 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         link: LinkId,
         receiver: &mut AsyncReceiver<'_, R>,
         vehicle: &mut D::Vehicle,
-    ) -> Result<(), LinkError<R::Error>> {
-        let taken = self.receive(now, link, receiver.pending(), vehicle);
+    ) -> Result<bool, LinkError<R::Error>> {
+        let pending = receiver.pending();
+        let taken = self.receive(now, link, pending.get(..receiver.piece).unwrap_or(pending), vehicle);
         receiver.begin = receiver.begin.saturating_add(taken);
         receiver.has_backlog = self.has_backlog(link);
-        receiver.must_yield |= receiver.has_backlog || receiver.begin < receiver.end;
+        let is_pending = receiver.has_backlog || receiver.begin < receiver.end;
+        receiver.must_yield |= is_pending;
         let counters = self.counters_mut(link).ok_or(LinkError::NoSuchLink)?;
         match receiver.fault.take() {
-            None => Ok(()),
+            None => Ok(is_pending),
             Some(Fault::Closed) => Err(LinkError::Closed),
             Some(Fault::Failed(error)) => {
                 counters.read_errors = counters.read_errors.wrapping_add(1);

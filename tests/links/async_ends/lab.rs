@@ -344,7 +344,7 @@ impl<const N: usize> Firmware<N> {
         self.errors.borrow_mut().push((link, error));
     }
 
-    pub fn take_from(&self, link: LinkId, receiver: &mut AsyncReceiver<'_, Uart>) -> Result<(), LinkError<SimError>> {
+    pub fn take_from(&self, link: LinkId, receiver: &mut AsyncReceiver<'_, Uart>) -> Result<bool, LinkError<SimError>> {
         let (stack, vehicle) = &mut *self.stack.borrow_mut();
         let result = stack.receive_from(self.now(), link, receiver, vehicle);
         result.inspect_err(|error| self.report(link, *error))

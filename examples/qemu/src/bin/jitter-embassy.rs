@@ -141,16 +141,18 @@ impl Write for Sink {
 #[embassy_executor::task(pool_size = LINKS)]
 async fn receive(app: &'static SharedApp, link: LinkId, sender: Sender, bytes: usize) {
     let source = Source { sender, bytes, left: 0, ticker: Ticker::every(Duration::from_millis(1)) };
-    let mut buffer = [0; PIECE];
-    let mut receiver = AsyncReceiver::new(source, &mut buffer);
+    let mut buffer = [0; 64];
+    let mut receiver = AsyncReceiver::new(source, &mut buffer).with_piece(PIECE);
     loop {
         receiver.wait().await;
-        {
+        let is_pending = {
             let mut app = app.lock().await;
             let (stack, vehicle) = app.parts();
-            let _ = stack.receive_from(board::now(), link, &mut receiver, vehicle);
+            stack.receive_from(board::now(), link, &mut receiver, vehicle)
+        };
+        if is_pending != Ok(true) {
+            wake_transmitters();
         }
-        wake_transmitters();
     }
 }
 

@@ -125,17 +125,19 @@ async fn flight(app: &'static SharedApp) {
 /// Receives bytes on a link.
 #[embassy_executor::task(pool_size = LINKS)]
 async fn receive(app: &'static SharedApp, link: LinkId, rx: Receiver) {
-    let mut buffer = [0; PIECE];
-    let mut receiver = AsyncReceiver::new(rx, &mut buffer);
+    let mut buffer = [0; 64];
+    let mut receiver = AsyncReceiver::new(rx, &mut buffer).with_piece(PIECE);
     loop {
         receiver.wait().await;
-        {
+        let is_pending = {
             let mut app = app.lock().await;
             let (stack, vehicle) = app.parts();
             // An error is reported once, and counted. Checksums detect the lost bytes.
-            let _ = stack.receive_from(board::now(), link, &mut receiver, vehicle);
+            stack.receive_from(board::now(), link, &mut receiver, vehicle)
+        };
+        if is_pending != Ok(true) {
+            wake_transmitters();
         }
-        wake_transmitters();
     }
 }
 
