@@ -285,6 +285,33 @@ fn a_backlog_is_handled() {
     assert_eq!((counters.frames, counters.skipped), (100, 0));
 }
 
+/// D-2: a call takes at most a piece, and says whether more is pending. The last call takes what is left.
+#[test]
+fn a_piece_bounds_one_call() {
+    let firmware = Firmware::<1>::new(1);
+    let (mut executor, mut gcs) = (Executor::default(), station());
+    for _ in 0..4 {
+        send(&firmware, 0, &mut gcs, &Gcs::heartbeat());
+    }
+    let calls = Rc::new(std::cell::Cell::new(0));
+    let counted = (Rc::clone(&firmware), Rc::clone(&calls));
+    executor.spawn(async move {
+        let (firmware, calls) = counted;
+        let mut buffer = [0; 64];
+        let mut receiver = AsyncReceiver::new(firmware.uarts[0].clone(), &mut buffer).with_piece(16);
+        receiver.wait().await;
+        while firmware.take_from(LINK, &mut receiver).expect("no error") {
+            calls.set(calls.get() + 1);
+            let received = firmware.stack.borrow().0.rx_counters(LINK).expect("the link").frames;
+            assert!(received <= calls.get() * 16 / 21);
+            receiver.wait().await;
+        }
+    });
+    firmware.run_for(&mut executor, 1, 11);
+    assert_eq!(calls.get(), 3);
+    assert_eq!(firmware.uarts[0].with(|uart| uart.received.len()), 4 * 21 - 64, "the task has ended");
+}
+
 /// S-20: an overrun is reported and counted once, and reception continues. The end of the stream ends the task.
 #[test]
 fn read_errors_are_counted_and_the_end_is_reported() {
