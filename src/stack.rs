@@ -485,12 +485,12 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// when a byte is received, when the transport can take more of [`transmit`](Self::transmit), and after the
     /// vehicle's state has changed.
     pub fn next_deadline(&self, now: Instant) -> Instant {
-        self.earliest(now, 0, LINKS)
+        self.earliest(now, 0, LINKS).min(self.services.storage_deadline()).max(now)
     }
 
     /// Returns when a link must be served again even if no byte is received on any: as [`next_deadline`](Self::next_deadline),
-    /// without what only concerns other links. For firmware with a task for each link: so no task is woken in vain, or
-    /// wakes the others. [`poll`](Self::poll) the stack then, too.
+    /// without what only concerns other links or storage. For firmware with a task for each link, and one for storage: none
+    /// is woken for the work of another. [`poll`](Self::poll) the stack then, too.
     pub fn link_deadline(&self, now: Instant, link: LinkId) -> Instant {
         self.earliest(now, usize::from(link.0), 1)
     }
