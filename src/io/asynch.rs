@@ -223,7 +223,7 @@ pub struct AsyncTransmitter<'a, W: ErrorType> {
     /// The bytes to send are `buffer[written..end]`.
     written: usize,
     end: usize,
-    /// Whether bytes were written that may still be in the UART.
+    /// Whether bytes have not left the UART, written or not.
     must_flush: bool,
     fault: Option<Fault<W::Error>>,
 }
@@ -234,10 +234,6 @@ impl<'a, W: ErrorType> AsyncTransmitter<'a, W> {
     pub const fn new<const N: usize>(uart: W, buffer: &'a mut [u8; N]) -> Self {
         const { assert!(N > 0, "the buffer of a transmitter must hold bytes: `[0; 64]`") };
         Self { uart, buffer, written: 0, end: 0, must_flush: false, fault: None }
-    }
-
-    fn has_bytes(&self) -> bool {
-        self.written < self.end || self.must_flush
     }
 
     /// Copies the front of `bytes`.
@@ -346,13 +342,13 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let fault = transmitter.fault.take();
         if fault.is_some() {
             counters.write_errors = counters.write_errors.wrapping_add(1);
-        } else if transmitter.has_bytes() {
+        } else if transmitter.must_flush {
             return Ok(true);
         }
         self.transmitted(link, if fault.is_some() { usize::MAX } else { transmitter.end });
         transmitter.put(if fault.is_some() { &[] } else { self.transmit(now, link, vehicle) });
         match fault {
-            None => Ok(transmitter.has_bytes()),
+            None => Ok(transmitter.must_flush),
             Some(Fault::Closed) => Err(LinkError::Closed),
             Some(Fault::Failed(error)) => Err(LinkError::Write(error)),
         }

@@ -249,6 +249,55 @@ fn no_heartbeat_waits_behind_another_frame() {
     assert_eq!(count(&ids, Heartbeat::ID), 1);
 }
 
+/// H-5: nor if the wait for the UART is dropped: the transmitter takes no other frame before the last one has left it.
+#[test]
+fn a_dropped_flush_is_awaited_again() {
+    let firmware = Firmware::<1>::new(1);
+    let mut executor = Executor::default();
+    firmware.uarts[0].with(|uart| uart.capacity = 10_000);
+    // Each `send` is dropped, as soon as it is pending.
+    executor.spawn(Rc::clone(&firmware).transmit_impatiently(LINK));
+    firmware.run_for(&mut executor, 5_000, 0);
+    let queued = firmware.uarts[0].with(|uart| uart.fifo.iter().copied().collect::<Vec<_>>());
+    assert_eq!(whole_frames(&queued), [Heartbeat::ID]);
+    firmware.run_for(&mut executor, 3_000, 11);
+    assert!(count(&firmware.uarts[0].with(|uart| whole_frames(&uart.sent)), Heartbeat::ID) >= 3);
+}
+
+/// D-3: a task whose transport fails at once, or whose backlog is long, lets the other tasks of its executor run.
+#[test]
+fn a_receiver_that_never_waits_lets_other_tasks_run() {
+    for fail in [true, false] {
+        let firmware = Firmware::<1>::new(1);
+        let (ran, mut executor) = (Rc::new(std::cell::Cell::new(0)), Executor::default());
+        let (receiving, counted) = (Rc::clone(&firmware), Rc::clone(&ran));
+        firmware.uarts[0].with(|uart| uart.received.extend([0; 64]));
+        executor.spawn(async move {
+            let mut buffer = [0; 64];
+            let mut receiver = AsyncReceiver::new(receiving.uarts[0].clone(), &mut buffer).with_piece(1);
+            for round in 0..50 {
+                if fail {
+                    receiving.uarts[0].with(|uart| uart.read_error = Some(SimError::Injected));
+                }
+                receiver.wait().await;
+                let _ = receiving.take_from(LINK, &mut receiver);
+                assert!(counted.get() >= round, "the other task did not run");
+            }
+        });
+        executor.spawn(async move {
+            loop {
+                ran.set(ran.get() + 1);
+                lab::pending_once().await;
+                if ran.get() == 60 {
+                    return;
+                }
+            }
+        });
+        executor.run();
+        assert_eq!(firmware.errors.borrow().len(), if fail { 50 } else { 0 });
+    }
+}
+
 /// D-4: tasks that have nothing to do sleep until their own link's deadline, and do not wake each other.
 #[test]
 fn idle_tasks_sleep() {

@@ -162,7 +162,7 @@ impl Write for Uart {
 }
 
 /// Is pending once.
-async fn pending_once() {
+pub async fn pending_once() {
     let mut is_first = true;
     core::future::poll_fn(|context| {
         context.waker().wake_by_ref();
@@ -381,6 +381,17 @@ impl<const N: usize> Firmware<N> {
             } else {
                 scissors.cut(self.sleep(link, deadline)).await;
             }
+        }
+    }
+
+    /// A transmit task that drops each `send` as soon as it is pending, and tries again a millisecond later.
+    pub async fn transmit_impatiently(self: Rc<Self>, link: LinkId) {
+        let mut buffer = [0; 300];
+        let mut transmitter = AsyncTransmitter::new(self.uarts[usize::from(link.0)].clone(), &mut buffer);
+        loop {
+            self.give_to(link, &mut transmitter);
+            select(transmitter.send(), async {}).await;
+            self.sleep_until(self.now().after(millis(1))).await;
         }
     }
 
