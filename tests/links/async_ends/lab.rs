@@ -278,9 +278,11 @@ impl Executor {
     }
 }
 
+type TestedStack<const N: usize> = Stack<Tested<NoPlans, 8, Timed>, N>;
+
 /// The firmware: a stack that its tasks share, its UARTs and its timers.
 pub struct Firmware<const N: usize> {
-    pub stack: RefCell<(Box<Stack<Tested<NoPlans, 8, Timed>, N>>, TestVehicle)>,
+    pub stack: RefCell<(Box<TestedStack<N>>, TestVehicle)>,
     pub uarts: [Uart; N],
     pub pulse: &'static Pulse,
     pub errors: RefCell<Vec<(LinkId, LinkError<SimError>)>>,
