@@ -388,12 +388,13 @@ fn read_errors_are_counted_and_the_end_is_reported() {
 #[test]
 fn write_errors_are_counted_and_cost_one_frame() {
     type Fail = fn(&mut lab::State);
-    let failures: [(Fail, LinkError<SimError>); 3] = [
-        (|uart| uart.write_error = Some(SimError::Injected), LinkError::Write(SimError::Injected)),
-        (|uart| uart.flush_error = Some(SimError::Injected), LinkError::Write(SimError::Injected)),
-        (|uart| uart.closed = true, LinkError::Closed),
+    // The last number: the bytes of the frame that were sent. Its rest is not.
+    let failures: [(Fail, LinkError<SimError>, u32); 3] = [
+        (|uart| uart.write_error = Some(SimError::Injected), LinkError::Write(SimError::Injected), 0),
+        (|uart| uart.flush_error = Some(SimError::Injected), LinkError::Write(SimError::Injected), 16),
+        (|uart| uart.closed = true, LinkError::Closed, 0),
     ];
-    for (fail, expected) in failures {
+    for (fail, expected, bytes) in failures {
         let firmware = Firmware::<1>::new(1);
         let mut executor = Executor::default();
         executor.spawn(Rc::clone(&firmware).transmit::<16>(LINK, Scissors::new(1, 0.0)));
@@ -405,7 +406,8 @@ fn write_errors_are_counted_and_cost_one_frame() {
         firmware.run_for(&mut executor, 3_000, 11);
         let stack = &firmware.stack.borrow().0;
         assert_eq!(stack.link_counters(LINK).map(|counters| counters.write_errors), Some(1));
-        let (found, _) = firmware.uarts[0].with(|uart| frames(&uart.sent));
+        let (found, skipped) = firmware.uarts[0].with(|uart| frames(&uart.sent));
+        assert_eq!(skipped, bytes, "{expected:?}");
         let sent = stack.link_counters(LINK).expect("the link").tx_frames as usize;
         assert_eq!(found.len(), sent - 1, "{expected:?}");
     }
