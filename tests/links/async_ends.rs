@@ -388,10 +388,10 @@ fn read_errors_are_counted_and_the_end_is_reported() {
 #[test]
 fn write_errors_are_counted_and_cost_one_frame() {
     type Fail = fn(&mut lab::State);
-    // The last number: the bytes of the frame that were sent. Its rest is not.
+    // The last number: the bytes of the frame that were sent, behind its first one. Its rest is not.
     let failures: [(Fail, LinkError<SimError>, u32); 3] = [
         (|uart| uart.write_error = Some(SimError::Injected), LinkError::Write(SimError::Injected), 0),
-        (|uart| uart.flush_error = Some(SimError::Injected), LinkError::Write(SimError::Injected), 16),
+        (|uart| uart.flush_error = Some(SimError::Injected), LinkError::Write(SimError::Injected), 15),
         (|uart| uart.closed = true, LinkError::Closed, 0),
     ];
     for (fail, expected, bytes) in failures {
