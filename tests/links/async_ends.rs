@@ -318,6 +318,43 @@ fn idle_tasks_sleep() {
     assert!(polls <= 3 * 10 * 8, "{polls} polls");
 }
 
+/// D-4: a link's deadline is its own: an answer that is pending on another link is not in it.
+#[test]
+fn the_deadline_of_a_link_is_its_own() {
+    let firmware = Firmware::<2>::new(1);
+    let frame = {
+        let mut gcs = station();
+        let command = gcs.long(MavCmd::NAV_LAND, [1.0; 7]);
+        gcs.frame_from(STATION, &command)
+    };
+    let (stack, vehicle) = &mut *firmware.stack.borrow_mut();
+    let now = firmware.now();
+    stack.receive(now, LinkId(1), &frame, vehicle);
+    stack.poll(now, vehicle);
+    assert!(stack.link_deadline(now, LinkId(0)) > now);
+    assert_eq!((stack.link_deadline(now, LinkId(1)), stack.next_deadline(now)), (now, now));
+}
+
+/// D-2: a call says that frames are pending which exceed its budget, although the stack has taken all bytes.
+#[test]
+fn a_call_says_that_frames_are_pending() {
+    let firmware = Firmware::<1>::with_budget(1, PollBudget { frames: 1, ..PollBudget::DEFAULT });
+    let (mut executor, mut gcs) = (Executor::default(), station());
+    for _ in 0..3 {
+        send(&firmware, 0, &mut gcs, &Gcs::heartbeat());
+    }
+    let shared = Rc::clone(&firmware);
+    executor.spawn(async move {
+        let mut buffer = [0; 64];
+        let mut receiver = AsyncReceiver::new(shared.uarts[0].clone(), &mut buffer);
+        receiver.wait().await;
+        let results = [(); 3].map(|()| shared.take_from(LINK, &mut receiver));
+        assert_eq!(results, [Ok(true), Ok(true), Ok(false)]);
+    });
+    executor.run();
+    assert_eq!(firmware.stack.borrow().0.rx_counters(LINK).map(|counters| counters.frames), Some(3));
+}
+
 /// D-2: frames that exceed the budget of a call are handled without another byte being received.
 #[test]
 fn a_backlog_is_handled() {
