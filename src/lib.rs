@@ -150,7 +150,8 @@
 //!
 //! - `defmt`: `Format` on the public types, and log events: one per protocol transition, and drop counters and refused requests
 //!   at most once a second.
-//! - `embedded-hal-nb`, `embedded-io-06`, `embedded-io-async`: adapters for UARTs with those traits, see [`mod@io`].
+//! - `embedded-hal-nb`, `embedded-io-06`, `embedded-io-async`: adapters for UARTs with those traits, see [`mod@io`]; with the last
+//!   also the ends of a link for async tasks, `io::AsyncReceiver` and `io::AsyncTransmitter`.
 //! - `embedded-storage-async`: `storage` on async flash drivers, see `storage::AsyncStore`.
 //! - `fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata (`metadata`). They need `core::fmt`.
 //! - `plan-texts` (default): a STATUSTEXT with the reason for every plan, item, parameter, command and mode that the stack

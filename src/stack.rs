@@ -491,6 +491,17 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// when a byte is received, when the transport can take more of [`transmit`](Self::transmit), and after the
     /// vehicle's state has changed.
     pub fn next_deadline(&self, now: Instant) -> Instant {
+        self.earliest(now, 0, LINKS).min(self.services.storage_deadline()).max(now)
+    }
+
+    /// Returns when a link must be served again even if no byte is received on any: as [`next_deadline`](Self::next_deadline),
+    /// without what only concerns other links or storage. For firmware with a task for each link, and one for storage: none
+    /// is woken for the work of another. [`poll`](Self::poll) the stack then, too.
+    pub fn link_deadline(&self, now: Instant, link: LinkId) -> Instant {
+        self.earliest(now, usize::from(link.0), 1)
+    }
+
+    fn earliest(&self, now: Instant, first: usize, count: usize) -> Instant {
         let (shared, requests) = (&self.shared, self.requests.view());
         if shared.has_acted || requests.is_due() {
             return now;
@@ -498,11 +509,25 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let view = View { now, shared, peers: self.peers.view(), texts: self.texts.view(), requests };
         let peers = network::deadline(view.peers, shared.config.peer_timeout);
         let mut deadline = peers.min(self.services.deadline());
-        for (link, state) in self.links.iter().zip(&self.states) {
+        let links = self.links.get(first..).unwrap_or_default().iter();
+        let states = self.states.get(first..).unwrap_or_default();
+        for (link, state) in links.zip(states).take(count) {
             let due = self.services.due(&view, &link.port, state);
             deadline = deadline.min(link.decoder.deadline()).min(due);
         }
         deadline.max(now)
+    }
+
+    /// Returns the counters of a link; `None` if there is no such link.
+    #[cfg(feature = "embedded-io-async")]
+    pub(crate) fn counters_mut(&mut self, link: LinkId) -> Option<&mut LinkCounters> {
+        self.link_mut(link).map(|link| &mut link.port.counters)
+    }
+
+    /// Whether received frames are pending that exceeded the budget of a call.
+    #[cfg(feature = "embedded-io-async")]
+    pub(crate) fn has_backlog(&self, link: LinkId) -> bool {
+        self.links.get(usize::from(link.0)).is_some_and(|link| link.decoder.has_backlog())
     }
 
     fn link_mut(&mut self, link: LinkId) -> Option<&mut Link> {

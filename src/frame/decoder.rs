@@ -445,6 +445,12 @@ impl Decoder {
         Some(Frame { header: Header::parse(raw)?, payload, raw, info })
     }
 
+    /// Whether frames, or a search that ran out of budget, wait for [`next`](Self::next).
+    #[cfg(feature = "embedded-io-async")]
+    pub(crate) const fn has_backlog(&self) -> bool {
+        self.window.start != self.window.end && !self.window.is_waiting()
+    }
+
     /// Returns when [`next`](Self::next) has work even if no byte is received until then.
     pub(crate) fn deadline(&self) -> Instant {
         let candidate = self.window.candidate(&self.buffer).unwrap_or_default();

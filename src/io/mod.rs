@@ -1,5 +1,5 @@
-//! UART transports: queues between an interrupt and the loop, a reader for circular DMA buffers, and adapters for HALs
-//! that do not implement the four traits that [`Stack::poll_link`](crate::Stack::poll_link) needs.
+//! UART transports: queues between an interrupt and the loop, a reader for circular DMA buffers, the ends of a link in async
+//! tasks, and adapters for HALs that do not implement the four traits that [`Stack::poll_link`](crate::Stack::poll_link) needs.
 //!
 //! | what the HAL provides | what to pass to the stack |
 //! |---|---|
@@ -8,7 +8,8 @@
 //! | circular DMA | the bytes from a [`CircularReader`]; or a [`LoopEnd`], with the DMA's interrupt filling [`SerialQueues`] |
 //! | the traits of `embedded-hal-nb` | `NbSerial`, feature `embedded-hal-nb` |
 //! | all four traits of `embedded-io` 0.6 | `Io06`, feature `embedded-io-06` |
-//! | `Read` and `Write` of `embedded-io-async`, and `ReadReady` | `Polled`, feature `embedded-io-async` |
+//! | `Read` and `Write` of `embedded-io-async`, in a task that awaits them | an `AsyncReceiver` and an `AsyncTransmitter`, feature `embedded-io-async` |
+//! | the same and `ReadReady`, in a loop that polls | `Polled`, feature `embedded-io-async` |
 //!
 //! They do not block, except for `Io06`, which blocks if the HAL does. Where a trait's contract says that a call
 //! blocks, they return [`SerialError::WouldBlock`] or `HalError::WouldBlock`. The stack never sees these errors,
@@ -40,6 +41,8 @@
 //! [`LinkCounters::read_errors`](crate::network::LinkCounters::read_errors), and `poll_link` returns it as
 //! [`LinkError::Read`](crate::network::LinkError::Read) (S-20).
 
+#[cfg(feature = "embedded-io-async")]
+mod asynch;
 mod dma;
 #[cfg(any(feature = "embedded-hal-nb", feature = "embedded-io-06", feature = "embedded-io-async"))]
 mod hal;
@@ -52,6 +55,8 @@ mod polled;
 mod ring;
 mod serial;
 
+#[cfg(feature = "embedded-io-async")]
+pub use asynch::{AsyncReceiver, AsyncTransmitter};
 pub use dma::CircularReader;
 #[cfg(any(feature = "embedded-hal-nb", feature = "embedded-io-06", feature = "embedded-io-async"))]
 pub use hal::HalError;

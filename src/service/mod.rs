@@ -103,6 +103,11 @@ pub trait Service<F: Firmware> {
         Self::COMPONENT.map_or(!F::is_component(component), |own| own == component)
     }
 
+    /// Returns when a write to storage is due. It stays in the past until storage begins it.
+    fn storage_deadline(&self) -> Instant {
+        Instant::NEVER
+    }
+
     /// Whether the service also handles a message with this id that is addressed to this other component of our system.
     fn handles_for(component: ComponentId, id: u32) -> bool {
         let _ = (component, id);

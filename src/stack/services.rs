@@ -64,6 +64,10 @@ macro_rules! define {
                 Instant::NEVER$(.min(Service::<D>::deadline(&self.$name)))*
             }
 
+            pub(crate) fn storage_deadline(&self) -> Instant {
+                Instant::NEVER$(.min(Service::<D>::storage_deadline(&self.$name)))*
+            }
+
             pub(crate) fn handles_for(component: ComponentId, id: u32) -> bool {
                 false$(|| <$service as Service<D>>::handles_for(component, id))*
             }

@@ -569,7 +569,7 @@ fn package(cases: &[Case]) -> PathBuf {
     let manifest = format!(
         "[package]\nname = \"refused\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\n\
          [features]\ndefault = [\"signing\"]\nsigning = [\"mavstack/signing\"]\n\n\
-         [dependencies]\nmavstack = {{ path = {:?} }}\n\n[profile.dev]\ndebug = 0\n\n[workspace]\n",
+         [dependencies]\nmavstack = {{ path = {:?}, features = [\"embedded-io-async\"] }}\n\n[profile.dev]\ndebug = 0\n\n[workspace]\n",
         root.display().to_string()
     );
     // Remove the files of earlier runs of this test.
@@ -641,7 +641,18 @@ fn invalid_configurations_do_not_compile() {
     let once = &policies(".once()");
     let right = Firmware { policies: once, hooks: &hooks, entries: everything, main, ..Firmware::default() };
     let signs = || declares("links: 1, signing");
+    let calls = |main| Firmware { entries: "links: 1", main, ..Firmware::default() }.text();
     let mut cases = cases();
+    cases.push((
+        "receiver_0",
+        calls("mavstack::io::AsyncReceiver::new(&[0_u8][..], &mut []);"),
+        "the buffer of a receiver must hold bytes: `[0; 64]`",
+    ));
+    cases.push((
+        "transmitter_0",
+        calls("mavstack::io::AsyncTransmitter::new(&mut [0_u8][..], &mut []);"),
+        "the buffer of a transmitter must hold bytes: `[0; 64]`",
+    ));
     cases.extend([("right", right.text(), ""), ("least", declares("links: 1"), "")]);
     cases.extend([("policy", policy(".no_broadcast()"), ""), ("signs", signs(), "")]);
     let folder = package(&cases);

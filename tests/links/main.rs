@@ -3,6 +3,8 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+#[cfg(feature = "embedded-io-async")]
+mod async_ends;
 mod io;
 mod peers;
 mod transports;

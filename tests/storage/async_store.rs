@@ -7,7 +7,7 @@ use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use mavstack::dialect::{Heartbeat, MavCmd, MavMissionResult, MavParamType, MissionItemInt, ParamSet};
 use mavstack::plan::Durability;
 use mavstack::storage::AsyncStore;
-use mavstack::{Config, Duration, Instant, Item, PlanType, Text};
+use mavstack::{Config, Duration, Instant, Item, LinkId, PlanType, Text};
 use std::cell::RefCell;
 use std::pin::{Pin, pin};
 use std::rc::Rc;
@@ -205,6 +205,20 @@ fn nothing_waits_for_an_erase() {
     let longest = longest_silence(&world.borrow());
     assert!(longest <= millis(1_001), "{longest:?} between heartbeats");
     assert!(seen.borrow().erases >= 1 && seen.borrow().pending > 1_500);
+}
+
+/// D-5: a write that is due wakes the loop that runs storage, and no task that serves a link.
+#[test]
+fn a_write_that_is_due_wakes_no_link() {
+    let world = new_world();
+    let _store = start(&world, Inner::new(LEN));
+    let world = &mut *world.borrow_mut();
+    set_cruise(world, 7.0);
+    // Nothing runs the storage.
+    world.run_for(secs(3));
+    let now = world.now();
+    assert_eq!(world.stack.next_deadline(now), now);
+    assert!(world.stack.link_deadline(now, LinkId(0)) > now);
 }
 
 /// M-44: a durable upload is answered once the plan is stored, which takes an erase in new flash. Heartbeats are in

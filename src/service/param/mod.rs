@@ -237,7 +237,7 @@ where
         }
     }
 
-    fn deadline(&self) -> Instant {
+    fn storage_deadline(&self) -> Instant {
         self.write_due
     }
 

@@ -281,12 +281,6 @@ impl Quadrotor {
                 }
             },
         };
-        // Not in `begin_leg`: the choice of a place to land has the deepest call stack.
-        let leg = match leg.maneuver {
-            Maneuver::Return => Leg { maneuver: self.return_landing(cx), ..leg },
-            _ => leg,
-        };
-        self.mission.leg = Some(leg);
         let are_items_done = self.execute_items(cx, &leg, items);
         if self.mode != Mode::Mission || self.mission.leg.is_none() {
             return;
@@ -310,6 +304,22 @@ impl Quadrotor {
 
     #[inline(never)]
     fn begin_leg(&mut self, cx: &Context<'_>, seq: u16, items: &[Item]) -> Leg {
+        let mut leg = self.leg(cx, seq, items);
+        if leg.maneuver == Maneuver::Return {
+            leg.maneuver = self.return_landing(cx);
+        }
+        self.body.nose = match (leg.maneuver, leg.yaw) {
+            (Maneuver::Land(_), Some(yaw)) => self.turn_to(yaw),
+            _ => Nose::Course,
+        };
+        self.circled = 0.0;
+        self.mission.leg = Some(leg);
+        leg
+    }
+
+    /// Returns the leg of an item. Not inlined: the choice of a place to land has the deepest call stack.
+    #[inline(never)]
+    fn leg(&self, cx: &Context<'_>, seq: u16, items: &[Item]) -> Leg {
         let mut leg = self.holding_leg();
         leg.seq = Some(seq);
         if let Some(item) = items.get(usize::from(seq))
@@ -319,12 +329,6 @@ impl Quadrotor {
             let stay = if lands { disarm_delay(cx) } else { stay };
             leg = Leg { maneuver, stay, yaw, ..leg };
         }
-        self.body.nose = match (leg.maneuver, leg.yaw) {
-            (Maneuver::Land(_), Some(yaw)) => self.turn_to(yaw),
-            _ => Nose::Course,
-        };
-        self.circled = 0.0;
-        self.mission.leg = Some(leg);
         leg
     }
 

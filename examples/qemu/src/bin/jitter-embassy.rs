@@ -11,6 +11,8 @@ mod time;
 #[path = "work/traffic.rs"]
 mod traffic;
 
+use core::convert::Infallible;
+
 use cortex_m_rt::entry;
 use embassy_futures::select::select;
 use embassy_futures::yield_now;
@@ -18,8 +20,10 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, Ticker, Timer};
+use embedded_io_async::{ErrorType, Read, Write};
 use mavstack::LinkId;
 use mavstack::frame::MAX_FRAME_LEN;
+use mavstack::io::{AsyncReceiver, AsyncTransmitter};
 use mavstack_demo::{App, LINKS};
 use mavstack_qemu::board::{self, Board};
 use mavstack_qemu::jitter::{BYTES, Delays, PERIOD, SlowStore, Way};
@@ -27,7 +31,7 @@ use mavstack_qemu::memory;
 use static_cell::StaticCell;
 use traffic::{Kind, Sender};
 
-/// The bytes for one call of the stack: not much more than one frame, so that flight waits for one frame.
+/// The most bytes for one call of the stack: not much more than one frame, so that flight waits for one frame.
 const PIECE: usize = 16;
 
 type SharedApp = Mutex<CriticalSectionRawMutex, &'static mut App>;
@@ -37,12 +41,8 @@ static WAKE: [Signal<CriticalSectionRawMutex, ()>; LINKS] = [const { Signal::new
 static JOB: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 static DONE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 
-fn wake_transmitters(except: Option<LinkId>) {
-    for (link, wake) in (0..).map(LinkId).zip(&WAKE) {
-        if Some(link) != except {
-            wake.signal(());
-        }
-    }
+fn wake_transmitters() {
+    WAKE.iter().for_each(|wake| wake.signal(()));
 }
 
 #[entry]
@@ -87,35 +87,71 @@ async fn flight(app: &'static SharedApp, mut delays: Delays) {
             app.fly(board::now())
         };
         if has_output {
-            wake_transmitters(None);
+            wake_transmitters();
         }
         due += Duration::from_millis(PERIOD.into());
     }
 }
 
+/// The receiving half of a UART: each millisecond brings as many bytes as the line carries.
+struct Source {
+    sender: Sender,
+    bytes: usize,
+    left: usize,
+    ticker: Ticker,
+}
+
+impl ErrorType for Source {
+    type Error = Infallible;
+}
+
+impl Read for Source {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
+        while self.left == 0 {
+            self.ticker.next().await;
+            self.left = self.bytes;
+        }
+        let len = self.left.min(buffer.len());
+        buffer[..len].fill_with(|| self.sender.next().unwrap_or(0));
+        self.left -= len;
+        Ok(len)
+    }
+}
+
+/// The transmitting half of a UART: a write takes as long as the line does.
+struct Sink {
+    bytes: usize,
+}
+
+impl ErrorType for Sink {
+    type Error = Infallible;
+}
+
+impl Write for Sink {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
+        Timer::after(Duration::from_micros(1_000 * bytes.len() as u64 / self.bytes.max(1) as u64)).await;
+        Ok(bytes.len())
+    }
+
+    async fn flush(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
+
 #[embassy_executor::task(pool_size = LINKS)]
-async fn receive(app: &'static SharedApp, link: LinkId, mut sender: Sender, bytes: usize) {
-    let mut ticker = Ticker::every(Duration::from_millis(1));
+async fn receive(app: &'static SharedApp, link: LinkId, sender: Sender, bytes: usize) {
+    let source = Source { sender, bytes, left: 0, ticker: Ticker::every(Duration::from_millis(1)) };
     let mut buffer = [0; 64];
+    let mut receiver = AsyncReceiver::new(source, &mut buffer).with_piece(PIECE);
     loop {
-        ticker.next().await;
-        let mut left = bytes;
-        while left > 0 {
-            let len = left.min(buffer.len());
-            buffer[..len].fill_with(|| sender.next().unwrap_or(0));
-            left -= len;
-            let mut rest = &buffer[..len];
-            while !rest.is_empty() {
-                let mut app = app.lock().await;
-                let (stack, vehicle) = app.parts();
-                let now = board::now();
-                let taken = stack.receive(now, link, rest.get(..PIECE).unwrap_or(rest), vehicle);
-                rest = rest.get(taken..).unwrap_or_default();
-                if taken == 0 {
-                    stack.receive(now, link, &[], vehicle);
-                }
-            }
-            wake_transmitters(None);
+        receiver.wait().await;
+        let is_pending = {
+            let mut app = app.lock().await;
+            let (stack, vehicle) = app.parts();
+            stack.receive_from(board::now(), link, &mut receiver, vehicle)
+        };
+        if is_pending != Ok(true) {
+            wake_transmitters();
         }
     }
 }
@@ -123,36 +159,23 @@ async fn receive(app: &'static SharedApp, link: LinkId, mut sender: Sender, byte
 #[embassy_executor::task(pool_size = LINKS)]
 async fn transmit(app: &'static SharedApp, link: LinkId, bytes: usize) {
     let mut frame = [0; MAX_FRAME_LEN];
+    let mut transmitter = AsyncTransmitter::new(Sink { bytes }, &mut frame);
     loop {
         // One call for each lock, so that flight waits for one call at most.
         app.lock().await.poll(board::now());
-        {
-            let mut app = app.lock().await;
-            let (stack, vehicle) = app.parts();
-            stack.receive(board::now(), link, &[], vehicle);
-        }
-        let (len, now, deadline) = {
+        let (has_bytes, deadline) = {
             let mut app = app.lock().await;
             let now = board::now();
             let (stack, vehicle) = app.parts();
-            let pending = stack.transmit(now, link, vehicle);
-            let len = pending.len().min(frame.len());
-            frame[..len].copy_from_slice(&pending[..len]);
-            (len, now, stack.next_deadline(now))
+            let has_bytes = stack.transmit_to(now, link, &mut transmitter, vehicle);
+            (has_bytes, stack.link_deadline(now, link))
         };
-        if len == 0 {
-            if deadline <= now {
-                wake_transmitters(Some(link));
-                Timer::after(Duration::from_millis(1)).await;
-                continue;
-            }
+        if has_bytes == Ok(true) {
+            transmitter.send().await;
+        } else {
             let next = Timer::at(Instant::from_micros(deadline.as_micros()));
             select(WAKE[usize::from(link.0)].wait(), next).await;
-            continue;
         }
-        // As long as the line takes.
-        Timer::after(Duration::from_micros(1_000 * len as u64 / bytes.max(1) as u64)).await;
-        app.lock().await.parts().0.transmitted(link, len);
     }
 }
 

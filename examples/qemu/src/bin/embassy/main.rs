@@ -8,8 +8,9 @@
 //!   STORAGE, lowest         run the storage job that exchange has got: erase or write
 //! ```
 //!
-//! `receive` awaits bytes. `transmit` awaits a wake-up or the stack's next deadline. In between the processor sleeps. Both work
-//! with any UART that implements the traits of `embedded-io-async` and splits into two halves.
+//! `receive` awaits bytes. `transmit` awaits a wake-up or the link's next deadline. In between the processor sleeps. Their ends of
+//! the link, [`AsyncReceiver`] and [`AsyncTransmitter`], work with any UART that implements the traits of `embedded-io-async` and
+//! splits into two halves.
 //!
 //! Flight and comms share the vehicle and its stack behind an async mutex. A critical section would delay the UART interrupts.
 //! Comms locks for one bounded call at a time, so flight waits at most for one call ([`mavstack::Config::budget`] bounds it). Code
@@ -35,10 +36,10 @@ use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
-use embassy_time::{Duration, Ticker, Timer};
-use embedded_io_async::{Read, Write};
+use embassy_time::{Duration, Instant, Ticker, Timer};
 use mavstack::LinkId;
 use mavstack::frame::MAX_FRAME_LEN;
+use mavstack::io::{AsyncReceiver, AsyncTransmitter};
 use mavstack_demo::{App, LINKS};
 use mavstack_qemu::board::{self, Board};
 use mavstack_qemu::device::interrupt;
@@ -46,7 +47,7 @@ use mavstack_qemu::memory::{self, FlashStore};
 use static_cell::StaticCell;
 use uart::{Receiver, Sender, Uart};
 
-/// The bytes for one call of the stack: not much more than one frame, so that flight waits for one frame.
+/// The most bytes for one call of the stack: not much more than one frame, so that flight waits for one frame.
 const PIECE: usize = 16;
 
 type SharedApp = Mutex<CriticalSectionRawMutex, &'static mut App>;
@@ -56,13 +57,9 @@ type SharedStore = Mutex<CriticalSectionRawMutex, FlashStore>;
 /// Signals to each link's `transmit` task that output may be pending.
 static WAKE: [Signal<CriticalSectionRawMutex, ()>; LINKS] = [const { Signal::new() }; LINKS];
 
-/// Wakes the `transmit` tasks of all links but `except`.
-fn wake_transmitters(except: Option<LinkId>) {
-    for (link, wake) in (0..).map(LinkId).zip(&WAKE) {
-        if Some(link) != except {
-            wake.signal(());
-        }
-    }
+/// Wakes the `transmit` tasks of all links: a received frame may be forwarded to any of them.
+fn wake_transmitters() {
+    WAKE.iter().for_each(|wake| wake.signal(()));
 }
 
 /// Signals to `run` that the store has a job, and to `exchange` that the job has ended.
@@ -115,7 +112,7 @@ async fn flight(app: &'static SharedApp) {
             (app.fly(board::now()), app.simulates_hang())
         };
         if has_output {
-            wake_transmitters(None);
+            wake_transmitters();
         }
         if hangs {
             // For example for a sensor that does not answer.
@@ -127,66 +124,44 @@ async fn flight(app: &'static SharedApp) {
 
 /// Receives bytes on a link.
 #[embassy_executor::task(pool_size = LINKS)]
-async fn receive(app: &'static SharedApp, link: LinkId, mut rx: Receiver) {
+async fn receive(app: &'static SharedApp, link: LinkId, rx: Receiver) {
     let mut buffer = [0; 64];
+    let mut receiver = AsyncReceiver::new(rx, &mut buffer).with_piece(PIECE);
     loop {
-        // An error is reported once, and counted. Checksums detect the lost bytes.
-        let Ok(len) = rx.read(&mut buffer).await else { continue };
-        let mut rest = buffer.get(..len).unwrap_or_default();
-        while !rest.is_empty() {
+        receiver.wait().await;
+        let is_pending = {
             let mut app = app.lock().await;
             let (stack, vehicle) = app.parts();
-            let now = board::now();
-            let taken = stack.receive(now, link, rest.get(..PIECE).unwrap_or(rest), vehicle);
-            rest = rest.get(taken..).unwrap_or_default();
-            if taken == 0 {
-                // Frames are pending that exceed the budget of one call.
-                stack.receive(now, link, &[], vehicle);
-            }
+            // An error is reported once, and counted. Checksums detect the lost bytes.
+            stack.receive_from(board::now(), link, &mut receiver, vehicle)
+        };
+        if is_pending != Ok(true) {
+            wake_transmitters();
         }
-        // All links, because a received frame may be forwarded to any of them.
-        wake_transmitters(None);
     }
 }
 
 /// Transmits pending frames on a link.
 #[embassy_executor::task(pool_size = LINKS)]
-async fn transmit(app: &'static SharedApp, link: LinkId, mut tx: Sender) {
+async fn transmit(app: &'static SharedApp, link: LinkId, tx: Sender) {
     let mut frame = [0; MAX_FRAME_LEN];
+    let mut transmitter = AsyncTransmitter::new(tx, &mut frame);
     loop {
         // One call for each lock, so that flight waits for one call at most.
         app.lock().await.poll(board::now());
-        // Received bytes may be pending: frames beyond the budget of one call, or a candidate that silence confirms.
-        {
-            let mut app = app.lock().await;
-            let (stack, vehicle) = app.parts();
-            stack.receive(board::now(), link, &[], vehicle);
-        }
-        let (len, now, deadline) = {
+        let (has_bytes, deadline) = {
             let mut app = app.lock().await;
             let now = board::now();
             let (stack, vehicle) = app.parts();
-            let pending = stack.transmit(now, link, vehicle);
-            let len = pending.len().min(frame.len());
-            frame[..len].copy_from_slice(&pending[..len]);
-            (len, now, stack.next_deadline(now))
+            let has_bytes = stack.transmit_to(now, link, &mut transmitter, vehicle);
+            (has_bytes, stack.link_deadline(now, link))
         };
-        if len == 0 {
-            // The deadline covers all links. If it has passed, the work is usually for another link, whose task may sleep.
-            // The pause keeps the tasks from waking each other without end, which would leave no time for STORAGE.
-            if deadline <= now {
-                wake_transmitters(Some(link));
-                Timer::after(Duration::from_millis(1)).await;
-                continue;
-            }
-            let next = Timer::at(embassy_time::Instant::from_micros(deadline.as_micros()));
+        if has_bytes == Ok(true) {
+            transmitter.send().await;
+        } else {
+            let next = Timer::at(Instant::from_micros(deadline.as_micros()));
             select(WAKE[usize::from(link.0)].wait(), next).await;
-            continue;
         }
-        // Build the next frame only when this one was sent. A heartbeat that waits in a queue could be sent after flight has hung.
-        let Ok(()) = tx.write_all(&frame[..len]).await;
-        let Ok(()) = tx.flush().await;
-        app.lock().await.parts().0.transmitted(link, len);
     }
 }
 
