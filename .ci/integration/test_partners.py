@@ -16,7 +16,9 @@ mavlink = mavutil.mavlink
 
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 IN_PROGRESS = mavlink.MAV_RESULT_IN_PROGRESS
-GIMBAL = (1, mavlink.MAV_COMP_ID_GIMBAL)
+# The vehicle has a gimbal and a camera of its own; these are other ones.
+GIMBAL = (1, mavlink.MAV_COMP_ID_GIMBAL2)
+CAMERA = (1, mavlink.MAV_COMP_ID_CAMERA2)
 # The system id of the authoriser.
 AUTHORISER = 10
 ARM = mavlink.MAV_CMD_COMPONENT_ARM_DISARM
@@ -48,7 +50,7 @@ class Component:
 
 def point(gcs, pitch, yaw, timeout=3.0):
     flags = mavlink.GIMBAL_MANAGER_FLAGS_YAW_IN_VEHICLE_FRAME
-    return gcs.command(POINT, pitch, yaw, math.nan, math.nan, flags, 0, 0, timeout=timeout)
+    return gcs.command(POINT, pitch, yaw, math.nan, math.nan, flags, 0, GIMBAL[1], timeout=timeout)
 
 
 def eventually(act, timeout=5.0):
@@ -153,11 +155,10 @@ def test_mavsdk_authorises_arming(port, other):
 
 def test_payload_is_asked_about_itself(gcs, other):
     """The vehicle requests GIMBAL_DEVICE_INFORMATION of a gimbal in pymavlink, and reads CAM_MODE of a camera: PARAM_EXT."""
-    camera = (1, mavlink.MAV_COMP_ID_CAMERA)
-    with Component(other, camera, mavlink.MAV_TYPE_CAMERA) as component:
+    with Component(other, CAMERA, mavlink.MAV_TYPE_CAMERA) as component:
         read = other.wait("PARAM_EXT_REQUEST_READ", 5)
         assert read and read.param_id == "CAM_MODE" and read.param_index == -1
-        assert (read.target_system, read.target_component) == camera
+        assert (read.target_system, read.target_component) == CAMERA
         # The first request is lost.
         again = other.wait("PARAM_EXT_REQUEST_READ", 2)
         assert again and again.param_id == read.param_id

@@ -222,16 +222,13 @@ pub struct ExtParamServer {
 /// The state of the service on a link.
 #[derive(Debug)]
 pub struct ExtParamLink {
-    /// Parameters that were requested: a bit for each.
+    /// Parameters that were requested, one by one or as a list: a bit for each.
     asked: [u8; BYTES],
     share: Share,
-    /// The index of the list's next value.
-    next: u16,
-    is_listing: bool,
 }
 
 impl ExtParamLink {
-    const VACANT: Self = Self { asked: [0; BYTES], share: Share::NEW, next: 0, is_listing: false };
+    const VACANT: Self = Self { asked: [0; BYTES], share: Share::NEW };
 
     /// Marks a parameter as requested.
     fn ask(&mut self, index: u16) {
@@ -256,22 +253,20 @@ impl ExtParamLink {
 impl ExtParamServer {
     /// Ends a change that was IN_PROGRESS: another PARAM_EXT_ACK has the result and the parameter's value now.
     pub fn finish(&mut self, index: u16, result: ParamAck) {
-        if let Some(answer) = self.slot(LinkMask::NONE, index, &[0; 16]) {
-            *answer = Answer { links: LinkMask::ALL, index, result, ..Answer::NONE };
-        }
+        let place = self.slot(LinkMask::NONE, index);
+        self.put(place, Answer { links: LinkMask::ALL, index, result, ..Answer::NONE });
     }
 
-    /// Returns the slot for an answer to a request on this link: that of an answer about the same parameter, a free one, or one that
-    /// is not pending on this link. `None` if there is none.
-    #[inline(never)]
-    fn slot(&mut self, link: LinkMask, index: u16, name: &Name) -> Option<&mut Answer> {
-        let rank = |answer: &&mut Answer| match answer.links {
-            links if links.is_empty() => 1,
-            _ if answer.index == index && (index != UNKNOWN || answer.name == *name) => 0,
-            links if !links.contains(link) => 2,
-            _ => 3u8,
-        };
-        self.answers.iter_mut().min_by_key(rank).filter(|answer| rank(answer) < 3)
+    /// Returns the slot for an answer to a request on this link: see [`slot`].
+    fn slot(&self, link: LinkMask, index: u16) -> Option<usize> {
+        slot(&self.answers, link, index)
+    }
+
+    /// Queues an answer.
+    fn put(&mut self, place: Option<usize>, answer: Answer) {
+        if let Some(slot) = place.and_then(|place| self.answers.get_mut(place)) {
+            *slot = answer;
+        }
     }
 
     /// Returns the first answer that is pending on a link.
@@ -286,6 +281,25 @@ impl ExtParamServer {
             answer.links = answer.links.without(LinkMask::of(port.id));
         }
     }
+}
+
+/// Returns the slot for an answer to a request on this link: that of an answer about the same parameter, a free one, or one that is
+/// not pending on this link. `None` if there is none.
+#[inline(never)]
+fn slot(answers: &[Answer], link: LinkMask, index: u16) -> Option<usize> {
+    let (mut found, mut least) = (None, 3u8);
+    for (place, answer) in answers.iter().enumerate() {
+        let rank = match answer.links {
+            links if links.is_empty() => 1,
+            _ if answer.index == index && index != UNKNOWN => 0,
+            links if !links.contains(link) => 2,
+            _ => 3,
+        };
+        if rank < least {
+            (found, least) = (Some(place), rank);
+        }
+    }
+    found
 }
 
 /// Returns the number of parameters.
@@ -309,8 +323,9 @@ fn name_of(bytes: &[u8]) -> Name {
 /// Returns the index of a parameter by its name.
 #[inline(never)]
 fn find<V: ExtParameters>(vehicle: &V, name: &Name) -> Option<u16> {
-    let is_it = |index: &u16| vehicle.ext_param(*index).is_some_and(|(other, _)| name_of(other.as_bytes()) == *name);
-    (0..count(vehicle)).find(is_it)
+    // Byte by byte: an equality of arrays links a function for it.
+    let is_same = |other: &str| name_of(other.as_bytes()).iter().zip(name).all(|(a, b)| a == b);
+    (0..count(vehicle)).find(|index| vehicle.ext_param(*index).is_some_and(|(other, _)| is_same(other)))
 }
 
 /// Handles PARAM_EXT_SET (P-41).
@@ -331,7 +346,8 @@ fn set<F: Firmware<Vehicle: ExtParameters>>(
     let kind = MavParamExtType(received.frame.byte(146));
     let found = find(cx.vehicle, &name);
     let (index, link) = (found.unwrap_or(UNKNOWN), LinkMask::of(port.id));
-    if server.slot(link, index, &name).is_none() {
+    let place = server.slot(link, index);
+    if place.is_none() {
         return Handled::NoRoom;
     }
     let is_of_type = cx.vehicle.ext_param(index).is_some_and(|(_, now)| now.kind() == kind);
@@ -344,9 +360,7 @@ fn set<F: Firmware<Vehicle: ExtParameters>>(
         None => ParamAck::VALUE_UNSUPPORTED,
     };
     event!("extended parameter {=u16}: {=u8}", index, result.0);
-    if let Some(answer) = server.slot(link, index, &name) {
-        *answer = Answer { links: cx.shared.normal, index, name, kind, result };
-    }
+    server.put(place, Answer { links: cx.shared.normal, index, name, kind, result });
     cx.shared.has_acted = true;
     Handled::Yes
 }
@@ -414,10 +428,11 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
         if !port.outbox.takes(ParamExtValue::ID) {
             return Handled::OutOfPlace;
         }
-        if let Some(read) = frame.decode::<ParamExtRequestRead>() {
-            let found = match u16::try_from(read.param_index) {
+        if frame.id() == ParamExtRequestRead::ID {
+            let index = i16::from_le_bytes([frame.byte(0), frame.byte(1)]);
+            let found = match u16::try_from(index) {
                 Ok(index) => Some(index).filter(|index| *index < count(cx.vehicle)),
-                Err(_) => find(cx.vehicle, &name_of(read.param_id.wire())),
+                Err(_) => find(cx.vehicle, &name_of(frame.payload().get(4..).unwrap_or_default())),
             };
             if let Some(index) = found {
                 link.ask(index);
@@ -427,40 +442,36 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
         if frame.id() == ParamExtSet::ID {
             return set(self, cx, port, received);
         }
-        (link.next, link.is_listing) = (0, count(cx.vehicle) > 0);
-        link.share.begin(cx.now);
+        (0..count(cx.vehicle)).for_each(|index| link.ask(index));
         Handled::Yes
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ExtParamLink, turn: Turn) -> bool {
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ExtParamLink, _: Turn) -> bool {
         if !port.outbox.takes(ParamExtValue::ID) {
             self.forget(port);
             return false;
-        }
-        if turn == Turn::ExtParamList {
-            if !link.is_listing || link.share.due() > cx.now {
-                return false;
-            }
-            let index = link.next;
-            link.next = index.saturating_add(1);
-            link.is_listing = link.next < count(cx.vehicle);
-            link.share.spend(cx.now, COST, port.config.bytes_per_second);
-            return send_value(cx, port, index);
         }
         if let Some(answer) = self.pending(port).and_then(|place| self.answers.get_mut(place)) {
             answer.links = answer.links.without(LinkMask::of(port.id));
             return send_answer(cx, port, answer);
         }
-        link.take_asked().is_some_and(|index| send_value(cx, port, index))
+        if link.share.due() > cx.now {
+            return false;
+        }
+        let Some(index) = link.take_asked() else { return false };
+        link.share.spend(cx.now, COST, port.config.bytes_per_second);
+        send_value(cx, port, index)
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &ExtParamLink, turn: Turn) -> Instant {
-        match turn {
-            _ if !port.outbox.takes(ParamExtValue::ID) => Instant::NEVER,
-            Turn::ExtParamList if link.is_listing => link.share.due(),
-            Turn::ExtParamList => Instant::NEVER,
-            _ if self.pending(port).is_some() || link.is_asked() => view.now,
-            _ => Instant::NEVER,
+    fn due(&self, view: &View<'_>, port: &Port, link: &ExtParamLink, _: Turn) -> Instant {
+        if !port.outbox.takes(ParamExtValue::ID) {
+            Instant::NEVER
+        } else if self.pending(port).is_some() {
+            view.now
+        } else if link.is_asked() {
+            link.share.due()
+        } else {
+            Instant::NEVER
         }
     }
 

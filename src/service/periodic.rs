@@ -17,12 +17,13 @@ const MAX: u32 = 60_000_000;
 /// The interval of a message that is off.
 const OFF: u32 = u32::MAX;
 
-/// The message, its interval by default (µs), on each link whose profile has streams, and another message that is sent on request
-/// only.
+/// The message, its intervals by default (µs) on links with [`StreamProfile::Radio`] and [`StreamProfile::Onboard`], and another message
+/// that is sent on request only.
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
     pub(crate) id: u32,
-    pub(crate) micros: u32,
+    pub(crate) radio: u32,
+    pub(crate) onboard: u32,
     pub(crate) other: u32,
 }
 
@@ -55,7 +56,8 @@ impl Periodic {
     fn interval(&self, row: Row, port: &Port) -> u32 {
         match (self.micros, port.config.streams) {
             (0, StreamProfile::Off) => OFF,
-            (0, _) => row.micros,
+            (0, StreamProfile::Radio) => row.radio,
+            (0, StreamProfile::Onboard) => row.onboard,
             (micros, _) => micros,
         }
     }

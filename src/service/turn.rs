@@ -23,7 +23,6 @@ macro_rules! turns {
             HighLatency high_latency Stalled HighLatency "HIGH_LATENCY2" "at once";
             MissionTransfer mission Room Normal "MISSION_REQUEST_INT or MISSION_REQUEST, MISSION_COUNT, MISSION_ITEM_INT or MISSION_ITEM" "while the link has room";
             ParamAnswer param Room Normal "PARAM_ERROR, PARAM_VALUE" "while the link has room";
-            ExtParamAnswer ext_parameters Room Normal "PARAM_EXT_ACK, PARAM_EXT_VALUE" "while the link has room";
             Text statustext Room Normal "STATUSTEXT" "while the link has room";
             Identity identity Room Normal "AUTOPILOT_VERSION, PROTOCOL_VERSION" "while the link has room";
             Request stream Room Normal "MESSAGE_INTERVAL, the vehicle's messages on request" "while the link has room";
@@ -36,7 +35,7 @@ macro_rules! turns {
             MissionProgress mission Room Normal "MISSION_ITEM_REACHED, MISSION_CURRENT" "while the link has room";
             ModeList mode Room Normal "AVAILABLE_MODES" "while the link has room";
             Message messages Room Normal "the vehicle's own messages" "while the link has room, at half of its rate";
-            ExtParamList ext_parameters Room Normal "the list of all extended parameters" "while the link has room, at 40 % of its rate";
+            ExtParam ext_parameters Room Normal "PARAM_EXT_ACK, PARAM_EXT_VALUE" "while the link has room; values at 40 % of its rate";
             LateParamList param Room Normal "the list of all parameters" "while the link has room, if its next value has waited for 20 ms";
             ForwardedFirst forwarding Idle Normal "a forwarded frame" "while the link is idle, if a stream was last";
             GimbalStatus gimbal_manager Idle Normal "GIMBAL_MANAGER_STATUS" "while the link is idle";

@@ -195,8 +195,6 @@ fn pending_frames_are_sent_in_order() {
     receive(&mut world, now, 0, STATION, &Heartbeat::default());
     receive(&mut world, now, 0, STATION, &ParamRequestList { target_system: 1, target_component: 1 });
     receive(&mut world, now, 0, STATION, &ParamExtRequestList { target_system: 1, target_component: 1 });
-    let read = ParamExtRequestRead { param_index: 0, target_system: 1, target_component: 1, ..Default::default() };
-    receive(&mut world, now, 0, STATION, &read);
     world.stack.camera_mut().image_captured(Image::at(now));
     for (command, id) in [
         (MavCmd::REQUEST_MESSAGE, AvailableModes::ID),
@@ -230,7 +228,6 @@ fn pending_frames_are_sent_in_order() {
         ("Time", vec![own(Timesync::ID)]),
         ("MissionTransfer", vec![own(MissionCount::ID)]),
         ("ParamAnswer", vec![own(ParamValue::ID)]),
-        ("ExtParamAnswer", vec![own(ParamExtValue::ID)]),
         ("Text", vec![own(Statustext::ID)]),
         ("Identity", vec![own(AutopilotVersion::ID)]),
         ("Request", vec![own(MessageInterval::ID), own(BatteryStatus::ID)]),
@@ -243,7 +240,7 @@ fn pending_frames_are_sent_in_order() {
         ("MissionProgress", vec![own(MissionCurrent::ID)]),
         ("ModeList", vec![own(AvailableModes::ID)]),
         ("Message", vec![own(SystemTime::ID)]),
-        ("ExtParamList", vec![own(ParamExtValue::ID)]),
+        ("ExtParam", vec![own(ParamExtValue::ID)]),
         ("LateParamList", vec![]),
         ("GimbalStatus", vec![own(GimbalManagerStatus::ID)]),
         ("GimbalAttitude", vec![own(GimbalDeviceAttitudeStatus::ID)]),

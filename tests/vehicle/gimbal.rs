@@ -202,7 +202,7 @@ fn capability_is_set() {
 /// GIM-2, L-2, S-10: the status is sent five times a second on normal links that carry MAVLink 2.
 #[test]
 fn status_is_streamed() {
-    let uart = LinkConfig::uart(57_600);
+    let uart = LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard);
     let links = [uart, uart.with_class(LinkClass::HighLatency), uart.with_version(TxVersion::V1)];
     let mut world = Carried::of(Setup { links, ..Setup::new() });
     world.run_for(millis(10_050));

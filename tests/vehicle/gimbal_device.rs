@@ -80,7 +80,7 @@ fn setup(address: Address, links: [LinkConfig; 3]) -> Setup<3> {
 }
 
 fn links() -> [LinkConfig; 3] {
-    let uart = LinkConfig::uart(57_600);
+    let uart = LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard);
     [uart, uart.with_class(LinkClass::HighLatency), uart.with_version(TxVersion::V1)]
 }
 
@@ -296,7 +296,8 @@ mavstack::stack! {
 /// from the autopilot. A setpoint moves the gimbal, and leaves on no link.
 #[test]
 fn manager_and_device_in_one_firmware() {
-    let mut world = World::<3, Whole>::of(setup(VEHICLE, [LinkConfig::uart(115_200); 3]));
+    let mut world =
+        World::<3, Whole>::of(setup(VEHICLE, [LinkConfig::uart(115_200).with_streams(StreamProfile::Onboard); 3]));
     let ask = |id: u32| [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     for (id, target_component, sender) in [
         (GimbalDeviceInformation::ID, 154, GIMBAL),

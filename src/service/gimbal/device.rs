@@ -15,8 +15,9 @@ use crate::message::{Address, ComponentId, Message};
 use crate::time::Instant;
 use crate::types::{Context, Firmware};
 
-/// GIMBAL_DEVICE_ATTITUDE_STATUS: ten times a second, as the guide advises.
-const STATUS: Row = Row { id: GimbalDeviceAttitudeStatus::ID, micros: 100_000, other: GimbalDeviceInformation::ID };
+/// GIMBAL_DEVICE_ATTITUDE_STATUS: ten times a second, as the guide advises, and once a second on a radio, as PX4 does.
+const STATUS: Row =
+    Row { id: GimbalDeviceAttitudeStatus::ID, radio: 1_000_000, onboard: 100_000, other: GimbalDeviceInformation::ID };
 
 counters! {
     /// Counters of the gimbal device. They wrap.
@@ -125,7 +126,8 @@ pub trait GimbalDevice {
 /// The gimbal device: declared by `gimbal_device` in [`stack!`](crate::stack), and read through
 /// [`Stack::gimbal_device`](crate::Stack::gimbal_device). [`GimbalDevice`] has its hooks.
 ///
-/// GIMBAL_DEVICE_ATTITUDE_STATUS is sent ten times a second by default, on every normal link that carries MAVLink 2; a client may set
+/// GIMBAL_DEVICE_ATTITUDE_STATUS is sent ten times a second by default, or once on a link with
+/// [`StreamProfile::Radio`](crate::config::StreamProfile::Radio), on every normal link that carries MAVLink 2; a client may set
 /// another interval, from 20 ms. GIMBAL_DEVICE_INFORMATION is sent on request. GIMBAL_DEVICE_SET_ATTITUDE is followed only if it comes
 /// from the manager and is addressed to our system.
 #[derive(Clone, Debug)]

@@ -19,8 +19,9 @@ use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{Context, Firmware, LinkId};
 
-/// GIMBAL_MANAGER_STATUS: five times a second, as its definition advises.
-const STATUS: Row = Row { id: GimbalManagerStatus::ID, micros: 200_000, other: GimbalManagerInformation::ID };
+/// GIMBAL_MANAGER_STATUS: five times a second, as its definition advises, and every two seconds on a radio, as PX4 does.
+const STATUS: Row =
+    Row { id: GimbalManagerStatus::ID, radio: 2_000_000, onboard: 200_000, other: GimbalManagerInformation::ID };
 
 /// How often a device is asked for its GIMBAL_DEVICE_INFORMATION until it answers, as PX4 does.
 const ASK_PERIOD: Duration = Duration::from_secs(1);
@@ -95,7 +96,8 @@ counters! {
 ///
 /// With `operator_control`, control ends when another system takes over the vehicle, except that of the vehicle's own system.
 ///
-/// GIMBAL_MANAGER_STATUS is sent five times a second and at once after a change, on every normal link that carries MAVLink 2.
+/// GIMBAL_MANAGER_STATUS is sent five times a second, or every two seconds on a link with
+/// [`StreamProfile::Radio`](crate::config::StreamProfile::Radio), and at once after a change, on every normal link that carries MAVLink 2.
 #[derive(Clone, Debug)]
 pub struct ManagerService {
     primary: Who,

@@ -19,5 +19,6 @@ mod refusals;
 mod routing;
 mod satellite;
 mod signing;
+mod survey;
 mod table;
 mod telemetry;

@@ -5,7 +5,9 @@ use mavstack::dialect::*;
 use mavstack::{Address, LinkId, Text};
 use mavstack_demo::{COMPANION, TELEMETRY, Tuning};
 
-const GIMBAL: Address = Address::new(1, 154);
+/// The vehicle has a gimbal and a camera of its own; these are other ones.
+const GIMBAL: Address = Address::new(1, 171);
+const CAMERA: Address = Address::new(1, 101);
 const AUTHORISER: Address = Address::new(10, 190);
 const ARM: MavCmd = MavCmd::COMPONENT_ARM_DISARM;
 
@@ -162,10 +164,10 @@ fn reboot_cancels_arming() {
 fn gimbal_is_pointed() {
     let mut wire = Wire::booted();
     let point = |wire: &mut Wire, pitch: f32, yaw: f32| {
-        wire.long(MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, &[pitch, yaw, f32::NAN, f32::NAN, 32.0, 0.0, 0.0])
+        wire.long(MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, &[pitch, yaw, f32::NAN, f32::NAN, 32.0, 0.0, 171.0])
     };
     assert_eq!(point(&mut wire, -30.0, 90.0), MavResult::TEMPORARILY_REJECTED);
-    beat(&mut wire, COMPANION, Address::new(2, 154), MavType::GIMBAL);
+    beat(&mut wire, COMPANION, Address::new(2, 171), MavType::GIMBAL);
     assert_eq!(point(&mut wire, -30.0, 90.0), MavResult::TEMPORARILY_REJECTED, "another system's");
     beat(&mut wire, COMPANION, GIMBAL, MavType::GIMBAL);
     assert_eq!(point(&mut wire, -30.0, 90.0), MavResult::ACCEPTED);
@@ -179,13 +181,13 @@ fn gimbal_is_pointed() {
         wire.take::<CommandLong>().into_iter().map(|(_, asked)| (asked.command, asked.param1)).collect();
     assert_eq!(asked, [(MavCmd::REQUEST_MESSAGE, 283.0)]);
     let model_name = Text::new("Brushless 3");
-    let foreign = Address::new(2, 154);
+    let foreign = Address::new(2, 171);
     wire.send_as(COMPANION, foreign, &GimbalDeviceInformation { model_name, ..GimbalDeviceInformation::default() });
     assert!(!wire.texts().iter().any(|text| text.starts_with("Gimbal: ")), "another system's");
     wire.send_as(COMPANION, GIMBAL, &GimbalDeviceInformation { model_name, ..GimbalDeviceInformation::default() });
     assert!(wire.texts().contains(&"Gimbal: Brushless 3".into()));
     let (_, set) = wire.take::<GimbalDeviceSetAttitude>()[0];
-    assert_eq!((set.target_system, set.target_component), (1, 154));
+    assert_eq!((set.target_system, set.target_component), (1, 171));
     // Yaw by 90°, then pitch by -30°.
     let expected = [0.683_012_7, 0.183_012_7, -0.183_012_7, 0.683_012_7];
     for (is, should) in set.q.into_iter().zip(expected) {
@@ -198,13 +200,12 @@ fn gimbal_is_pointed() {
 /// A camera's mode is read when the camera is found.
 #[test]
 fn camera_is_asked_for_its_mode() {
-    let camera = Address::new(1, 100);
     let mut wire = Wire::booted();
-    beat(&mut wire, COMPANION, camera, MavType::CAMERA);
+    beat(&mut wire, COMPANION, CAMERA, MavType::CAMERA);
     wire.run(50);
     let (_, read) = wire.take::<ParamExtRequestRead>()[0];
-    assert_eq!((read.param_id.as_str(), read.target_component), (Some("CAM_MODE"), 100));
+    assert_eq!((read.param_id.as_str(), read.target_component), (Some("CAM_MODE"), 101));
     let value = ParamExtValue { param_id: read.param_id, param_value: Text::new("\u{2}"), ..ParamExtValue::default() };
-    wire.send_as(COMPANION, camera, &value);
+    wire.send_as(COMPANION, CAMERA, &value);
     assert_eq!(wire.texts(), ["Camera: mode 2"]);
 }

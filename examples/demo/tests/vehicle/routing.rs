@@ -1,6 +1,6 @@
 //! Forwarding between a ground station on the radio, a companion computer of the same system, and the satellite link.
 
-use crate::support::wire::{STATION, Wire};
+use crate::support::wire::{CAMERA, GIMBAL, STATION, Wire};
 use mavstack::dialect::*;
 use mavstack::frame::{Version, encode};
 use mavstack::{Address, LinkId, Message, Text};
@@ -27,7 +27,7 @@ fn send_heartbeats(wire: &mut Wire) {
 
 /// Returns the frames that the vehicle forwarded to a link, in order.
 fn forwarded(wire: &Wire, link: LinkId) -> Vec<Vec<u8>> {
-    let is_forwarded = |source| source != Address::new(1, 1);
+    let is_forwarded = |source| ![Address::new(1, 1), CAMERA, GIMBAL].contains(&source);
     let frames = wire.received.iter().filter(|frame| frame.link == link && is_forwarded(frame.source));
     frames.map(|frame| frame.raw.clone()).collect()
 }

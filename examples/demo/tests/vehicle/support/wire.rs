@@ -7,7 +7,7 @@ use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::*;
 use mavstack::frame::{Decoder, Version, encode};
 use mavstack::message::Dialect;
-use mavstack::{Address, Duration, Instant, LinkId, Message};
+use mavstack::{Address, Duration, Instant, Item, LinkId, Message};
 use mavstack_demo::{App, COMPANION, LINKS, Mavlink, Quadrotor, TELEMETRY};
 
 mavstack::message! {
@@ -24,6 +24,9 @@ mavstack::dialect! {
 }
 
 pub const STATION: Address = Address::new(255, 190);
+/// The vehicle's own camera and gimbal.
+pub const CAMERA: Address = Address::new(1, 100);
+pub const GIMBAL: Address = Address::new(1, 154);
 
 /// A serial line between the vehicle and the test.
 #[derive(Default)]
@@ -78,6 +81,13 @@ pub struct Received {
     pub id: u32,
     pub raw: Vec<u8>,
     pub payload: Vec<u8>,
+}
+
+impl Received {
+    /// Decodes the message if it is an `M`.
+    pub fn decode<M: Message>(&self) -> Option<M> {
+        (self.id == M::ID).then(|| M::decode(&self.payload))
+    }
 }
 
 /// The vehicle, its lines and the simulated time.
@@ -175,9 +185,12 @@ impl Wire {
         self.lines[usize::from(link.0)].up.extend(bytes);
     }
 
-    /// Takes the messages of one type received since the last call, with their times.
+    /// Takes the messages of one type received since the last call, with their times. Heartbeats of the vehicle's camera and gimbal
+    /// are left.
     pub fn take<M: Message>(&mut self) -> Vec<(u64, M)> {
-        let (found, rest) = std::mem::take(&mut self.received).into_iter().partition(|frame| frame.id == M::ID);
+        let is_payload = |frame: &Received| [CAMERA, GIMBAL].contains(&frame.source);
+        let is_it = |frame: &Received| frame.id == M::ID && !(M::ID == Heartbeat::ID && is_payload(frame));
+        let (found, rest) = std::mem::take(&mut self.received).into_iter().partition(is_it);
         self.received = rest;
         let found: Vec<Received> = found;
         found.into_iter().map(|frame| (frame.millis, M::decode(&frame.payload))).collect()
@@ -237,6 +250,42 @@ impl Wire {
             }
         }
         panic!("no answer to {command:?}");
+    }
+
+    /// Uploads a mission on the telemetry link.
+    pub fn upload(&mut self, plan: &[Item]) {
+        let (target_system, target_component) = (1, 1);
+        let count = plan.len() as u16;
+        self.send(TELEMETRY, &MissionCount { count, target_system, target_component, ..Default::default() });
+        loop {
+            self.run(20);
+            if let Some((_, ack)) = self.take::<MissionAck>().pop() {
+                assert_eq!(ack.r#type, MavMissionResult::ACCEPTED);
+                return;
+            }
+            let Some((_, MissionRequestInt { seq, .. })) = self.take::<MissionRequestInt>().pop() else { continue };
+            let Item { frame, command, autocontinue, params: [param1, param2, param3, param4], x, y, z } =
+                plan[usize::from(seq)];
+            self.send(
+                TELEMETRY,
+                &MissionItemInt {
+                    seq,
+                    frame,
+                    command,
+                    autocontinue,
+                    param1,
+                    param2,
+                    param3,
+                    param4,
+                    x,
+                    y,
+                    z,
+                    target_system,
+                    target_component,
+                    ..Default::default()
+                },
+            );
+        }
     }
 
     pub fn vehicle(&self) -> &Quadrotor {

@@ -1,0 +1,177 @@
+//! A survey: the camera takes images on the way, the gimbal looks where the plan says. Rules CAM-1 to CAM-9, GIM-7, K-10.
+
+use crate::support::wire::{CAMERA, GIMBAL, Wire, command_long};
+use crate::support::{act, at, waypoint};
+use mavstack::dialect::*;
+use mavstack::{Item, Message};
+use mavstack_demo::{Mode, TELEMETRY};
+
+const NAN: f32 = f32::NAN;
+
+/// Uploads a plan and flies it to its end. Returns the images that were reported on the telemetry link.
+fn fly(wire: &mut Wire, plan: &[Item]) -> Vec<CameraImageCaptured> {
+    wire.upload(plan);
+    wire.received.clear();
+    assert_eq!(wire.long(MavCmd::MISSION_START, &[]), MavResult::ACCEPTED);
+    wire.until("flown", 300, |vehicle| vehicle.mode() != Mode::Mission);
+    wire.run(500);
+    images(wire)
+}
+
+fn images(wire: &Wire) -> Vec<CameraImageCaptured> {
+    let received = wire.received.iter().filter(|received| received.link == TELEMETRY && received.source == CAMERA);
+    received.filter_map(|received| received.decode()).collect()
+}
+
+/// Sends a command to a component, and returns its answers: who, and what.
+fn command(wire: &mut Wire, to: u8, id: MavCmd, params: &[f32]) -> Vec<(u8, MavResult)> {
+    wire.received.clear();
+    wire.send(TELEMETRY, &CommandLong { target_component: to, ..command_long(1, id, params) });
+    wire.run(200);
+    let acks = wire.received.iter().filter(|received| received.link == TELEMETRY);
+    let acks = acks.filter_map(|received| Some((received.source.component.0, received.decode::<CommandAck>()?)));
+    acks.filter(|(_, ack)| ack.command == id).map(|(from, ack)| (from, ack.result)).collect()
+}
+
+fn trigger(distance: f32) -> Item {
+    act(MavCmd::DO_SET_CAM_TRIGG_DIST, [distance, 0.0, 1.0, NAN])
+}
+
+/// Three lines of a survey as QGroundControl writes it: the camera triggers by distance on each line, and not between them.
+#[test]
+fn a_survey_takes_an_image_every_so_many_metres() {
+    let mut wire = Wire::airborne();
+    let plan = [
+        act(MavCmd::SET_CAMERA_MODE, [0.0, 2.0, NAN, NAN]),
+        act(MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, [-90.0, 0.0, NAN, NAN]),
+        waypoint(20.0, 0.0),
+        trigger(10.0),
+        waypoint(75.0, 0.0),
+        trigger(0.0),
+        waypoint(75.0, 30.0),
+        trigger(10.0),
+        waypoint(20.0, 30.0),
+        trigger(0.0),
+        waypoint(20.0, 60.0),
+        trigger(10.0),
+        waypoint(75.0, 60.0),
+        trigger(0.0),
+        waypoint(60.0, 60.0),
+    ];
+    let images = fly(&mut wire, &plan);
+    // On each line one at once, and one every 10 m of 55 m, less the radius within which a waypoint counts as reached.
+    assert_eq!(images.len(), 3 * 6, "{images:?}");
+    for (index, image) in (0..).zip(&images) {
+        assert_eq!((image.image_index, image.capture_result), (index, 1));
+        // The gimbal looks down: a rotation by -90 degrees about the pitch axis.
+        let [w, _, y, _] = image.q;
+        assert!(index < 2 || ((w - 0.707).abs() < 0.1 && (y + 0.707).abs() < 0.1), "{:?}", image.q);
+    }
+    let line = |number: usize| &images[6 * number..6 * number + 6];
+    for number in 0..3 {
+        // Metres north and east: a degree of longitude is 0.677 of one of latitude here.
+        let place = |image: &CameraImageCaptured| [f64::from(image.lat) * 0.011_132, f64::from(image.lon) * 0.007_536];
+        let places: Vec<_> = line(number).iter().map(place).collect();
+        for pair in places.windows(2) {
+            let [north, east] = [0, 1].map(|axis| pair[1][axis] - pair[0][axis]);
+            assert!((north.hypot(east) - 10.0).abs() < 0.5, "{places:?}");
+        }
+    }
+    assert_eq!(
+        command(&mut wire, 100, MavCmd::REQUEST_MESSAGE, &[CameraSettings::ID as f32]),
+        [(100, MavResult::ACCEPTED)]
+    );
+    let settings = wire.take::<CameraSettings>();
+    assert!(settings.iter().any(|(_, settings)| settings.mode_id == CameraMode::IMAGE_SURVEY));
+}
+
+/// Images at an interval, single images, and video, as MAVSDK's missions have them.
+#[test]
+fn a_mission_operates_the_camera() {
+    let mut wire = Wire::airborne();
+    let plan = [
+        waypoint(10.0, 0.0),
+        act(MavCmd::IMAGE_START_CAPTURE, [0.0, 0.0, 1.0, NAN]),
+        act(MavCmd::VIDEO_START_CAPTURE, [0.0, 0.0, NAN, NAN]),
+        act(MavCmd::IMAGE_START_CAPTURE, [0.0, 2.0, 0.0, NAN]),
+        act(MavCmd::NAV_DELAY, [9.0, -1.0, -1.0, -1.0]),
+        act(MavCmd::IMAGE_STOP_CAPTURE, [0.0, NAN, NAN, NAN]),
+        act(MavCmd::VIDEO_STOP_CAPTURE, [0.0, NAN, NAN, NAN]),
+        waypoint(40.0, 0.0),
+    ];
+    let images = fly(&mut wire, &plan);
+    assert!((5..=6).contains(&images.len()), "one, and one every two seconds for nine: {}", images.len());
+    let recording = wire.take::<CameraCaptureStatus>();
+    assert!(recording.iter().any(|(_, status)| status.video_status == 1));
+    assert!(recording.last().is_some_and(|(_, status)| status.video_status == 0 && status.image_status == 0));
+}
+
+/// GIM-7: a region of interest is followed while the vehicle flies past it, and left at the end of the mission.
+#[test]
+fn a_mission_points_the_gimbal() {
+    let mut wire = Wire::airborne();
+    let plan = [
+        waypoint(0.0, 0.0),
+        at(MavCmd::DO_SET_ROI_LOCATION, [0.0; 4], 40.0, 40.0, 0.0),
+        waypoint(80.0, 0.0),
+        act(MavCmd::DO_SET_ROI_NONE, [0.0; 4]),
+        waypoint(80.0, 20.0),
+    ];
+    wire.upload(&plan);
+    assert_eq!(wire.long(MavCmd::MISSION_START, &[]), MavResult::ACCEPTED);
+    wire.until("on the way", 60, |vehicle| vehicle.local_position().north > 35.0);
+    wire.received.clear();
+    assert_eq!(
+        command(&mut wire, 154, MavCmd::REQUEST_MESSAGE, &[GimbalDeviceAttitudeStatus::ID as f32]),
+        [(154, MavResult::ACCEPTED)]
+    );
+    let attitudes = wire.received.iter().filter(|received| received.source == GIMBAL);
+    let attitude = attitudes.filter_map(|received| received.decode::<GimbalDeviceAttitudeStatus>()).last().unwrap();
+    let here = wire.vehicle().local_position();
+    // Yaw from north: the gimbal's from the nose, and the nose's.
+    let [w, x, y, z] = attitude.q;
+    let yaw = 2.0 * z.atan2(w) + attitude.delta_yaw;
+    let expected = (40.0 - here.east).atan2(40.0 - here.north);
+    assert!((yaw - expected).abs() < 0.1, "{yaw} instead of {expected}");
+    let pitch = 2.0 * y.atan2(w.hypot(z).copysign(1.0)).clamp(-1.6, 1.6);
+    assert!(pitch < 0.0, "it looks down at the ground: {pitch} {x}");
+    let control = |wire: &Wire| {
+        let all = wire.received.iter().filter_map(|received| received.decode::<GimbalManagerStatus>());
+        all.last().map(|status| (status.primary_control_sysid, status.primary_control_compid))
+    };
+    wire.run(2_500);
+    assert_eq!(control(&wire), Some((1, 1)), "the mission is in control");
+    wire.until("flown", 120, |vehicle| vehicle.mode() != Mode::Mission);
+    wire.run(2_500);
+    assert_eq!(control(&wire), Some((0, 0)));
+    assert!(wire.vehicle().is_armed());
+}
+
+/// K-10: camera and gimbal answer for themselves, and the autopilot for itself.
+#[test]
+fn payloads_answer_for_themselves() {
+    let mut wire = Wire::booted();
+    let accepted = |from| vec![(from, MavResult::ACCEPTED)];
+    let request = MavCmd::REQUEST_MESSAGE;
+    for (to, from, id) in [
+        (100, 100, CameraInformation::ID),
+        (0, 100, CameraInformation::ID),
+        (154, 154, GimbalDeviceInformation::ID),
+        (1, 1, GimbalManagerInformation::ID),
+        (0, 1, GimbalManagerInformation::ID),
+        (1, 1, AutopilotVersion::ID),
+    ] {
+        assert_eq!(command(&mut wire, to, request, &[id as f32]), accepted(from), "{id} of {to}");
+        assert!(wire.received.iter().any(|received| received.id == id && received.source.component.0 == from));
+    }
+    assert_ne!(command(&mut wire, 1, request, &[CameraInformation::ID as f32]), accepted(1));
+    assert_eq!(command(&mut wire, 100, MavCmd::IMAGE_START_CAPTURE, &[0.0, 0.0, 1.0, 0.0]), accepted(100));
+    assert_eq!(images(&wire).len(), 1);
+    assert_eq!(command(&mut wire, 100, MavCmd::COMPONENT_ARM_DISARM, &[1.0]), [(100, MavResult::UNSUPPORTED)]);
+    assert!(!wire.vehicle().is_armed());
+    // A station points only when it is in control.
+    let down = [-90.0, 0.0, NAN, NAN, 0.0, 0.0, 0.0];
+    assert_eq!(command(&mut wire, 1, MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, &down), [(1, MavResult::DENIED)]);
+    assert_eq!(command(&mut wire, 1, MavCmd::DO_GIMBAL_MANAGER_CONFIGURE, &[255.0, 190.0, -1.0, -1.0]), accepted(1));
+    assert_eq!(command(&mut wire, 1, MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, &down), accepted(1));
+}
