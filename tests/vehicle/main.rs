@@ -5,6 +5,7 @@ mod support;
 
 mod components;
 mod gimbal;
+mod gimbal_control;
 mod gimbal_device;
 mod gimbal_properties;
 mod heartbeat;

@@ -15,12 +15,14 @@
 mod device;
 mod manager;
 mod setpoint;
+mod vehicle;
 
 pub use device::{DeviceCounters, DeviceService, DeviceSetpoint, GimbalDevice};
 pub(crate) use manager::Who;
-pub use manager::{GimbalControl, GimbalManager, ManagerCounters, ManagerService};
+pub use manager::{ManagerCounters, ManagerService};
 pub(crate) use setpoint::Order;
 pub use setpoint::{Axes, GimbalSetpoint, GimbalTarget};
+pub use vehicle::{GimbalControl, GimbalManager};
 
 use crate::link::Port;
 use crate::message::{ComponentId, Message};
