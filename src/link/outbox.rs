@@ -211,7 +211,7 @@ impl Outbox {
         sent
     }
 
-    /// Sends `message` as another component of the firmware: see [`as_component`](Self::as_component).
+    /// Sends `message` as another component of the firmware (K-10): see [`as_component`](Self::as_component).
     pub(crate) fn send_from<F: Firmware, M: Message>(&mut self, component: Option<ComponentId>, message: &M) -> bool {
         self.as_component::<F>(component, |outbox| outbox.send(message))
     }

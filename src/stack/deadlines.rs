@@ -141,7 +141,7 @@ impl Camera for Rover {
     fn camera_information(&self, _: &mut CameraInformation) {}
 
     fn take_image(&mut self, cx: &mut Context<'_>, index: u32) -> Shot {
-        if index % 3 == 0 { Shot::Started } else { Shot::Taken(Image::at(cx.now())) }
+        if index.is_multiple_of(3) { Shot::Started } else { Shot::Taken(Image::at(cx.now())) }
     }
 
     fn record_video(&mut self, _: &mut Context<'_>, _: u8, _: bool) -> MavResult {

@@ -107,7 +107,7 @@ fn settings_are_changed() {
     ] {
         let mut site = site();
         assert_eq!(command(&mut site, id, &params), MavResult::ACCEPTED, "{call:?}");
-        assert_eq!(site.vehicle.calls, [call.clone()]);
+        assert_eq!(site.vehicle.calls, std::slice::from_ref(&call));
         site.run_for(secs(1));
         assert_eq!([0, 1].map(|link: usize| site.gcs[link].count_of::<CameraSettings>()), [1, 1], "{call:?}");
         let reported = site.gcs[1].all::<CameraSettings>()[0].1;

@@ -4,7 +4,7 @@ use crate::shooter::*;
 use crate::support::*;
 use mavstack::camera::CameraCounters;
 use mavstack::dialect::*;
-use mavstack::{Instant, LinkId, Message};
+use mavstack::{LinkId, Message};
 
 /// CAM-1: CAMERA_INFORMATION says what the camera is; the stack fills in what it knows.
 #[test]
@@ -145,7 +145,7 @@ fn lost_reports_are_sent_again() {
     assert_eq!(reported(&site, 1).len(), 10);
 }
 
-/// CAM-3, D-3: four reports can be requested at a time; more are TEMPORARILY_REJECTED, and the same one is sent once.
+/// CAM-3, D-3: four reports can be requested at a time; another one is TEMPORARILY_REJECTED, and has no effect.
 #[test]
 fn requests_for_reports_are_bounded() {
     let mut site = site();
@@ -153,21 +153,28 @@ fn requests_for_reports_are_bounded() {
         control(&mut site).take_image();
         site.run_for(millis(30));
     }
+    // Of a slow line, answers go first.
+    site.lines[0].set_down(|wire| (wire.bytes_per_second, wire.tx_fifo) = (100, 16));
     site.gcs[0].forget();
-    let now = site.now();
-    site.uarts[0].stall_writes_until(now.after(millis(100)));
-    for index in [0.0, 1.0, 1.0, 2.0, 3.0, 4.0] {
+    let ask = |site: &mut Site, index: f32| {
         let message = site.gcs[0].long(MavCmd::REQUEST_CAMERA_IMAGE_CAPTURE, [index, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        send(&mut site, 0, STATION, &message);
+        send(site, 0, STATION, &message);
+    };
+    let results = |site: &Site| {
+        let acks = site.gcs[0].all::<CommandAck>();
+        acks.iter().map(|(_, ack)| ack.result).collect::<Vec<_>>()
+    };
+    for index in [0.0, 1.0, 2.0, 3.0] {
+        ask(&mut site, index);
     }
-    site.run_for(millis(300));
-    let results = site.gcs[0].all::<CommandAck>();
-    let results: Vec<_> = results.iter().map(|(_, ack)| ack.result).collect();
-    // The link has as many slots for answers as there are.
-    let accepted = results.iter().filter(|result| **result == MavResult::ACCEPTED).count();
-    let rejected = results.iter().filter(|result| **result == MavResult::TEMPORARILY_REJECTED).count();
-    assert_eq!((accepted + rejected, rejected <= 1), (results.len(), true), "{results:?}");
-    assert_eq!(reported(&site, 0), (0..i32::try_from(accepted - 1).unwrap()).collect::<Vec<_>>());
+    assert!(site.run_until(secs(5), |site| results(site).len() == 2));
+    // A request for one of these is no other one.
+    ask(&mut site, 3.0);
+    ask(&mut site, 4.0);
+    site.run_for(secs(20));
+    let [accepted, rejected] = [MavResult::ACCEPTED, MavResult::TEMPORARILY_REJECTED];
+    assert_eq!(results(&site), [accepted, accepted, accepted, accepted, accepted, rejected]);
+    assert_eq!(reported(&site, 0), [0, 1, 2, 3]);
 }
 
 /// CAM-2, D-3: a stalled link delays reports and loses none that is remembered; those beyond are counted.
@@ -298,5 +305,4 @@ fn sleeping_firmware_is_in_time() {
     let times: Vec<_> = site.vehicle.exposures.iter().map(|(at, _)| at.as_millis()).collect();
     assert!(times.windows(2).all(|pair| (1_999..=2_001).contains(&(pair[1] - pair[0]))), "{times:?}");
     assert!(passes < 400, "{passes} passes: it spins");
-    assert_eq!(site.vehicle.exposures[0].0 > Instant::ZERO, true);
 }

@@ -49,7 +49,7 @@ impl Start {
 /// The longest interval of images (s).
 const MAX_INTERVAL: f32 = 86_400.0;
 
-/// The camera id in messages and answers: that of a camera of the autopilot.
+/// The camera id in messages and answers (CAM-9): that of a camera of the autopilot.
 pub(super) const fn device<V: Camera>() -> u8 {
     if V::COMPONENT.is_none() { 1 } else { 0 }
 }
