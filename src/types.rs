@@ -16,7 +16,7 @@ mod signing;
 mod texts;
 mod vehicle;
 
-pub use command::{Command, CommandPosition, Outcome};
+pub use command::{Answer, Command, CommandPosition, Outcome};
 pub(crate) use command::{ModeFault, Origin, Refusal, SignedAt, Why};
 pub use component::{Component, MAX_COMPONENTS};
 pub(crate) use config::Allowance;

@@ -27,6 +27,7 @@
 //! | 115,200 | 20 ms | 231 | 512 | [`for_line`](crate::config::PollBudget::for_line) |
 //! | 921,600 | 1 ms | 93 | 256 | the default for a ground station, else `for_line` |
 //! | 921,600 | 4 ms | 369 | 1,024 | `for_line` |
+//! | 921,600 | 20 ms | 1,844 | 4,096 | `for_line` |
 //!
 //! The default budget handles three frames per poll. That suffices for long frames on any link, but not for short
 //! frames on a fast link. Excess frames stay in the queue until it overflows.
@@ -134,7 +135,14 @@ mod tests {
     /// The table in the module's documentation.
     #[test]
     fn queue_lengths_are_those_of_the_table() {
-        let rows = [(57_600, 4, 64), (115_200, 4, 128), (115_200, 20, 512), (921_600, 1, 256), (921_600, 4, 1_024)];
+        let rows = [
+            (57_600, 4, 64),
+            (115_200, 4, 128),
+            (115_200, 20, 512),
+            (921_600, 1, 256),
+            (921_600, 4, 1_024),
+            (921_600, 20, 4_096),
+        ];
         for (baud, millis, len) in rows {
             assert_eq!(queue_len(baud, Duration::from_millis(millis)), len, "{baud} baud, {millis} ms");
         }

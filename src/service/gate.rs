@@ -1,13 +1,13 @@
 //! Gates: they examine each received frame before the services see it, and sign each frame before it is sent.
 
 use super::{Cx, Handled, Received, Service, increment};
-use crate::dialect::{CommandAck, MavCmd, SetupSigning};
+use crate::dialect::{MavCmd, SetupSigning};
 use crate::frame::{Decoder, Frame};
 use crate::link::Port;
 use crate::message::{Address, Message, SystemId};
 use crate::network::{Booking, Passage};
 use crate::time::{Duration, Instant};
-use crate::types::{Command, Firmware, SignedAt};
+use crate::types::{Answer, Command, Firmware, SignedAt};
 
 /// Verifies the signatures of received frames, and signs sent frames. `L` is its state on a link.
 pub trait SigningGate<L> {
@@ -108,7 +108,7 @@ pub trait OwnCommands<F: Firmware> {
     }
 
     /// Tells the vehicle the answer of one of our components.
-    fn answered_own(&mut self, cx: &mut Cx<'_, F>, from: Address, answer: &CommandAck) {
+    fn answered_own(&mut self, cx: &mut Cx<'_, F>, from: Address, answer: Answer) {
         let _ = (cx, from, answer);
     }
 }

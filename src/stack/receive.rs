@@ -3,7 +3,7 @@
 
 use super::services::{Services, States};
 use super::{Declares, report};
-use crate::dialect::{CommandAck, MavCmd, MavResult, MavSeverity};
+use crate::dialect::{MavCmd, MavResult, MavSeverity};
 use crate::frame::{Decoder, Frame};
 use crate::link::{Link, Port};
 use crate::message::{Address, Text};
@@ -13,7 +13,7 @@ use crate::service::{
     ControlGate, Cx, ForwardingGate, Handled, OwnCommands, Received, Request, SigningGate, Verdict, increment,
 };
 use crate::time::Instant;
-use crate::types::{Allowance, Context, MAX_TEXT_LEN, Peer, Values, Vehicle};
+use crate::types::{Allowance, Answer, Context, MAX_TEXT_LEN, Peer, Values, Vehicle};
 
 /// The sequence number and the low checksum byte of a received frame with our own address.
 pub(super) type OwnFrame = [u8; 2];
@@ -204,7 +204,7 @@ impl<D: Declares> Services<D> {
                 && let Some(slots) = self.command.slots.view()
                 && let Some((component, answer)) = slots.own_answer(cx.now, own, command)
             {
-                self.client.answered_own(cx, Address { component, ..own }, &answer);
+                self.client.answered_own(cx, Address { component, ..own }, answer);
             }
             number = number.wrapping_add(1);
         }
@@ -225,15 +225,8 @@ impl<D: Declares> Services<D> {
                 verdict = self.on_own_command(cx, port, state, &request);
             }
             let outcome = self.command.settle_own(cx, &request, verdict, is_admitted);
-            let answer = CommandAck {
-                command: request.command.id,
-                result: outcome.result,
-                progress: u8::MAX,
-                result_param2: outcome.result_param2,
-                target_system: own.system.0,
-                target_component: own.component.0,
-            };
-            self.client.answered_own(cx, from, &answer);
+            let answer = Answer { command: request.command.id, outcome, progress: u8::MAX };
+            self.client.answered_own(cx, from, answer);
         }
     }
 }

@@ -111,6 +111,15 @@ impl From<MavResult> for Outcome {
     }
 }
 
+/// The answer to a command.
+#[derive(Clone, Copy, Debug)]
+pub struct Answer {
+    pub(crate) command: MavCmd,
+    pub(crate) outcome: Outcome,
+    /// COMMAND_ACK.progress (%); 255 is unknown.
+    pub(crate) progress: u8,
+}
+
 /// The origin of a command, and its age.
 #[derive(Clone, Copy)]
 pub(crate) struct Origin {

@@ -43,20 +43,24 @@ impl PollBudget {
     /// every 20 ms. For a link that others keep fully loaded, use [`for_line`](Self::for_line).
     pub const DEFAULT: Self = Self { rx_bytes: 128, work: 1_700, frames: 8, tx_bytes: 280 };
 
-    /// Returns a budget for a link of `baud` bit/s that is fully loaded with short frames, signed or not, and polled
-    /// every `period`. It adds a quarter, for the backlog after a late poll, and is never less than
-    /// [`DEFAULT`](Self::DEFAULT).
+    /// Returns a budget for a link of `baud` bit/s, ten bits for each byte, that is polled every `period`. It is enough for
+    /// a link that is fully loaded, with frames of any length, signed or not. It adds a quarter, for the backlog after a
+    /// late poll, and is never less than [`DEFAULT`](Self::DEFAULT).
+    ///
+    /// For USB full speed, use 12 Mbit/s: it carries up to 1,216 bytes a millisecond.
     ///
     /// ```
     /// use mavstack::Duration;
     /// use mavstack::config::PollBudget;
     /// const BUDGET: PollBudget = PollBudget::for_line(115_200, Duration::from_millis(20));
     /// assert_eq!(BUDGET.rx_bytes, 288);
+    /// const USB: PollBudget = PollBudget::for_line(12_000_000, Duration::from_millis(1));
+    /// assert_eq!(USB.rx_bytes, 1_500);
     /// ```
     ///
     /// # Panics
     ///
-    /// Panics if more than 98 MB arrive between two polls, which no budget can express. In a `const` this is a compile
+    /// Panics if more than 49 MB arrive between two polls, which no budget can express. In a `const` this is a compile
     /// error.
     #[allow(
         clippy::as_conversions,
@@ -64,15 +68,17 @@ impl PollBudget {
     )]
     #[must_use]
     pub const fn for_line(baud: u32, period: Duration) -> Self {
-        /// The cost of a byte of the shortest frames: a MISSION_REQUEST_INT of 16 bytes costs 545.
-        const WORK: u64 = 35;
-        const SHORTEST: u64 = 16;
+        /// The shortest frame: MAVLink 1 without a payload. No other has a higher cost for each byte.
+        const SHORTEST: u64 = 8;
+        /// Its cost. With an unknown id it is 556 if it is copied for no link.
+        const WORK: u64 = 560;
         const fn at_least(least: u32, value: u64) -> u32 {
             if value < least as u64 { least } else { value as u32 }
         }
         // A byte is ten bits.
         let bytes = (baud as u64).saturating_mul(period.as_micros()).div_ceil(8_000_000);
-        let work = bytes.saturating_mul(WORK);
+        let frames = bytes.div_ceil(SHORTEST);
+        let work = frames.saturating_mul(WORK);
         assert!(
             work <= u32::MAX as u64,
             "no budget is enough for so many bytes between two polls: poll the link more often"
@@ -81,7 +87,7 @@ impl PollBudget {
         Self {
             rx_bytes: at_least(least.rx_bytes, bytes),
             work: at_least(least.work, work),
-            frames: at_least(least.frames, bytes.div_ceil(SHORTEST)),
+            frames: at_least(least.frames, frames),
             tx_bytes: at_least(least.tx_bytes, bytes),
         }
     }
@@ -336,5 +342,41 @@ impl Config {
             storage_refill: Duration::from_secs(15 * 60),
             durability: Durability::Durable,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// D-2: a budget has a quarter more than the bytes of a period, and handles them as frames of 8 bytes.
+    #[test]
+    fn budgets_are_those_of_the_line() {
+        // Baud, period (ms); bytes received, frames, work.
+        for (baud, millis, bytes, frames, work) in [
+            (57_600, 20, 144, 18, 10_080),
+            (921_600, 1, 128, 15, 8_400),
+            (921_600, 20, 2_304, 288, 161_280),
+            (12_000_000, 1, 1_500, 188, 105_280),
+            (12_000_000, 20, 30_000, 3_750, 2_100_000),
+            (12_000_000, 100, 150_000, 18_750, 10_500_000),
+        ] {
+            let budget = PollBudget::for_line(baud, Duration::from_millis(millis));
+            let expected = PollBudget { rx_bytes: bytes, work, frames, tx_bytes: bytes.max(280) };
+            assert_eq!(budget, expected, "{baud} baud every {millis} ms");
+        }
+        // Nothing to receive.
+        assert_eq!(PollBudget::for_line(0, Duration::from_secs(1)), PollBudget::DEFAULT);
+        assert_eq!(PollBudget::for_line(u32::MAX, Duration::ZERO), PollBudget::DEFAULT);
+    }
+
+    /// D-2: no budget is cut off: one is the largest, and there is none beyond it.
+    #[test]
+    fn budgets_are_exact_up_to_the_last() {
+        let largest = PollBudget::for_line(8_000, Duration::from_millis(61_356_672));
+        assert_eq!((largest.rx_bytes, largest.frames), (61_356_672, 7_669_584));
+        assert_eq!(largest.work, 4_294_967_040);
+        let beyond = || PollBudget::for_line(8_000, Duration::from_millis(61_356_673));
+        assert!(std::panic::catch_unwind(beyond).is_err());
     }
 }

@@ -25,7 +25,7 @@ pub(super) const NOTHING: u16 = 4;
 const STREAM: u16 = 5;
 const STOP: u16 = 6;
 /// Tokens from here on are equal commands.
-const EQUAL: u16 = 100;
+pub(super) const EQUAL: u16 = 100;
 /// Tokens from here on are commands of four kinds.
 const VARIED: u16 = 1_000;
 const KINDS: [MavCmd; 4] = [MavCmd::DO_SET_SERVO, PITCHYAW, MavCmd::REQUEST_MESSAGE, MavCmd::SET_MESSAGE_INTERVAL];
@@ -133,7 +133,7 @@ pub(super) fn beat(world: &mut Sky, link: usize, from: Address, r#type: MavType)
 }
 
 /// A component answers a command.
-fn answer(world: &mut Sky, link: usize, from: Address, ack: CommandAck) {
+pub(super) fn answer(world: &mut Sky, link: usize, from: Address, ack: CommandAck) {
     world.gcs[link].send_from(from, &ack);
     world.run_for(millis(10));
 }
@@ -147,7 +147,7 @@ fn done(result: MavResult) -> CommandReply {
 }
 
 /// Returns the commands that a link has sent: when, which, and their confirmation.
-fn sent(world: &Sky, link: usize) -> Vec<(u64, MavCmd, u8)> {
+pub(super) fn sent(world: &Sky, link: usize) -> Vec<(u64, MavCmd, u8)> {
     let commands = world.gcs[link].all::<CommandLong>();
     commands.into_iter().map(|(at, command)| (at.as_millis(), command.command, command.confirmation)).collect()
 }
@@ -475,6 +475,24 @@ fn late_answer_is_not_taken_for_another() {
     world.run_for(millis(50));
     answer(&mut world, COMPANION, GIMBAL, accepted);
     assert_eq!(world.vehicle.replies.len(), 2);
+}
+
+/// K-2, K-7: a command that was sent twice keeps its slot for a second answer, even if another one waits for a slot.
+#[test]
+fn late_answer_is_not_taken_for_one_that_waited_for_a_slot() {
+    let mut world = sky();
+    for token in [EQUAL, EQUAL + 1, EQUAL + 2] {
+        assert!(world.stack.send_command(GIMBAL, token));
+    }
+    world.run_for(millis(750));
+    let accepted = ack(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED);
+    for _ in 0..2 {
+        answer(&mut world, COMPANION, GIMBAL, accepted);
+        world.run_for(millis(20));
+    }
+    assert_eq!(world.vehicle.replies, [(EQUAL, done(MavResult::ACCEPTED))]);
+    world.run_for(secs(2));
+    assert_eq!(sent(&world, COMPANION).len(), 3);
 }
 
 /// K-5: of a command to all components of a system, the first that knows it decides, and only that one is told to cancel it.

@@ -12,11 +12,16 @@
 //!                      └── any other result ────┴──▶ Done       cancel_sent_command: COMMAND_CANCEL, sent in the same way
 //! ```
 //!
-//! Retransmissions have a rising `confirmation` and take the next link on which the recipient is alive, so a redundant link
-//! takes over. An answer does not say which of two commands it answers, so of two commands with the same number to the same
-//! component the second waits until the first has ended; if that was sent more than once, two seconds longer.
+//! The first transmission takes the link on which the recipient has answered last, or else the one on which it was heard first:
+//! anybody may send its heartbeats on another open link. Retransmissions have a rising `confirmation` and take the next link on
+//! which the recipient is alive, so a redundant link takes over; only the first of them stays where it has answered.
+//!
+//! An answer does not say which of two commands it answers. So of two commands with the same number to the same component the second
+//! waits until the first has ended; if that was sent more than once, two seconds longer, in which the first keeps its slot.
+//!
 //! A command to another [component](crate::Components) of the firmware itself is carried out by the next
-//! [`poll`](crate::Stack::poll), and sent on no link (K-11). High-latency links carry no answers to the vehicle (L-4), and so no requests.
+//! [`poll`](crate::Stack::poll), and sent on no link (K-11). High-latency links carry no answers to the vehicle (L-4), and so no
+//! requests.
 
 mod param;
 
@@ -33,8 +38,8 @@ use crate::network::{PeerInfo, Peers};
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{
-    Command, CommandPosition, Component, Context, Firmware, LinkClass, LinkId, LinkMask, PENDING, Peer, Pending,
-    Recipient,
+    Answer, Command, CommandPosition, Component, Context, Firmware, LinkClass, LinkId, LinkMask, Outcome, PENDING,
+    Peer, Pending, Recipient,
 };
 
 /// How long to wait for an answer before the command is sent again.
@@ -212,6 +217,8 @@ pub struct Slot {
     is_running: bool,
     /// The recipient, and the link on which it is sent. Component 0 is any component of the system.
     to: Peer,
+    /// The component that is told to cancel it; 0 for none.
+    executor: ComponentId,
     token: u16,
     what: What,
     at: Instant,
@@ -226,6 +233,7 @@ impl Slot {
         is_cancelled: false,
         is_running: false,
         to: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        executor: ComponentId(0),
         token: 0,
         what: What::Command(OutgoingCommand::NONE),
         at: Instant::ZERO,
@@ -254,10 +262,34 @@ impl Slot {
     /// Schedules another attempt, on another link if the recipient is alive there.
     fn try_again(&mut self, now: Instant, peers: &Peers, shared: &Shared) {
         let tries = self.tries.saturating_add(1);
+        // Heartbeats may be forged on any open link. Where it has answered, an answer is likely to be lost and not the link.
+        let stays = tries == 2 && self.state == State::Sent && has_answered(peers, self.to);
         self.start(now);
         self.tries = tries;
-        let next = LinkId(self.to.link.0.wrapping_add(1));
+        let next = LinkId(self.to.link.0.wrapping_add(u8::from(!stays)));
         self.to = find(peers, shared, Recipient::Peer(Peer { link: next, ..self.to })).unwrap_or(self.to);
+        if self.is_cancelled {
+            self.aim(peers, shared);
+        }
+    }
+
+    /// Selects the component that is told to cancel a command: COMMAND_CANCEL is for exactly one (C-23). Of a command to a whole
+    /// system that none has answered, the living components take turns.
+    #[inline(never)]
+    fn aim(&mut self, peers: &Peers, shared: &Shared) {
+        let Address { system, component } = self.to.address;
+        self.executor = component;
+        if component.0 != 0 {
+            return;
+        }
+        let is_it = |info: &&PeerInfo| {
+            let Peer { address, link } = info.peer;
+            info.is_alive && address.system == system && shared.normal.contains(LinkMask::of(link))
+        };
+        let mut living = peers.iter().filter(is_it).cycle();
+        if let Some(info) = living.nth(usize::from(self.tries.saturating_sub(1))) {
+            (self.executor, self.to.link) = (info.peer.address.component, info.peer.link);
+        }
     }
 
     /// Ends it. Each transmission of a command may be answered, so a command that was sent twice is remembered for a while.
@@ -265,6 +297,19 @@ impl Slot {
         let is_late = self.command().is_some() && self.sent > u8::from(has_answer);
         self.state = if is_late { State::Ended } else { State::Free };
         self.at = now.after(LATE);
+    }
+}
+
+/// Whether the last answer of a living component was received on this link. Component 0 is any of the system.
+fn has_answered(peers: &Peers, to: Peer) -> bool {
+    let is_it = |info: &PeerInfo| info.peer.link == to.link && overlap(info.peer.address, to.address);
+    peers.iter().any(|info| info.is_alive && info.has_answered && is_it(info))
+}
+
+/// Records that a component has answered on this link, and on no other one since.
+fn note_answer(peers: &mut Peers, from: Peer) {
+    for info in peers.iter_mut().filter(|info| info.peer.address == from.address) {
+        info.has_answered = info.peer.link == from.link;
     }
 }
 
@@ -308,7 +353,10 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut (), received: &Received<'_>) -> Handled {
         match received.frame.id() {
-            CommandAck::ID => take_ack(&mut self.slots, cx, received.from.address, received.frame.decode().as_ref()),
+            CommandAck::ID => match received.frame.decode().map(answer_of) {
+                Some(answer) => take_answer(&mut self.slots, cx, received.from, answer),
+                None => Handled::No,
+            },
             _ if F::Vehicle::READS_PARAMS => param::take_answer(&mut self.slots, cx, received),
             _ => Handled::No,
         }
@@ -341,8 +389,8 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> OwnCommands<F> for Cli
         self.slots.get(number).filter(is_it).and_then(Slot::command)
     }
 
-    fn answered_own(&mut self, cx: &mut Cx<'_, F>, from: Address, answer: &CommandAck) {
-        take_ack(&mut self.slots, cx, from, Some(answer));
+    fn answered_own(&mut self, cx: &mut Cx<'_, F>, from: Address, answer: Answer) {
+        take_answer(&mut self.slots, cx, Peer { address: from, link: LinkId::NONE }, answer);
     }
 }
 
@@ -379,7 +427,10 @@ impl<const N: usize> Client<N> {
 /// parameters (S-10).
 #[inline(never)]
 fn due_on(slots: &[Slot], port: &Port) -> Option<usize> {
-    let is_due = |slot: &Slot| slot.state == State::Due && slot.to.link == port.id;
+    let is_due = |slot: &Slot| {
+        let has_target = !slot.is_cancelled || slot.executor.0 != 0;
+        slot.state == State::Due && slot.to.link == port.id && has_target
+    };
     slots.iter().position(|slot| is_due(slot) && (slot.command().is_some() || port.outbox.takes(slot.id())))
 }
 
@@ -395,7 +446,10 @@ impl Slot {
         let OutgoingCommand { id: command, params: [param1, param2, param3, param4], position, z } = *command;
         let (target_system, target_component) = (self.to.address.system.0, self.to.address.component.0);
         match position {
-            _ if self.is_cancelled => port.outbox.send(&CommandCancel { command, target_system, target_component }),
+            _ if self.is_cancelled => {
+                let target_component = self.executor.0;
+                port.outbox.send(&CommandCancel { command, target_system, target_component })
+            }
             CommandPosition::Long { param5, param6 } => port.outbox.send(&CommandLong {
                 param1,
                 param2,
@@ -428,34 +482,43 @@ impl Slot {
     }
 }
 
-/// Handles a COMMAND_ACK that may be an answer.
+fn answer_of(ack: CommandAck) -> Answer {
+    let CommandAck { command, result, progress, result_param2, .. } = ack;
+    Answer { command, outcome: Outcome { result, result_param2 }, progress }
+}
+
+/// Handles what may be an answer.
 #[inline(never)]
-fn take_ack<F: Firmware<Vehicle: CommandClient>>(
+fn take_answer<F: Firmware<Vehicle: CommandClient>>(
     slots: &mut [Slot],
     cx: &mut Cx<'_, F>,
-    from: Address,
-    ack: Option<&CommandAck>,
+    peer: Peer,
+    Answer { command, outcome: Outcome { result, result_param2 }, progress }: Answer,
 ) -> Handled {
-    let Some(ack) = ack else { return Handled::No };
-    let is_it = |slot: &&mut Slot| slot.is_answered_by(from) && slot.command() == Some(ack.command);
+    let from = peer.address;
+    let is_it = |slot: &&mut Slot| slot.is_answered_by(from) && slot.command() == Some(command);
     let Some(slot) = slots.iter_mut().find(is_it) else { return Handled::No };
     let is_for_all = slot.to.address.component.0 == 0;
     // A duplicate; or a component that knows nothing of a command to all of a system.
-    if slot.state == State::Ended || is_for_all && ack.result == MavResult::UNSUPPORTED {
+    if slot.state == State::Ended || is_for_all && result == MavResult::UNSUPPORTED {
         return Handled::Yes;
     }
     // The next poll takes up what waits for the slot, and what the hook requests.
     cx.requests.set_client_due(true);
-    let reply = if ack.result == MavResult::IN_PROGRESS {
+    note_answer(cx.peers, peer);
+    let reply = if result == MavResult::IN_PROGRESS {
         (slot.is_running, slot.to.address) = (true, from);
-        // The cancellation of a running command is sent all the same.
+        // The cancellation of a running command is sent all the same, and again now that it is known which component to tell.
         if !slot.is_cancelled {
             (slot.state, slot.at) = (State::Running, cx.now.after(PROGRESS_TIMEOUT));
+        } else if is_for_all {
+            slot.start(cx.now);
+            slot.executor = from.component;
         }
-        CommandReply::InProgress(ack.progress)
+        CommandReply::InProgress(progress)
     } else {
         slot.end(cx.now, true);
-        CommandReply::Done { result: ack.result, result_param2: ack.result_param2 }
+        CommandReply::Done { result, result_param2 }
     };
     answered(cx, slot.token, reply);
     Handled::Yes
@@ -496,6 +559,7 @@ fn take_cancellation<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx
         if slot.sent > 0 {
             slot.is_cancelled = true;
             slot.start(cx.now);
+            slot.aim(cx.peers, cx.shared);
         } else {
             slot.state = State::Free;
             answered(cx, token, CANCELLED);
@@ -505,9 +569,8 @@ fn take_cancellation<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx
 
 /// Takes up a command or a parameter to read, if one is pending and there is a slot for it.
 fn take_request<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut Cx<'_, F>) {
-    // A slot that is kept for duplicate answers only is better used for a new request.
-    let free = slots.iter_mut().filter(|slot| matches!(slot.state, State::Free | State::Ended));
-    let Some(slot) = free.min_by_key(|slot| (slot.state == State::Ended).then_some(slot.at)) else { return };
+    // A slot that has ended is not free yet: an equal command may wait behind it, and must not get its answers.
+    let Some(slot) = slots.iter_mut().find(|slot| slot.state == State::Free) else { return };
     let Some(request) = cx.requests.take_request() else { return };
     let (to, token, what) = match request {
         Pending::Command { to, token } => (to, token, cx.vehicle.command_for(token).map(What::Command)),
@@ -573,23 +636,26 @@ fn answered<F: Firmware<Vehicle: CommandClient>>(cx: &mut Cx<'_, F>, token: u16,
     vehicle.command_answered(&mut context, token, reply);
 }
 
-/// Returns the recipient, and a normal link on which it is alive: the wanted one, or the one with the next number.
+/// Returns the recipient, and a normal link on which it is alive: the wanted one, or the one with the next number. If none is wanted,
+/// the link of its last answer, or else the one on which it was heard first.
 #[inline(never)]
 fn find(peers: &Peers, shared: &Shared, to: Recipient) -> Option<Peer> {
-    let (system, mut component, mut kind, mut first) = (shared.config.address.get().system, ComponentId(0), None, 0);
+    let (system, mut component, mut kind, mut first) = (shared.config.address.get().system, ComponentId(0), None, None);
     let mut wanted = Address { system, component };
     match to {
         Recipient::Type(r#type) => kind = Some(r#type),
         Recipient::Address(address) => (wanted, component) = (address, address.component),
-        Recipient::Peer(Peer { address, link }) => (wanted, component, first) = (address, address.component, link.0),
+        Recipient::Peer(Peer { address, link }) => {
+            (wanted, component, first) = (address, address.component, Some(link.0))
+        }
     }
-    let mut found: Option<Peer> = None;
-    for PeerInfo { peer, r#type, is_alive, .. } in peers.iter() {
+    let (mut found, mut nearest): (Option<Peer>, u8) = (None, 0);
+    for PeerInfo { peer, r#type, is_alive, has_answered, .. } in peers.iter() {
         let is_it = *is_alive && overlap(wanted, peer.address) && kind.is_none_or(|kind| kind == *r#type);
-        let distance = |link: LinkId| link.0.wrapping_sub(first);
-        let is_nearer = found.is_none_or(|found| distance(peer.link) < distance(found.link));
+        let distance = first.map_or(u8::from(!has_answered), |first| peer.link.0.wrapping_sub(first));
+        let is_nearer = found.is_none() || distance < nearest;
         if is_it && is_nearer && shared.normal.contains(LinkMask::of(peer.link)) {
-            found = Some(*peer);
+            (found, nearest) = (Some(*peer), distance);
         }
     }
     if kind.is_none()

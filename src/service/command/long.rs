@@ -11,7 +11,9 @@ use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::link::Outbox;
 use crate::message::{Address, ComponentId};
 use crate::time::{Duration, Instant};
-use crate::types::{Command, CommandPosition, Context, Firmware, LinkClass, LinkId, LinkMask, Outcome, SignedAt};
+use crate::types::{
+    Answer, Command, CommandPosition, Context, Firmware, LinkClass, LinkId, LinkMask, Outcome, SignedAt,
+};
 
 /// Interval between IN_PROGRESS acknowledgements (C-20).
 const REPEAT_EVERY: Duration = Duration::from_secs(1);
@@ -491,14 +493,14 @@ impl LongCommands {
     }
 
     /// Returns the component's answer to a command of the firmware itself: its result, or its progress if that is due now.
-    pub(crate) fn own_answer(&self, now: Instant, own: Address, command: MavCmd) -> Option<(ComponentId, CommandAck)> {
+    pub(crate) fn own_answer(&self, now: Instant, own: Address, command: MavCmd) -> Option<(ComponentId, Answer)> {
         let slot = self.slots.iter().find(|slot| slot.from == own && slot.is_long && slot.command() == command)?;
-        let ack = match slot.state {
-            State::Running if slot.at == now => slot.ack(MavResult::IN_PROGRESS.into(), slot.progress),
-            State::Done => slot.ack(slot.outcome, NO_PROGRESS),
+        let (outcome, progress) = match slot.state {
+            State::Running if slot.at == now => (MavResult::IN_PROGRESS.into(), slot.progress),
+            State::Done => (slot.outcome, NO_PROGRESS),
             _ => return None,
         };
-        Some((slot.component, ack))
+        Some((slot.component, Answer { command, outcome, progress }))
     }
 
     /// Sends a final ACK on this link (C-20). Returns false if none is pending.

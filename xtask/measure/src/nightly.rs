@@ -31,11 +31,16 @@ const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
 }
 
 /// All steps, short ones first.
-const STEPS: [Step; 22] = [
+const STEPS: [Step; 23] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
         &["test", "--release", "--features", "signing", "--test", "signing", "--", "--include-ignored", "vectors::"],
+    ),
+    step(
+        "operator-control",
+        "operator control: every order of five frames, and every frame in every state of a model",
+        &["test", "--release", "--test", "vehicle", "operator_model::", "--", "--ignored", "--nocapture"],
     ),
     step(
         "storage-cuts",
