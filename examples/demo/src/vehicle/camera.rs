@@ -101,6 +101,11 @@ impl Quadrotor {
             MavCmd::VIDEO_START_CAPTURE => CameraOrder::StartVideo,
             _ => CameraOrder::StopVideo,
         };
+        self.operate_camera_by(order)
+    }
+
+    /// Gives the camera an order. Returns false if it has not taken up the one before.
+    pub(super) fn operate_camera_by(&mut self, order: CameraOrder) -> bool {
         let is_free = self.camera.order.is_none();
         if is_free {
             self.camera.order = Some(order);

@@ -4,6 +4,7 @@
 //! this file sends a text with the reason too (C-31). The stack drops a text that repeats within five seconds, so refusals
 //! cannot flood the operator. A repeated command does no harm (C-11).
 
+use mavstack::camera::CameraOrder;
 use mavstack::command::CommandPolicy;
 use mavstack::dialect::commands::{
     ComponentArmDisarm, DoFlighttermination, DoReposition, DoSetHome, NavLand, NavTakeoff,
@@ -111,6 +112,9 @@ impl Quadrotor {
                 self.trigger_by_distance(p1, p3);
                 MavResult::ACCEPTED
             }
+            // MAVProxy asks the autopilot for an image.
+            MavCmd::DO_DIGICAM_CONTROL if self.operate_camera_by(CameraOrder::TakeImage) => MavResult::ACCEPTED,
+            MavCmd::DO_DIGICAM_CONTROL => MavResult::TEMPORARILY_REJECTED,
             MavCmd::DO_LAND_START => self.fly_landing(cx),
             MavCmd::DO_SET_SERVO => {
                 self.set_servo(p1, p2);

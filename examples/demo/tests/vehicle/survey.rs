@@ -126,7 +126,8 @@ fn a_mission_points_the_gimbal() {
         [(154, MavResult::ACCEPTED)]
     );
     let attitudes = wire.received.iter().filter(|received| received.source == GIMBAL);
-    let attitude = attitudes.filter_map(|received| received.decode::<GimbalDeviceAttitudeStatus>()).last().unwrap();
+    let attitude =
+        attitudes.filter_map(|received| received.decode::<GimbalDeviceAttitudeStatus>()).next_back().unwrap();
     let here = wire.vehicle().local_position();
     // Yaw from north: the gimbal's from the nose, and the nose's.
     let [w, x, y, z] = attitude.q;
@@ -136,8 +137,8 @@ fn a_mission_points_the_gimbal() {
     let pitch = 2.0 * y.atan2(w.hypot(z).copysign(1.0)).clamp(-1.6, 1.6);
     assert!(pitch < 0.0, "it looks down at the ground: {pitch} {x}");
     let control = |wire: &Wire| {
-        let all = wire.received.iter().filter_map(|received| received.decode::<GimbalManagerStatus>());
-        all.last().map(|status| (status.primary_control_sysid, status.primary_control_compid))
+        let mut all = wire.received.iter().filter_map(|received| received.decode::<GimbalManagerStatus>());
+        all.next_back().map(|status| (status.primary_control_sysid, status.primary_control_compid))
     };
     wire.run(2_500);
     assert_eq!(control(&wire), Some((1, 1)), "the mission is in control");
