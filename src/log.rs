@@ -96,6 +96,12 @@ impl RefusalLog {
         self.log.is_due(now, self.count).then_some(self.count)
     }
 
+    /// Returns how many were counted.
+    #[cfg(test)]
+    pub(crate) const fn total(&self) -> u32 {
+        self.count
+    }
+
     /// Without the feature `defmt`, nothing is logged.
     #[cfg(not(any(test, feature = "defmt")))]
     #[allow(clippy::unused_self, clippy::needless_pass_by_ref_mut, reason = "as with the feature")]

@@ -160,3 +160,21 @@ def test_noise_is_taken_at_line_rate(logged, figure):
     assert len(gaps) >= took - 3 and all(0.5 < gap < 1.5 for gap in gaps), gaps
     assert lines <= 3 * took + 3, f"{lines} lines in {took:.0f} s"
     figure(f"noise: {rate / 1000:.1f} kB/s taken, heartbeats at most {max(gaps):.2f} s apart, {lines / took:.1f} lines/s")
+
+
+def test_refused_plans_are_logged_once_a_second(logged):
+    """SEC-2: uploads that do not fit, 200 a second, are all refused, and logged at most three lines a second."""
+    gcs = Gcs(logged.port)
+    assert gcs.wait("HEARTBEAT", 15)
+    lines, began, refused = logged.lines(), time.monotonic(), 0
+    while (now := time.monotonic()) < began + 5:
+        gcs.mav.mission_count_send(1, 1, 60_000, MISSION)
+        time.sleep(0.005)
+        refused += sum(
+            message.get_type() == "MISSION_ACK" and message.type == mavlink.MAV_MISSION_NO_SPACE
+            for message in gcs.take_all()
+        )
+    took, lines = now - began, logged.lines() - lines
+    gcs.close()
+    assert refused > 50 * took, f"{refused} answers in {took:.0f} s"
+    assert lines <= 3 * took + 3, f"{lines} lines in {took:.0f} s"

@@ -15,6 +15,7 @@ use super::Progress;
 use super::replies::{Kind, Reply};
 use crate::dialect::{MavMissionResult, MissionCount, MissionItem};
 use crate::link::Outbox;
+use crate::log::RefusalLog;
 use crate::message::{Address, Message};
 use crate::time::{Duration, Instant};
 use crate::types::{LinkId, Peer};
@@ -43,13 +44,14 @@ struct Session {
 #[derive(Clone, Debug)]
 pub(super) struct Sessions {
     sessions: [Session; SESSIONS],
+    pub(super) refused: RefusalLog,
 }
 
 impl Sessions {
     pub(super) const fn new() -> Self {
         let client = Peer { address: Address::new(0, 0), link: LinkId(0) };
         let free = Session { client, plan: PlanType::Mission, is_stale: false, is_open: false, at: Instant::ZERO };
-        Self { sessions: [free; SESSIONS] }
+        Self { sessions: [free; SESSIONS], refused: RefusalLog::NEW }
     }
 
     /// Returns the session of `client` on its link or, if `anywhere`, the first one of its ids on any link. Not inlined, because it
@@ -125,7 +127,9 @@ impl Sessions {
         }
         let seq = reply.seq();
         let refused = if self.is_stale(now, client, plan) {
-            event!("{} download by {}: the plan has changed", plan, to);
+            if let Some(refused) = self.refused.count(now) {
+                event!("{} download by {}: the plan has changed; {=u32} refused so far", plan, to, refused);
+            }
             MavMissionResult::OPERATION_CANCELLED
         } else if let Some(item) = plans.live(plan).items().get(usize::from(seq)) {
             let is_current = plan == PlanType::Mission && seq == progress.current;

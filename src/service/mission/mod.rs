@@ -51,6 +51,7 @@ use crate::dialect::{
 };
 use crate::frame::{Frame, Version};
 use crate::link::{Outbox, Port};
+use crate::log::RefusalLog;
 use crate::message::{ComponentId, Message, Text};
 use crate::time::Instant;
 use crate::types::{
@@ -194,6 +195,9 @@ pub struct Missions {
     current: Current,
     reached: Reached,
     counters: PlanCounters,
+    refused: RefusalLog,
+    /// The final answers that are sent again.
+    repeated: RefusalLog,
 }
 
 impl Missions {
@@ -211,6 +215,8 @@ impl Missions {
         sessions: Sessions::new(),
         reached: Reached::new(),
         counters: PlanCounters::ZERO,
+        refused: RefusalLog::NEW,
+        repeated: RefusalLog::NEW,
     };
 
     fn reset(&mut self) {

@@ -109,7 +109,9 @@ impl Missions {
 
     /// Refuses to make the item current: sends a text, and the unchanged MISSION_CURRENT (M-93).
     pub(crate) fn refuse_current<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &V, seq: u16) {
-        event!("current item {=u16}: refused", seq);
+        if let Some(refused) = self.refused.count(cx.now) {
+            event!("current item {=u16}: refused; {=u32} refused so far", seq, refused);
+        }
         cx.report(&Problem::NotCurrent(seq));
         self.current.announce_progress(vehicle.progress(), cx.normal);
     }

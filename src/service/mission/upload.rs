@@ -196,7 +196,9 @@ impl Missions {
             self.abandon(cx);
         }
         if count > cx.plans.capacity(plan) {
-            event!("{} upload of {=u16} items by {}: no space", plan, count, caller.from);
+            if let Some(refused) = self.refused.count(cx.now) {
+                event!("{} of {=u16} items by {}: no space; {=u32} refused so far", plan, count, caller.from, refused);
+            }
             return caller.ack(mission_type, MavMissionResult::NO_SPACE, 0);
         }
         // M-52: an empty plan may always be cleared.
@@ -409,11 +411,22 @@ impl Missions {
 
     /// Records how an upload ended.
     pub(super) fn record_end(&mut self, cx: &Work<'_, '_>, done: Done) {
-        event!("{} upload by {}: {=u8} at item {=u16}", done.plan, done.client, done.result.0, done.seq);
-        let _ = cx;
-        let counter = match done.result {
-            MavMissionResult::ACCEPTED => &mut self.counters.accepted,
-            _ => &mut self.counters.refused,
+        let Done { client, plan, seq, result, .. } = done;
+        let counter = if result == MavMissionResult::ACCEPTED {
+            event!("{} upload by {}: accepted, the last item is {=u16}", plan, client, seq);
+            &mut self.counters.accepted
+        } else {
+            if let Some(refused) = self.refused.count(cx.now) {
+                event!(
+                    "{} upload by {}: {=u8} at item {=u16}; {=u32} refused so far",
+                    plan,
+                    client,
+                    result.0,
+                    seq,
+                    refused
+                );
+            }
+            &mut self.counters.refused
         };
         increment(counter);
         self.done = Some(done);
@@ -439,7 +452,9 @@ impl Missions {
                 && cx.now.since(done.at) < ANSWER_REPEAT
         };
         if let Some(done) = self.done.as_ref().filter(is_last) {
-            event!("{} upload by {}: final answer sent again", done.plan, caller.from);
+            if let Some(repeated) = self.repeated.count(cx.now) {
+                event!("{} upload by {}: final answer sent again; {=u32} so far", done.plan, caller.from, repeated);
+            }
             return caller.ack(mission_type, done.result, done.id);
         }
         self.out_of_place();
@@ -600,7 +615,7 @@ impl Missions {
 
     /// Whether the token bucket has too few tokens for a change to `count` items; if so, queues the refusal (C-15).
     fn is_rate_limited(
-        &self,
+        &mut self,
         cx: &mut Work<'_, '_>,
         caller: &mut Caller<'_>,
         plan: PlanType,
@@ -610,7 +625,9 @@ impl Missions {
         if self.has_tokens(cx, count) {
             return false;
         }
-        event!("{} change by {}: refused, too many writes to storage", plan, caller.from);
+        if let Some(refused) = self.refused.count(cx.now) {
+            event!("{} change by {}: too many writes to storage; {=u32} refused so far", plan, caller.from, refused);
+        }
         cx.report(&Problem::RateLimited(plan));
         caller.deny(mission_type);
         true
@@ -618,7 +635,7 @@ impl Missions {
 
     /// Asks for [permission](Self::permission), and queues the answer to a refusal (M-27, M-44).
     fn may_change<V: Plans>(
-        &self,
+        &mut self,
         cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         caller: &mut Caller<'_>,
@@ -626,7 +643,15 @@ impl Missions {
         mission_type: MavMissionType,
     ) -> bool {
         let Err(result) = self.permission(cx, vehicle, plan, caller.from, false) else { return true };
-        event!("{} change by {}: refused by the vehicle", plan, caller.from);
+        if let Some(refused) = self.refused.count(cx.now) {
+            event!(
+                "{} change by {}: {=u8} by the vehicle; {=u32} refused so far",
+                plan,
+                caller.from,
+                result.0,
+                refused
+            );
+        }
         cx.report(&Problem::Refused(plan, result.into()));
         caller.ack(mission_type, result, 0);
         false

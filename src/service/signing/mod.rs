@@ -321,7 +321,6 @@ impl Signing {
         let step = timestamp.saturating_sub(self.timestamp(now));
         if step > num::quotient(max_step.as_micros(), TEN) || timestamp >= MAX_TIMESTAMP {
             increment(&mut self.counters.refused_times);
-            event!("signing: time refused");
             return false;
         }
         self.advance(now, timestamp);

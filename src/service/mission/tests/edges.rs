@@ -163,3 +163,36 @@ fn a_refusal_has_a_reason() {
         assert_eq!(bench.texts().pop(), Some(std::format!("Rally item 2: {reason}")));
     }
 }
+
+/// SEC-2: whatever a client repeats and is refused, it is logged at most once a second.
+#[test]
+fn every_refusal_is_logged_at_most_once_a_second() {
+    let mut bench = Bench::new();
+    let mut refused = 0;
+    let mut expect = |bench: &Bench, what: &str| {
+        refused += 1;
+        assert_eq!(bench.missions.refused.total(), refused, "{what}");
+    };
+    bench.ask(A, &count(MISSION, 6));
+    expect(&bench, "no space");
+    bench.ask(A, &MissionSetCurrent { seq: 9, ..Default::default() });
+    expect(&bench, "no such item");
+    bench.vehicle.may_change = Err(DENIED);
+    bench.ask(A, &count(MISSION, 2));
+    expect(&bench, "refused by the vehicle");
+    bench.vehicle.may_change = Ok(());
+    bench.vehicle.bad_item = Some((0, MavMissionResult::INVALID));
+    bench.ask(A, &count(MISSION, 2));
+    bench.ask(A, &int(MISSION, 0, &item(1, 0)));
+    expect(&bench, "an item is refused");
+    bench.vehicle.bad_item = None;
+    assert!(matches!(bench.upload(A, MISSION, &plan(1, 2)), Ack(ACCEPTED, _)));
+    bench.ask(A, &int(MISSION, 1, &item(1, 1)));
+    assert_eq!(bench.missions.repeated.total(), 1, "the final answer is sent again");
+    // The plan changes during a download.
+    bench.ask(B, &list(MISSION));
+    bench.upload(A, MISSION, &plan(2, 2));
+    assert_eq!(bench.ask(B, &request(MISSION, 0)), [to_b(Ack(CANCELLED, 0))]);
+    assert_eq!(bench.missions.sessions.refused.total(), 1, "a stale download");
+    assert_eq!(bench.missions.refused.total(), refused, "what is accepted");
+}
