@@ -477,6 +477,24 @@ fn late_answer_is_not_taken_for_another() {
     assert_eq!(world.vehicle.replies.len(), 2);
 }
 
+/// K-2, K-7: a command that was sent twice keeps its slot for a second answer, even if another one waits for a slot.
+#[test]
+fn late_answer_is_not_taken_for_one_that_waited_for_a_slot() {
+    let mut world = sky();
+    for token in [EQUAL, EQUAL + 1, EQUAL + 2] {
+        assert!(world.stack.send_command(GIMBAL, token));
+    }
+    world.run_for(millis(750));
+    let accepted = ack(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED);
+    for _ in 0..2 {
+        answer(&mut world, COMPANION, GIMBAL, accepted);
+        world.run_for(millis(20));
+    }
+    assert_eq!(world.vehicle.replies, [(EQUAL, done(MavResult::ACCEPTED))]);
+    world.run_for(secs(2));
+    assert_eq!(sent(&world, COMPANION).len(), 3);
+}
+
 /// K-5: of a command to all components of a system, the first that knows it decides, and only that one is told to cancel it.
 #[test]
 fn command_to_all_components_is_followed() {

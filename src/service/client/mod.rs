@@ -14,7 +14,8 @@
 //!
 //! Retransmissions have a rising `confirmation` and take the next link on which the recipient is alive, so a redundant link
 //! takes over. An answer does not say which of two commands it answers, so of two commands with the same number to the same
-//! component the second waits until the first has ended; if that was sent more than once, two seconds longer.
+//! component the second waits until the first has ended; if that was sent more than once, two seconds longer, in which the first
+//! keeps its slot.
 //! High-latency links carry no answers to the vehicle (L-4), and so no requests.
 
 mod param;
@@ -462,9 +463,8 @@ fn take_cancellation<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx
 
 /// Takes up a command or a parameter to read, if one is pending and there is a slot for it.
 fn take_request<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut Cx<'_, F>) {
-    // A slot that is kept for duplicate answers only is better used for a new request.
-    let free = slots.iter_mut().filter(|slot| matches!(slot.state, State::Free | State::Ended));
-    let Some(slot) = free.min_by_key(|slot| (slot.state == State::Ended).then_some(slot.at)) else { return };
+    // A slot that has ended is not free yet: an equal command may wait behind it, and must not get its answers.
+    let Some(slot) = slots.iter_mut().find(|slot| slot.state == State::Free) else { return };
     let Some(request) = cx.requests.take_request() else { return };
     let (to, token, what) = match request {
         Pending::Command { to, token } => (to, token, cx.vehicle.command_for(token).map(What::Command)),
