@@ -11,6 +11,7 @@ mod messages;
 #[cfg(feature = "fmt")]
 mod metadata;
 mod operator_control;
+mod operator_lossy;
 mod operator_model;
 mod own_messages;
 mod param_backend;

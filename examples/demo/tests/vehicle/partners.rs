@@ -1,6 +1,6 @@
 //! Components that the vehicle talks to by itself: a gimbal, and an arm authoriser (O-3).
 
-use crate::support::wire::{STATION, Wire, command_long};
+use crate::support::wire::{Rng, STATION, Wire, command_long};
 use mavstack::dialect::*;
 use mavstack::{Address, LinkId, Text};
 use mavstack_demo::{COMPANION, TELEMETRY, Tuning};
@@ -88,6 +88,54 @@ fn refused_arming_has_a_reason() {
     assert_eq!(results(&mut wire), [MavResult::IN_PROGRESS, MavResult::TEMPORARILY_REJECTED]);
     assert!(wire.texts().contains(&"Arming refused: no authoriser".into()));
     assert!(!wire.vehicle().is_armed());
+}
+
+/// O-3, K-1, C-21, C-24: over lines that lose a fifth of all frames in each direction, the authoriser decides, the vehicle arms once
+/// or not at all, and the station that repeats its command is told which.
+#[test]
+fn lossy_arming_is_decided_once() {
+    const SEEDS: u64 = 60;
+    let mut decided = 0;
+    for seed in 0..SEEDS {
+        let mut wire = supervised();
+        (wire.loss, wire.chance) = (0.2, Rng::new(seed));
+        let permits = seed % 2 == 0;
+        let result = if permits { MavResult::ACCEPTED } else { MavResult::DENIED };
+        let (mut end, mut armings, mut was_armed) = (None, 0, false);
+        wire.take::<CommandLong>();
+        for pass in 0..80 {
+            // The station repeats the command until it is told the end.
+            if pass % 10 == 0 {
+                wire.send(TELEMETRY, &CommandLong { confirmation: pass / 10, ..command_long(1, ARM, &[1.0]) });
+            }
+            if pass % 10 == 5 {
+                beat(&mut wire, COMPANION, AUTHORISER, MavType::GCS);
+            }
+            wire.run(100);
+            for (_, request) in wire.take::<CommandLong>() {
+                if request.command == MavCmd::ARM_AUTHORIZATION_REQUEST {
+                    authorise(&mut wire, result, 30);
+                }
+            }
+            let is_armed = wire.vehicle().is_armed();
+            armings += u32::from(is_armed && !was_armed);
+            was_armed = is_armed;
+            let last = results(&mut wire).into_iter().find(|result| *result != MavResult::IN_PROGRESS);
+            end = end.or(last);
+            if end.is_some() {
+                break;
+            }
+        }
+        match end {
+            Some(MavResult::ACCEPTED) => assert!(permits && armings == 1, "seed {seed}"),
+            Some(MavResult::DENIED) => assert!(!permits && armings == 0, "seed {seed}"),
+            // All five requests or their answers were lost.
+            Some(MavResult::FAILED) => assert_eq!(armings, 0, "seed {seed}"),
+            end => panic!("seed {seed}: {end:?}"),
+        }
+        decided += u64::from(end != Some(MavResult::FAILED));
+    }
+    assert!(decided * 20 >= SEEDS * 19, "{decided} of {SEEDS}");
 }
 
 /// C-23: COMMAND_CANCEL ends the waiting, and a late permission does not arm. C-21: until then the same command is rejected

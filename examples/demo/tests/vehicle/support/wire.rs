@@ -1,5 +1,9 @@
 //! The vehicle with its stack, and peers at the other ends of its links.
 
+#[path = "../../../../../tests/support/rng.rs"]
+#[allow(dead_code, reason = "only chances are taken")]
+mod rng;
+
 use std::collections::VecDeque;
 use std::convert::Infallible;
 
@@ -9,6 +13,7 @@ use mavstack::frame::{Decoder, Version, encode};
 use mavstack::message::Dialect;
 use mavstack::{Address, Duration, Instant, LinkId, Message};
 use mavstack_demo::{App, COMPANION, LINKS, Mavlink, Quadrotor, TELEMETRY};
+pub use rng::Rng;
 
 mavstack::message! {
     /// CONTROL_STATUS of MAVLink's `development.xml` (O-5).
@@ -90,6 +95,10 @@ pub struct Wire {
     decoders: [Decoder; LINKS],
     seq: u8,
     pub received: Vec<Received>,
+    /// The probability that a frame is lost, in each direction.
+    pub loss: f64,
+    /// Which ones are.
+    pub chance: Rng,
 }
 
 impl Wire {
@@ -102,6 +111,8 @@ impl Wire {
             decoders: [(); LINKS].map(|()| Decoder::new(Duration::from_secs(1))),
             seq: 0,
             received: Vec::new(),
+            loss: 0.0,
+            chance: Rng::new(1),
         }
     }
 
@@ -135,6 +146,9 @@ impl Wire {
                     let pushed = decoder.push(line.down.make_contiguous(), now);
                     line.down.drain(..pushed);
                     while let Some(frame) = decoder.next(now, Sent::MESSAGES, &mut u32::MAX.clone(), |_| true) {
+                        if self.chance.chance(self.loss) {
+                            continue;
+                        }
                         self.received.push(Received {
                             millis: self.millis,
                             link,
@@ -167,7 +181,9 @@ impl Wire {
         let mut frame = [0; 280];
         self.seq = self.seq.wrapping_add(1);
         let len = encode(message, Version::V2, source, self.seq, &mut frame).unwrap();
-        self.send_raw(link, &frame[..len]);
+        if !self.chance.chance(self.loss) {
+            self.send_raw(link, &frame[..len]);
+        }
         frame[..len].to_vec()
     }
 
