@@ -66,6 +66,8 @@ pub struct PeerInfo {
     is_verified: bool,
     /// Whether frames for the peer are forwarded to this link.
     pub(super) is_route: bool,
+    /// Whether its last answer to a request of ours was received on this link (K-4).
+    pub(crate) has_answered: bool,
     /// The sequence number that is expected next.
     seq: u8,
     /// Its last SYSTEM_TIME.time_boot_ms; 0 before the first, and if forwarding is off.
@@ -155,6 +157,7 @@ pub(crate) fn record(
         is_verified,
         // An unverified frame must not teach a route.
         is_route: is_verified,
+        has_answered: false,
         seq: header.seq,
         time_boot_ms: 0,
         heartbeat: now,

@@ -41,7 +41,8 @@ impl From<Peer> for Destination {
 pub enum Recipient {
     /// A component, first on this link if it is alive there, then on others.
     Peer(Peer),
-    /// A component on any link. Component 0 is every component of the system.
+    /// A component, first on the link on which it has answered last, or else on the one on which it was heard first. Component 0
+    /// is every component of the system.
     Address(Address),
     /// A component of our system with this HEARTBEAT.type, such as [`MavType::GIMBAL`].
     Type(MavType),

@@ -133,7 +133,7 @@ pub(super) fn beat(world: &mut Sky, link: usize, from: Address, r#type: MavType)
 }
 
 /// A component answers a command.
-fn answer(world: &mut Sky, link: usize, from: Address, ack: CommandAck) {
+pub(super) fn answer(world: &mut Sky, link: usize, from: Address, ack: CommandAck) {
     world.gcs[link].send_from(from, &ack);
     world.run_for(millis(10));
 }
@@ -147,7 +147,7 @@ fn done(result: MavResult) -> CommandReply {
 }
 
 /// Returns the commands that a link has sent: when, which, and their confirmation.
-fn sent(world: &Sky, link: usize) -> Vec<(u64, MavCmd, u8)> {
+pub(super) fn sent(world: &Sky, link: usize) -> Vec<(u64, MavCmd, u8)> {
     let commands = world.gcs[link].all::<CommandLong>();
     commands.into_iter().map(|(at, command)| (at.as_millis(), command.command, command.confirmation)).collect()
 }

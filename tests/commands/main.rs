@@ -5,6 +5,7 @@ mod support;
 
 mod checks;
 mod client;
+mod client_links;
 mod client_lossy;
 mod client_params;
 mod every_command;

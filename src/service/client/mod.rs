@@ -12,8 +12,9 @@
 //!                      └── any other result ────┴──▶ Done       cancel_sent_command: COMMAND_CANCEL, sent in the same way
 //! ```
 //!
-//! Retransmissions have a rising `confirmation` and take the next link on which the recipient is alive, so a redundant link
-//! takes over. An answer does not say which of two commands it answers, so of two commands with the same number to the same
+//! The first transmission takes the link on which the recipient has answered last, or else the one on which it was heard first:
+//! anybody may send its heartbeats on another open link. Retransmissions have a rising `confirmation` and take the next link on
+//! which the recipient is alive, so a redundant link takes over; only the first of them stays where it has answered. An answer does not say which of two commands it answers, so of two commands with the same number to the same
 //! component the second waits until the first has ended; if that was sent more than once, two seconds longer, in which the first
 //! keeps its slot.
 //! High-latency links carry no answers to the vehicle (L-4), and so no requests.
@@ -251,8 +252,13 @@ impl Slot {
     /// Schedules another attempt, on another link if the recipient is alive there.
     fn try_again(&mut self, now: Instant, peers: &Peers, shared: &Shared) {
         let tries = self.tries.saturating_add(1);
+        // Heartbeats may be forged on any open link. Where it has answered, an answer is likely to be lost and not the link.
+        let stays = tries == 2 && self.state == State::Sent && has_answered(peers, self.to);
         self.start(now);
         self.tries = tries;
+        if stays {
+            return;
+        }
         let next = LinkId(self.to.link.0.wrapping_add(1));
         self.to = find(peers, shared, Recipient::Peer(Peer { link: next, ..self.to })).unwrap_or(self.to);
     }
@@ -262,6 +268,19 @@ impl Slot {
         let is_late = self.command().is_some() && self.sent > u8::from(has_answer);
         self.state = if is_late { State::Ended } else { State::Free };
         self.at = now.after(LATE);
+    }
+}
+
+/// Whether the last answer of a living component was received on this link. Component 0 is any of the system.
+fn has_answered(peers: &Peers, to: Peer) -> bool {
+    let is_it = |info: &PeerInfo| info.peer.link == to.link && overlap(info.peer.address, to.address);
+    peers.iter().any(|info| info.is_alive && info.has_answered && is_it(info))
+}
+
+/// Records that a component has answered on this link, and on no other one since.
+fn note_answer(peers: &mut Peers, from: Peer) {
+    for info in peers.iter_mut().filter(|info| info.peer.address == from.address) {
+        info.has_answered = info.peer.link == from.link;
     }
 }
 
@@ -404,6 +423,7 @@ fn take_ack<F: Firmware<Vehicle: CommandClient>>(
     }
     // The next poll takes up what waits for the slot, and what the hook requests.
     cx.requests.set_client_due(true);
+    note_answer(cx.peers, received.from);
     let reply = if ack.result == MavResult::IN_PROGRESS {
         (slot.is_running, slot.to.address) = (true, from);
         // The cancellation of a running command is sent all the same.
@@ -529,23 +549,26 @@ fn answered<F: Firmware<Vehicle: CommandClient>>(cx: &mut Cx<'_, F>, token: u16,
     vehicle.command_answered(&mut context, token, reply);
 }
 
-/// Returns the recipient, and a normal link on which it is alive: the wanted one, or the one with the next number.
+/// Returns the recipient, and a normal link on which it is alive: the wanted one, or the one with the next number. If none is wanted,
+/// the link of its last answer, or else the one on which it was heard first.
 #[inline(never)]
 fn find(peers: &Peers, shared: &Shared, to: Recipient) -> Option<Peer> {
-    let (system, mut component, mut kind, mut first) = (shared.config.address.get().system, ComponentId(0), None, 0);
+    let (system, mut component, mut kind, mut first) = (shared.config.address.get().system, ComponentId(0), None, None);
     let mut wanted = Address { system, component };
     match to {
         Recipient::Type(r#type) => kind = Some(r#type),
         Recipient::Address(address) => (wanted, component) = (address, address.component),
-        Recipient::Peer(Peer { address, link }) => (wanted, component, first) = (address, address.component, link.0),
+        Recipient::Peer(Peer { address, link }) => {
+            (wanted, component, first) = (address, address.component, Some(link.0))
+        }
     }
-    let mut found: Option<Peer> = None;
-    for PeerInfo { peer, r#type, is_alive, .. } in peers.iter() {
+    let (mut found, mut nearest): (Option<Peer>, u8) = (None, 0);
+    for PeerInfo { peer, r#type, is_alive, has_answered, .. } in peers.iter() {
         let is_it = *is_alive && overlap(wanted, peer.address) && kind.is_none_or(|kind| kind == *r#type);
-        let distance = |link: LinkId| link.0.wrapping_sub(first);
-        let is_nearer = found.is_none_or(|found| distance(peer.link) < distance(found.link));
+        let distance = first.map_or(u8::from(!has_answered), |first| peer.link.0.wrapping_sub(first));
+        let is_nearer = found.is_none() || distance < nearest;
         if is_it && is_nearer && shared.normal.contains(LinkMask::of(peer.link)) {
-            found = Some(*peer);
+            (found, nearest) = (Some(*peer), distance);
         }
     }
     if kind.is_none()

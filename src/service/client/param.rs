@@ -1,7 +1,7 @@
 //! Parameters of other components: <https://mavlink.io/en/services/parameter.html> and
 //! <https://mavlink.io/en/services/parameter_ext.html>, as far as one parameter is read by its name (K-6).
 
-use super::{CommandClient, Slot, State, What};
+use super::{CommandClient, Slot, State, What, note_answer};
 use crate::dialect::{
     MavParamError, MavParamExtType, ParamError, ParamExtRequestRead, ParamExtValue, ParamRequestRead, ParamValue,
 };
@@ -111,6 +111,7 @@ pub(super) fn take_answer<F: Firmware<Vehicle: CommandClient>>(
     let Some(slot) = slots.iter_mut().find(is_it) else { return Handled::No };
     slot.state = State::Free;
     cx.requests.set_client_due(true);
+    note_answer(cx.peers, received.from);
     let (vehicle, mut context) = cx.hook();
     vehicle.param_answered(&mut context, slot.token, answer);
     Handled::Yes
