@@ -25,7 +25,7 @@ pub(super) const NOTHING: u16 = 4;
 const STREAM: u16 = 5;
 const STOP: u16 = 6;
 /// Tokens from here on are equal commands.
-const EQUAL: u16 = 100;
+pub(super) const EQUAL: u16 = 100;
 /// Tokens from here on are commands of four kinds.
 const VARIED: u16 = 1_000;
 const KINDS: [MavCmd; 4] = [MavCmd::DO_SET_SERVO, PITCHYAW, MavCmd::REQUEST_MESSAGE, MavCmd::SET_MESSAGE_INTERVAL];

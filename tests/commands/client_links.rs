@@ -1,22 +1,26 @@
-//! On which link the vehicle sends its requests to a component that is alive on several: rule K-4.
+//! To which component, and on which link, the vehicle sends its requests: rules K-3, K-4 and K-5.
 
-use super::client::{COMPANION, GIMBAL, POINT, REQUEST, Sky, answer, beat, sent, sky};
+use super::client::{AUTHORISER, COMPANION, EQUAL, GIMBAL, POINT, REQUEST, Sky, answer, beat, sent, sky};
 use crate::support::*;
 use mavstack::dialect::*;
-use mavstack::{Address, Duration, LinkId, Peer, Recipient, Text};
+use mavstack::{Address, CommandReply, Duration, LinkId, Peer, Recipient, Text};
 
 const BACKUP: usize = 0;
 const PITCHYAW: MavCmd = MavCmd::DO_GIMBAL_MANAGER_PITCHYAW;
 
 /// The links on which a command is sent that nobody answers, by its confirmation.
 fn links(world: &mut Sky, to: impl Into<Recipient>) -> [usize; 5] {
-    [BACKUP, COMPANION].map(|link| world.gcs[link].forget());
+    for link in [BACKUP, COMPANION] {
+        world.gcs[link].forget();
+    }
     assert!(world.stack.send_command(to, POINT));
     let mut links = [usize::MAX; 5];
     for _ in 0..5 {
         world.run_for(millis(700));
         // It stays alive.
-        [BACKUP, COMPANION].map(|link| beat(world, link, GIMBAL, MavType::GIMBAL));
+        for link in [BACKUP, COMPANION] {
+            beat(world, link, GIMBAL, MavType::GIMBAL);
+        }
     }
     // Late answers to it are no longer expected either.
     world.run_for(millis(2_100));
@@ -84,4 +88,66 @@ fn stalled_link_gets_no_second_attempt() {
     assert!(world.stack.send_command(GIMBAL, REQUEST));
     world.run_for(millis(720));
     assert_eq!(sent(&world, BACKUP).len(), 1);
+}
+
+/// The component to which each COMMAND_CANCEL is addressed.
+fn cancels(world: &Sky) -> Vec<u8> {
+    let cancels = world.gcs[COMPANION].all::<CommandCancel>().into_iter();
+    cancels
+        .inspect(|(_, cancel)| assert_eq!(cancel.target_system, 10))
+        .map(|(_, cancel)| cancel.target_component)
+        .collect()
+}
+
+/// K-3, K-5, C-23: COMMAND_CANCEL needs an exact target. A command to all components of a system that none has answered is cancelled
+/// at the living ones in turn, and only at the one that runs it once that is known.
+#[test]
+fn command_to_all_components_is_cancelled_at_each() {
+    let (first, second) = (AUTHORISER, Address::new(10, 7));
+    let servo = |result| CommandAck {
+        command: MavCmd::DO_SET_SERVO,
+        result,
+        target_system: 1,
+        target_component: 1,
+        ..CommandAck::UNKNOWN
+    };
+    for progress in [false, true] {
+        let mut world = sky();
+        for from in [first, second] {
+            beat(&mut world, COMPANION, from, MavType::ONBOARD_CONTROLLER);
+        }
+        assert!(world.stack.send_command(Address::new(10, 0), EQUAL));
+        world.run_for(millis(50));
+        assert!(world.stack.cancel_sent_command(EQUAL));
+        world.run_for(millis(750));
+        assert_eq!(cancels(&world), [1, 7]);
+        assert_eq!(sent(&world, COMPANION).len(), 1, "the command itself is not repeated");
+        if progress {
+            answer(&mut world, COMPANION, second, servo(MavResult::IN_PROGRESS));
+            world.run_for(millis(1_450));
+            assert_eq!(cancels(&world), [1, 7, 7, 7, 7]);
+            answer(&mut world, COMPANION, first, servo(MavResult::CANCELLED));
+            answer(&mut world, COMPANION, second, servo(MavResult::CANCELLED));
+            let done = CommandReply::Done { result: MavResult::CANCELLED, result_param2: 0 };
+            assert_eq!(world.vehicle.replies, [(EQUAL, CommandReply::InProgress(255)), (EQUAL, done)]);
+        } else {
+            world.run_for(secs(4));
+            assert_eq!(cancels(&world), [1, 7, 1, 7, 1]);
+            assert_eq!(world.vehicle.replies, [(EQUAL, CommandReply::TimedOut)]);
+        }
+    }
+}
+
+/// K-3, C-23: if no component of the system is alive any more, none is told.
+#[test]
+fn command_to_nobody_is_not_cancelled() {
+    let mut world = sky();
+    beat(&mut world, COMPANION, AUTHORISER, MavType::ONBOARD_CONTROLLER);
+    world.run_for(millis(4_900));
+    assert!(world.stack.send_command(Address::new(10, 0), EQUAL));
+    world.run_for(millis(300));
+    assert!(world.stack.cancel_sent_command(EQUAL));
+    world.run_for(secs(4));
+    assert_eq!(cancels(&world), []);
+    assert_eq!(world.vehicle.replies, [(EQUAL, CommandReply::TimedOut)]);
 }

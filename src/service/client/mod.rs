@@ -210,6 +210,8 @@ pub struct Slot {
     is_running: bool,
     /// The recipient, and the link on which it is sent. Component 0 is any component of the system.
     to: Peer,
+    /// The component that is told to cancel it; 0 for none.
+    executor: ComponentId,
     token: u16,
     what: What,
     at: Instant,
@@ -224,6 +226,7 @@ impl Slot {
         is_cancelled: false,
         is_running: false,
         to: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        executor: ComponentId(0),
         token: 0,
         what: What::Command(OutgoingCommand::NONE),
         at: Instant::ZERO,
@@ -256,11 +259,30 @@ impl Slot {
         let stays = tries == 2 && self.state == State::Sent && has_answered(peers, self.to);
         self.start(now);
         self.tries = tries;
-        if stays {
+        let next = LinkId(self.to.link.0.wrapping_add(u8::from(!stays)));
+        self.to = find(peers, shared, Recipient::Peer(Peer { link: next, ..self.to })).unwrap_or(self.to);
+        if self.is_cancelled {
+            self.aim(peers, shared);
+        }
+    }
+
+    /// Selects the component that is told to cancel a command: COMMAND_CANCEL is for exactly one (C-23). Of a command to a whole
+    /// system that none has answered, the living components take turns.
+    #[inline(never)]
+    fn aim(&mut self, peers: &Peers, shared: &Shared) {
+        let Address { system, component } = self.to.address;
+        self.executor = component;
+        if component.0 != 0 {
             return;
         }
-        let next = LinkId(self.to.link.0.wrapping_add(1));
-        self.to = find(peers, shared, Recipient::Peer(Peer { link: next, ..self.to })).unwrap_or(self.to);
+        let is_it = |info: &&PeerInfo| {
+            let Peer { address, link } = info.peer;
+            info.is_alive && address.system == system && shared.normal.contains(LinkMask::of(link))
+        };
+        let mut living = peers.iter().filter(is_it).cycle();
+        if let Some(info) = living.nth(usize::from(self.tries.saturating_sub(1))) {
+            (self.executor, self.to.link) = (info.peer.address.component, info.peer.link);
+        }
     }
 
     /// Ends it. Each transmission of a command may be answered, so a command that was sent twice is remembered for a while.
@@ -357,7 +379,10 @@ impl<const N: usize> Client<N> {
 /// parameters (S-10).
 #[inline(never)]
 fn due_on(slots: &[Slot], port: &Port) -> Option<usize> {
-    let is_due = |slot: &Slot| slot.state == State::Due && slot.to.link == port.id;
+    let is_due = |slot: &Slot| {
+        let has_target = !slot.is_cancelled || slot.executor.0 != 0;
+        slot.state == State::Due && slot.to.link == port.id && has_target
+    };
     slots.iter().position(|slot| is_due(slot) && (slot.command().is_some() || port.outbox.takes(slot.id())))
 }
 
@@ -373,7 +398,10 @@ impl Slot {
         let OutgoingCommand { id: command, params: [param1, param2, param3, param4], position, z } = *command;
         let (target_system, target_component) = (self.to.address.system.0, self.to.address.component.0);
         match position {
-            _ if self.is_cancelled => port.outbox.send(&CommandCancel { command, target_system, target_component }),
+            _ if self.is_cancelled => {
+                let target_component = self.executor.0;
+                port.outbox.send(&CommandCancel { command, target_system, target_component })
+            }
             CommandPosition::Long { param5, param6 } => port.outbox.send(&CommandLong {
                 param1,
                 param2,
@@ -426,9 +454,12 @@ fn take_ack<F: Firmware<Vehicle: CommandClient>>(
     note_answer(cx.peers, received.from);
     let reply = if ack.result == MavResult::IN_PROGRESS {
         (slot.is_running, slot.to.address) = (true, from);
-        // The cancellation of a running command is sent all the same.
+        // The cancellation of a running command is sent all the same, and again now that it is known which component to tell.
         if !slot.is_cancelled {
             (slot.state, slot.at) = (State::Running, cx.now.after(PROGRESS_TIMEOUT));
+        } else if is_for_all {
+            slot.start(cx.now);
+            slot.executor = from.component;
         }
         CommandReply::InProgress(ack.progress)
     } else {
@@ -474,6 +505,7 @@ fn take_cancellation<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx
         if slot.sent > 0 {
             slot.is_cancelled = true;
             slot.start(cx.now);
+            slot.aim(cx.peers, cx.shared);
         } else {
             slot.state = State::Free;
             answered(cx, token, CANCELLED);
