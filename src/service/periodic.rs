@@ -132,9 +132,14 @@ impl Periodic {
     }
 
     /// Returns when the message is due in its stream. `has_listener`: see `streams_wait_for_peer`.
-    pub(crate) fn due(&self, row: Row, port: &Port, has_listener: bool) -> Instant {
-        let is_on = has_listener && self.interval(row, port) != OFF && port.outbox.takes(row.id);
+    pub(crate) fn due(&self, row: Row, port: &Port, has_listener: impl FnOnce() -> bool) -> Instant {
+        let is_on = self.interval(row, port) != OFF && port.outbox.takes(row.id) && has_listener();
         if is_on { self.at } else { Instant::NEVER }
+    }
+
+    /// Returns whether the message is due in its stream: mostly it is not, which takes little time.
+    pub(crate) fn is_due(&self, now: Instant, row: Row, port: &Port, has_listener: impl FnOnce() -> bool) -> bool {
+        self.at <= now && self.due(row, port, has_listener) <= now
     }
 
     /// Records that it is sent now, in its stream.

@@ -134,9 +134,9 @@ impl Allowance {
         self.spend(HANDLED);
     }
 
-    /// Whether another frame may be sent.
+    /// Whether another frame may be sent. The first always may, and an answer to each frame that was handled.
     pub(crate) fn may_send(&self) -> bool {
-        !self.has_sent || self.answers > 0 || self.work > 0
+        !self.has_sent || self.answers > 0 || self.work >= MADE
     }
 
     /// Spends the cost of a frame that is sent, and of its signature.

@@ -231,7 +231,7 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
                 _ => false,
             };
         }
-        if link.due(STATUS, port, has_listener(cx.shared, cx.peers, port)) > cx.now {
+        if !link.is_due(cx.now, STATUS, port, || has_listener(cx.shared, cx.peers, port)) {
             return false;
         }
         link.sent(cx.now, STATUS, port);
@@ -243,7 +243,7 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         match turn {
             Turn::GimbalDevice if link.is_asked() => view.now,
             Turn::GimbalDevice => Instant::NEVER,
-            _ => link.due(STATUS, port, has_listener(view.shared, view.peers, port)),
+            _ => link.due(STATUS, port, || has_listener(view.shared, view.peers, port)),
         }
     }
 

@@ -457,17 +457,17 @@ impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
     }
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ManagerLink, turn: Turn) -> bool {
-        let has_listener = has_listener(cx.shared, cx.peers, port);
+        let has_listener = || has_listener(cx.shared, cx.peers, port);
         if turn == Turn::Gimbal {
             match link.status.take_asked() {
                 Asked::OTHER => return send_information::<F>(cx, port),
                 Asked::INTERVAL => return send::<F, _>(port, None, &link.status.told(STATUS, port)),
                 Asked::MESSAGE => {}
-                _ if link.owes(self.changes, port) && has_listener => {}
+                _ if link.owes(self.changes, port) && has_listener() => {}
                 _ => return F::Vehicle::IS_REMOTE && self.next_for_device(cx, port),
             }
         } else {
-            if link.status.due(STATUS, port, has_listener) > cx.now {
+            if !link.status.is_due(cx.now, STATUS, port, has_listener) {
                 return false;
             }
             link.status.sent(cx.now, STATUS, port);
@@ -479,11 +479,11 @@ impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
     }
 
     fn due(&self, view: &View<'_>, port: &Port, link: &ManagerLink, turn: Turn) -> Instant {
-        let has_listener = has_listener(view.shared, view.peers, port);
+        let has_listener = || has_listener(view.shared, view.peers, port);
         if turn != Turn::Gimbal {
             return link.status.due(STATUS, port, has_listener);
         }
-        let is_new = link.owes(self.changes, port) && has_listener;
+        let is_new = link.owes(self.changes, port) && has_listener();
         if is_new || link.status.is_asked() {
             return view.now;
         }
