@@ -66,7 +66,7 @@ const MAVLINK_VERSION: u8 = 3;
     note = "`components` in `stack!` needs `impl Components for {Self}`: write it, or leave `components` out"
 )]
 pub trait Components {
-    /// The components besides the autopilot, at most three.
+    /// The components besides the autopilot, at most three. None has the component id of [`Config`](crate::Config).
     const COMPONENTS: &'static [Component];
 
     /// Returns HEARTBEAT.system_status of a component; `None` while it is in a fault, which stops its heartbeats. They stop with

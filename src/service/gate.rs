@@ -101,6 +101,11 @@ pub trait OwnCommands<F: Firmware> {
         None
     }
 
+    /// Returns the number of slots.
+    fn own_slots(&self) -> usize {
+        0
+    }
+
     /// Returns the command in slot `number` if one of our components is carrying it out.
     fn running_own(&self, number: usize) -> Option<MavCmd> {
         let _ = number;

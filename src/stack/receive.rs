@@ -197,8 +197,7 @@ impl<D: Declares> Services<D> {
     pub(super) fn carry_out_own(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) {
         let own = cx.shared.config.address.get();
         let mut number = 0usize;
-        // As many as the client has slots.
-        while number < OWN_COMMANDS {
+        while number < self.client.own_slots() {
             let running = self.client.running_own(number);
             if let Some(command) = running
                 && let Some(slots) = self.command.slots.view()
@@ -208,7 +207,7 @@ impl<D: Declares> Services<D> {
             }
             number = number.wrapping_add(1);
         }
-        for _ in 0..OWN_COMMANDS {
+        for _ in 0..self.client.own_slots() {
             let Some((command, is_cancelled)) = self.client.take_own(cx.now, own) else { return };
             if is_cancelled {
                 self.command.cancel_own(cx, &command);
@@ -231,12 +230,21 @@ impl<D: Declares> Services<D> {
     }
 }
 
-/// The maximum number of the firmware's own commands that are taken up in a poll.
-const OWN_COMMANDS: usize = 8;
-
 /// Whether a command asks for a message, which a component of the firmware does not send to the firmware itself.
 const fn asks_for_message(command: MavCmd) -> bool {
-    matches!(command, MavCmd::REQUEST_MESSAGE | MavCmd::SET_MESSAGE_INTERVAL | MavCmd::GET_MESSAGE_INTERVAL)
+    matches!(
+        command,
+        MavCmd::REQUEST_MESSAGE
+            | MavCmd::SET_MESSAGE_INTERVAL
+            | MavCmd::GET_MESSAGE_INTERVAL
+            | MavCmd::REQUEST_CAMERA_INFORMATION
+            | MavCmd::REQUEST_CAMERA_SETTINGS
+            | MavCmd::REQUEST_STORAGE_INFORMATION
+            | MavCmd::REQUEST_CAMERA_CAPTURE_STATUS
+            | MavCmd::REQUEST_CAMERA_IMAGE_CAPTURE
+            | MavCmd::REQUEST_VIDEO_STREAM_INFORMATION
+            | MavCmd::REQUEST_VIDEO_STREAM_STATUS
+    )
 }
 
 /// Returns the address to which the frame is sent, if it is ours or everybody's and the link may carry the message (C-2, L-4, R-1,

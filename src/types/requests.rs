@@ -35,16 +35,17 @@ impl From<Peer> for Destination {
 }
 
 /// The component to which a request of the vehicle is sent; see [`Context::send_command`](crate::Context::send_command).
-/// It must be alive on a normal link.
+/// It must be alive on a normal link, or be another [component](crate::Components) of this firmware, which takes commands only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Recipient {
     /// A component, first on this link if it is alive there, then on others.
     Peer(Peer),
-    /// A component, first on the link on which it has answered last, or else on the one on which it was heard first. Component 0
-    /// is every component of the system.
+    /// Another component of this firmware, or one on the links: first on the link on which it has answered last, or else on the one
+    /// on which it was heard first. Component 0 is every component of the system on the links.
     Address(Address),
-    /// A component of our system with this HEARTBEAT.type, such as [`MavType::GIMBAL`].
+    /// A component of our system with this HEARTBEAT.type, such as [`MavType::GIMBAL`]: another one of this firmware, or else one on
+    /// the links.
     Type(MavType),
 }
 

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use crate::support::*;
 use mavstack::command::CommandPolicy;
-use mavstack::config::StreamProfile;
+use mavstack::config::{StreamProfile, TxVersion};
 use mavstack::dialect::*;
+use mavstack::frame::Version;
 use mavstack::message::ComponentId;
 use mavstack::{
     Address, Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Context, Fill,
@@ -22,6 +23,11 @@ const POINT: u16 = 1;
 const CALIBRATE: u16 = 2;
 const ASK: u16 = 3;
 const ELSEWHERE: u16 = 4;
+const RELAY: u16 = 5;
+const SERVO: u16 = 6;
+const OLD: u16 = 7;
+/// Tokens from here on are commands that nobody answers.
+const UNANSWERED: u16 = 100;
 
 /// An autopilot with a gimbal and a camera of its own.
 #[derive(Default)]
@@ -40,11 +46,12 @@ impl Vehicle for Copter {
 }
 
 impl Commands for Copter {
-    const POLICIES: &'static [CommandPolicy] = &[CommandPolicy::new(rules::DO_REPEAT_SERVO).once()];
+    const POLICIES: &'static [CommandPolicy] =
+        &[CommandPolicy::new(rules::DO_REPEAT_SERVO).once(), CommandPolicy::new(rules::DO_REPEAT_RELAY).once()];
 
-    fn command(&mut self, _: &mut Context<'_>, command: &Command) -> Outcome {
+    fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
         self.own.push(command.id);
-        MavResult::ACCEPTED.into()
+        if command.id == MavCmd::DO_WINCH { cx.start() } else { MavResult::ACCEPTED.into() }
     }
 
     fn cancel_command(&mut self, _: &mut Context<'_>, command: MavCmd, _: Peer) -> bool {
@@ -64,7 +71,7 @@ impl Components for Copter {
     fn component_command(&mut self, cx: &mut Context<'_>, component: ComponentId, command: &Command) -> Outcome {
         self.others.push((component.0, command.id, command.from.address.component.0));
         match command.id {
-            MavCmd::DO_WINCH => cx.start(),
+            MavCmd::DO_WINCH | MavCmd::DO_REPEAT_RELAY => cx.start(),
             MavCmd::DO_GRIPPER => MavResult::DENIED.into(),
             _ => MavResult::ACCEPTED.into(),
         }
@@ -76,6 +83,10 @@ impl CommandClient for Copter {
         match token {
             ASK => Some(OutgoingCommand::request_message::<GimbalDeviceInformation>(0)),
             CALIBRATE => Some(OutgoingCommand::long(MavCmd::DO_WINCH, [0.0; 7])),
+            RELAY => Some(OutgoingCommand::long(MavCmd::DO_REPEAT_RELAY, [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0])),
+            SERVO => Some(OutgoingCommand::long(MavCmd::DO_REPEAT_SERVO, [1.0, 1_500.0, 3.0, 4.0, 0.0, 0.0, 0.0])),
+            OLD => Some(OutgoingCommand::long(MavCmd::REQUEST_CAMERA_INFORMATION, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
+            UNANSWERED.. => Some(OutgoingCommand::long(MavCmd(31_000 + token), [0.0; 7])),
             _ => Some(OutgoingCommand::long(MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, [-90.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
         }
     }
@@ -118,7 +129,7 @@ mavstack::stack! {
         plans: { mission: 4 },
         streams,
         commands: { slots: 3 },
-        command_client: { slots: 2 },
+        command_client: { slots: 12 },
         components,
         forwarding,
     }
@@ -420,4 +431,156 @@ fn own_command_is_cancelled() {
     assert_eq!(world.vehicle.replies.last(), Some(&end));
     assert!(!world.stack.long_commands().is_running(MavCmd::DO_WINCH));
     assert_eq!((sent::<CommandCancel>(&world, 0), sent::<CommandAck>(&world, 0)), (vec![], vec![]));
+}
+
+/// K-11: inside the firmware nothing is lost, so an equal command is another command, also one that must not run twice by a link.
+#[test]
+fn own_commands_are_not_taken_for_duplicates() {
+    let mut world = sky();
+    let done = (SERVO, CommandReply::Done { result: MavResult::ACCEPTED, result_param2: 0 });
+    for _ in 0..3 {
+        assert!(world.stack.send_command(GIMBAL, SERVO));
+        world.run_for(millis(500));
+    }
+    assert_eq!(world.vehicle.replies, [done; 3]);
+    assert_eq!(world.vehicle.others.len(), 3);
+    for (token, command) in [(CALIBRATE, MavCmd::DO_WINCH), (RELAY, MavCmd::DO_REPEAT_RELAY)] {
+        for pause in [millis(500), secs(6), millis(500)] {
+            world.vehicle.replies.clear();
+            assert!(world.stack.send_command(GIMBAL, token));
+            world.run_for(millis(500));
+            assert!(world.stack.long_commands_mut().finish(command, MavResult::ACCEPTED), "it runs");
+            world.run_for(pause);
+            let end = (token, CommandReply::Done { result: MavResult::ACCEPTED, result_param2: 0 });
+            assert_eq!(world.vehicle.replies.last(), Some(&end));
+        }
+    }
+}
+
+/// K-11, D-4: the end of the firmware's own command is told by the next poll, which is due at once.
+#[test]
+fn end_of_an_own_command_is_due_at_once() {
+    let mut world = sky();
+    assert!(world.stack.send_command(GIMBAL, CALIBRATE));
+    world.run_for(secs(2));
+    world.stack.long_commands_mut().finish(MavCmd::DO_WINCH, MavResult::ACCEPTED);
+    let now = world.now();
+    assert_eq!(world.stack.next_deadline(now), now);
+}
+
+/// K-11: every slot of the client can have an own command.
+#[test]
+fn own_commands_may_have_any_slot() {
+    let mut world = sky();
+    world.gcs[1].send_from(COMPANION, &Heartbeat::default());
+    world.run_for(millis(50));
+    for token in 0..8 {
+        assert!(world.stack.send_command(COMPANION, UNANSWERED + token));
+    }
+    world.run_for(millis(5));
+    assert!(world.stack.send_command(GIMBAL, CALIBRATE));
+    world.run_for(millis(50));
+    world.stack.long_commands_mut().finish(MavCmd::DO_WINCH, MavResult::ACCEPTED);
+    world.run_for(secs(1));
+    let end = (CALIBRATE, CommandReply::Done { result: MavResult::ACCEPTED, result_param2: 0 });
+    assert!(world.vehicle.replies.contains(&end));
+}
+
+/// K-11: an own request for a message is refused in each form, because the message would be sent on a link.
+#[test]
+fn own_request_for_a_message_is_refused() {
+    let mut world = sky();
+    for token in [ASK, OLD] {
+        assert!(world.stack.send_command(CAMERA, token));
+        world.run_for(millis(200));
+        let end = (token, CommandReply::Done { result: MavResult::DENIED, result_param2: 0 });
+        assert_eq!(world.vehicle.replies.last(), Some(&end));
+    }
+    assert_eq!(world.vehicle.others, []);
+}
+
+/// K-10, C-23: COMMAND_CANCEL to one component does not cancel another's command.
+#[test]
+fn only_the_addressed_component_cancels() {
+    let mut world = sky();
+    let cancel = CommandCancel { command: MavCmd::DO_WINCH, target_system: 1, target_component: 0 };
+    for (runs, others) in [(1, [100, 154]), (154, [1, 100])] {
+        assert_eq!(command(&mut world, runs, MavCmd::DO_WINCH, [0.0; 7]), [(runs, MavResult::IN_PROGRESS)]);
+        for target_component in others {
+            world.gcs[0].send(&CommandCancel { target_component, ..cancel });
+            world.run_for(millis(50));
+            assert!(world.stack.long_commands().is_running(MavCmd::DO_WINCH), "{target_component} cancels {runs}'s");
+        }
+        world.gcs[0].send(&CommandCancel { target_component: runs, ..cancel });
+        world.run_for(secs(5));
+        assert!(!world.stack.long_commands().is_running(MavCmd::DO_WINCH));
+    }
+}
+
+/// K-10, Q-6: each component tells the intervals of its own streams.
+#[test]
+fn each_component_tells_its_intervals() {
+    let mut world = sky();
+    let battery = BatteryStatus::ID as f32;
+    for (to, micros) in [(154, 1_000_000.0), (1, 200_000.0)] {
+        command(&mut world, to, MavCmd::SET_MESSAGE_INTERVAL, [battery, micros, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    }
+    for (to, interval_us) in [(154, 1_000_000), (1, 200_000)] {
+        for (id, params) in [
+            (MavCmd::GET_MESSAGE_INTERVAL, [battery, 0.0]),
+            (MavCmd::REQUEST_MESSAGE, [MessageInterval::ID as f32, battery]),
+        ] {
+            let [first, second] = params;
+            let ack = command(&mut world, to, id, [first, second, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            assert_eq!(ack, [(to, MavResult::ACCEPTED)]);
+            let told: Vec<_> =
+                sent::<MessageInterval>(&world, 0).into_iter().map(|(from, _, told)| (from, told)).collect();
+            assert_eq!(told, [(to, MessageInterval { interval_us, message_id: BatteryStatus::ID as u16 })]);
+        }
+    }
+    // What the autopilot alone sends.
+    let mission = [MissionCurrent::ID as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert_eq!(command(&mut world, 1, MavCmd::SET_MESSAGE_INTERVAL, mission), [(1, MavResult::ACCEPTED)]);
+    assert_eq!(command(&mut world, 154, MavCmd::SET_MESSAGE_INTERVAL, mission), [(154, MavResult::DENIED)]);
+    let unknown = [Attitude::ID as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert_eq!(command(&mut world, 154, MavCmd::GET_MESSAGE_INTERVAL, unknown), [(154, MavResult::DENIED)]);
+}
+
+/// K-10, S-10: on a MAVLink 1 link each component sends MAVLink 1 with its own sequence number.
+#[test]
+fn components_send_mavlink_1_too() {
+    let uart = LinkConfig::uart(115_200).with_streams(StreamProfile::Off).with_version(TxVersion::V1);
+    let mut world = Sky::of(Setup { links: [uart; 2], ..Setup::new() });
+    world.run_for(secs(3));
+    let mut next = BTreeMap::<u8, u8>::new();
+    for frame in &world.gcs[0].received {
+        assert_eq!(frame.header.version, Version::V1);
+        let from = frame.header.source.component.0;
+        let seq = next.entry(from).or_default();
+        assert_eq!(frame.header.seq, *seq);
+        *seq += 1;
+    }
+    assert!(next.len() == 3 && next.values().all(|frames| *frames >= 3));
+}
+
+/// K-10, G-4: a half-sent heartbeat of a component is dropped when the link restarts, and the next frames are the components' own.
+#[test]
+fn restart_in_the_middle_of_a_components_frame() {
+    let mut world = sky();
+    world.run_for(millis(1_885));
+    let now = world.now().after(millis(20));
+    world.pulse.tick();
+    world.stack.poll(now, &mut world.vehicle);
+    let mut sources = Vec::new();
+    for _ in 0..3 {
+        let frame = world.stack.transmit(now, LinkId(0), &mut world.vehicle).to_vec();
+        sources.push(frame[6]);
+        if frame[6] == 154 {
+            world.stack.transmitted(LinkId(0), 5);
+            world.stack.restart_link(LinkId(0));
+        } else {
+            world.stack.transmitted(LinkId(0), frame.len());
+        }
+    }
+    assert_eq!(sources, [1, 154, 100]);
 }

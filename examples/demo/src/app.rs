@@ -146,6 +146,7 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         vehicle.report_arming(stack.long_commands_mut());
         vehicle.watch_payload(stack);
         vehicle.carry_out_gimbal_item(now, stack);
+        vehicle.report_camera(stack);
         vehicle.store_counts(stack.parameters_mut());
         vehicle.watch_satellite(stack);
         vehicle.state() != before || self.has_something_due(now)

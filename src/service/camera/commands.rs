@@ -169,10 +169,10 @@ impl CameraControl {
     fn check_start(&self, now: Instant, start: &Start) -> Option<MavResult> {
         let is_repeated = *start == self.started
             && match (start.count, start.sequence) {
-                // A single image without a sequence number: whoever presses twice wants two.
+                // Without a sequence number, a second press of the button is a second image.
                 (1, 0) => false,
-                (1, _) => now < self.started_at.after(REPEATED),
-                _ => self.left > 0,
+                (_, 0) => self.left > 0,
+                _ => self.left > 0 || now < self.started_at.after(REPEATED),
             };
         if is_repeated {
             return Some(MavResult::ACCEPTED);

@@ -384,6 +384,10 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> OwnCommands<F> for Cli
         take_own(&mut self.slots, now, own)
     }
 
+    fn own_slots(&self) -> usize {
+        N
+    }
+
     fn running_own(&self, number: usize) -> Option<MavCmd> {
         let is_it = |slot: &&Slot| slot.to.link == LinkId::NONE && slot.is_running && slot.state != State::Free;
         self.slots.get(number).filter(is_it).and_then(Slot::command)

@@ -270,7 +270,8 @@ impl CommandSlot {
 ///
 /// - It sends IN_PROGRESS once a second, and when the progress changes, at most ten times a second; not on high-latency links.
 /// - It sends the final ACK on every link on which the command was received.
-/// - While the command runs, other commands with its id get `TEMPORARILY_REJECTED`.
+/// - While the command runs, other commands with its id get `TEMPORARILY_REJECTED`, also those to another
+///   [component](crate::Components) of the firmware.
 /// - It answers duplicates without running the command again, until its sender has given another command with its id; and it
 ///   handles COMMAND_CANCEL.
 ///
@@ -367,6 +368,11 @@ impl LongCommands {
         self.slots.iter().any(|slot| slot.is_running(command))
     }
 
+    /// Whether `command` is running in a component for which `is_it` holds.
+    pub(crate) fn is_running_in(&self, command: MavCmd, is_it: impl Fn(ComponentId) -> bool) -> bool {
+        self.slots.iter().any(|slot| slot.is_running(command) && is_it(slot.component))
+    }
+
     fn running(&mut self, command: MavCmd) -> Option<&mut CommandSlot> {
         self.slots.iter_mut().find(|slot| slot.is_running(command))
     }
@@ -404,6 +410,14 @@ impl LongCommands {
         }
         let has_room = self.free_slot().is_some() || self.slots.iter().any(|slot| slot.is_run_of(command));
         (once != Once::No && !has_room).then_some(MavResult::TEMPORARILY_REJECTED.into())
+    }
+
+    /// Returns the answer to a command of the firmware itself, if it is running.
+    #[inline(never)]
+    pub(crate) fn recall_own(&mut self, now: Instant, command: &Command) -> Option<Outcome> {
+        self.poll(now);
+        let slot = self.running(command.id)?;
+        Some(if slot.is_same(command) { MavResult::IN_PROGRESS } else { MavResult::TEMPORARILY_REJECTED }.into())
     }
 
     /// Whether a slot has this command of this sender.
@@ -485,6 +499,11 @@ impl LongCommands {
         next.min().unwrap_or(Instant::NEVER)
     }
 
+    /// Whether a command of the firmware itself has ended since the last poll, which tells its sender.
+    pub(crate) fn has_own_end(&self) -> bool {
+        self.slots.iter().any(|slot| slot.state == State::Done && slot.is_untimed && slot.links.is_empty())
+    }
+
     /// Returns when an ACK is due on this link: a final one at `now`, an IN_PROGRESS at `progress_at`.
     pub(crate) fn due(&self, now: Instant, progress_at: Instant, link: LinkId) -> Instant {
         let pending = self.slots.iter().filter(|slot| slot.pending.contains(LinkMask::of(link)));
@@ -494,7 +513,11 @@ impl LongCommands {
 
     /// Returns the component's answer to a command of the firmware itself: its result, or its progress if that is due now.
     pub(crate) fn own_answer(&self, now: Instant, own: Address, command: MavCmd) -> Option<(ComponentId, Answer)> {
-        let slot = self.slots.iter().find(|slot| slot.from == own && slot.is_long && slot.command() == command)?;
+        let is_it = |slot: &&CommandSlot| {
+            let is_known = matches!(slot.state, State::Running | State::Done);
+            is_known && slot.is_long && slot.from == own && slot.command() == command
+        };
+        let slot = self.slots.iter().find(is_it)?;
         let (outcome, progress) = match slot.state {
             State::Running if slot.at == now => (MavResult::IN_PROGRESS.into(), slot.progress),
             State::Done => (slot.outcome, NO_PROGRESS),

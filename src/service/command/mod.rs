@@ -25,7 +25,7 @@ use crate::link::Port;
 use crate::log::RefusalLog;
 use crate::message::{Address, ComponentId};
 use crate::time::Instant;
-use crate::types::{Command, CommandPosition, Context, Firmware, Origin, Outcome, Peer, Refusal};
+use crate::types::{Command, CommandPosition, Context, Firmware, LinkId, Origin, Outcome, Peer, Refusal};
 
 /// Returns the command of a COMMAND_LONG.
 pub(crate) fn from_long(message: &CommandLong, origin: Origin) -> Command {
@@ -159,7 +159,11 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
     }
 
     fn deadline(&self) -> Instant {
-        self.slots.view().map_or(Instant::NEVER, LongCommands::deadline)
+        let Some(long) = self.slots.view() else { return Instant::NEVER };
+        if !F::COMPONENTS.is_empty() && long.has_own_end() {
+            return Instant::ZERO;
+        }
+        long.deadline()
     }
 
     /// COMMAND_LONG and COMMAND_INT.
@@ -178,7 +182,7 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
         if system != own.system || !(component == own.component || F::is_component(component)) {
             return Handled::OutOfPlace;
         }
-        cancel(cx, long, message.command, received.from);
+        cancel(cx, long, message.command, component, received.from);
         Handled::Yes
     }
 
@@ -237,7 +241,10 @@ impl<S: CommandMemory> CommandService<S> {
         }
         let once = policy::once::<F::Vehicle>(command.id);
         let long = self.slots.view_mut()?;
-        let outcome = long.recall(cx.now, command, *signed_at, once)?;
+        let outcome = match is_own::<F>(command) {
+            true => long.recall_own(cx.now, command)?,
+            false => long.recall(cx.now, command, *signed_at, once)?,
+        };
         // The refusal of a duplicate was already explained.
         let is_busy = outcome.result == MavResult::TEMPORARILY_REJECTED && !long.knows(command);
         Some(if is_busy { Verdict::Refused(outcome.result.into()) } else { Verdict::Done(outcome) })
@@ -297,7 +304,7 @@ impl<S: CommandMemory> CommandService<S> {
     /// Cancels a command that the firmware itself has sent to one of its components.
     pub(crate) fn cancel_own<F: Firmware<Vehicle: Commands>>(&mut self, cx: &mut Cx<'_, F>, command: &Command) {
         if let Some(long) = self.slots.view_mut() {
-            cancel(cx, long, command.id, command.from);
+            cancel(cx, long, command.id, command.component, command.from);
         }
     }
 
@@ -342,15 +349,29 @@ impl<S: CommandMemory> CommandService<S> {
         outcome: Outcome,
     ) {
         if let Some(long) = self.slots.view_mut() {
-            long.settle(cx.now, command, *signed_at, outcome, policy::once::<F::Vehicle>(command.id));
+            let once = if is_own::<F>(command) { Once::No } else { policy::once::<F::Vehicle>(command.id) };
+            long.settle(cx.now, command, *signed_at, outcome, once);
         }
         cx.shared.has_acted = true;
     }
 }
 
-/// Has the vehicle cancel a command if it is running (C-23).
-fn cancel<F: Firmware<Vehicle: Commands>>(cx: &mut Cx<'_, F>, long: &mut LongCommands, command: MavCmd, from: Peer) {
-    if long.is_running(command) {
+/// Whether the firmware itself has given the command to one of its components. Nothing is lost on that way, so nothing is repeated.
+fn is_own<F: Firmware>(command: &Command) -> bool {
+    !F::COMPONENTS.is_empty() && command.from.link == LinkId::NONE
+}
+
+/// Has the vehicle cancel a command if a component is running it (C-23).
+fn cancel<F: Firmware<Vehicle: Commands>>(
+    cx: &mut Cx<'_, F>,
+    long: &mut LongCommands,
+    command: MavCmd,
+    of: ComponentId,
+    from: Peer,
+) {
+    let is_its =
+        |component| F::COMPONENTS.is_empty() || component == of || !(F::is_component(component) || F::is_component(of));
+    if long.is_running_in(command, is_its) {
         let (vehicle, mut context) = cx.hook();
         if vehicle.cancel_command(&mut context, command, from) {
             long.finish(command, MavResult::CANCELLED);

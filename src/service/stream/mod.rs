@@ -353,7 +353,7 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         }
         let fixed = Self::fixed(cx);
         let StreamLink { streams, slots } = link;
-        requests::next_interval(cx.now, fixed, port, streams, F::Vehicle::STREAMS, slots)
+        requests::next_interval::<F>(cx.now, fixed, port, streams, F::Vehicle::STREAMS, slots)
             || requests::next_asked::<F>(cx.now, streams, &mut port.outbox, cx.vehicle)
     }
 

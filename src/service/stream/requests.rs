@@ -132,7 +132,12 @@ fn on_interval(
         } else {
             request.id.and_then(|id| u16::try_from(id).ok())
         };
-        // MESSAGE_INTERVAL has 16 bits for the id.
+        let id = match of {
+            // Another component is known by a row of its own.
+            Some(component @ ComponentId(1..)) => id.and_then(|id| row_of(table, component, id)),
+            // MESSAGE_INTERVAL has 16 bits for the id.
+            _ => id.filter(|id| of.is_none() || *id < ROWS),
+        };
         return match id {
             Some(id) if streams.request_interval(id) => MavResult::ACCEPTED,
             Some(_) => MavResult::TEMPORARILY_REJECTED,
@@ -145,7 +150,7 @@ fn on_interval(
     let id = request.id.filter(|&id| is_valid && port.outbox.takes(id));
     let (Some(id), Some(instance)) = (id, index_of(instance)) else { return MavResult::DENIED };
     let is_off = micros < 0.0;
-    if fixed.interval(id).is_some() {
+    if fixed.interval(id).is_some() && of.is_none_or(|component| component.0 == 0) {
         // Clamped to its fixed interval. It cannot be stopped.
         return if is_off || instance != 0 { MavResult::DENIED } else { MavResult::ACCEPTED };
     }
@@ -197,7 +202,7 @@ pub(super) fn handle_frame(
 
 /// Sends a pending MESSAGE_INTERVAL: the current interval, including the delay that a radio's full buffer adds; of several
 /// instances, the shortest. Returns false if none is pending.
-pub(super) fn next_interval(
+pub(super) fn next_interval<F: Firmware>(
     now: Instant,
     fixed: Fixed,
     port: &mut Port,
@@ -206,21 +211,40 @@ pub(super) fn next_interval(
     slots: &[Slot],
 ) -> bool {
     let Port { outbox, config, .. } = port;
-    let Some(message_id) = streams.take_interval_request() else { return false };
+    let Some(mut message_id) = streams.take_interval_request() else { return false };
+    let mut of = None;
+    if !F::COMPONENTS.is_empty() {
+        of = Some(ComponentId(0));
+        if let Some(row) = message_id.checked_sub(ROWS).and_then(|row| table.get(usize::from(row))) {
+            (message_id, of) = (u16::try_from(row.id).unwrap_or(0), Some(row.component));
+        }
+    }
     let id = u32::from(message_id);
     // 0: there is no such stream, or the link cannot carry it (S-10). -1 as unsigned, the longest, is off.
     let mut interval = 0u32;
     if outbox.takes(id) {
-        interval = fixed.interval(id).unwrap_or(0);
+        if of.is_none_or(|component| component.0 == 0) {
+            interval = fixed.interval(id).unwrap_or(0);
+        }
         for (stream, slot) in table.iter().zip(slots) {
-            if stream.id == id {
+            if stream.id == id && stream.is_of(of) {
                 let micros = slot.interval(stream, config.streams).unwrap_or(u32::MAX);
                 let micros = micros.saturating_add(streams.slowdown(now));
                 interval = if interval == 0 { micros } else { interval.min(micros) };
             }
         }
     }
-    outbox.send(&MessageInterval { interval_us: interval.cast_signed(), message_id })
+    outbox.send_from::<F, _>(of, &MessageInterval { interval_us: interval.cast_signed(), message_id })
+}
+
+/// From here on, a pending MESSAGE_INTERVAL is not for a message id, but for the row of another component of the firmware. No message of
+/// common has such an id; the intervals of others are not told in a firmware of several components.
+const ROWS: u16 = 0xFF00;
+
+/// Returns the pending MESSAGE_INTERVAL of another component; `None` if it does not stream the message.
+fn row_of(table: &[Stream], component: ComponentId, id: u16) -> Option<u16> {
+    let row = table.iter().position(|stream| stream.id == u32::from(id) && stream.component == component)?;
+    Some(ROWS.saturating_add(u16::try_from(row).ok()?))
 }
 
 /// Asks the vehicle for the next requested message. Returns false if none is pending, or none can be filled.

@@ -12,7 +12,8 @@ use mavstack::ext_parameters::ExtValue;
 use mavstack::message::ComponentId;
 use mavstack::{Camera, Context, Duration, ExtParameters, Instant, Item, Text};
 
-use super::Quadrotor;
+use super::{Mode, Quadrotor};
+use crate::app::Mavlink;
 use crate::body::Vector;
 
 /// MAV_COMP_ID_CAMERA.
@@ -29,10 +30,18 @@ pub(super) struct Photographer {
     /// Images are taken every so many metres; 0 is off. The last one was taken at `last`.
     distance: f32,
     last: Vector,
+    /// The distance is the mission's: it counts only while the mission is flown.
+    is_of_mission: bool,
     /// An image is to be taken because of the distance.
     is_due: bool,
+    /// The settings have changed without a command to the camera.
+    is_changed: bool,
     /// What an item of the mission wants.
     order: Option<CameraOrder>,
+    /// The mission has started to capture images at an interval, and to record.
+    has_started: [bool; 2],
+    /// What ends because the mission is no longer flown.
+    ends: [bool; 2],
     mode: CameraMode,
     /// In percent.
     zoom: f32,
@@ -48,8 +57,12 @@ impl Photographer {
     pub(super) const NEW: Self = Self {
         distance: 0.0,
         last: Vector::ZERO,
+        is_of_mission: false,
         is_due: false,
+        is_changed: false,
         order: None,
+        has_started: [false; 2],
+        ends: [false; 2],
         mode: CameraMode::IMAGE,
         zoom: 0.0,
         focus: 50.0,
@@ -67,8 +80,9 @@ impl Photographer {
 impl Quadrotor {
     /// Takes images by distance. Called in each step of a flight.
     pub(super) fn survey(&mut self) {
+        let is_on = !self.camera.is_of_mission || self.mode == Mode::Mission;
         let (camera, here) = (&mut self.camera, self.body.position);
-        if camera.distance > 0.0 && here.distance(camera.last) >= camera.distance {
+        if is_on && camera.distance > 0.0 && here.distance(camera.last) >= camera.distance {
             (camera.last, camera.is_due) = (here, true);
         }
     }
@@ -76,7 +90,7 @@ impl Quadrotor {
     /// MAV_CMD_DO_SET_CAM_TRIGG_DIST: `first` is 1 to take the first image at once.
     pub(super) fn trigger_by_distance(&mut self, distance: f32, first: f32) {
         let camera = &mut self.camera;
-        (camera.distance, camera.last) = (distance, self.body.position);
+        (camera.distance, camera.last, camera.is_of_mission) = (distance, self.body.position, false);
         camera.is_due |= distance > 0.0 && first == 1.0;
     }
 
@@ -87,10 +101,12 @@ impl Quadrotor {
         let order = match item.command {
             MavCmd::DO_SET_CAM_TRIGG_DIST => {
                 self.trigger_by_distance(p1, p3);
+                self.camera.is_of_mission = true;
                 return true;
             }
             MavCmd::SET_CAMERA_MODE => {
                 self.camera.mode = CameraMode(p2 as u8);
+                self.camera.is_changed = true;
                 return true;
             }
             MavCmd::IMAGE_START_CAPTURE if p3 == 1.0 => CameraOrder::TakeImage,
@@ -101,7 +117,17 @@ impl Quadrotor {
             MavCmd::VIDEO_START_CAPTURE => CameraOrder::StartVideo,
             _ => CameraOrder::StopVideo,
         };
-        self.operate_camera_by(order)
+        let is_done = self.operate_camera_by(order);
+        let [captures, records] = &mut self.camera.has_started;
+        match order {
+            _ if !is_done => {}
+            CameraOrder::StartCapture { .. } => *captures = true,
+            CameraOrder::StopCapture => *captures = false,
+            CameraOrder::StartVideo => *records = true,
+            CameraOrder::StopVideo => *records = false,
+            CameraOrder::TakeImage => {}
+        }
+        is_done
     }
 
     /// Gives the camera an order. Returns false if it has not taken up the one before.
@@ -111,6 +137,22 @@ impl Quadrotor {
             self.camera.order = Some(order);
         }
         is_free
+    }
+}
+
+impl Quadrotor {
+    /// Tells ground stations of changed settings.
+    pub(crate) fn report_camera(&mut self, stack: &mut Mavlink) {
+        if core::mem::take(&mut self.camera.is_changed) {
+            stack.camera_mut().settings_changed();
+        }
+    }
+
+    /// The mission is no longer flown: the images and the video that it has started end, and its control of the gimbal.
+    #[inline(never)]
+    pub(super) fn leave_payload(&mut self) {
+        self.camera.ends = core::mem::take(&mut self.camera.has_started);
+        self.release_gimbal();
     }
 }
 
@@ -171,7 +213,14 @@ impl Camera for Quadrotor {
         if core::mem::take(&mut self.camera.is_due) {
             return Some(CameraOrder::TakeImage);
         }
-        self.camera.order.take()
+        if let Some(order) = self.camera.order.take() {
+            return Some(order);
+        }
+        let [captures, records] = &mut self.camera.ends;
+        if core::mem::take(captures) {
+            return Some(CameraOrder::StopCapture);
+        }
+        core::mem::take(records).then_some(CameraOrder::StopVideo)
     }
 
     fn may_capture(&mut self, _: &mut Context<'_>) -> MavResult {
@@ -242,6 +291,7 @@ impl ExtParameters for Quadrotor {
             (1, ExtValue::U32(iso @ 100..=6_400)) => self.camera.iso = iso,
             _ => return ParamAck::VALUE_UNSUPPORTED,
         }
+        self.camera.is_changed = true;
         ParamAck::ACCEPTED
     }
 }

@@ -63,6 +63,8 @@ const POLICIES: &[CommandPolicy] = &[
     CommandPolicy::new(rules::DO_FLIGHTTERMINATION).no_broadcast(),
     CommandPolicy::new(rules::DO_GIMBAL_MANAGER_PITCHYAW).no_broadcast(),
     CommandPolicy::new(rules::DO_SET_CAM_TRIGG_DIST).no_broadcast(),
+    // `once` because a duplicate would take another image (C-12).
+    CommandPolicy::new(rules::DO_DIGICAM_CONTROL).no_broadcast().once(),
     CommandPolicy::new(super::plans::SET_SERVO).no_broadcast(),
     CommandPolicy::new(rules::DO_LAND_START).no_broadcast(),
     CommandPolicy::new(super::ground::CALIBRATION).no_broadcast(),
@@ -113,6 +115,7 @@ impl Quadrotor {
                 MavResult::ACCEPTED
             }
             // MAVProxy asks the autopilot for an image.
+            MavCmd::DO_DIGICAM_CONTROL if command.position.params().0 != 1.0 => MavResult::UNSUPPORTED,
             MavCmd::DO_DIGICAM_CONTROL if self.operate_camera_by(CameraOrder::TakeImage) => MavResult::ACCEPTED,
             MavCmd::DO_DIGICAM_CONTROL => MavResult::TEMPORARILY_REJECTED,
             MavCmd::DO_LAND_START => self.fly_landing(cx),

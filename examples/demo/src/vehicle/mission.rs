@@ -449,7 +449,6 @@ impl Quadrotor {
         mission.is_complete = true;
         mission.state = MissionState::COMPLETE;
         self.trigger_by_distance(0.0, 0.0);
-        self.release_gimbal();
         cx.text(severity, text);
     }
 }

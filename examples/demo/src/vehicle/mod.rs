@@ -498,6 +498,7 @@ impl Quadrotor {
     fn enter(&mut self, mode: Mode, maneuver: Maneuver) {
         if self.mode == Mode::Mission && mode != Mode::Mission {
             self.mission.pause();
+            self.leave_payload();
         }
         if mode != Mode::Mission {
             self.body.nose = Nose::Course;

@@ -3,7 +3,7 @@
 use crate::support::wire::{CAMERA, GIMBAL, Wire, command_long};
 use crate::support::{act, at, waypoint};
 use mavstack::dialect::*;
-use mavstack::{Item, Message};
+use mavstack::{Item, Message, Text};
 use mavstack_demo::{Mode, TELEMETRY};
 
 const NAN: f32 = f32::NAN;
@@ -146,6 +146,72 @@ fn a_mission_points_the_gimbal() {
     wire.run(2_500);
     assert_eq!(control(&wire), Some((0, 0)));
     assert!(wire.vehicle().is_armed());
+}
+
+/// A mission that is paused takes no more images, and goes on with them when it is resumed; at its end all stops.
+#[test]
+fn a_pause_stops_the_survey() {
+    let mut wire = Wire::airborne();
+    wire.upload(&[
+        waypoint(0.0, 0.0),
+        act(MavCmd::VIDEO_START_CAPTURE, [0.0, 0.0, NAN, NAN]),
+        trigger(10.0),
+        waypoint(100.0, 0.0),
+        waypoint(0.0, 0.0),
+    ]);
+    assert_eq!(wire.long(MavCmd::MISSION_START, &[]), MavResult::ACCEPTED);
+    wire.until("on the way", 60, |vehicle| vehicle.local_position().north > 45.0);
+    assert_eq!(wire.long(MavCmd::DO_REPOSITION, &[-1.0, 1.0]), MavResult::ACCEPTED);
+    wire.run(100);
+    let taken = images(&wire).len();
+    assert!(taken >= 4);
+    wire.run(10_000);
+    assert_eq!(images(&wire).len(), taken, "it holds");
+    let status = wire.take::<CameraCaptureStatus>();
+    assert!(status.last().is_some_and(|(_, status)| status.video_status == 0), "the mission's video has ended");
+    assert_eq!(wire.long(MavCmd::MISSION_START, &[]), MavResult::ACCEPTED);
+    wire.until("flown", 120, |vehicle| vehicle.mode() != Mode::Mission);
+    let all = images(&wire).len();
+    assert!(all > taken + 10, "{all}");
+    assert_eq!(
+        wire.int(MavCmd::DO_REPOSITION, MavFrame::GLOBAL, [-1.0, 1.0, 0.0, NAN], 473_986_420, 85_455_940, 498.0),
+        MavResult::ACCEPTED
+    );
+    wire.run(15_000);
+    assert_eq!(images(&wire).len(), all, "after the mission it takes no images");
+}
+
+/// MAVProxy asks the autopilot for an image: one for each command, and a retransmission takes none.
+#[test]
+fn the_autopilot_has_images_taken() {
+    let mut wire = Wire::booted();
+    let shoot = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0];
+    for _ in 0..2 {
+        assert_eq!(wire.long(MavCmd::DO_DIGICAM_CONTROL, &shoot), MavResult::ACCEPTED);
+        wire.run(100);
+    }
+    assert_eq!(images(&wire).len(), 1);
+    assert_eq!(wire.long(MavCmd::DO_DIGICAM_CONTROL, &[0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0]), MavResult::UNSUPPORTED);
+    wire.run(100);
+    assert_eq!(images(&wire).len(), 1, "zoom is no image");
+}
+
+/// CAM-7: ground stations learn of settings that no command to the camera has changed.
+#[test]
+fn changed_settings_are_reported() {
+    let mut wire = Wire::booted();
+    wire.received.clear();
+    let set = ParamExtSet {
+        target_system: 1,
+        target_component: 100,
+        param_id: Text::new("CAM_MODE"),
+        param_value: Text::new("\u{1}"),
+        param_type: MavParamExtType::UINT8,
+    };
+    wire.send(TELEMETRY, &set);
+    wire.run(200);
+    let settings = wire.take::<CameraSettings>();
+    assert!(settings.iter().any(|(_, settings)| settings.mode_id == CameraMode::VIDEO), "{settings:?}");
 }
 
 /// K-10: camera and gimbal answer for themselves, and the autopilot for itself.
