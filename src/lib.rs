@@ -106,6 +106,7 @@
 //! | [`Telemetry`] | with `streams` | fills its messages |
 //! | [`Modes`] | with `modes` | switches to another flight mode |
 //! | [`Parameters`] | with `parameters` | decides which parameter may be set |
+//! | [`Components`] | with `components` | names the other components of the firmware, and carries out their commands |
 //! | [`GimbalManager`] | with `gimbal_manager` | points the gimbal |
 //! | [`GimbalDevice`] | with `gimbal_device` | is the gimbal |
 //! | [`CommandClient`] | with `command_client` | makes its own commands to other components |

@@ -43,7 +43,7 @@ impl Fingerprints {
     }
 }
 
-/// What another component's frame leaves as it is.
+/// The state of the autopilot that a frame of another component must not change.
 struct Source {
     component: ComponentId,
     seq: u8,
@@ -59,7 +59,7 @@ pub(crate) struct Outbox {
     class: LinkClass,
     /// The version that the link sends now (V-1).
     version: Version,
-    /// The next sequence number: one sequence for each link (S-16).
+    /// The next sequence number: one sequence for each component on each link (S-16).
     seq: u8,
     /// Those of the firmware's other components: each has its own.
     other_seqs: [u8; MAX_COMPONENTS],

@@ -198,7 +198,7 @@ impl OperatorControl {
         self.keeps_lost = !releases;
     }
 
-    /// Releases control, whoever has it: then nobody is in control.
+    /// Releases control: then no system is in control.
     pub fn release(&mut self) {
         self.set_owner(SystemId(0), false);
     }

@@ -135,7 +135,7 @@ impl<D: Declares<Vehicle: GimbalManager, GimbalManager = ManagerService>, const 
     /// Points the gimbal for the vehicle itself: carries out an item of its mission, or one that it makes. These are the commands that
     /// peers may send too: MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW and _CONFIGURE, MAV_CMD_DO_SET_ROI_* and MAV_CMD_DO_MOUNT_*.
     ///
-    /// An accepted item that points takes primary control from whoever has it, as PX4's missions do; see
+    /// An accepted item that points takes primary control from the component that has it, as PX4's missions do; see
     /// [`release_gimbal`](Self::release_gimbal). A vehicle that does not want to take it looks at
     /// [`ManagerService::control`](crate::gimbal::ManagerService::control) first.
     ///

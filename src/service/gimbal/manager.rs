@@ -75,7 +75,7 @@ counters! {
 /// | both numbers | control |
 /// |---|---|
 /// | a system and a component | is given to it |
-/// | 0 | is taken from whoever has it |
+/// | 0 | is taken from the component that has it |
 /// | −1 | is unchanged |
 /// | −2 | is given to the autopilot |
 /// | −3 | is taken from the sender, if it has it |

@@ -11,7 +11,7 @@ use crate::message::{Address, Item, LatLon, Message, SystemId};
 use crate::num;
 use crate::types::{Command, CommandPosition};
 
-/// What somebody in control asks of the gimbal: see [`GimbalManager::point_gimbal`](crate::GimbalManager::point_gimbal).
+/// What a component in control asks of the gimbal: see [`GimbalManager::point_gimbal`](crate::GimbalManager::point_gimbal).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct GimbalSetpoint {
@@ -20,7 +20,7 @@ pub struct GimbalSetpoint {
     /// Whether the sender has secondary control only: it nudges what the one in primary control points.
     pub is_secondary: bool,
     /// Which axes are locked to the earth, and the frame of the yaw, which [`is_yaw_in_earth_frame`](Self::is_yaw_in_earth_frame)
-    /// reads; empty for a target that is no angle. Of a bit that MAVLink does not define nothing is known.
+    /// reads; empty for a target that is no angle. Bits that MAVLink does not define are passed on.
     pub flags: GimbalManagerFlags,
     /// Where to point.
     pub target: GimbalTarget,
