@@ -70,12 +70,14 @@ def is_close(a, b):
 class MavProxy:
     """A running MAVProxy: commands in, lines out."""
 
-    def __init__(self, port, folder, modules="wp,fence,rally,arm"):
+    def __init__(self, port, folder, modules="wp,fence,rally,arm", prelude=None):
+        """`prelude` is a program that runs MAVProxy, whose path is its first argument."""
         program = pathlib.Path(sys.executable).parent / "mavproxy.py"
         self.process = subprocess.Popen(
             [
                 sys.executable,
                 "-u",
+                *(["-c", prelude] if prelude else []),
                 program,
                 f"--master=tcp:127.0.0.1:{port}",
                 f"--state-basedir={folder}",

@@ -67,8 +67,8 @@ def test_requests_after_connecting(gcs):
     qgc = Qgc(gcs)
     qgc.connect()
     assert qgc.is_ready
-    # The vehicle has no gimbal. Its refusal saves six further requests.
-    assert qgc.request_message(GIMBAL_MANAGER_INFORMATION) is None
+    gimbal = qgc.request_message(GIMBAL_MANAGER_INFORMATION)
+    assert gimbal.get_srcComponent() == 1 and gimbal.gimbal_device_id == mavlink.MAV_COMP_ID_GIMBAL
     home = qgc.request_message(mavlink.MAVLINK_MSG_ID_HOME_POSITION)
     assert (home.latitude, home.longitude) == (473_977_420, 85_455_940)
     # The requests of the MAVLink Inspector: sets a rate, reads it back, and restores the default.

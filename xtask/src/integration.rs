@@ -52,6 +52,7 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
             "test_mavsdk.py",
             "test_mavsdk_flight.py",
             "test_satellite.py",
+            "test_payload.py",
         ],
     ),
     (

@@ -87,11 +87,12 @@ impl Quadrotor {
         }
     }
 
-    /// MAV_CMD_DO_SET_CAM_TRIGG_DIST: `first` is 1 to take the first image at once.
-    pub(super) fn trigger_by_distance(&mut self, distance: f32, first: f32) {
+    /// MAV_CMD_DO_SET_CAM_TRIGG_DIST: `now` is 1 to take an image at once, also when the distance is 0. At the end of each line of a
+    /// survey, QGroundControl asks for one so.
+    pub(super) fn trigger_by_distance(&mut self, distance: f32, now: f32) {
         let camera = &mut self.camera;
         (camera.distance, camera.last, camera.is_of_mission) = (distance, self.body.position, false);
-        camera.is_due |= distance > 0.0 && first == 1.0;
+        camera.is_due |= now == 1.0;
     }
 
     /// Executes an item of the mission that is about the camera. Another item waits until the camera has taken up the one before.

@@ -194,7 +194,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
 
     /// When the service's next timer is due.
     fn deadline(&self) -> Instant {
-        Service::<Board<CAST, HASH, ERRORS>>::deadline(&self.params)
+        Service::<Board<CAST, HASH, ERRORS>>::storage_deadline(&self.params)
     }
 
     /// Reopens a link.
