@@ -12,7 +12,7 @@ use mavstack::ext_parameters::ExtValue;
 use mavstack::message::ComponentId;
 use mavstack::{Camera, Context, Duration, ExtParameters, Instant, Item, Text};
 
-use super::Quadrotor;
+use super::{Mode, Quadrotor};
 use crate::body::Vector;
 
 /// MAV_COMP_ID_CAMERA.
@@ -29,6 +29,8 @@ pub(super) struct Photographer {
     /// Images are taken every so many metres; 0 is off. The last one was taken at `last`.
     distance: f32,
     last: Vector,
+    /// The mission wants that: only while it is flown.
+    is_planned: bool,
     /// An image is to be taken because of the distance.
     is_due: bool,
     /// What an item of the mission wants.
@@ -48,6 +50,7 @@ impl Photographer {
     pub(super) const NEW: Self = Self {
         distance: 0.0,
         last: Vector::ZERO,
+        is_planned: false,
         is_due: false,
         order: None,
         mode: CameraMode::IMAGE,
@@ -67,8 +70,9 @@ impl Photographer {
 impl Quadrotor {
     /// Takes images by distance. Called in each step of a flight.
     pub(super) fn survey(&mut self) {
+        let is_paused = self.camera.is_planned && self.mode != Mode::Mission;
         let (camera, here) = (&mut self.camera, self.body.position);
-        if camera.distance > 0.0 && here.distance(camera.last) >= camera.distance {
+        if camera.distance > 0.0 && !is_paused && here.distance(camera.last) >= camera.distance {
             (camera.last, camera.is_due) = (here, true);
         }
     }
@@ -77,8 +81,15 @@ impl Quadrotor {
     /// survey, QGroundControl asks for one so.
     pub(super) fn trigger_by_distance(&mut self, distance: f32, now: f32) {
         let camera = &mut self.camera;
-        (camera.distance, camera.last) = (distance, self.body.position);
+        (camera.distance, camera.last, camera.is_planned) = (distance, self.body.position, false);
         camera.is_due |= now == 1.0;
+    }
+
+    /// Ends the images by distance that the mission wanted.
+    pub(super) fn end_survey(&mut self) {
+        if self.camera.is_planned {
+            self.trigger_by_distance(0.0, 0.0);
+        }
     }
 
     /// Executes an item of the mission that is about the camera. Another item waits until the camera has taken up the one before.
@@ -88,6 +99,7 @@ impl Quadrotor {
         let order = match item.command {
             MavCmd::DO_SET_CAM_TRIGG_DIST => {
                 self.trigger_by_distance(p1, p3);
+                self.camera.is_planned = true;
                 return true;
             }
             MavCmd::SET_CAMERA_MODE => {
