@@ -587,9 +587,9 @@ fn signatures_cost_work() {
         assert_eq!(rig.stack.receive(rig.now, LINKS[0], &bytes, &mut rig.vehicle), bytes.len());
         assert_eq!(rig.stack.rx_counters(LINKS[0]).unwrap().frames, handled, "{key:?} {is_signed}");
     }
-    // A sent frame costs 220 units.
-    for (key, sent) in [(None, 3), (Some(KEY), 1)] {
-        let mut rig = rig(500, key);
+    // A sent frame costs 220 units, and is made only if they are left.
+    for (work, key, sent) in [(500, None, 2), (660, None, 3), (500, Some(KEY), 1)] {
+        let mut rig = rig(work, key);
         for _ in 0..8 {
             rig.receive(0, &Signer::new(KEY).unsigned(Version::V2, &command()));
         }

@@ -44,7 +44,6 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
         false,
         &[
             "test_pymavlink.py",
-            "test_plans.py",
             "test_messages.py",
             "test_params.py",
             "test_metadata.py",
@@ -59,6 +58,7 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
         "TCP 2",
         false,
         &[
+            "test_plans.py",
             "test_progress.py",
             "test_modes.py",
             "test_partners.py",

@@ -95,6 +95,13 @@ impl Quadrotor {
         camera.is_due |= now == 1.0;
     }
 
+    /// Ends the images by distance that the mission wanted.
+    pub(super) fn end_survey(&mut self) {
+        if self.camera.is_of_mission {
+            self.trigger_by_distance(0.0, 0.0);
+        }
+    }
+
     /// Executes an item of the mission that is about the camera. Another item waits until the camera has taken up the one before.
     /// Returns whether it has been executed.
     pub(super) fn operate_camera(&mut self, item: &Item) -> bool {

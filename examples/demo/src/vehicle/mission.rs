@@ -185,6 +185,7 @@ impl Quadrotor {
             self.hold();
         }
         self.mission.restart(first);
+        self.end_survey();
         if self.mode == Mode::Mission {
             self.mission.state = MissionState::ACTIVE;
         }
@@ -204,6 +205,7 @@ impl Quadrotor {
         if result == MavResult::ACCEPTED {
             if self.mission.is_complete || first.is_some() {
                 self.mission.restart(first.unwrap_or(0));
+                self.end_survey();
             }
             if self.mission.state == MissionState::NOT_STARTED {
                 self.speed = None;
@@ -448,7 +450,7 @@ impl Quadrotor {
         mission.go_to(mission.current.min(mission.last));
         mission.is_complete = true;
         mission.state = MissionState::COMPLETE;
-        self.trigger_by_distance(0.0, 0.0);
+        self.end_survey();
         cx.text(severity, text);
     }
 }

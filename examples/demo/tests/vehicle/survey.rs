@@ -89,6 +89,34 @@ fn a_survey_takes_an_image_every_so_many_metres() {
     assert!(settings.iter().any(|(_, settings)| settings.mode_id == CameraMode::IMAGE_SURVEY));
 }
 
+/// A survey that is interrupted takes no images on the way home. It goes on when the mission does.
+#[test]
+fn a_paused_survey_takes_no_images() {
+    let mut wire = Wire::airborne();
+    wire.upload(&[waypoint(10.0, 0.0), trigger(5.0), waypoint(90.0, 0.0), trigger(0.0), waypoint(90.0, 20.0)]);
+    wire.received.clear();
+    assert_eq!(wire.long(MavCmd::MISSION_START, &[]), MavResult::ACCEPTED);
+    wire.until("on the line", 60, |vehicle| vehicle.local_position().north > 40.0);
+    assert_eq!(wire.long(MavCmd::NAV_RETURN_TO_LAUNCH, &[]), MavResult::ACCEPTED);
+    wire.run(100);
+    let before = images(&wire).len();
+    assert!((6..=8).contains(&before), "{before}");
+    wire.until("on the way back", 60, |vehicle| vehicle.local_position().north < 25.0);
+    assert_eq!(images(&wire).len(), before);
+    assert_eq!(wire.long(MavCmd::MISSION_START, &[]), MavResult::ACCEPTED);
+    wire.until("flown", 120, |vehicle| vehicle.mode() != Mode::Mission);
+    let images = images(&wire);
+    let last = images.iter().map(|image| f64::from(image.lat) * 0.011_132).fold(f64::MIN, f64::max);
+    let first = images.iter().map(|image| f64::from(image.lat) * 0.011_132).fold(f64::MAX, f64::min);
+    assert!(images.len() > before + 10 && (last - first - 80.0).abs() < 4.0, "{} of {before}", images.len());
+    // Ordered by a command, it does not depend on the mission.
+    wire.received.clear();
+    assert_eq!(command(&mut wire, 1, MavCmd::DO_SET_CAM_TRIGG_DIST, &[5.0, 0.0, 0.0]), [(1, MavResult::ACCEPTED)]);
+    assert_eq!(wire.long(MavCmd::NAV_RETURN_TO_LAUNCH, &[]), MavResult::ACCEPTED);
+    wire.until("on the way home", 60, |vehicle| vehicle.local_position().north < 40.0);
+    assert!(self::images(&wire).len() > 5);
+}
+
 /// Images at an interval, single images, and video, as MAVSDK's missions have them.
 #[test]
 fn a_mission_operates_the_camera() {
