@@ -16,6 +16,7 @@ pub mod command;
 pub(crate) mod components;
 #[cfg(test)]
 pub mod example;
+pub mod files;
 pub(crate) mod forwarding;
 pub(crate) mod heartbeat;
 pub mod high_latency;

@@ -31,12 +31,15 @@ macro_rules! turns {
             CurrentMode mode Room Normal "CURRENT_MODE, AVAILABLE_MODES_MONITOR" "while the link has room";
             MissionProgress mission Room Normal "MISSION_ITEM_REACHED, MISSION_CURRENT" "while the link has room";
             ModeList mode Room Normal "AVAILABLE_MODES" "while the link has room";
+            FileAnswer files Room Normal "FILE_TRANSFER_PROTOCOL without data" "while the link has room";
             Message messages Room Normal "the vehicle's own messages" "while the link has room, at half of its rate";
             LateParamList param Room Normal "the list of all parameters" "while the link has room, if its next value has waited for 20 ms";
+            LateFileData files Room Normal "FILE_TRANSFER_PROTOCOL with data" "while the link has room, if data has waited for 20 ms for its 30 % of the rate";
             ForwardedFirst forwarding Idle Normal "a forwarded frame" "while the link is idle, if a stream was last";
             Stream stream Idle Normal "streams" "while the link is idle";
             Forwarded forwarding Idle Every "forwarded frames" "while the link is idle";
             ParamList param Room Normal "the list of all parameters" "while the link has room, at 40 % of its rate";
+            FileData files Idle Normal "FILE_TRANSFER_PROTOCOL with data" "while the link is idle";
             #[cfg(test)]
             Example example Room Normal "NAMED_VALUE_INT" "while the link has room";
         }

@@ -45,6 +45,7 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type OperatorControl: Service<Self> + ControlGate;
     type HighLatency: Service<Self>;
     type Signing: Persistent<Self> + SigningGate<<Self::Signing as Service<Self>>::Link>;
+    type Files: Service<Self>;
     type Forwarding: Service<Self> + ForwardingGate<Self>;
     type Records: Persistent<Self>;
     type Storage: StorageMemory;
@@ -197,6 +198,7 @@ impl<const N: usize> RequestMemory for Requests<[RequestQueue; N]> {
 /// | `setpoints` | [setpoints](crate::setpoints::Setpoints) of a companion computer | none | |
 /// | `operator_control` | [operator control](crate::operator_control::OperatorControl): which ground station is in control | none | |
 /// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
+/// | `files: { sessions: N, upload: N }` | [files](crate::Files) by FTP, and all parameters in one: files open at a time, and bytes of the largest upload of parameters; without `upload` parameters are not written that way | none | [`Files`](crate::Files) |
 /// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::network::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
 /// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
 /// | `storage: { records: N }` | [storage](crate::storage) for all of this (feature `storage`), and for up to 8 small records of the firmware's own; `storage` alone has none | none | `Records`, if there are any |
@@ -286,6 +288,7 @@ macro_rules! stack {
             type OperatorControl = $crate::__declared!(operator_control $($entries)*,);
             type HighLatency = $crate::__declared!(high_latency $($entries)*,);
             type Signing = $crate::__declared!(signing $($entries)*,);
+            type Files = $crate::__declared!(files [$crate::__declared!(param $($entries)*,)] $($entries)*,);
             type Records = $crate::__declared!(records $($entries)*,);
             type Storage = $crate::__declared!(storage $($entries)*,);
             type Forwarding = $crate::__declared!(forwarding [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,);
@@ -442,6 +445,15 @@ macro_rules! __declared {
     (records storage: { records: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__storage!($n) };
     (records) => { $crate::__private::Absent };
 
+    (files [$params:ty] files: { sessions: $n:expr, upload: $upload:expr $(,)? }, $($rest:tt)*) => {
+        $crate::__private::FileServer<{ $n }, { $n + 2 }, { $upload }, $params>
+    };
+    (files [$params:ty] files: { sessions: $n:expr $(,)? }, $($rest:tt)*) => {
+        $crate::__private::FileServer<{ $n }, { $n + 2 }, 0, $params>
+    };
+    (files [$params:ty]) => { $crate::__private::Absent };
+    (files [$params:ty] $skipped:tt $($rest:tt)*) => { $crate::__declared!(files [$params] $($rest)*) };
+
     (forwarding [$links:expr] forwarding: { bytes: $bytes:expr, seen: $seen:expr $(,)? }, $($rest:tt)*) => {
         $crate::__private::Forwarding<{ $links }, { $bytes }, { $seen }>
     };
@@ -473,6 +485,9 @@ macro_rules! __declared {
     (check manual_control, $($rest:tt)*) => { $crate::__declared!(rest manual_control $($rest)*); };
     (check setpoints, $($rest:tt)*) => { $crate::__declared!(rest setpoints $($rest)*); };
     (check operator_control, $($rest:tt)*) => { $crate::__declared!(rest operator_control $($rest)*); };
+    (check files: { sessions: $n:expr $(, upload: $upload:expr)? $(,)? }, $($rest:tt)*) => {
+        $crate::__declared!(rest files $($rest)*);
+    };
     (check high_latency, $($rest:tt)*) => { $crate::__declared!(rest high_latency $($rest)*); };
     (check signing: { streams: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(rest signing $($rest)*); };
     (check signing, $($rest:tt)*) => { $crate::__declared!(rest signing $($rest)*); };
@@ -508,6 +523,7 @@ macro_rules! __declared {
     (once manual_control manual_control, $($rest:tt)*) => { $crate::__declared!(twice manual_control); };
     (once setpoints setpoints, $($rest:tt)*) => { $crate::__declared!(twice setpoints); };
     (once operator_control operator_control, $($rest:tt)*) => { $crate::__declared!(twice operator_control); };
+    (once files files: $($rest:tt)*) => { $crate::__declared!(twice files); };
     (once high_latency high_latency, $($rest:tt)*) => { $crate::__declared!(twice high_latency); };
     (once signing signing $($rest:tt)*) => { $crate::__declared!(twice signing); };
     (once storage storage $($rest:tt)*) => { $crate::__declared!(twice storage); };

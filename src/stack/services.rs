@@ -183,6 +183,7 @@ services! {
     mode: D::Mode,
     identity: Identification,
     statustext: Texts,
+    files: D::Files,
     forwarding: D::Forwarding,
     records: D::Records,
     // Polled last, after the hooks that send commands.

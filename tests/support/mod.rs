@@ -35,6 +35,7 @@ pub fn counted<C: Default>(set: impl FnOnce(&mut C)) -> C {
 }
 
 pub mod damage;
+pub mod files;
 #[cfg(feature = "storage")]
 pub mod flash;
 mod gcs;
@@ -54,6 +55,7 @@ mod transfer;
 mod vehicle;
 mod world;
 
+pub use files::MemoryFiles;
 pub use gcs::{Gcs, Received};
 pub use network::Network;
 pub use receiver::{Receiver, decode};

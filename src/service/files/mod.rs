@@ -1,0 +1,936 @@
+//! A server of the MAVLink file transfer protocol: files of the vehicle, and all parameters in one file.
+//!
+//! Implements the server's side of <https://mavlink.io/en/services/ftp.html>, rules F-1 to F-15, and `@PARAM/param.pck` (P-22).
+//! Left out: the error FailErrno, and the swap of files that MAVLink defines without a user.
+//!
+//! A request is executed when it is received. Its answer is kept without data, in the client's session: the data is read when
+//! the link has room. A repeated request is answered again, and not executed again. A session belongs to a client, a link and
+//! the number that the client has chosen.
+//!
+//! ```text
+//!                open                     close, or 10 s without a request and a packet of a burst
+//!   nothing ───────────────▶ open ──────────────────────────────────────────────▶ nothing
+//!                             │ ▲ burst                 another client opens after 3 s
+//!                             └─┘
+//! ```
+
+mod packet;
+mod path;
+mod session;
+mod vehicle;
+
+pub use session::Session;
+pub use vehicle::{FileAccess, FileChange, FileEntry, Files, OpenFile, StaticFile};
+
+use core::marker::PhantomData;
+
+use self::packet::{Body, Head, MAX_DATA, Request};
+use self::session::{Answer, IDLE, Open, State};
+use super::param::{Pack, PackedParams};
+use super::share::Share;
+use super::{Cx, Handled, Received, Service, Turn, View, increment};
+use crate::crc32::Crc32;
+use crate::dialect::{FileTransferProtocol, MavFtpErr, MavFtpOpcode, MavProtocolCapability};
+use crate::link::{Outbox, Port};
+use crate::message::Message;
+use crate::time::{Duration, Instant};
+use crate::types::{Firmware, Peer};
+
+/// The directory of the parameters, and the file in it.
+const PARAM_DIRECTORY: &str = "@PARAM";
+const PARAM_FILE: &str = "param.pck";
+
+/// The cost of a byte for a share of 30 % of the link (D-4).
+const COST_OF_BYTE: u32 = 3_333_333;
+/// Data that has waited this long is sent before streams and forwarded frames, which would starve it otherwise.
+const MAX_LATENESS: Duration = Duration::from_millis(20);
+
+/// Instead of the index of a static file: the directory of the parameters, and no static directory.
+const PARAM_ENTRIES: u8 = 254;
+const NO_ENTRIES: u8 = 255;
+/// Instead of the number of a directory: the vehicle has none.
+const NO_DIRECTORY: u16 = u16::MAX;
+
+counters! {
+    /// Counters of the file service. They wrap.
+    FileCounters {
+        /// Files that were opened.
+        count opened,
+        /// Uploads of parameters that were carried out.
+        count uploads,
+        /// Uploads of parameters that were refused as a whole.
+        drop refused_uploads,
+        /// Files that were not opened, because all sessions were in use.
+        drop no_session,
+        /// Sessions that ended because their client was silent for ten seconds.
+        drop timed_out,
+        /// Sessions that another client took over after three seconds.
+        drop taken_over,
+    }
+}
+
+/// The file service: declared by `files` in [`stack!`](crate::stack), and read through
+/// [`Stack::files`](crate::Stack::files).
+#[derive(Debug)]
+pub struct FileStatus {
+    /// The number of sessions that can be open at a time.
+    open_limit: u8,
+    counters: FileCounters,
+    work: Work,
+    /// The upload of parameters: the bytes received, and what became of it.
+    received: u16,
+    upload: Upload,
+}
+
+impl FileStatus {
+    /// Returns the counters.
+    pub const fn counters(&self) -> FileCounters {
+        self.counters
+    }
+}
+
+/// The state of the upload of parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Upload {
+    Running,
+    Done,
+    Refused,
+}
+
+/// What takes more than one call: one at a time.
+#[derive(Clone, Copy, Debug)]
+enum Work {
+    Nothing,
+    /// The checksum of a file.
+    Checksum {
+        session: u8,
+        answer: u8,
+        open: Open,
+        offset: u32,
+        crc: Crc32,
+    },
+    /// The length of the file of parameters.
+    Measure {
+        session: u8,
+        answer: u8,
+        pack: Pack,
+    },
+}
+
+/// Serves files: `OPEN` sessions at a time, `N` of them and of answers to others, uploads of parameters of up to `UPLOAD` bytes,
+/// and the parameters of the service `P`.
+#[derive(Debug)]
+pub struct FileServer<const OPEN: usize, const N: usize, const UPLOAD: usize, P> {
+    pub(crate) status: FileStatus,
+    sessions: [Session; N],
+    upload: [u8; UPLOAD],
+    params: PhantomData<fn() -> P>,
+}
+
+/// The state of the service on a link.
+#[derive(Debug)]
+pub struct FileLink {
+    share: Share,
+    /// The session that is asked first for data.
+    first: u8,
+}
+
+/// The service without the types of its size.
+struct Server<'a> {
+    status: &'a mut FileStatus,
+    sessions: &'a mut [Session],
+    upload: &'a mut [u8],
+}
+
+impl<F, P, const OPEN: usize, const N: usize, const UPLOAD: usize> Service<F> for FileServer<OPEN, N, UPLOAD, P>
+where
+    F: Firmware<Vehicle: Files>,
+    P: PackedParams<F> + core::fmt::Debug,
+{
+    type Link = FileLink;
+    const VACANT: FileLink = FileLink { share: Share::NEW, first: 0 };
+    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::FTP;
+    const NEW: Self = {
+        assert!(OPEN > 0 && OPEN < 100, "a client needs a session: `files: {{ sessions: 2 }}`, or leave `files` out");
+        assert!(UPLOAD < 65_536, "an upload of parameters has less than 65,536 bytes");
+        StaticFile::check(F::Vehicle::FILES);
+        Self {
+            status: FileStatus {
+                open_limit: 0,
+                counters: FileCounters::ZERO,
+                work: Work::Nothing,
+                received: 0,
+                upload: Upload::Running,
+            },
+            sessions: [Session::FREE; N],
+            upload: [0; UPLOAD],
+            params: PhantomData,
+        }
+    };
+
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut FileLink>) {
+        let mut server = self.server();
+        server.end_idle(cx);
+        server.work::<F, P>(cx);
+    }
+
+    fn deadline(&self) -> Instant {
+        if !matches!(self.status.work, Work::Nothing) {
+            return Instant::ZERO;
+        }
+        let used = self.sessions.iter().filter(|session| session.is_used);
+        used.fold(Instant::NEVER, |due, session| due.min(session.touched.after(IDLE)))
+    }
+
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, link: &mut FileLink, received: &Received<'_>) -> Handled {
+        if received.frame.id() != FileTransferProtocol::ID {
+            return Handled::No;
+        }
+        if received.target.system.0 == 0 {
+            return Handled::OutOfPlace;
+        }
+        if !has_data(&self.sessions, received.from) {
+            link.share.begin(cx.now);
+        }
+        self.server().on_packet::<F, P>(cx, received)
+    }
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut FileLink, turn: Turn) -> bool {
+        match turn {
+            Turn::FileAnswer => self.server().send_answer(port),
+            Turn::LateFileData if cx.now < link.share.due().after(MAX_LATENESS) => false,
+            _ => self.server().send_data::<F, P>(cx, port, link),
+        }
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &FileLink, turn: Turn) -> Instant {
+        let mut on_link = self.sessions.iter().filter(|session| session.client.link == port.id);
+        let is_pending = match turn {
+            Turn::FileAnswer => on_link.any(|session| session.pending(false).is_some()),
+            _ => on_link.any(Session::has_data),
+        };
+        match turn {
+            _ if !is_pending => Instant::NEVER,
+            Turn::LateFileData => link.share.due().after(MAX_LATENESS),
+            _ => view.now,
+        }
+    }
+
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        self.status.counters.drops()
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {
+        defmt::warn!("files: {}", self.status.counters);
+    }
+
+    /// The clients are gone. The next poll closes their files.
+    fn restart(&mut self, port: &Port, _: &mut FileLink) {
+        for session in self.sessions.iter_mut().filter(|session| session.client.link == port.id) {
+            session.touched = Instant::ZERO;
+            session.drop_data();
+            session.answers = Session::FREE.answers;
+        }
+    }
+}
+
+impl<const OPEN: usize, const N: usize, const UPLOAD: usize, P> FileServer<OPEN, N, UPLOAD, P> {
+    fn server(&mut self) -> Server<'_> {
+        self.status.open_limit = u8::try_from(OPEN).unwrap_or(u8::MAX);
+        Server { status: &mut self.status, sessions: &mut self.sessions, upload: &mut self.upload }
+    }
+}
+
+/// Whether data is pending on the link of a client.
+fn has_data(sessions: &[Session], client: Peer) -> bool {
+    sessions.iter().any(|session| session.client.link == client.link && session.has_data())
+}
+
+/// What a request that was executed is answered with: a value, or an error.
+type Outcome = Result<u32, MavFtpErr>;
+
+impl Server<'_> {
+    /// Ends the sessions of silent clients.
+    #[inline(never)]
+    fn end_idle<F: Firmware<Vehicle: Files>>(&mut self, cx: &mut Cx<'_, F>) {
+        for place in 0..self.sessions.len() {
+            let Some(session) = self.sessions.get(place) else { return };
+            if !session.is_used || cx.now < session.touched.after(IDLE) {
+                continue;
+            }
+            if session.is_open() {
+                increment(&mut self.status.counters.timed_out);
+            }
+            self.close(cx, place);
+            if let Some(session) = self.sessions.get_mut(place) {
+                *session = Session::FREE;
+            }
+        }
+    }
+
+    /// Closes what a session has open, and drops its data that is pending.
+    #[inline(never)]
+    fn close<F: Firmware<Vehicle: Files>>(&mut self, cx: &mut Cx<'_, F>, place: usize) {
+        let Some(session) = self.sessions.get_mut(place) else { return };
+        session.drop_data();
+        session.opened_by = 0;
+        let open = core::mem::replace(&mut session.open, Open::Nothing);
+        close(cx, &open);
+    }
+
+    /// Handles a packet.
+    #[inline(never)]
+    fn on_packet<F, P>(&mut self, cx: &mut Cx<'_, F>, received: &Received<'_>) -> Handled
+    where
+        F: Firmware<Vehicle: Files>,
+        P: PackedParams<F>,
+    {
+        let request = Request::of(received.frame.payload());
+        if request.opcode.0 >= MavFtpOpcode::ACK.0 {
+            // It is an answer, which has none.
+            return Handled::Yes;
+        }
+        let Some(place) = session::find(self.sessions, received.from, request.session) else { return Handled::NoRoom };
+        let digest = request.digest();
+        let now = cx.now;
+        let Some(session) = self.sessions.get_mut(place) else { return Handled::NoRoom };
+        session.touched = now;
+        let is_end = matches!(request.opcode, MavFtpOpcode::TERMINATESESSION | MavFtpOpcode::RESETSESSION);
+        let is_late_end = is_end && session.is_late_end(now, digest);
+        if is_end && !is_late_end {
+            session.drop_data();
+        }
+        let opens =
+            matches!(request.opcode, MavFtpOpcode::OPENFILERO | MavFtpOpcode::OPENFILEWO | MavFtpOpcode::CREATEFILE);
+        // What is read again is read anew. An open that is not open any more is executed again.
+        let is_executed_again = match request.opcode {
+            MavFtpOpcode::BURSTREADFILE => true,
+            _ if opens => session.opened_by != digest,
+            opcode => is_end || session::is_data(opcode),
+        };
+        if !is_executed_again && session.is_repeated(digest) {
+            return Handled::Yes;
+        }
+        if request.opcode == MavFtpOpcode::BURSTREADFILE && session.is_open() && usize::from(request.size) <= MAX_DATA {
+            if let Open::Params(pack) = &mut session.open {
+                pack.set_block(request.wanted());
+            }
+            session.start_burst(now, &request, digest);
+            return Handled::Yes;
+        }
+        let Some(answer) = session.place() else { return Handled::NoRoom };
+        let slots = (u8::try_from(place).unwrap_or(0), u8::try_from(answer).unwrap_or(0));
+        let outcome = if opens && session.opened_by == digest {
+            // Its answer was forgotten.
+            Some(Ok(session.size))
+        } else {
+            match request.opcode {
+                _ if usize::from(request.size) > MAX_DATA => Some(Err(MavFtpErr::INVALIDDATASIZE)),
+                MavFtpOpcode::NONE => Some(Ok(0)),
+                MavFtpOpcode::TERMINATESESSION | MavFtpOpcode::RESETSESSION => {
+                    if !is_late_end {
+                        self.end(cx, place, received.from, request.opcode == MavFtpOpcode::RESETSESSION);
+                    }
+                    Some(Ok(0))
+                }
+                MavFtpOpcode::READFILE => Some(self.start_read(place, &request)),
+                MavFtpOpcode::WRITEFILE => match self.write::<F, P>(cx, place, &request) {
+                    Err(Dropped) => return Handled::NoRoom,
+                    Ok(outcome) => Some(outcome),
+                },
+                MavFtpOpcode::BURSTREADFILE => Some(Err(MavFtpErr::INVALIDSESSION)),
+                _ => match self.on_path::<F, P>(cx, slots, &request, digest) {
+                    Err(Dropped) => return Handled::NoRoom,
+                    Ok(outcome) => outcome,
+                },
+            }
+        };
+        let (state, value, error) = match outcome {
+            None => (State::Working, 0, MavFtpErr::NONE),
+            Some(Ok(value)) => (State::Pending, value, MavFtpErr::NONE),
+            Some(Err(error)) => (State::Pending, 0, error),
+        };
+        if error != MavFtpErr::NONE {
+            event!("files: request {=u8} of {} refused: {=u8}", request.opcode.0, received.from, error.0);
+        }
+        let Request { opcode, seq, offset, .. } = request;
+        let size = request.wanted();
+        if let Some(session) = self.sessions.get_mut(place) {
+            session.put(answer, Answer { state, opcode, error, size, seq, offset, value, digest });
+        }
+        Handled::Yes
+    }
+
+    /// Ends a session, or all of a client on its link.
+    fn end<F: Firmware<Vehicle: Files>>(&mut self, cx: &mut Cx<'_, F>, place: usize, client: Peer, all: bool) {
+        for other in 0..self.sessions.len() {
+            let is_its = self.sessions.get(other).is_some_and(|session| session.is_used && session.client == client);
+            if other == place || (all && is_its) {
+                self.close(cx, other);
+            }
+        }
+    }
+
+    /// Checks a request to read.
+    fn start_read(&mut self, place: usize, request: &Request<'_>) -> Outcome {
+        let open = self.sessions.get_mut(place).map(|session| &mut session.open);
+        match open {
+            Some(Open::Params(pack)) => pack.set_block(request.wanted()),
+            Some(Open::Hook { .. } | Open::Static(_)) => {}
+            Some(Open::Upload) => return Err(MavFtpErr::FAIL),
+            Some(Open::Nothing) | None => return Err(MavFtpErr::INVALIDSESSION),
+        }
+        Ok(0)
+    }
+
+    /// Writes to a file.
+    #[inline(never)]
+    fn write<F, P>(&mut self, cx: &mut Cx<'_, F>, place: usize, request: &Request<'_>) -> Result<Outcome, Dropped>
+    where
+        F: Firmware<Vehicle: Files>,
+        P: PackedParams<F>,
+    {
+        let Some(session) = self.sessions.get(place) else { return Ok(Err(MavFtpErr::INVALIDSESSION)) };
+        let written = match session.open {
+            Open::Nothing => Err(MavFtpErr::INVALIDSESSION),
+            Open::Hook { number, is_writable: true } => write_hook(cx, number, request),
+            Open::Upload => {
+                let client = session.client;
+                let is_complete = match self.take_upload(request) {
+                    Err(Dropped) => return Err(Dropped),
+                    Ok(result) => result,
+                };
+                match is_complete {
+                    Ok(false) => Ok(()),
+                    Ok(true) => self.finish_upload::<F, P>(cx, client),
+                    Err(error) => Err(error),
+                }
+            }
+            Open::Hook { .. } | Open::Static(_) | Open::Params(_) => Err(MavFtpErr::FILEPROTECTED),
+        };
+        Ok(written.map(|()| 0))
+    }
+
+    /// Takes a part of the uploaded parameters, in order: a later one is dropped, and the client sends it again. Returns whether
+    /// they are complete.
+    fn take_upload(&mut self, request: &Request<'_>) -> Result<Result<bool, MavFtpErr>, Dropped> {
+        if self.status.upload == Upload::Refused {
+            return Ok(Err(MavFtpErr::FAIL));
+        }
+        let received = usize::from(self.status.received);
+        let begin = usize::try_from(request.offset).unwrap_or(usize::MAX);
+        let end = begin.saturating_add(usize::from(request.size));
+        if end <= received {
+            return Ok(Ok(false));
+        }
+        if begin > received {
+            return Err(Dropped);
+        }
+        let Some(to) = self.upload.get_mut(begin..end).filter(|_| self.status.upload == Upload::Running) else {
+            self.status.upload = Upload::Refused;
+            return Ok(Err(MavFtpErr::FAIL));
+        };
+        to.fill(0);
+        crate::message::zero_extend(request.data, to);
+        self.status.received = u16::try_from(end).unwrap_or(u16::MAX);
+        let Some([_, _, _, _, low, high]) = self.upload.get(..end).and_then(<[u8]>::first_chunk) else {
+            return Ok(Ok(false));
+        };
+        Ok(Ok(end >= usize::from(u16::from_le_bytes([*low, *high]))))
+    }
+
+    /// Sets the uploaded parameters: all or none.
+    #[inline(never)]
+    fn finish_upload<F, P>(&mut self, cx: &mut Cx<'_, F>, client: Peer) -> Result<(), MavFtpErr>
+    where
+        F: Firmware<Vehicle: Files>,
+        P: PackedParams<F>,
+    {
+        let file = self.upload.get(..usize::from(self.status.received)).unwrap_or_default();
+        if P::set_packed(cx, client, file) {
+            increment(&mut self.status.counters.uploads);
+            self.status.upload = Upload::Done;
+            return Ok(());
+        }
+        increment(&mut self.status.counters.refused_uploads);
+        self.status.upload = Upload::Refused;
+        Err(MavFtpErr::FAIL)
+    }
+
+    /// Handles a request with a path. Returns `None` if its answer must be computed.
+    #[inline(never)]
+    fn on_path<F, P>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        (place, answer): (u8, u8),
+        request: &Request<'_>,
+        digest: u32,
+    ) -> Result<Option<Outcome>, Dropped>
+    where
+        F: Firmware<Vehicle: Files>,
+        P: PackedParams<F>,
+    {
+        let Some(path) = path::of(request.data) else { return Ok(Some(Err(MavFtpErr::FILENOTFOUND))) };
+        let change = match request.opcode {
+            MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME => {
+                return Ok(Some(directory::<F, P>(cx, path)));
+            }
+            MavFtpOpcode::OPENFILERO | MavFtpOpcode::OPENFILEWO | MavFtpOpcode::CREATEFILE => {
+                return self.open::<F, P>(cx, (place, answer), request.opcode, path, digest);
+            }
+            MavFtpOpcode::CALCFILECRC => {
+                if !matches!(self.status.work, Work::Nothing) {
+                    return Err(Dropped);
+                }
+                let (open, _) = match open::<F, P>(cx, path, FileAccess::Read, false) {
+                    Ok(opened) => opened,
+                    Err(error) => return Ok(Some(Err(error))),
+                };
+                self.status.work = Work::Checksum { session: place, answer, open, offset: 0, crc: Crc32::ZERO };
+                return Ok(None);
+            }
+            MavFtpOpcode::REMOVEFILE => FileChange::Remove(path),
+            MavFtpOpcode::TRUNCATEFILE => FileChange::Truncate { path, size: request.offset },
+            MavFtpOpcode::CREATEDIRECTORY => FileChange::CreateDirectory(path),
+            MavFtpOpcode::REMOVEDIRECTORY => FileChange::RemoveDirectory(path),
+            MavFtpOpcode::RENAME => {
+                let second = request.data.iter().position(|byte| *byte == 0).and_then(|end| request.data.get(end..));
+                match second.and_then(|rest| path::of(rest.get(1..)?)) {
+                    Some(to) if !to.starts_with('@') && !to.is_empty() => FileChange::Rename { from: path, to },
+                    _ => return Ok(Some(Err(MavFtpErr::FAIL))),
+                }
+            }
+            _ => return Ok(Some(Err(MavFtpErr::UNKNOWNCOMMAND))),
+        };
+        let is_own = path.starts_with('@') || F::Vehicle::FILES.iter().any(|file| file.path == path);
+        if is_own {
+            return Ok(Some(Err(MavFtpErr::FILEPROTECTED)));
+        }
+        let (vehicle, mut context) = cx.hook();
+        Ok(Some(vehicle.change(&mut context, change).map(|()| 0)))
+    }
+
+    /// Opens a file in a session (F-6).
+    fn open<F, P>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        (place, answer): (u8, u8),
+        opcode: MavFtpOpcode,
+        path: &str,
+        digest: u32,
+    ) -> Result<Option<Outcome>, Dropped>
+    where
+        F: Firmware<Vehicle: Files>,
+        P: PackedParams<F>,
+    {
+        let (index, now) = (usize::from(place), cx.now);
+        // A client that opens another file does not close the one before, or its request to do so was lost.
+        self.close(cx, index);
+        let open_count = self.sessions.iter().filter(|session| session.is_open()).count();
+        let mut victim = None;
+        if open_count >= usize::from(self.status.open_limit) {
+            victim = session::victim(self.sessions, now);
+            if victim.is_none() {
+                increment(&mut self.status.counters.no_session);
+                return Ok(Some(Err(MavFtpErr::NOSESSIONSAVAILABLE)));
+            }
+        }
+        let access = match opcode {
+            MavFtpOpcode::OPENFILERO => FileAccess::Read,
+            MavFtpOpcode::OPENFILEWO => FileAccess::Write,
+            _ => FileAccess::Create,
+        };
+        let is_uploading =
+            |(place, session): (usize, &Session)| matches!(session.open, Open::Upload) && Some(place) != victim;
+        let may_upload = !self.upload.is_empty() && !self.sessions.iter().enumerate().any(is_uploading);
+        let (opened, size) = match open::<F, P>(cx, path, access, may_upload) {
+            Ok(opened) => opened,
+            Err(error) => return Ok(Some(Err(error))),
+        };
+        let mut size = Some(size);
+        if let Open::Params(mut pack) = opened {
+            size = P::measure_packed(cx, &mut pack);
+            if size.is_none() {
+                if !matches!(self.status.work, Work::Nothing) {
+                    return Err(Dropped);
+                }
+                self.status.work = Work::Measure { session: place, answer, pack };
+            }
+        }
+        if let Some(victim) = victim {
+            increment(&mut self.status.counters.taken_over);
+            self.close(cx, victim);
+        }
+        if matches!(opened, Open::Upload) {
+            (self.status.received, self.status.upload) = (0, Upload::Running);
+        }
+        increment(&mut self.status.counters.opened);
+        if let Some(session) = self.sessions.get_mut(index) {
+            (session.open, session.opened_by, session.size) = (opened, digest, size.unwrap_or(0));
+            session.forget_answers();
+        }
+        Ok(size.map(Ok))
+    }
+
+    /// Does a step of what takes more than one call.
+    #[inline(never)]
+    fn work<F, P>(&mut self, cx: &mut Cx<'_, F>)
+    where
+        F: Firmware<Vehicle: Files>,
+        P: PackedParams<F>,
+    {
+        let (session, answer, outcome) = match &mut self.status.work {
+            Work::Nothing => return,
+            Work::Measure { session, answer, pack } => match P::measure_packed(cx, pack) {
+                None => return,
+                Some(size) => {
+                    if let Some(session) = self.sessions.get_mut(usize::from(*session)) {
+                        session.size = size;
+                    }
+                    (*session, *answer, Ok(size))
+                }
+            },
+            Work::Checksum { session, answer, open, offset, crc } => {
+                let mut bytes = [0; MAX_DATA];
+                let outcome = match read::<F, P>(cx, open, *offset, &mut bytes) {
+                    Body::Later => return,
+                    Body::Refused(MavFtpErr::EOF) => Ok(!crc.sum()),
+                    Body::Refused(error) => Err(error),
+                    Body::Data(len) => {
+                        crc.add(bytes.get(..len).unwrap_or_default());
+                        *offset = offset.saturating_add(u32::try_from(len).unwrap_or(0));
+                        return;
+                    }
+                };
+                close(cx, open);
+                (*session, *answer, outcome)
+            }
+        };
+        self.status.work = Work::Nothing;
+        let session = self.sessions.get_mut(usize::from(session));
+        let answer = session.and_then(|session| session.answers.get_mut(usize::from(answer)));
+        // Its client may have gone meanwhile.
+        if let Some(answer) = answer.filter(|answer| answer.state == State::Working) {
+            answer.state = State::Pending;
+            match outcome {
+                Ok(value) => answer.value = value,
+                Err(error) => answer.error = error,
+            }
+        }
+    }
+
+    /// Sends an answer without data.
+    #[inline(never)]
+    fn send_answer(&mut self, port: &mut Port) -> bool {
+        let mut on_link = self.sessions.iter_mut().filter(|session| session.client.link == port.id);
+        let pending = on_link.find_map(|session| session.pending(false).map(|answer| (session, answer)));
+        let Some((session, answer)) = pending else { return false };
+        let (to, number) = (session.client.address, session.number);
+        let Some(answer) = session.answers.get_mut(answer) else { return false };
+        answer.state = State::Sent;
+        let Answer { opcode, error, value, offset, .. } = *answer;
+        let head = Head { to, seq: answer.seq.wrapping_add(1), session: number, opcode, offset };
+        packet::send(&mut port.outbox, &head, |data| {
+            if error != MavFtpErr::NONE {
+                return (Body::Refused(error), false);
+            }
+            let has_value = matches!(
+                opcode,
+                MavFtpOpcode::OPENFILERO
+                    | MavFtpOpcode::OPENFILEWO
+                    | MavFtpOpcode::CREATEFILE
+                    | MavFtpOpcode::CALCFILECRC
+            );
+            if has_value && let Some(first) = data.first_chunk_mut() {
+                *first = value.to_le_bytes();
+            }
+            (Body::Data(if has_value { 4 } else { 0 }), false)
+        })
+    }
+
+    /// Sends data: of the link's sessions by turns, what was read or listed before the packets of bursts.
+    #[inline(never)]
+    fn send_data<F, P>(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut FileLink) -> bool
+    where
+        F: Firmware<Vehicle: Files>,
+        P: PackedParams<F>,
+    {
+        let is_it = |session: &Session| session.client.link == port.id && session.has_data();
+        let first = usize::from(link.first);
+        let from_first = self.sessions.iter().enumerate().position(|(place, session)| place >= first && is_it(session));
+        let Some(place) = from_first.or_else(|| self.sessions.iter().position(is_it)) else { return false };
+        link.first = u8::try_from(place.saturating_add(1)).unwrap_or(0);
+        let Some(session) = self.sessions.get_mut(place) else { return false };
+        let is_sent = match session.pending(true) {
+            Some(answer) => send_read::<F, P>(cx, &mut port.outbox, session, answer),
+            None => send_burst::<F, P>(cx, &mut port.outbox, session),
+        };
+        if is_sent {
+            let len = u32::try_from(port.outbox.len()).unwrap_or(0);
+            link.share.spend_all(cx.now, len.saturating_mul(COST_OF_BYTE), port.config.bytes_per_second);
+        }
+        is_sent
+    }
+}
+
+/// The request is dropped without effect, and the client sends it again.
+struct Dropped;
+
+/// Sends the answer to a request to read or to list.
+fn send_read<F, P>(cx: &mut Cx<'_, F>, outbox: &mut Outbox, session: &mut Session, answer: usize) -> bool
+where
+    F: Firmware<Vehicle: Files>,
+    P: PackedParams<F>,
+{
+    let Some(answer) = session.answers.get_mut(answer) else { return false };
+    let Answer { opcode, size, offset, value, .. } = *answer;
+    let (to, seq) = (session.client.address, answer.seq.wrapping_add(1));
+    let head = Head { to, seq, session: session.number, opcode, offset };
+    let open = &mut session.open;
+    let is_sent = packet::send(outbox, &head, |data| {
+        let body = if opcode == MavFtpOpcode::READFILE {
+            read::<F, P>(cx, open, offset, data.get_mut(..usize::from(size)).unwrap_or_default())
+        } else {
+            list::<F, P>(cx, value, offset, opcode == MavFtpOpcode::LISTDIRECTORYWITHTIME, data)
+        };
+        (body, false)
+    });
+    if is_sent {
+        answer.state = State::Sent;
+    }
+    is_sent
+}
+
+/// Sends the next packet of a burst (F-8).
+fn send_burst<F, P>(cx: &mut Cx<'_, F>, outbox: &mut Outbox, session: &mut Session) -> bool
+where
+    F: Firmware<Vehicle: Files>,
+    P: PackedParams<F>,
+{
+    let (now, to) = (cx.now, session.client.address);
+    let (burst, open) = (&mut session.burst, &mut session.open);
+    let head =
+        Head { to, seq: burst.seq, session: session.number, opcode: MavFtpOpcode::BURSTREADFILE, offset: burst.offset };
+    let mut is_last = now >= burst.until;
+    let mut sent = 0;
+    let is_sent = packet::send(outbox, &head, |data| {
+        let body = read::<F, P>(cx, open, head.offset, data.get_mut(..usize::from(burst.size)).unwrap_or_default());
+        let mut ends = is_last;
+        match body {
+            Body::Data(len) => {
+                sent = u32::try_from(len).unwrap_or(0);
+                // A short packet is the last one. The end of the file is said once more behind it.
+                ends |= len < usize::from(burst.size);
+            }
+            Body::Refused(_) => (is_last, ends) = (true, true),
+            Body::Later => {}
+        }
+        (body, ends)
+    });
+    if is_sent {
+        burst.seq = burst.seq.wrapping_add(1);
+        burst.offset = burst.offset.saturating_add(sent);
+        burst.is_active = !is_last;
+        session.touched = now;
+    }
+    is_sent
+}
+
+/// Writes to a file of the vehicle. Not inlined: the zeros that MAVLink 2 does not send need a buffer.
+#[inline(never)]
+fn write_hook<F: Firmware<Vehicle: Files>>(
+    cx: &mut Cx<'_, F>,
+    number: u16,
+    request: &Request<'_>,
+) -> Result<(), MavFtpErr> {
+    let mut bytes = [0; MAX_DATA];
+    crate::message::zero_extend(request.data, &mut bytes);
+    let bytes = bytes.get(..usize::from(request.size)).unwrap_or_default();
+    let (vehicle, mut context) = cx.hook();
+    vehicle.write(&mut context, number, request.offset, bytes)
+}
+
+/// Closes a file of the vehicle.
+fn close<F: Firmware<Vehicle: Files>>(cx: &mut Cx<'_, F>, open: &Open) {
+    if let Open::Hook { number, .. } = *open {
+        let (vehicle, mut context) = cx.hook();
+        vehicle.close(&mut context, number);
+    }
+}
+
+/// Opens a file: returns it and its size.
+#[inline(never)]
+fn open<F, P>(cx: &mut Cx<'_, F>, path: &str, access: FileAccess, may_upload: bool) -> Result<(Open, u32), MavFtpErr>
+where
+    F: Firmware<Vehicle: Files>,
+    P: PackedParams<F>,
+{
+    let is_read = access == FileAccess::Read;
+    if P::EXISTS
+        && let Some(query) = path.strip_prefix(PARAM_DIRECTORY).and_then(|path| path.strip_prefix('/'))
+        && let Some(query) = query.strip_prefix(PARAM_FILE)
+        && (query.is_empty() || query.starts_with('?'))
+    {
+        if !is_read {
+            let may_upload = P::IS_WRITABLE && may_upload && query.is_empty();
+            return if may_upload { Ok((Open::Upload, 0)) } else { Err(MavFtpErr::FILEPROTECTED) };
+        }
+        let count = P::packed_count(cx);
+        let pack = Pack::open(query.strip_prefix('?').unwrap_or_default(), count);
+        return pack.map(|pack| (Open::Params(pack), 0)).ok_or(MavFtpErr::FAIL);
+    }
+    if path.is_empty() || path.starts_with('@') {
+        return Err(MavFtpErr::FILENOTFOUND);
+    }
+    let found = F::Vehicle::FILES.iter().position(|file| file.path == path);
+    if let Some((index, file)) = found.and_then(|index| Some((index, F::Vehicle::FILES.get(index)?))) {
+        if !is_read {
+            return Err(MavFtpErr::FILEPROTECTED);
+        }
+        let size = u32::try_from(file.bytes.len()).unwrap_or(u32::MAX);
+        return Ok((Open::Static(u8::try_from(index).unwrap_or(u8::MAX)), size));
+    }
+    let (vehicle, mut context) = cx.hook();
+    let OpenFile { number, size } = vehicle.open(&mut context, path, access)?;
+    Ok((Open::Hook { number, is_writable: !is_read }, size))
+}
+
+/// Reads from a file.
+#[inline(never)]
+fn read<F, P>(cx: &mut Cx<'_, F>, open: &mut Open, offset: u32, out: &mut [u8]) -> Body
+where
+    F: Firmware<Vehicle: Files>,
+    P: PackedParams<F>,
+{
+    let len = match open {
+        Open::Hook { number, .. } => match cx.vehicle.read(*number, offset, out) {
+            Ok(len) => len.min(out.len()),
+            Err(error) => return Body::Refused(error),
+        },
+        Open::Static(index) => {
+            let bytes = F::Vehicle::FILES.get(usize::from(*index)).map(|file| file.bytes).unwrap_or_default();
+            let rest = usize::try_from(offset).ok().and_then(|offset| bytes.get(offset..)).unwrap_or_default();
+            crate::message::zero_extend(rest, out)
+        }
+        Open::Params(pack) => match P::read_packed(cx, pack, offset, out) {
+            Some(len) => len,
+            None => return Body::Later,
+        },
+        Open::Nothing | Open::Upload => return Body::Refused(MavFtpErr::INVALIDSESSION),
+    };
+    if len == 0 { Body::Refused(MavFtpErr::EOF) } else { Body::Data(len) }
+}
+
+/// Returns the number that stands for a directory: a static file that is in or below it, the length of the path, and the
+/// vehicle's number.
+#[inline(never)]
+fn directory<F, P>(cx: &mut Cx<'_, F>, path: &str) -> Outcome
+where
+    F: Firmware<Vehicle: Files>,
+    P: PackedParams<F>,
+{
+    let mut place = NO_ENTRIES;
+    let mut number = NO_DIRECTORY;
+    if P::EXISTS && path == PARAM_DIRECTORY {
+        place = PARAM_ENTRIES;
+    } else if !path.starts_with('@') {
+        let found = if path.is_empty() { Some(0) } else { path::directory(F::Vehicle::FILES, path) };
+        place = found.and_then(|index| u8::try_from(index).ok()).unwrap_or(NO_ENTRIES);
+        number = cx.vehicle.directory(path).unwrap_or(NO_DIRECTORY);
+    }
+    if place == NO_ENTRIES && number == NO_DIRECTORY {
+        return Err(MavFtpErr::FILENOTFOUND);
+    }
+    let [low, high] = number.to_le_bytes();
+    Ok(u32::from_le_bytes([place, u8::try_from(path.len()).unwrap_or(0), low, high]))
+}
+
+/// Writes the entries of a directory from an index on: as many as there is room for (F-9).
+#[inline(never)]
+fn list<F, P>(cx: &mut Cx<'_, F>, directory: u32, first: u32, has_time: bool, out: &mut [u8]) -> Body
+where
+    F: Firmware<Vehicle: Files>,
+    P: PackedParams<F>,
+{
+    let mut len = 0usize;
+    let mut index = first;
+    while let Some(entry) = entry_of::<F, P>(cx, directory, index) {
+        let Some(written) = write_entry(&entry, has_time, out.get_mut(len..).unwrap_or_default()) else { break };
+        len = len.saturating_add(written);
+        index = index.saturating_add(1);
+    }
+    if len == 0 { Body::Refused(MavFtpErr::EOF) } else { Body::Data(len) }
+}
+
+/// Returns an entry of a directory.
+fn entry_of<'a, F, P>(cx: &'a mut Cx<'_, F>, directory: u32, index: u32) -> Option<FileEntry<'a>>
+where
+    F: Firmware<Vehicle: Files>,
+    P: PackedParams<F>,
+{
+    let [place, path_len, low, high] = directory.to_le_bytes();
+    if place == PARAM_ENTRIES {
+        let size = u32::from(P::packed_count(cx)).saturating_mul(12);
+        return (index == 0).then_some(FileEntry { name: PARAM_FILE, size: Some(size), time: 0 });
+    }
+    let mut index = index;
+    if place != NO_ENTRIES {
+        let files = F::Vehicle::FILES;
+        let path = files.get(usize::from(place)).and_then(|file| file.path.get(..usize::from(path_len)));
+        match path::entry(files, path.unwrap_or_default(), index) {
+            Ok((name, file)) => {
+                let size = file.map(|file| u32::try_from(file.bytes.len()).unwrap_or(u32::MAX));
+                return Some(FileEntry { name, size, time: 0 });
+            }
+            Err(count) => index = index.saturating_sub(count),
+        }
+        if P::EXISTS && path_len == 0 {
+            match index.checked_sub(1) {
+                None => return Some(FileEntry { name: PARAM_DIRECTORY, size: None, time: 0 }),
+                Some(rest) => index = rest,
+            }
+        }
+    }
+    let number = u16::from_le_bytes([low, high]);
+    if number == NO_DIRECTORY {
+        return None;
+    }
+    cx.vehicle.entry(number, u16::try_from(index).ok()?)
+}
+
+/// Writes an entry. Returns its length; `None` if there is no room for it.
+#[inline(never)]
+fn write_entry(entry: &FileEntry<'_>, has_time: bool, out: &mut [u8]) -> Option<usize> {
+    let mut len = 0usize;
+    let mut push = |byte: u8| {
+        *out.get_mut(len)? = byte;
+        len = len.saturating_add(1);
+        Some(())
+    };
+    if entry.name.len() > 200 {
+        // It is skipped.
+        push(b'S')?;
+        push(0)?;
+        return Some(len);
+    }
+    push(if entry.size.is_some() { b'F' } else { b'D' })?;
+    for byte in entry.name.bytes() {
+        push(byte)?;
+    }
+    let numbers = [entry.size.or(has_time.then_some(0)), has_time.then_some(entry.time)];
+    for number in numbers.into_iter().flatten() {
+        push(b'\t')?;
+        let mut divisor = 1_000_000_000u32;
+        while divisor > 0 {
+            let digits = number.checked_div(divisor).unwrap_or(0);
+            if digits > 0 || divisor == 1 {
+                push(b'0'.wrapping_add(u8::try_from(digits.checked_rem(10).unwrap_or(0)).unwrap_or(0)))?;
+            }
+            divisor = divisor.checked_div(10).unwrap_or(0);
+        }
+    }
+    push(0)?;
+    Some(len)
+}

@@ -1,0 +1,262 @@
+//! The sessions of clients: what each has open, and the answers that are pending for it (F-4, F-6, F-12, F-13).
+
+use super::packet::{MAX_DATA, Request};
+use crate::dialect::{MavFtpErr, MavFtpOpcode};
+use crate::message::Address;
+use crate::service::param::Pack;
+use crate::time::{Duration, Instant};
+use crate::types::{LinkId, Peer};
+
+/// A session ends when its client was silent for this time, and nothing was sent to it either (F-6).
+pub(super) const IDLE: Duration = Duration::from_secs(10);
+/// Another client takes over a session that was idle for this time.
+pub(super) const TAKEOVER: Duration = Duration::from_secs(3);
+/// A burst that takes longer is cut off, and the client requests the rest: otherwise it would go on for a client that is gone.
+const LONGEST_BURST: Duration = Duration::from_secs(5);
+/// A repeated end within this time does not end the session that was opened meanwhile.
+const REPEATED_END: Duration = Duration::from_secs(2);
+
+/// The number of requests that a client may send at a time: MAVProxy reads and writes five packets ahead.
+const ANSWERS: usize = 5;
+
+/// What a session has open.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Open {
+    Nothing,
+    /// A file of the vehicle's hooks, by number.
+    Hook {
+        number: u16,
+        is_writable: bool,
+    },
+    /// A file that never changes, by its index.
+    Static(u8),
+    /// The parameters, to be read.
+    Params(Pack),
+    /// The parameters, to be written.
+    Upload,
+}
+
+/// The state of an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum State {
+    /// There is none.
+    Empty,
+    /// It was sent, and is sent again if the request is repeated.
+    Sent,
+    /// It is computed.
+    Working,
+    Pending,
+}
+
+/// The answer to a request, without data: these are read when it is sent.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Answer {
+    pub(super) state: State,
+    pub(super) opcode: MavFtpOpcode,
+    pub(super) error: MavFtpErr,
+    /// The length of the data that is asked for.
+    pub(super) size: u8,
+    pub(super) seq: u16,
+    pub(super) offset: u32,
+    /// The size of a file that was opened, a checksum, or the number of a directory.
+    pub(super) value: u32,
+    /// Stands for the request.
+    pub(super) digest: u32,
+}
+
+impl Answer {
+    /// All zero bits.
+    const EMPTY: Self = Self {
+        state: State::Empty,
+        opcode: MavFtpOpcode::NONE,
+        error: MavFtpErr::NONE,
+        size: 0,
+        seq: 0,
+        offset: 0,
+        value: 0,
+        digest: 0,
+    };
+
+    /// Whether it contains data of a file or a directory.
+    pub(super) fn has_data(&self) -> bool {
+        self.error == MavFtpErr::NONE && is_data(self.opcode)
+    }
+}
+
+/// Whether the answer to a request contains data of a file or a directory.
+pub(super) const fn is_data(opcode: MavFtpOpcode) -> bool {
+    matches!(opcode, MavFtpOpcode::READFILE | MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME)
+}
+
+/// A burst: packets that are sent without a request for each.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Burst {
+    pub(super) is_active: bool,
+    pub(super) size: u8,
+    /// The sequence number of the next packet.
+    pub(super) seq: u16,
+    /// The offset of the next packet.
+    pub(super) offset: u32,
+    /// When the burst is cut off.
+    pub(super) until: Instant,
+    /// Stands for the request.
+    digest: u32,
+}
+
+/// A client's session, or the answers to a client without one.
+#[derive(Clone, Copy, Debug)]
+pub struct Session {
+    pub(super) is_used: bool,
+    /// The number that the client has given it.
+    pub(super) number: u8,
+    pub(super) client: Peer,
+    pub(super) open: Open,
+    /// When the client was last heard, or was last sent a packet of a burst.
+    pub(super) touched: Instant,
+    /// The request that has opened it, and its answer: the size.
+    pub(super) opened_by: u32,
+    pub(super) size: u32,
+    /// The last request that has ended it, and when.
+    ended_by: u32,
+    ended_at: Instant,
+    pub(super) burst: Burst,
+    pub(super) answers: [Answer; ANSWERS],
+    /// Where the next answer is put.
+    next: u8,
+}
+
+impl Session {
+    /// All zero bits.
+    pub(super) const FREE: Self = Self {
+        is_used: false,
+        number: 0,
+        client: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        open: Open::Nothing,
+        touched: Instant::ZERO,
+        opened_by: 0,
+        size: 0,
+        ended_by: 0,
+        ended_at: Instant::ZERO,
+        burst: Burst { is_active: false, size: 0, seq: 0, offset: 0, until: Instant::ZERO, digest: 0 },
+        answers: [Answer::EMPTY; ANSWERS],
+        next: 0,
+    };
+
+    pub(super) fn is_open(&self) -> bool {
+        !matches!(self.open, Open::Nothing)
+    }
+
+    /// Whether an answer or a packet of a burst is pending.
+    pub(super) fn is_busy(&self) -> bool {
+        self.burst.is_active || self.answers.iter().any(|answer| !matches!(answer.state, State::Empty | State::Sent))
+    }
+
+    /// Whether data is pending.
+    pub(super) fn has_data(&self) -> bool {
+        self.burst.is_active || self.pending(true).is_some()
+    }
+
+    /// Returns the index of the oldest pending answer with or without data.
+    pub(super) fn pending(&self, has_data: bool) -> Option<usize> {
+        let is_it = |answer: &Answer| answer.state == State::Pending && answer.has_data() == has_data;
+        let (behind, before) = self.answers.split_at_checked(usize::from(self.next))?;
+        let place = before.iter().position(is_it).map(|place| place.saturating_add(behind.len()));
+        place.or_else(|| behind.iter().position(is_it))
+    }
+
+    /// Returns the index of the place for another answer: that of the oldest one that was sent. `None` if all are pending.
+    pub(super) fn place(&self) -> Option<usize> {
+        let is_free = |answer: &Answer| matches!(answer.state, State::Empty | State::Sent);
+        let (behind, before) = self.answers.split_at_checked(usize::from(self.next))?;
+        let place = before.iter().position(is_free).map(|place| place.saturating_add(behind.len()));
+        place.or_else(|| behind.iter().position(is_free))
+    }
+
+    /// Puts an answer into its place.
+    pub(super) fn put(&mut self, place: usize, answer: Answer) {
+        if let Some(slot) = self.answers.get_mut(place) {
+            *slot = answer;
+            let next = place.saturating_add(1);
+            self.next = u8::try_from(if next < ANSWERS { next } else { 0 }).unwrap_or(0);
+        }
+    }
+
+    /// If an identical request was answered, or is being answered, has the same answer sent again.
+    pub(super) fn is_repeated(&mut self, digest: u32) -> bool {
+        let is_it = |answer: &&mut Answer| answer.state != State::Empty && answer.digest == digest;
+        let Some(answer) = self.answers.iter_mut().find(is_it) else { return false };
+        if answer.state == State::Sent {
+            answer.state = State::Pending;
+        }
+        true
+    }
+
+    /// Forgets what was answered: in another file, an identical request is a new one.
+    pub(super) fn forget_answers(&mut self) {
+        for answer in self.answers.iter_mut().filter(|answer| answer.state == State::Sent) {
+            *answer = Answer::EMPTY;
+        }
+    }
+
+    /// Forgets the data that is pending: the client does not wait for it any more.
+    pub(super) fn drop_data(&mut self) {
+        self.burst.is_active = false;
+        for answer in self.answers.iter_mut().filter(|answer| answer.has_data()) {
+            *answer = Answer::EMPTY;
+        }
+    }
+
+    /// Starts or replaces the burst (F-8). A repeated request does not start a running one again.
+    pub(super) fn start_burst(&mut self, now: Instant, request: &Request<'_>, digest: u32) {
+        if self.burst.is_active && self.burst.digest == digest {
+            return;
+        }
+        self.burst = Burst {
+            is_active: true,
+            size: request.wanted(),
+            seq: request.seq.wrapping_add(1),
+            offset: request.offset,
+            until: now.after(LONGEST_BURST),
+            digest,
+        };
+    }
+
+    /// Whether this end of a session repeats the last one, so that it is not for the session that was opened meanwhile.
+    pub(super) fn is_late_end(&mut self, now: Instant, digest: u32) -> bool {
+        let is_late = self.ended_by == digest && now.since(self.ended_at) < REPEATED_END;
+        (self.ended_by, self.ended_at) = (digest, now);
+        is_late
+    }
+}
+
+/// Returns the position of the session of a client. Without one, a place for it: one that is not used, or else the one that
+/// was idle for the longest and has nothing open. `None` if there is none: then a request is dropped.
+pub(super) fn find(sessions: &mut [Session], client: Peer, number: u8) -> Option<usize> {
+    let is_it = |session: &Session| session.is_used && session.client == client && session.number == number;
+    if let Some(place) = sessions.iter().position(is_it) {
+        return Some(place);
+    }
+    let mut best = None;
+    for (place, session) in sessions.iter_mut().enumerate() {
+        if session.is_open() || session.is_busy() {
+            continue;
+        }
+        let since = if session.is_used { session.touched } else { Instant::ZERO };
+        if best.is_none_or(|(earliest, _)| since < earliest) {
+            best = Some((since, place));
+        }
+    }
+    let (_, place) = best?;
+    *sessions.get_mut(place)? = Session { is_used: true, client, number, ..Session::FREE };
+    Some(place)
+}
+
+/// Returns the open session that another client takes over: the one that was idle for the longest, at least three seconds.
+/// `Err` if all are in use.
+pub(super) fn victim(sessions: &[Session], now: Instant) -> Option<usize> {
+    let open = sessions.iter().enumerate().filter(|(_, session)| session.is_open());
+    let (place, session) = open.min_by_key(|(_, session)| session.touched)?;
+    (now.since(session.touched) >= TAKEOVER).then_some(place)
+}
+
+const _: () = assert!(MAX_DATA == 239);
