@@ -36,7 +36,8 @@ impl MemoryFiles {
     fn entries(&self, directory: &str) -> Vec<(String, Option<u32>)> {
         let mut entries = Vec::new();
         for (path, bytes) in &self.content {
-            let rest = if directory.is_empty() { Some(path.as_str()) } else { path.strip_prefix(&format!("{directory}/")) };
+            let rest =
+                if directory.is_empty() { Some(path.as_str()) } else { path.strip_prefix(&format!("{directory}/")) };
             let Some(rest) = rest.filter(|rest| !rest.is_empty()) else { continue };
             let entry = match rest.split_once('/') {
                 Some((name, _)) => (name.to_string(), None),
@@ -187,7 +188,14 @@ impl Packet {
 }
 
 /// Returns a request.
-pub fn request(seq: u16, session: u8, opcode: MavFtpOpcode, size: u8, offset: u32, data: &[u8]) -> FileTransferProtocol {
+pub fn request(
+    seq: u16,
+    session: u8,
+    opcode: MavFtpOpcode,
+    size: u8,
+    offset: u32,
+    data: &[u8],
+) -> FileTransferProtocol {
     let mut payload = [0; 251];
     payload[..2].copy_from_slice(&seq.to_le_bytes());
     (payload[2], payload[3], payload[4]) = (session, opcode.0, size);
@@ -383,6 +391,10 @@ impl Transfer {
                 match packet.error() {
                     Some(MavFtpErr::EOF) => self.next_gap(now, gcs),
                     Some(error) => self.phase = Phase::Done(Err(error)),
+                    None if packet.is_last && packet.data.len() == usize::from(self.block) => {
+                        let next = packet.offset + packet.data.len() as u32;
+                        self.ask(now, gcs, MavFtpOpcode::BURSTREADFILE, self.block, next, &[]);
+                    }
                     None if packet.is_last => self.next_gap(now, gcs),
                     None => {}
                 }

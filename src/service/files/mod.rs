@@ -25,7 +25,7 @@ pub use vehicle::{FileAccess, FileChange, FileEntry, Files, OpenFile, StaticFile
 use core::marker::PhantomData;
 
 use self::packet::{Body, Head, MAX_DATA, Request};
-use self::session::{Answer, IDLE, Open, State};
+use self::session::{Answer, Open, State};
 use super::param::{Pack, PackedParams};
 use super::share::Share;
 use super::{Cx, Handled, Received, Service, Turn, View, increment};
@@ -178,8 +178,7 @@ where
         if !matches!(self.status.work, Work::Nothing) {
             return Instant::ZERO;
         }
-        let used = self.sessions.iter().filter(|session| session.is_used);
-        used.fold(Instant::NEVER, |due, session| due.min(session.touched.after(IDLE)))
+        self.sessions.iter().fold(Instant::NEVER, |due, session| due.min(session.ends_at()))
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, link: &mut FileLink, received: &Received<'_>) -> Handled {
@@ -229,7 +228,7 @@ where
     /// The clients are gone. The next poll closes their files.
     fn restart(&mut self, port: &Port, _: &mut FileLink) {
         for session in self.sessions.iter_mut().filter(|session| session.client.link == port.id) {
-            session.touched = Instant::ZERO;
+            session.is_gone = session.is_used;
             session.drop_data();
             session.answers = Session::FREE.answers;
         }
@@ -257,10 +256,10 @@ impl Server<'_> {
     fn end_idle<F: Firmware<Vehicle: Files>>(&mut self, cx: &mut Cx<'_, F>) {
         for place in 0..self.sessions.len() {
             let Some(session) = self.sessions.get(place) else { return };
-            if !session.is_used || cx.now < session.touched.after(IDLE) {
+            if cx.now < session.ends_at() {
                 continue;
             }
-            if session.is_open() {
+            if session.is_open() && !session.is_gone {
                 increment(&mut self.status.counters.timed_out);
             }
             self.close(cx, place);

@@ -8,9 +8,9 @@ use crate::time::{Duration, Instant};
 use crate::types::{LinkId, Peer};
 
 /// A session ends when its client was silent for this time, and nothing was sent to it either (F-6).
-pub(super) const IDLE: Duration = Duration::from_secs(10);
+const IDLE: Duration = Duration::from_secs(10);
 /// Another client takes over a session that was idle for this time.
-pub(super) const TAKEOVER: Duration = Duration::from_secs(3);
+const TAKEOVER: Duration = Duration::from_secs(3);
 /// A burst that takes longer is cut off, and the client requests the rest: otherwise it would go on for a client that is gone.
 const LONGEST_BURST: Duration = Duration::from_secs(5);
 /// A repeated end within this time does not end the session that was opened meanwhile.
@@ -107,6 +107,8 @@ pub(super) struct Burst {
 #[derive(Clone, Copy, Debug)]
 pub struct Session {
     pub(super) is_used: bool,
+    /// Its link was opened again: the next poll ends it.
+    pub(super) is_gone: bool,
     /// The number that the client has given it.
     pub(super) number: u8,
     pub(super) client: Peer,
@@ -129,6 +131,7 @@ impl Session {
     /// All zero bits.
     pub(super) const FREE: Self = Self {
         is_used: false,
+        is_gone: false,
         number: 0,
         client: Peer { address: Address::new(0, 0), link: LinkId(0) },
         open: Open::Nothing,
@@ -141,6 +144,15 @@ impl Session {
         answers: [Answer::EMPTY; ANSWERS],
         next: 0,
     };
+
+    /// Returns when it ends, unless its client is heard.
+    pub(super) fn ends_at(&self) -> Instant {
+        match (self.is_used, self.is_gone) {
+            (false, _) => Instant::NEVER,
+            (true, false) => self.touched.after(IDLE),
+            (true, true) => Instant::ZERO,
+        }
+    }
 
     pub(super) fn is_open(&self) -> bool {
         !matches!(self.open, Open::Nothing)
@@ -232,7 +244,9 @@ impl Session {
 /// Returns the position of the session of a client. Without one, a place for it: one that is not used, or else the one that
 /// was idle for the longest and has nothing open. `None` if there is none: then a request is dropped.
 pub(super) fn find(sessions: &mut [Session], client: Peer, number: u8) -> Option<usize> {
-    let is_it = |session: &Session| session.is_used && session.client == client && session.number == number;
+    let is_it = |session: &Session| {
+        session.is_used && !session.is_gone && session.client == client && session.number == number
+    };
     if let Some(place) = sessions.iter().position(is_it) {
         return Some(place);
     }
