@@ -5,10 +5,12 @@ use crate::support::*;
 use mavstack::command::CommandPolicy;
 use mavstack::config::StreamProfile;
 use mavstack::dialect::*;
+use mavstack::files::StaticFile;
 use mavstack::param::ParamTable;
 use mavstack::{
-    Address, CommandClient, CommandReply, Commands, Context, Duration, Fill, FlightMode, Frame, Instant, LinkConfig,
-    LinkId, Message, ModeRequest, Modes, Outcome, OutgoingCommand, Stream, Telemetry, Vehicle, VehicleState,
+    Address, CommandClient, CommandReply, Commands, Context, Duration, Files, Fill, FlightMode, Frame, Instant,
+    LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome, OutgoingCommand, Stream, Telemetry, Vehicle,
+    VehicleState,
 };
 use std::collections::{BTreeMap, VecDeque};
 
@@ -27,6 +29,7 @@ mavstack::stack! {
         modes,
         commands: { slots: 3 },
         forwarding,
+        files: { sessions: 1 },
         time,
     }
 }
@@ -70,6 +73,10 @@ impl Modes for Moded {
 }
 
 wrap_plans!(Moded);
+
+impl Files for Moded {
+    const FILES: &'static [StaticFile] = crate::support::files::STATIC;
+}
 
 impl Telemetry for Moded {
     const STREAMS: &'static [Stream] = TestVehicle::STREAMS;
@@ -141,6 +148,10 @@ fn pending_frames_are_sent_in_order() {
     receive(&mut world, now, 0, STATION, &Timesync { ts1: 7, ..Timesync::default() });
     let rally = MissionRequestList { mission_type: MavMissionType::RALLY, ..list };
     receive(&mut world, now, 0, STATION, &rally);
+    // A directory, and a file that there is not.
+    let file = |opcode| crate::support::files::request(0, 0, opcode, 0, 0, &[]);
+    receive(&mut world, now, 0, STATION, &file(MavFtpOpcode::LISTDIRECTORY));
+    receive(&mut world, now, 0, STATION, &file(MavFtpOpcode::OPENFILERO));
     world.stack.poll(now, &mut world.vehicle);
 
     let mut sent = sent(&mut world, now);
@@ -165,11 +176,15 @@ fn pending_frames_are_sent_in_order() {
         ("CurrentMode", vec![own(CurrentMode::ID)]),
         ("MissionProgress", vec![own(MissionCurrent::ID)]),
         ("ModeList", vec![own(AvailableModes::ID)]),
+        ("FileAnswer", vec![own(FileTransferProtocol::ID)]),
         ("Message", vec![own(SystemTime::ID)]),
         ("LateParamList", vec![]),
+        // The data was asked for just now.
+        ("LateFileData", vec![]),
         ("Stream", vec![own(Attitude::ID), own(GlobalPositionInt::ID), own(SysStatus::ID)]),
         ("Forwarded", vec![(Tunnel::ID, true); 2]),
         ("ParamList", vec![own(ParamValue::ID)]),
+        ("FileData", vec![own(FileTransferProtocol::ID)]),
     ];
     assert_eq!(sent, in_order(&turns(), pending), "not the order in docs/architecture.md");
 }

@@ -45,6 +45,7 @@ mavstack::stack! {
         command_client: { slots: 2 },
         modes,
         commands: { slots: 4 },
+        files: { sessions: 2, upload: 1024 },
         forwarding: { bytes: 512, seen: 256 },
         signing: { streams: 16 },
         time,

@@ -244,9 +244,8 @@ impl Session {
 /// Returns the position of the session of a client. Without one, a place for it: one that is not used, or else the one that
 /// was idle for the longest and has nothing open. `None` if there is none: then a request is dropped.
 pub(super) fn find(sessions: &mut [Session], client: Peer, number: u8) -> Option<usize> {
-    let is_it = |session: &Session| {
-        session.is_used && !session.is_gone && session.client == client && session.number == number
-    };
+    let is_it =
+        |session: &Session| session.is_used && !session.is_gone && session.client == client && session.number == number;
     if let Some(place) = sessions.iter().position(is_it) {
         return Some(place);
     }
