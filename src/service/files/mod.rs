@@ -497,13 +497,13 @@ impl Server<'_> {
             MavFtpOpcode::RENAME => {
                 let second = request.data.iter().position(|byte| *byte == 0).and_then(|end| request.data.get(end..));
                 match second.and_then(|rest| path::of(rest.get(1..)?)) {
-                    Some(to) if !to.starts_with('@') && !to.is_empty() => FileChange::Rename { from: path, to },
+                    Some(to) if !is_virtual(to) && !to.is_empty() => FileChange::Rename { from: path, to },
                     _ => return Ok(Some(Err(MavFtpErr::FAIL))),
                 }
             }
             _ => return Ok(Some(Err(MavFtpErr::UNKNOWNCOMMAND))),
         };
-        let is_own = path.starts_with('@') || F::Vehicle::FILES.iter().any(|file| file.path == path);
+        let is_own = is_virtual(path) || F::Vehicle::FILES.iter().any(|file| file.path == path);
         if is_own {
             return Ok(Some(Err(MavFtpErr::FILEPROTECTED)));
         }
@@ -527,9 +527,10 @@ impl Server<'_> {
         let (index, now) = (usize::from(place), cx.now);
         // A client that opens another file does not close the one before, or its request to do so was lost.
         self.close(cx, index);
-        let open_count = self.sessions.iter().filter(|session| session.is_open()).count();
+        let open_count =
+            self.sessions.iter().fold(0u8, |count, session| count.saturating_add(u8::from(session.is_open())));
         let mut victim = None;
-        if open_count >= usize::from(self.status.open_limit) {
+        if open_count >= self.status.open_limit {
             victim = session::victim(self.sessions, now);
             if victim.is_none() {
                 increment(&mut self.status.counters.no_session);
@@ -541,9 +542,8 @@ impl Server<'_> {
             MavFtpOpcode::OPENFILEWO => FileAccess::Write,
             _ => FileAccess::Create,
         };
-        let is_uploading =
-            |(place, session): (usize, &Session)| matches!(session.open, Open::Upload) && Some(place) != victim;
-        let may_upload = !self.upload.is_empty() && !self.sessions.iter().enumerate().any(is_uploading);
+        let uploading = self.sessions.iter().position(|session| matches!(session.open, Open::Upload));
+        let may_upload = !self.upload.is_empty() && uploading.is_none_or(|place| Some(place) == victim);
         let (opened, size) = match open::<F, P>(cx, path, access, may_upload) {
             Ok(opened) => opened,
             Err(error) => return Ok(Some(Err(error))),
@@ -658,8 +658,9 @@ impl Server<'_> {
     {
         let is_it = |session: &Session| session.client.link == port.id && session.has_data();
         let first = usize::from(link.first);
-        let from_first = self.sessions.iter().enumerate().position(|(place, session)| place >= first && is_it(session));
-        let Some(place) = from_first.or_else(|| self.sessions.iter().position(is_it)) else { return false };
+        let (before, behind) = self.sessions.split_at_checked(first).unwrap_or((self.sessions, &[]));
+        let place = behind.iter().position(is_it).map(|place| place.saturating_add(first));
+        let Some(place) = place.or_else(|| before.iter().position(is_it)) else { return false };
         link.first = u8::try_from(place.saturating_add(1)).unwrap_or(0);
         let Some(session) = self.sessions.get_mut(place) else { return false };
         let is_sent = match session.pending(true) {
@@ -759,6 +760,11 @@ fn close<F: Firmware<Vehicle: Files>>(cx: &mut Cx<'_, F>, open: &Open) {
     }
 }
 
+/// Whether a path is one of the stack's own.
+fn is_virtual(path: &str) -> bool {
+    path.as_bytes().first() == Some(&b'@')
+}
+
 /// Opens a file: returns it and its size.
 #[inline(never)]
 fn open<F, P>(cx: &mut Cx<'_, F>, path: &str, access: FileAccess, may_upload: bool) -> Result<(Open, u32), MavFtpErr>
@@ -768,19 +774,18 @@ where
 {
     let is_read = access == FileAccess::Read;
     if P::EXISTS
-        && let Some(query) = path.strip_prefix(PARAM_DIRECTORY).and_then(|path| path.strip_prefix('/'))
-        && let Some(query) = query.strip_prefix(PARAM_FILE)
-        && (query.is_empty() || query.starts_with('?'))
+        && let Some(query) = path.as_bytes().strip_prefix(b"@PARAM/param.pck")
+        && matches!(query, [] | [b'?', ..])
     {
         if !is_read {
             let may_upload = P::IS_WRITABLE && may_upload && query.is_empty();
             return if may_upload { Ok((Open::Upload, 0)) } else { Err(MavFtpErr::FILEPROTECTED) };
         }
         let count = P::packed_count(cx);
-        let pack = Pack::open(query.strip_prefix('?').unwrap_or_default(), count);
+        let pack = Pack::open(query.get(1..).unwrap_or_default(), count);
         return pack.map(|pack| (Open::Params(pack), 0)).ok_or(MavFtpErr::FAIL);
     }
-    if path.is_empty() || path.starts_with('@') {
+    if path.is_empty() || is_virtual(path) {
         return Err(MavFtpErr::FILENOTFOUND);
     }
     let found = F::Vehicle::FILES.iter().position(|file| file.path == path);
@@ -834,7 +839,7 @@ where
     let mut number = NO_DIRECTORY;
     if P::EXISTS && path == PARAM_DIRECTORY {
         place = PARAM_ENTRIES;
-    } else if !path.starts_with('@') {
+    } else if !is_virtual(path) {
         let found = if path.is_empty() { Some(0) } else { path::directory(F::Vehicle::FILES, path) };
         place = found.and_then(|index| u8::try_from(index).ok()).unwrap_or(NO_ENTRIES);
         number = cx.vehicle.directory(path).unwrap_or(NO_DIRECTORY);

@@ -1,23 +1,37 @@
 //! Paths, and the directories of static files (F-9, F-10).
+//!
+//! All of it works on bytes: searching in a `str` links code that can panic.
 
 use super::vehicle::StaticFile;
 
 /// Returns the path in the data of a request: up to its end or first zero, without slashes at both ends. `None` if it is not
 /// allowed.
 pub(super) fn of(data: &[u8]) -> Option<&str> {
-    let path = data.split(|byte| *byte == 0).next().unwrap_or_default();
-    if !path.iter().all(|byte| matches!(byte, b' '..=b'~')) {
-        return None;
+    let mut path = data.split(|byte| *byte == 0).next().unwrap_or_default();
+    while let Some((b'/', rest)) = path.split_first() {
+        path = rest;
     }
-    let path = core::str::from_utf8(path).ok()?.trim_matches('/');
-    let path = if path == "." { "" } else { path };
-    let is_allowed = path.split('/').all(|part| part != "..");
-    is_allowed.then_some(path)
+    while let Some((b'/', rest)) = path.split_last() {
+        path = rest;
+    }
+    let is_allowed = path.iter().all(|byte| matches!(byte, b' '..=b'~'))
+        && path.split(|byte| *byte == b'/').all(|part| part != b"..");
+    if path == b"." {
+        path = b"";
+    }
+    core::str::from_utf8(path).ok().filter(|_| is_allowed)
 }
 
 /// Returns the rest of a path below a directory.
-fn below<'a>(path: &'a str, directory: &str) -> Option<&'a str> {
-    if directory.is_empty() { Some(path) } else { path.strip_prefix(directory)?.strip_prefix('/') }
+fn below<'a>(path: &'a str, directory: &str) -> Option<&'a [u8]> {
+    let path = path.as_bytes();
+    if directory.is_empty() { Some(path) } else { path.strip_prefix(directory.as_bytes())?.strip_prefix(b"/") }
+}
+
+/// Returns the name at the front of a path, and whether it is the name of a directory.
+fn front(path: &[u8]) -> (&[u8], bool) {
+    let name = path.split(|byte| *byte == b'/').next().unwrap_or_default();
+    (name, name.len() < path.len())
 }
 
 /// Returns the number of the first file in or below a directory.
@@ -33,18 +47,22 @@ pub(super) fn entry<'a>(
     index: u32,
 ) -> Result<(&'a str, Option<&'a StaticFile>), u32> {
     let mut left = index;
-    for (number, file) in files.iter().enumerate() {
-        let Some(rest) = below(file.path, directory) else { continue };
-        let (name, is_directory) = rest.split_once('/').map_or((rest, false), |(name, _)| (name, true));
-        let is_same = |other: &StaticFile| {
-            let other = below(other.path, directory).and_then(|rest| rest.split_once('/'));
-            other.is_some_and(|(other, _)| other == name)
-        };
-        if is_directory && files.iter().take(number).any(is_same) {
+    let mut rest = files;
+    while let Some((file, after)) = rest.split_first() {
+        let before = files.get(..files.len().saturating_sub(rest.len())).unwrap_or_default();
+        rest = after;
+        let Some(path) = below(file.path, directory) else { continue };
+        let (name, is_directory) = front(path);
+        let is_same =
+            |other: &StaticFile| below(other.path, directory).is_some_and(|other| front(other) == (name, true));
+        if is_directory && before.iter().any(is_same) {
             continue;
         }
         match left.checked_sub(1) {
-            None => return Ok((name, Some(file).filter(|_| !is_directory))),
+            None => {
+                let name = core::str::from_utf8(name).unwrap_or_default();
+                return Ok((name, Some(file).filter(|_| !is_directory)));
+            }
             Some(fewer) => left = fewer,
         }
     }

@@ -249,15 +249,15 @@ pub(super) fn find(sessions: &mut [Session], client: Peer, number: u8) -> Option
     if let Some(place) = sessions.iter().position(is_it) {
         return Some(place);
     }
-    let mut best = None;
-    for (place, session) in sessions.iter_mut().enumerate() {
-        if session.is_open() || session.is_busy() {
-            continue;
-        }
+    let mut best: Option<(Instant, usize)> = None;
+    let mut place = 0usize;
+    for session in sessions.iter() {
         let since = if session.is_used { session.touched } else { Instant::ZERO };
-        if best.is_none_or(|(earliest, _)| since < earliest) {
+        let is_free = !session.is_open() && !session.is_busy();
+        if is_free && best.is_none_or(|(earliest, _)| since < earliest) {
             best = Some((since, place));
         }
+        place = place.wrapping_add(1);
     }
     let (_, place) = best?;
     *sessions.get_mut(place)? = Session { is_used: true, client, number, ..Session::FREE };
@@ -267,9 +267,9 @@ pub(super) fn find(sessions: &mut [Session], client: Peer, number: u8) -> Option
 /// Returns the open session that another client takes over: the one that was idle for the longest, at least three seconds.
 /// `Err` if all are in use.
 pub(super) fn victim(sessions: &[Session], now: Instant) -> Option<usize> {
-    let open = sessions.iter().enumerate().filter(|(_, session)| session.is_open());
-    let (place, session) = open.min_by_key(|(_, session)| session.touched)?;
-    (now.since(session.touched) >= TAKEOVER).then_some(place)
+    let oldest = sessions.iter().filter(|session| session.is_open()).map(|session| session.touched).min()?;
+    let place = sessions.iter().position(|session| session.is_open() && session.touched == oldest);
+    place.filter(|_| now.since(oldest) >= TAKEOVER)
 }
 
 const _: () = assert!(MAX_DATA == 239);

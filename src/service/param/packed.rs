@@ -98,16 +98,16 @@ pub struct Pack {
 impl Pack {
     /// Returns the file of a table of `total` parameters that a client asks for: `query` is what follows the name.
     /// `None` if the query is wrong, or there is no such parameter.
-    pub(crate) fn open(query: &str, total: u16) -> Option<Self> {
+    pub(crate) fn open(query: &[u8], total: u16) -> Option<Self> {
         let mut pack = Self { first: 0, count: total, total, has_defaults: false, block: 0, index: 0, at: HEADER_LEN };
         let mut limit = 0;
-        for part in query.split('&').filter(|part| !part.is_empty()) {
-            let (key, number) = part.split_once('=')?;
-            let number = decimal(number)?;
+        for part in query.split(|byte| *byte == b'&').filter(|part| !part.is_empty()) {
+            let key = part.split(|byte| *byte == b'=').next().unwrap_or_default();
+            let number = decimal(part.get(key.len().saturating_add(1)..)?)?;
             match key {
-                "start" => pack.first = number,
-                "count" => limit = number,
-                "withdefaults" => pack.has_defaults = number != 0,
+                b"start" => pack.first = number,
+                b"count" => limit = number,
+                b"withdefaults" => pack.has_defaults = number != 0,
                 _ => {}
             }
         }
@@ -185,12 +185,14 @@ impl Pack {
         let (info, bits) = rows.get(index)?;
         let info: &ParamInfo = info.borrow();
         let name = info.name_bytes();
-        let mut common = 0;
+        let mut common = 0usize;
         if self.index > 0
             && let Some((before, _)) = rows.get(index.saturating_sub(1))
         {
             let before: &ParamInfo = before.borrow();
-            common = name.iter().zip(before.name_bytes()).take_while(|(a, b)| a == b).count();
+            for _ in name.iter().zip(before.name_bytes()).take_while(|(a, b)| a == b) {
+                common = common.saturating_add(1);
+            }
         }
         // At least one byte of the name is not repeated.
         let common = common.min(name.len().saturating_sub(1)).min(15);
@@ -241,9 +243,9 @@ fn nibbles(low: usize, high: usize) -> u8 {
     u8::try_from(low & 15 | (high & 15).wrapping_shl(4)).unwrap_or(0)
 }
 
-fn decimal(digits: &str) -> Option<u16> {
+fn decimal(digits: &[u8]) -> Option<u16> {
     let mut number = 0u16;
-    for digit in digits.bytes() {
+    for digit in digits {
         let digit = digit.checked_sub(b'0').filter(|digit| *digit < 10)?;
         number = number.checked_mul(10)?.checked_add(u16::from(digit))?;
     }
