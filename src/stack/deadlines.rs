@@ -3,7 +3,7 @@
 //! A deadline that is too early makes a sleeping firmware spin; one that is too late makes it late. Each turn is checked by
 //! itself too: [`Service::due`] is now exactly when [`Service::next`] sends a frame.
 //!
-//! This holds after [`poll`](Stack::poll): before it the vehicle may have acted. Four things are due and send nothing, once: a
+//! This holds after [`poll`](Stack::poll): before it the vehicle may have acted, and a file may have to be read. Four things are due and send nothing, once: a
 //! forwarded frame that has waited for too long, the heartbeat of a component in a fault, a message that the vehicle cannot fill, and a step of the hash of many parameters.
 
 use std::boxed::Box;
@@ -18,6 +18,7 @@ use crate::command::CommandPolicy;
 use crate::config::{LinkClass, StreamProfile, TxVersion};
 use crate::dialect::rules;
 use crate::dialect::*;
+use crate::files::StaticFile;
 use crate::frame::{Version, encode};
 use crate::high_latency::{HighLatencyConfig, HighLatencySample};
 use crate::manual_control::ControlSource;
@@ -25,7 +26,7 @@ use crate::message::{Address, ComponentId, Item, Message, Secret, Text};
 use crate::service::{Cx, ForwardingGate, Service, SigningGate, TABLE, Turn, View, turns};
 use crate::time::{Duration, Instant};
 use crate::{
-    Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context, Fill,
+    Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context, Files, Fill,
     FlightMode, LinkConfig, LinkId, ModeRequest, Modes, Outcome, OutgoingCommand, Parameters, Peer, PlanChange,
     PlanType, Plans, Progress, Pulse, Stream, Telemetry, Vehicle, VehicleState,
 };
@@ -63,6 +64,7 @@ macro_rules! declare {
                 manual_control,
                 operator_control,
                 high_latency,
+                files: { sessions: 2, upload: 64 },
                 $($signing)?
             }
         }
@@ -109,6 +111,10 @@ impl Components for Rover {
     fn component_command(&mut self, cx: &mut Context<'_>, _: ComponentId, command: &Command) -> Outcome {
         self.command(cx, command)
     }
+}
+
+impl Files for Rover {
+    const FILES: &'static [StaticFile] = &[StaticFile::new("a", &[7; 600])];
 }
 
 impl CommandClient for Rover {
@@ -246,6 +252,28 @@ fn requests() -> Vec<Request> {
     }
     for result in [MavResult::ACCEPTED, MavResult::IN_PROGRESS] {
         pool.push(of(CommandAck { command: MavCmd(1), result, target_system, target_component, ..Default::default() }));
+    }
+    for (opcode, path) in [
+        (MavFtpOpcode::OPENFILERO, "a"),
+        (MavFtpOpcode::OPENFILERO, "@PARAM/param.pck"),
+        (MavFtpOpcode::CREATEFILE, "@PARAM/param.pck"),
+        (MavFtpOpcode::OPENFILERO, "b"),
+        (MavFtpOpcode::READFILE, ""),
+        (MavFtpOpcode::BURSTREADFILE, ""),
+        (MavFtpOpcode::WRITEFILE, "x"),
+        (MavFtpOpcode::LISTDIRECTORY, "/"),
+        (MavFtpOpcode::CALCFILECRC, "a"),
+        (MavFtpOpcode::TERMINATESESSION, ""),
+        (MavFtpOpcode::RESETSESSION, ""),
+    ] {
+        for session in [0, 1] {
+            let mut payload = [0; 251];
+            payload[2] = session;
+            payload[3] = opcode.0;
+            payload[4] = u8::try_from(path.len()).expect("a short path");
+            payload[12..12 + path.len()].copy_from_slice(path.as_bytes());
+            pool.push(of(FileTransferProtocol { payload, target_network: 0, target_system, target_component }));
+        }
     }
     let param_id = Text::new("TRIM");
     pool.push(of(ParamValue { param_id, ..Default::default() }));
@@ -523,6 +551,10 @@ impl World {
     /// Wakes and sends as long as there is something to send.
     fn wake(&mut self) {
         self.poll();
+        // What takes several polls is due, and sends nothing.
+        while self.stack.files().is_working() {
+            self.poll();
+        }
         for _ in 0..1_000 {
             let (is_due, stale) = (self.stack.next_deadline(self.now) <= self.now, self.stale());
             let mut is_sent = false;

@@ -170,6 +170,8 @@ services! {
     command: CommandService<D::Commands>,
     high_latency: D::HighLatency,
     mission: D::Mission,
+    // Before the parameters, whose poll takes up what it sets.
+    files: D::Files,
     param: D::Param,
     heartbeat: Heartbeats,
     components: D::Components,
@@ -183,7 +185,6 @@ services! {
     mode: D::Mode,
     identity: Identification,
     statustext: Texts,
-    files: D::Files,
     forwarding: D::Forwarding,
     records: D::Records,
     // Polled last, after the hooks that send commands.

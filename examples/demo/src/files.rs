@@ -14,16 +14,21 @@ pub const GENERAL: StaticFile = StaticFile::new("general.json", include_bytes!("
 
 /// Where ground stations find the two files.
 pub const PARAMETERS_URI: &str = "mftp:///parameters.json";
-const GENERAL_URI: &str = "mftp:///general.json";
+const GENERAL_URI: &[u8; 20] = b"mftp:///general.json";
 
 impl Files for Quadrotor {
     const FILES: &'static [StaticFile] = &[GENERAL, PARAMETERS];
 }
 
-/// Returns COMPONENT_METADATA.
-pub(crate) fn metadata() -> ComponentMetadata {
-    const FILE_CRC: u32 = crc(GENERAL.bytes());
-    ComponentMetadata { time_boot_ms: 0, file_crc: FILE_CRC, uri: Text::new(GENERAL_URI) }
+/// COMPONENT_METADATA, without the time.
+pub(crate) static METADATA: ComponentMetadata =
+    ComponentMetadata { time_boot_ms: 0, file_crc: crc(GENERAL.bytes()), uri: Text::from_wire(padded(GENERAL_URI)) };
+
+/// Returns a text as it is on the wire.
+const fn padded(text: &[u8]) -> [u8; 100] {
+    let mut wire = [0; 100];
+    wire.split_at_mut(text.len()).0.copy_from_slice(text);
+    wire
 }
 
 /// Returns MAVLink's CRC-32 of a file: `mavstack::metadata::file_crc`, computed by the compiler.

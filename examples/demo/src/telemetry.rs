@@ -135,7 +135,7 @@ impl Quadrotor {
     /// Not inlined, because only this message needs a large stack frame.
     #[inline(never)]
     fn put_metadata(out: &mut Fill<'_>) -> bool {
-        out.put(&ComponentMetadata { time_boot_ms: out.now().time_boot_ms(), ..files::metadata() })
+        out.put(&ComponentMetadata { time_boot_ms: out.now().time_boot_ms(), ..files::METADATA })
     }
 
     fn gps_fix(&self) -> GpsFix {

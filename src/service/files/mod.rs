@@ -45,6 +45,9 @@ const COST_OF_BYTE: u32 = 3_333_333;
 /// Data that has waited this long is sent before streams and forwarded frames, which would starve it otherwise.
 const MAX_LATENESS: Duration = Duration::from_millis(20);
 
+/// How much of a file a poll adds to its checksum (bytes).
+const CHECKED_AT_A_TIME: usize = 128;
+
 /// Instead of the index of a static file: the directory of the parameters, and no static directory.
 const PARAM_ENTRIES: u8 = 254;
 const NO_ENTRIES: u8 = 255;
@@ -83,6 +86,12 @@ pub struct FileStatus {
 }
 
 impl FileStatus {
+    /// Whether a poll has something to compute.
+    #[cfg(test)]
+    pub(crate) const fn is_working(&self) -> bool {
+        !matches!(self.work, Work::Nothing)
+    }
+
     /// Returns the counters.
     pub const fn counters(&self) -> FileCounters {
         self.counters
@@ -93,12 +102,15 @@ impl FileStatus {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Upload {
     Running,
+    /// It is complete, and the next poll sets the parameters.
+    Complete,
     Done,
     Refused,
 }
 
-/// What takes more than one call: one at a time.
+/// What takes more than one call: one at a time. `Nothing` is all zero bits, as in [`Open`].
 #[derive(Clone, Copy, Debug)]
+#[repr(u8)]
 enum Work {
     Nothing,
     /// The checksum of a file.
@@ -108,6 +120,12 @@ enum Work {
         open: Open,
         offset: u32,
         crc: Crc32,
+    },
+    /// The upload of parameters is complete.
+    Upload {
+        session: u8,
+        answer: u8,
+        client: Peer,
     },
     /// The length of the file of parameters.
     Measure {
@@ -335,9 +353,9 @@ impl Server<'_> {
                     Some(Ok(0))
                 }
                 MavFtpOpcode::READFILE => Some(self.start_read(place, &request)),
-                MavFtpOpcode::WRITEFILE => match self.write::<F, P>(cx, place, &request) {
+                MavFtpOpcode::WRITEFILE => match self.write(cx, slots, &request) {
                     Err(Dropped) => return Handled::NoRoom,
-                    Ok(outcome) => Some(outcome),
+                    Ok(outcome) => outcome,
                 },
                 MavFtpOpcode::BURSTREADFILE => Some(Err(MavFtpErr::INVALIDSESSION)),
                 _ => match self.on_path::<F, P>(cx, slots, &request, digest) {
@@ -384,32 +402,36 @@ impl Server<'_> {
         Ok(0)
     }
 
-    /// Writes to a file.
+    /// Writes to a file. Returns `None` if the answer must be computed.
     #[inline(never)]
-    fn write<F, P>(&mut self, cx: &mut Cx<'_, F>, place: usize, request: &Request<'_>) -> Result<Outcome, Dropped>
-    where
-        F: Firmware<Vehicle: Files>,
-        P: PackedParams<F>,
-    {
-        let Some(session) = self.sessions.get(place) else { return Ok(Err(MavFtpErr::INVALIDSESSION)) };
+    fn write<F: Firmware<Vehicle: Files>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        (place, answer): (u8, u8),
+        request: &Request<'_>,
+    ) -> Result<Option<Outcome>, Dropped> {
+        let Some(session) = self.sessions.get(usize::from(place)) else { return Err(Dropped) };
         let written = match session.open {
             Open::Nothing => Err(MavFtpErr::INVALIDSESSION),
             Open::Hook { number, is_writable: true } => write_hook(cx, number, request),
             Open::Upload => {
                 let client = session.client;
-                let is_complete = match self.take_upload(request) {
-                    Err(Dropped) => return Err(Dropped),
-                    Ok(result) => result,
-                };
-                match is_complete {
-                    Ok(false) => Ok(()),
-                    Ok(true) => self.finish_upload::<F, P>(cx, client),
-                    Err(error) => Err(error),
+                // Nothing is taken that could not be finished.
+                if !matches!(self.status.work, Work::Nothing) {
+                    return Err(Dropped);
+                }
+                match self.take_upload(request)? {
+                    Ok(true) => {
+                        self.status.upload = Upload::Complete;
+                        self.status.work = Work::Upload { session: place, answer, client };
+                        return Ok(None);
+                    }
+                    taken => taken.map(|_| ()),
                 }
             }
             Open::Hook { .. } | Open::Static(_) | Open::Params(_) => Err(MavFtpErr::FILEPROTECTED),
         };
-        Ok(written.map(|()| 0))
+        Ok(Some(written.map(|()| 0)))
     }
 
     /// Takes a part of the uploaded parameters, in order: a later one is dropped, and the client sends it again. Returns whether
@@ -441,8 +463,7 @@ impl Server<'_> {
     }
 
     /// Sets the uploaded parameters: all or none.
-    #[inline(never)]
-    fn finish_upload<F, P>(&mut self, cx: &mut Cx<'_, F>, client: Peer) -> Result<(), MavFtpErr>
+    fn finish_upload<F, P>(&mut self, cx: &mut Cx<'_, F>, client: Peer) -> Outcome
     where
         F: Firmware<Vehicle: Files>,
         P: PackedParams<F>,
@@ -451,7 +472,7 @@ impl Server<'_> {
         if P::set_packed(cx, client, file) {
             increment(&mut self.status.counters.uploads);
             self.status.upload = Upload::Done;
-            return Ok(());
+            return Ok(0);
         }
         increment(&mut self.status.counters.refused_uploads);
         self.status.upload = Upload::Refused;
@@ -549,14 +570,12 @@ impl Server<'_> {
             Err(error) => return Ok(Some(Err(error))),
         };
         let mut size = Some(size);
-        if let Open::Params(mut pack) = opened {
-            size = P::measure_packed(cx, &mut pack);
-            if size.is_none() {
-                if !matches!(self.status.work, Work::Nothing) {
-                    return Err(Dropped);
-                }
-                self.status.work = Work::Measure { session: place, answer, pack };
+        if let Open::Params(pack) = opened {
+            if !matches!(self.status.work, Work::Nothing) {
+                return Err(Dropped);
             }
+            self.status.work = Work::Measure { session: place, answer, pack };
+            size = None;
         }
         if let Some(victim) = victim {
             increment(&mut self.status.counters.taken_over);
@@ -582,6 +601,10 @@ impl Server<'_> {
     {
         let (session, answer, outcome) = match &mut self.status.work {
             Work::Nothing => return,
+            Work::Upload { session, answer, client } => {
+                let (session, answer, client) = (*session, *answer, *client);
+                (session, answer, self.finish_upload::<F, P>(cx, client))
+            }
             Work::Measure { session, answer, pack } => match P::measure_packed(cx, pack) {
                 None => return,
                 Some(size) => {
@@ -592,17 +615,7 @@ impl Server<'_> {
                 }
             },
             Work::Checksum { session, answer, open, offset, crc } => {
-                let mut bytes = [0; MAX_DATA];
-                let outcome = match read::<F, P>(cx, open, *offset, &mut bytes) {
-                    Body::Later => return,
-                    Body::Refused(MavFtpErr::EOF) => Ok(!crc.sum()),
-                    Body::Refused(error) => Err(error),
-                    Body::Data(len) => {
-                        crc.add(bytes.get(..len).unwrap_or_default());
-                        *offset = offset.saturating_add(u32::try_from(len).unwrap_or(0));
-                        return;
-                    }
-                };
+                let Some(outcome) = add_to_checksum::<F, P>(cx, open, offset, crc) else { return };
                 close(cx, open);
                 (*session, *answer, outcome)
             }
@@ -736,6 +749,26 @@ where
         session.touched = now;
     }
     is_sent
+}
+
+/// Adds the next part of a file to its checksum. Returns the checksum at its end. Not inlined: the part needs a buffer.
+#[inline(never)]
+fn add_to_checksum<F, P>(cx: &mut Cx<'_, F>, open: &mut Open, offset: &mut u32, crc: &mut Crc32) -> Option<Outcome>
+where
+    F: Firmware<Vehicle: Files>,
+    P: PackedParams<F>,
+{
+    let mut bytes = [0; CHECKED_AT_A_TIME];
+    match read::<F, P>(cx, open, *offset, &mut bytes) {
+        Body::Later => None,
+        Body::Refused(MavFtpErr::EOF) => Some(Ok(!crc.sum())),
+        Body::Refused(error) => Some(Err(error)),
+        Body::Data(len) => {
+            crc.add(bytes.get(..len).unwrap_or_default());
+            *offset = offset.saturating_add(u32::try_from(len).unwrap_or(0));
+            None
+        }
+    }
 }
 
 /// Writes to a file of the vehicle. Not inlined: the zeros that MAVLink 2 does not send need a buffer.

@@ -19,8 +19,9 @@ const REPEATED_END: Duration = Duration::from_secs(2);
 /// The number of requests that a client may send at a time: MAVProxy reads and writes five packets ahead.
 const ANSWERS: usize = 5;
 
-/// What a session has open.
+/// What a session has open. `Nothing` is all zero bits: with this representation no field has the discriminant in its niche.
 #[derive(Clone, Copy, Debug)]
+#[repr(u8)]
 pub(super) enum Open {
     Nothing,
     /// A file of the vehicle's hooks, by number.

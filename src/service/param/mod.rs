@@ -566,7 +566,8 @@ where
         pack.measure(&cx.parameters.table_mut().rows)
     }
 
-    /// Checks all values first, as PARAM_SET does, then sets them. They are stored together, because changes are collected.
+    /// Checks all values first, as PARAM_SET does, then sets them. They are stored together, because changes are collected. The
+    /// service's next poll takes them up.
     #[inline(never)]
     fn set_packed(cx: &mut Cx<'_, F>, from: Peer, file: &[u8]) -> bool {
         let Some(mut records) = packed::Records::new(file) else { return false };
@@ -595,8 +596,6 @@ where
             let (vehicle, mut context) = cx.hook();
             vehicle.parameter_changed(&mut context, &ParamChange { index, bits, from: Some(from), table: PhantomData });
         }
-        // The next poll takes up the new values: they are sent and stored.
-        cx.shared.has_acted = true;
         true
     }
 }

@@ -71,7 +71,11 @@ entry!($ "messages" with_messages with_modes [messages]);
 entry!($ "modes" with_modes with_commands [modes]);
 entry!($ "commands-long" with_commands with_client [commands: { slots: SLOTS }]);
 entry!($ "client" with_client with_components [command_client: { slots: if cfg!(feature = "client-4") { 4 } else { 2 } }]);
-entry!($ "components" with_components with_forwarding [components]);
+entry!($ "components" with_components with_files [components]);
+entry!($ "files" with_files with_forwarding [files: {
+    sessions: if cfg!(feature = "files-4") { 4 } else { 2 },
+    upload: if cfg!(feature = "files-upload") { 512 } else { 0 },
+}]);
 entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
 entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
 entry!($ "time" with_time with_manual [time]);
@@ -297,6 +301,9 @@ impl Telemetry for Rover {
         }
     }
 }
+
+#[cfg(feature = "files")]
+impl Files for Rover {}
 
 #[cfg(feature = "components")]
 impl Components for Rover {
