@@ -4,6 +4,7 @@
 mod support;
 
 mod loss;
+mod model;
 mod pace;
 mod params;
 mod requests;
