@@ -27,7 +27,10 @@ with found_by_mavsdk(sys.argv[1]) as system:
 
 @pytest.fixture
 def was_asked_before(port):
-    """MAVSDK 4.1 hangs when it has to fetch both files at once. A first try leaves one of them in its cache."""
+    """MAVSDK 4.1 hangs when it has to fetch both files at once. A first try leaves one of them in its cache. What earlier runs have
+    left there is removed: the vehicle serves the files."""
+    for cached in (pathlib.Path.home() / ".cache/mavsdk/component_metadata").glob("compid-001_*"):
+        cached.unlink()
     command = [sys.executable, "-c", ASK, f"tcpout://127.0.0.1:{port}"]
     subprocess.run(command, cwd=pathlib.Path(__file__).parent, timeout=30, check=True)
 

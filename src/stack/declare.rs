@@ -446,10 +446,10 @@ macro_rules! __declared {
     (records) => { $crate::__private::Absent };
 
     (files [$params:ty] files: { sessions: $n:expr, upload: $upload:expr $(,)? }, $($rest:tt)*) => {
-        $crate::__private::FileServer<{ $n }, { $n + 2 }, { $upload }, $params>
+        $crate::__private::FileServer<{ $n }, { ($n) + 2 }, { $upload }, $params>
     };
     (files [$params:ty] files: { sessions: $n:expr $(,)? }, $($rest:tt)*) => {
-        $crate::__private::FileServer<{ $n }, { $n + 2 }, 0, $params>
+        $crate::__private::FileServer<{ $n }, { ($n) + 2 }, 0, $params>
     };
     (files [$params:ty]) => { $crate::__private::Absent };
     (files [$params:ty] $skipped:tt $($rest:tt)*) => { $crate::__declared!(files [$params] $($rest)*) };
