@@ -49,16 +49,19 @@ impl MemoryFiles {
         }
         entries
     }
+}
 
-    fn is_open(&self, path: &str) -> bool {
-        self.open.values().any(|open| open == path)
-    }
+/// Paths are ASCII.
+fn text(path: &[u8]) -> &str {
+    std::str::from_utf8(path).expect("ASCII")
 }
 
 impl Files for TestVehicle {
     const FILES: &'static [StaticFile] = STATIC;
+    const WRITES: bool = true;
 
-    fn directory(&mut self, path: &str) -> Option<u16> {
+    fn directory(&mut self, path: &[u8]) -> Option<u16> {
+        let path = text(path);
         let files = &mut self.files;
         if !path.is_empty() && files.entries(path).is_empty() && !files.content.contains_key(&format!("{path}/")) {
             return None;
@@ -76,10 +79,11 @@ impl Files for TestVehicle {
         let (name, size) = self.files.entries(&path).get(usize::from(index))?.clone();
         let full = self.files.content.keys().find(|full| full.contains(&name))?;
         let at = full.find(&name)?;
-        Some(FileEntry { name: &full[at..at + name.len()], size, time: 1_700_000_000 })
+        Some(FileEntry { name: &full.as_bytes()[at..at + name.len()], size, time: 1_700_000_000 })
     }
 
-    fn open(&mut self, _: &mut Context<'_>, path: &str, access: FileAccess) -> Result<OpenFile, MavFtpErr> {
+    fn open(&mut self, _: &mut Context<'_>, path: &[u8], access: FileAccess) -> Result<OpenFile, MavFtpErr> {
+        let path = text(path);
         let files = &mut self.files;
         if path.starts_with("locked") {
             return Err(MavFtpErr::FILEPROTECTED);
@@ -129,14 +133,14 @@ impl Files for TestVehicle {
         let files = &mut self.files;
         files.changes += 1;
         match change {
-            FileChange::Remove(path) => {
-                assert!(!files.is_open(path) || files.content.contains_key(path));
-                files.content.remove(path).map(drop).ok_or(MavFtpErr::FILENOTFOUND)
-            }
-            FileChange::Truncate { path, size } => {
-                files.content.get_mut(path).map(|bytes| bytes.resize(size as usize, 0)).ok_or(MavFtpErr::FILENOTFOUND)
-            }
+            FileChange::Remove(path) => files.content.remove(text(path)).map(drop).ok_or(MavFtpErr::FILENOTFOUND),
+            FileChange::Truncate { path, size } => files
+                .content
+                .get_mut(text(path))
+                .map(|bytes| bytes.resize(size as usize, 0))
+                .ok_or(MavFtpErr::FILENOTFOUND),
             FileChange::Rename { from, to } => {
+                let (from, to) = (text(from), text(to));
                 if files.content.contains_key(to) {
                     return Err(MavFtpErr::FILEEXISTS);
                 }
@@ -145,11 +149,11 @@ impl Files for TestVehicle {
                 Ok(())
             }
             FileChange::CreateDirectory(path) => {
-                files.content.insert(format!("{path}/"), Vec::new());
+                files.content.insert(format!("{}/", text(path)), Vec::new());
                 Ok(())
             }
             FileChange::RemoveDirectory(path) => {
-                files.content.remove(&format!("{path}/")).map(drop).ok_or(MavFtpErr::FILENOTFOUND)
+                files.content.remove(&format!("{}/", text(path))).map(drop).ok_or(MavFtpErr::FILENOTFOUND)
             }
         }
     }

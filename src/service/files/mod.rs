@@ -37,8 +37,8 @@ use crate::time::{Duration, Instant};
 use crate::types::{Firmware, Peer};
 
 /// The directory of the parameters, and the file in it.
-const PARAM_DIRECTORY: &str = "@PARAM";
-const PARAM_FILE: &str = "param.pck";
+const PARAM_DIRECTORY: &[u8] = b"@PARAM";
+const PARAM_FILE: &[u8] = b"param.pck";
 
 /// The cost of a byte for a share of 30 % of the link (D-4).
 const COST_OF_BYTE: u32 = 3_333_333;
@@ -116,7 +116,6 @@ enum Work {
     /// The checksum of a file.
     Checksum {
         session: u8,
-        answer: u8,
         open: Open,
         offset: u32,
         crc: Crc32,
@@ -124,13 +123,11 @@ enum Work {
     /// The upload of parameters is complete.
     Upload {
         session: u8,
-        answer: u8,
         client: Peer,
     },
     /// The length of the file of parameters.
     Measure {
         session: u8,
-        answer: u8,
         pack: Pack,
     },
 }
@@ -214,18 +211,14 @@ where
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut FileLink, turn: Turn) -> bool {
         match turn {
-            Turn::FileAnswer => self.server().send_answer(port),
             Turn::LateFileData if cx.now < link.share.due().after(MAX_LATENESS) => false,
-            _ => self.server().send_data::<F, P>(cx, port, link),
+            _ => self.server().send::<F, P>(cx, port, link, turn != Turn::FileAnswer),
         }
     }
 
     fn due(&self, view: &View<'_>, port: &Port, link: &FileLink, turn: Turn) -> Instant {
-        let mut on_link = self.sessions.iter().filter(|session| session.client.link == port.id);
-        let is_pending = match turn {
-            Turn::FileAnswer => on_link.any(|session| session.pending(false).is_some()),
-            _ => on_link.any(Session::has_data),
-        };
+        let has_data = turn != Turn::FileAnswer;
+        let is_pending = self.sessions.iter().any(|session| session.client.link == port.id && session.is_due(has_data));
         match turn {
             _ if !is_pending => Instant::NEVER,
             Turn::LateFileData => link.share.due().after(MAX_LATENESS),
@@ -262,7 +255,12 @@ impl<const OPEN: usize, const N: usize, const UPLOAD: usize, P> FileServer<OPEN,
 
 /// Whether data is pending on the link of a client.
 fn has_data(sessions: &[Session], client: Peer) -> bool {
-    sessions.iter().any(|session| session.client.link == client.link && session.has_data())
+    sessions.iter().any(|session| session.client.link == client.link && session.is_due(true))
+}
+
+/// Returns the number of a session.
+fn short(place: usize) -> u8 {
+    u8::try_from(place).unwrap_or(u8::MAX)
 }
 
 /// What a request that was executed is answered with: a value, or an error.
@@ -337,8 +335,9 @@ impl Server<'_> {
             session.start_burst(now, &request, digest);
             return Handled::Yes;
         }
-        let Some(answer) = session.place() else { return Handled::NoRoom };
-        let slots = (u8::try_from(place).unwrap_or(0), u8::try_from(answer).unwrap_or(0));
+        if !session.has_room() {
+            return Handled::NoRoom;
+        }
         let outcome = if opens && session.opened_by == digest {
             // Its answer was forgotten.
             Some(Ok(session.size))
@@ -353,12 +352,12 @@ impl Server<'_> {
                     Some(Ok(0))
                 }
                 MavFtpOpcode::READFILE => Some(self.start_read(place, &request)),
-                MavFtpOpcode::WRITEFILE => match self.write(cx, slots, &request) {
+                MavFtpOpcode::WRITEFILE => match self.write(cx, place, &request) {
                     Err(Dropped) => return Handled::NoRoom,
                     Ok(outcome) => outcome,
                 },
                 MavFtpOpcode::BURSTREADFILE => Some(Err(MavFtpErr::INVALIDSESSION)),
-                _ => match self.on_path::<F, P>(cx, slots, &request, digest) {
+                _ => match self.on_path::<F, P>(cx, place, &request, digest) {
                     Err(Dropped) => return Handled::NoRoom,
                     Ok(outcome) => outcome,
                 },
@@ -375,7 +374,7 @@ impl Server<'_> {
         let Request { opcode, seq, offset, .. } = request;
         let size = request.wanted();
         if let Some(session) = self.sessions.get_mut(place) {
-            session.put(answer, Answer { state, opcode, error, size, seq, offset, value, digest });
+            session.put(Answer { state, opcode, error, size, seq, offset, value, digest });
         }
         Handled::Yes
     }
@@ -407,14 +406,14 @@ impl Server<'_> {
     fn write<F: Firmware<Vehicle: Files>>(
         &mut self,
         cx: &mut Cx<'_, F>,
-        (place, answer): (u8, u8),
+        place: usize,
         request: &Request<'_>,
     ) -> Result<Option<Outcome>, Dropped> {
-        let Some(session) = self.sessions.get(usize::from(place)) else { return Err(Dropped) };
+        let Some(session) = self.sessions.get(place) else { return Err(Dropped) };
         let written = match session.open {
             Open::Nothing => Err(MavFtpErr::INVALIDSESSION),
-            Open::Hook { number, is_writable: true } => write_hook(cx, number, request),
-            Open::Upload => {
+            Open::Hook { number, is_writable: true } if F::Vehicle::WRITES => write_hook(cx, number, request),
+            Open::Upload if !self.upload.is_empty() => {
                 let client = session.client;
                 // Nothing is taken that could not be finished.
                 if !matches!(self.status.work, Work::Nothing) {
@@ -423,13 +422,13 @@ impl Server<'_> {
                 match self.take_upload(request)? {
                     Ok(true) => {
                         self.status.upload = Upload::Complete;
-                        self.status.work = Work::Upload { session: place, answer, client };
+                        self.status.work = Work::Upload { session: short(place), client };
                         return Ok(None);
                     }
                     taken => taken.map(|_| ()),
                 }
             }
-            Open::Hook { .. } | Open::Static(_) | Open::Params(_) => Err(MavFtpErr::FILEPROTECTED),
+            _ => Err(MavFtpErr::FILEPROTECTED),
         };
         Ok(Some(written.map(|()| 0)))
     }
@@ -484,7 +483,7 @@ impl Server<'_> {
     fn on_path<F, P>(
         &mut self,
         cx: &mut Cx<'_, F>,
-        (place, answer): (u8, u8),
+        place: usize,
         request: &Request<'_>,
         digest: u32,
     ) -> Result<Option<Outcome>, Dropped>
@@ -498,7 +497,7 @@ impl Server<'_> {
                 return Ok(Some(directory::<F, P>(cx, path)));
             }
             MavFtpOpcode::OPENFILERO | MavFtpOpcode::OPENFILEWO | MavFtpOpcode::CREATEFILE => {
-                return self.open::<F, P>(cx, (place, answer), request.opcode, path, digest);
+                return self.open::<F, P>(cx, place, request.opcode, path, digest);
             }
             MavFtpOpcode::CALCFILECRC => {
                 if !matches!(self.status.work, Work::Nothing) {
@@ -508,8 +507,17 @@ impl Server<'_> {
                     Ok(opened) => opened,
                     Err(error) => return Ok(Some(Err(error))),
                 };
-                self.status.work = Work::Checksum { session: place, answer, open, offset: 0, crc: Crc32::ZERO };
+                self.status.work = Work::Checksum { session: short(place), open, offset: 0, crc: Crc32::ZERO };
                 return Ok(None);
+            }
+            MavFtpOpcode::REMOVEFILE
+            | MavFtpOpcode::TRUNCATEFILE
+            | MavFtpOpcode::CREATEDIRECTORY
+            | MavFtpOpcode::REMOVEDIRECTORY
+            | MavFtpOpcode::RENAME
+                if !F::Vehicle::WRITES =>
+            {
+                return Ok(Some(Err(MavFtpErr::FILEPROTECTED)));
             }
             MavFtpOpcode::REMOVEFILE => FileChange::Remove(path),
             MavFtpOpcode::TRUNCATEFILE => FileChange::Truncate { path, size: request.offset },
@@ -524,7 +532,7 @@ impl Server<'_> {
             }
             _ => return Ok(Some(Err(MavFtpErr::UNKNOWNCOMMAND))),
         };
-        let is_own = is_virtual(path) || F::Vehicle::FILES.iter().any(|file| file.path == path);
+        let is_own = is_virtual(path) || F::Vehicle::FILES.iter().any(|file| file.path.as_bytes() == path);
         if is_own {
             return Ok(Some(Err(MavFtpErr::FILEPROTECTED)));
         }
@@ -536,18 +544,18 @@ impl Server<'_> {
     fn open<F, P>(
         &mut self,
         cx: &mut Cx<'_, F>,
-        (place, answer): (u8, u8),
+        place: usize,
         opcode: MavFtpOpcode,
-        path: &str,
+        path: &[u8],
         digest: u32,
     ) -> Result<Option<Outcome>, Dropped>
     where
         F: Firmware<Vehicle: Files>,
         P: PackedParams<F>,
     {
-        let (index, now) = (usize::from(place), cx.now);
+        let now = cx.now;
         // A client that opens another file does not close the one before, or its request to do so was lost.
-        self.close(cx, index);
+        self.close(cx, place);
         let open_count =
             self.sessions.iter().fold(0u8, |count, session| count.saturating_add(u8::from(session.is_open())));
         let mut victim = None;
@@ -574,7 +582,7 @@ impl Server<'_> {
             if !matches!(self.status.work, Work::Nothing) {
                 return Err(Dropped);
             }
-            self.status.work = Work::Measure { session: place, answer, pack };
+            self.status.work = Work::Measure { session: short(place), pack };
             size = None;
         }
         if let Some(victim) = victim {
@@ -585,7 +593,7 @@ impl Server<'_> {
             (self.status.received, self.status.upload) = (0, Upload::Running);
         }
         increment(&mut self.status.counters.opened);
-        if let Some(session) = self.sessions.get_mut(index) {
+        if let Some(session) = self.sessions.get_mut(place) {
             (session.open, session.opened_by, session.size) = (opened, digest, size.unwrap_or(0));
             session.forget_answers();
         }
@@ -599,88 +607,53 @@ impl Server<'_> {
         F: Firmware<Vehicle: Files>,
         P: PackedParams<F>,
     {
-        let (session, answer, outcome) = match &mut self.status.work {
+        let (session, outcome) = match &mut self.status.work {
             Work::Nothing => return,
-            Work::Upload { session, answer, client } => {
-                let (session, answer, client) = (*session, *answer, *client);
-                (session, answer, self.finish_upload::<F, P>(cx, client))
+            Work::Upload { session, client } => {
+                let (session, client) = (*session, *client);
+                (session, self.finish_upload::<F, P>(cx, client))
             }
-            Work::Measure { session, answer, pack } => match P::measure_packed(cx, pack) {
+            Work::Measure { session, pack } => match P::measure_packed(cx, pack) {
                 None => return,
-                Some(size) => {
-                    if let Some(session) = self.sessions.get_mut(usize::from(*session)) {
-                        session.size = size;
-                    }
-                    (*session, *answer, Ok(size))
-                }
+                Some(size) => (*session, Ok(size)),
             },
-            Work::Checksum { session, answer, open, offset, crc } => {
+            Work::Checksum { session, open, offset, crc } => {
                 let Some(outcome) = add_to_checksum::<F, P>(cx, open, offset, crc) else { return };
                 close(cx, open);
-                (*session, *answer, outcome)
+                (*session, outcome)
             }
         };
         self.status.work = Work::Nothing;
-        let session = self.sessions.get_mut(usize::from(session));
-        let answer = session.and_then(|session| session.answers.get_mut(usize::from(answer)));
+        let Some(session) = self.sessions.get_mut(usize::from(session)) else { return };
         // Its client may have gone meanwhile.
-        if let Some(answer) = answer.filter(|answer| answer.state == State::Working) {
-            answer.state = State::Pending;
-            match outcome {
-                Ok(value) => answer.value = value,
-                Err(error) => answer.error = error,
-            }
+        let Some(answer) = session.working() else { return };
+        answer.state = State::Pending;
+        match outcome {
+            Ok(value) => answer.value = value,
+            Err(error) => answer.error = error,
+        }
+        if answer.opcode == MavFtpOpcode::OPENFILERO {
+            session.size = answer.value;
         }
     }
 
-    /// Sends an answer without data.
+    /// Sends an answer with or without data. Data is sent by the link's sessions by turns, what was read or listed before the
+    /// packets of bursts.
     #[inline(never)]
-    fn send_answer(&mut self, port: &mut Port) -> bool {
-        let mut on_link = self.sessions.iter_mut().filter(|session| session.client.link == port.id);
-        let pending = on_link.find_map(|session| session.pending(false).map(|answer| (session, answer)));
-        let Some((session, answer)) = pending else { return false };
-        let (to, number) = (session.client.address, session.number);
-        let Some(answer) = session.answers.get_mut(answer) else { return false };
-        answer.state = State::Sent;
-        let Answer { opcode, error, value, offset, .. } = *answer;
-        let head = Head { to, seq: answer.seq.wrapping_add(1), session: number, opcode, offset };
-        packet::send(&mut port.outbox, &head, |data| {
-            if error != MavFtpErr::NONE {
-                return (Body::Refused(error), false);
-            }
-            let has_value = matches!(
-                opcode,
-                MavFtpOpcode::OPENFILERO
-                    | MavFtpOpcode::OPENFILEWO
-                    | MavFtpOpcode::CREATEFILE
-                    | MavFtpOpcode::CALCFILECRC
-            );
-            if has_value && let Some(first) = data.first_chunk_mut() {
-                *first = value.to_le_bytes();
-            }
-            (Body::Data(if has_value { 4 } else { 0 }), false)
-        })
-    }
-
-    /// Sends data: of the link's sessions by turns, what was read or listed before the packets of bursts.
-    #[inline(never)]
-    fn send_data<F, P>(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut FileLink) -> bool
+    fn send<F, P>(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut FileLink, has_data: bool) -> bool
     where
         F: Firmware<Vehicle: Files>,
         P: PackedParams<F>,
     {
-        let is_it = |session: &Session| session.client.link == port.id && session.has_data();
+        let is_it = |session: &Session| session.client.link == port.id && session.is_due(has_data);
         let first = usize::from(link.first);
         let (before, behind) = self.sessions.split_at_checked(first).unwrap_or((self.sessions, &[]));
         let place = behind.iter().position(is_it).map(|place| place.saturating_add(first));
         let Some(place) = place.or_else(|| before.iter().position(is_it)) else { return false };
-        link.first = u8::try_from(place.saturating_add(1)).unwrap_or(0);
         let Some(session) = self.sessions.get_mut(place) else { return false };
-        let is_sent = match session.pending(true) {
-            Some(answer) => send_read::<F, P>(cx, &mut port.outbox, session, answer),
-            None => send_burst::<F, P>(cx, &mut port.outbox, session),
-        };
-        if is_sent {
+        let is_sent = send::<F, P>(cx, &mut port.outbox, session, has_data);
+        if is_sent && has_data {
+            link.first = u8::try_from(place.saturating_add(1)).unwrap_or(0);
             let len = u32::try_from(port.outbox.len()).unwrap_or(0);
             link.share.spend_all(cx.now, len.saturating_mul(COST_OF_BYTE), port.config.bytes_per_second);
         }
@@ -691,64 +664,59 @@ impl Server<'_> {
 /// The request is dropped without effect, and the client sends it again.
 struct Dropped;
 
-/// Sends the answer to a request to read or to list.
-fn send_read<F, P>(cx: &mut Cx<'_, F>, outbox: &mut Outbox, session: &mut Session, answer: usize) -> bool
+/// Sends the oldest pending answer of a session, or the next packet of its burst (F-8).
+#[inline(never)]
+fn send<F, P>(cx: &mut Cx<'_, F>, outbox: &mut Outbox, session: &mut Session, has_data: bool) -> bool
 where
     F: Firmware<Vehicle: Files>,
     P: PackedParams<F>,
 {
-    let Some(answer) = session.answers.get_mut(answer) else { return false };
-    let Answer { opcode, size, offset, value, .. } = *answer;
-    let (to, seq) = (session.client.address, answer.seq.wrapping_add(1));
-    let head = Head { to, seq, session: session.number, opcode, offset };
-    let open = &mut session.open;
-    let is_sent = packet::send(outbox, &head, |data| {
-        let body = if opcode == MavFtpOpcode::READFILE {
-            read::<F, P>(cx, open, offset, data.get_mut(..usize::from(size)).unwrap_or_default())
-        } else {
-            list::<F, P>(cx, value, offset, opcode == MavFtpOpcode::LISTDIRECTORYWITHTIME, data)
-        };
-        (body, false)
-    });
-    if is_sent {
-        answer.state = State::Sent;
-    }
-    is_sent
-}
-
-/// Sends the next packet of a burst (F-8).
-fn send_burst<F, P>(cx: &mut Cx<'_, F>, outbox: &mut Outbox, session: &mut Session) -> bool
-where
-    F: Firmware<Vehicle: Files>,
-    P: PackedParams<F>,
-{
-    let (now, to) = (cx.now, session.client.address);
-    let (burst, open) = (&mut session.burst, &mut session.open);
-    let head =
-        Head { to, seq: burst.seq, session: session.number, opcode: MavFtpOpcode::BURSTREADFILE, offset: burst.offset };
-    let mut is_last = now >= burst.until;
+    let place = session.pending(has_data);
+    let Answer { opcode, size, offset, value, error, seq, .. } = session.next_answer(place);
+    // A burst that takes too long is cut off.
+    let mut is_last = cx.now >= session.burst.until;
     let mut sent = 0;
-    let is_sent = packet::send(outbox, &head, |data| {
-        let body = read::<F, P>(cx, open, head.offset, data.get_mut(..usize::from(burst.size)).unwrap_or_default());
+    let (to, open) = (session.client.address, &mut session.open);
+    let head = Head { to, seq, session: session.number, opcode, offset };
+    let is_sent = outbox.compose(const { &FileTransferProtocol::INFO }, |payload| {
+        let data = packet::data(payload);
+        let body = match opcode {
+            _ if error != MavFtpErr::NONE => Body::Refused(error),
+            MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE => {
+                read::<F, P>(cx, open, offset, data.get_mut(..usize::from(size)).unwrap_or_default())
+            }
+            _ if session::is_data(opcode) => {
+                list::<F, P>(cx, value, offset, opcode == MavFtpOpcode::LISTDIRECTORYWITHTIME, data)
+            }
+            MavFtpOpcode::OPENFILERO
+            | MavFtpOpcode::OPENFILEWO
+            | MavFtpOpcode::CREATEFILE
+            | MavFtpOpcode::CALCFILECRC => Body::Data(crate::message::zero_extend(&value.to_le_bytes(), data)),
+            _ => Body::Data(0),
+        };
         let mut ends = is_last;
         match body {
             Body::Data(len) => {
-                sent = u32::try_from(len).unwrap_or(0);
                 // A short packet is the last one. The end of the file is said once more behind it.
-                ends |= len < usize::from(burst.size);
+                ends |= len < usize::from(size);
+                sent = u32::try_from(len).unwrap_or(0);
             }
-            Body::Refused(_) => (is_last, ends) = (true, true),
-            Body::Later => {}
+            _ => (is_last, ends) = (true, true),
         }
-        (body, ends)
+        packet::complete(payload, &head, &body, ends && opcode == MavFtpOpcode::BURSTREADFILE)
     });
-    if is_sent {
-        burst.seq = burst.seq.wrapping_add(1);
-        burst.offset = burst.offset.saturating_add(sent);
-        burst.is_active = !is_last;
-        session.touched = now;
+    if !is_sent {
+        return false;
     }
-    is_sent
+    if let Some(answer) = place.and_then(|place| session.answers.get_mut(place)) {
+        answer.state = State::Sent;
+    } else {
+        session.burst.seq = seq.wrapping_add(1);
+        session.burst.offset = offset.saturating_add(sent);
+        session.burst.is_active = !is_last;
+        session.touched = cx.now;
+    }
+    true
 }
 
 /// Adds the next part of a file to its checksum. Returns the checksum at its end. Not inlined: the part needs a buffer.
@@ -794,20 +762,20 @@ fn close<F: Firmware<Vehicle: Files>>(cx: &mut Cx<'_, F>, open: &Open) {
 }
 
 /// Whether a path is one of the stack's own.
-fn is_virtual(path: &str) -> bool {
-    path.as_bytes().first() == Some(&b'@')
+fn is_virtual(path: &[u8]) -> bool {
+    path.first() == Some(&b'@')
 }
 
 /// Opens a file: returns it and its size.
 #[inline(never)]
-fn open<F, P>(cx: &mut Cx<'_, F>, path: &str, access: FileAccess, may_upload: bool) -> Result<(Open, u32), MavFtpErr>
+fn open<F, P>(cx: &mut Cx<'_, F>, path: &[u8], access: FileAccess, may_upload: bool) -> Result<(Open, u32), MavFtpErr>
 where
     F: Firmware<Vehicle: Files>,
     P: PackedParams<F>,
 {
     let is_read = access == FileAccess::Read;
     if P::EXISTS
-        && let Some(query) = path.as_bytes().strip_prefix(b"@PARAM/param.pck")
+        && let Some(query) = path.strip_prefix(b"@PARAM/param.pck")
         && matches!(query, [] | [b'?', ..])
     {
         if !is_read {
@@ -821,7 +789,10 @@ where
     if path.is_empty() || is_virtual(path) {
         return Err(MavFtpErr::FILENOTFOUND);
     }
-    let found = F::Vehicle::FILES.iter().position(|file| file.path == path);
+    if !is_read && !F::Vehicle::WRITES {
+        return Err(MavFtpErr::FILEPROTECTED);
+    }
+    let found = F::Vehicle::FILES.iter().position(|file| file.path.as_bytes() == path);
     if let Some((index, file)) = found.and_then(|index| Some((index, F::Vehicle::FILES.get(index)?))) {
         if !is_read {
             return Err(MavFtpErr::FILEPROTECTED);
@@ -863,7 +834,7 @@ where
 /// Returns the number that stands for a directory: a static file that is in or below it, the length of the path, and the
 /// vehicle's number.
 #[inline(never)]
-fn directory<F, P>(cx: &mut Cx<'_, F>, path: &str) -> Outcome
+fn directory<F, P>(cx: &mut Cx<'_, F>, path: &[u8]) -> Outcome
 where
     F: Firmware<Vehicle: Files>,
     P: PackedParams<F>,
@@ -915,7 +886,7 @@ where
     let mut index = index;
     if place != NO_ENTRIES {
         let files = F::Vehicle::FILES;
-        let path = files.get(usize::from(place)).and_then(|file| file.path.get(..usize::from(path_len)));
+        let path = files.get(usize::from(place)).and_then(|file| file.path.as_bytes().get(..usize::from(path_len)));
         match path::entry(files, path.unwrap_or_default(), index) {
             Ok((name, file)) => {
                 let size = file.map(|file| u32::try_from(file.bytes.len()).unwrap_or(u32::MAX));
@@ -953,8 +924,8 @@ fn write_entry(entry: &FileEntry<'_>, has_time: bool, out: &mut [u8]) -> Option<
         return Some(len);
     }
     push(if entry.size.is_some() { b'F' } else { b'D' })?;
-    for byte in entry.name.bytes() {
-        push(byte)?;
+    for byte in entry.name {
+        push(*byte)?;
     }
     let numbers = [entry.size.or(has_time.then_some(0)), has_time.then_some(entry.time)];
     for number in numbers.into_iter().flatten() {

@@ -1,9 +1,8 @@
 //! The payload of FILE_TRANSFER_PROTOCOL (F-1).
 
 use crate::crc32::Crc32;
-use crate::dialect::{FileTransferProtocol, MavFtpErr, MavFtpOpcode};
-use crate::link::Outbox;
-use crate::message::{Address, Message};
+use crate::dialect::{MavFtpErr, MavFtpOpcode};
+use crate::message::Address;
 
 /// The maximum length of the data in a packet.
 pub(super) const MAX_DATA: usize = 239;
@@ -57,16 +56,6 @@ impl<'a> Request<'a> {
     }
 }
 
-/// The header of an answer.
-#[derive(Clone, Copy)]
-pub(super) struct Head {
-    pub(super) to: Address,
-    pub(super) seq: u16,
-    pub(super) session: u8,
-    pub(super) opcode: MavFtpOpcode,
-    pub(super) offset: u32,
-}
-
 /// What an answer contains.
 pub(super) enum Body {
     /// So many bytes of data, which are in the packet already.
@@ -77,30 +66,59 @@ pub(super) enum Body {
     Refused(MavFtpErr),
 }
 
-/// Sends an answer: `write` writes its data, and returns what it is and whether a burst ends.
-pub(super) fn send(outbox: &mut Outbox, head: &Head, write: impl FnOnce(&mut [u8; MAX_DATA]) -> (Body, bool)) -> bool {
-    outbox.compose(const { &FileTransferProtocol::INFO }, |payload: &mut [u8; 254]| {
-        payload.fill(0);
-        let Some((front, data)) = payload.split_first_chunk_mut::<DATA_AT>() else { return false };
-        let Some(data) = data.first_chunk_mut() else { return false };
-        let (body, ends) = write(data);
-        let (opcode, size) = match body {
-            Body::Data(len) => (MavFtpOpcode::ACK, u8::try_from(len).unwrap_or(0)),
-            Body::Later => return false,
-            Body::Refused(error) => {
-                *data = [0; MAX_DATA];
-                if let Some(first) = data.first_mut() {
-                    *first = error.0;
-                }
-                (MavFtpOpcode::NAK, 1)
+/// The payload of the message: header and data.
+pub(super) type Payload = [u8; 254];
+
+/// Returns the place of the data.
+pub(super) fn data(payload: &mut Payload) -> &mut [u8] {
+    payload.get_mut(DATA_AT..).unwrap_or_default()
+}
+
+/// The header of an answer.
+#[derive(Clone, Copy)]
+pub(super) struct Head {
+    pub(super) to: Address,
+    pub(super) seq: u16,
+    pub(super) session: u8,
+    pub(super) opcode: MavFtpOpcode,
+    pub(super) offset: u32,
+}
+
+/// Writes the header in front of the data. Returns false if there is nothing to send.
+pub(super) fn complete(payload: &mut Payload, head: &Head, body: &Body, ends: bool) -> bool {
+    let (opcode, size) = match body {
+        Body::Data(len) => (MavFtpOpcode::ACK, u8::try_from(*len).unwrap_or(0)),
+        Body::Later => return false,
+        Body::Refused(error) => {
+            if let Some(first) = data(payload).first_mut() {
+                *first = error.0;
             }
-        };
-        let [seq0, seq1] = head.seq.to_le_bytes();
-        let [a, b, c, d] = head.offset.to_le_bytes();
-        let (system, component) = (head.to.system.0, head.to.component.0);
-        let (session, request) = (head.session, head.opcode.0);
-        let opcode = opcode.0;
-        *front = [0, system, component, seq0, seq1, session, opcode, size, request, u8::from(ends), 0, a, b, c, d];
-        true
-    })
+            (MavFtpOpcode::NAK, 1)
+        }
+    };
+    let [seq0, seq1] = head.seq.to_le_bytes();
+    let [a, b, c, d] = head.offset.to_le_bytes();
+    let (system, component) = (head.to.system.0, head.to.component.0);
+    if let Some(front) = payload.first_chunk_mut() {
+        *front = [
+            0,
+            system,
+            component,
+            seq0,
+            seq1,
+            head.session,
+            opcode.0,
+            size,
+            head.opcode.0,
+            u8::from(ends),
+            0,
+            a,
+            b,
+            c,
+            d,
+        ];
+    }
+    // What is behind the data is not sent.
+    data(payload).get_mut(usize::from(size)..).unwrap_or_default().fill(0);
+    true
 }

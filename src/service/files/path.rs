@@ -1,12 +1,12 @@
 //! Paths, and the directories of static files (F-9, F-10).
 //!
-//! All of it works on bytes: searching in a `str` links code that can panic.
+//! All of it works on bytes: a `str` links code to check UTF-8, and to search in it, which can panic.
 
 use super::vehicle::StaticFile;
 
 /// Returns the path in the data of a request: up to its end or first zero, without slashes at both ends. `None` if it is not
 /// allowed.
-pub(super) fn of(data: &[u8]) -> Option<&str> {
+pub(super) fn of(data: &[u8]) -> Option<&[u8]> {
     let mut path = data.split(|byte| *byte == 0).next().unwrap_or_default();
     while let Some((b'/', rest)) = path.split_first() {
         path = rest;
@@ -19,13 +19,13 @@ pub(super) fn of(data: &[u8]) -> Option<&str> {
     if path == b"." {
         path = b"";
     }
-    core::str::from_utf8(path).ok().filter(|_| is_allowed)
+    is_allowed.then_some(path)
 }
 
 /// Returns the rest of a path below a directory.
-fn below<'a>(path: &'a str, directory: &str) -> Option<&'a [u8]> {
+fn below<'a>(path: &'a str, directory: &[u8]) -> Option<&'a [u8]> {
     let path = path.as_bytes();
-    if directory.is_empty() { Some(path) } else { path.strip_prefix(directory.as_bytes())?.strip_prefix(b"/") }
+    if directory.is_empty() { Some(path) } else { path.strip_prefix(directory)?.strip_prefix(b"/") }
 }
 
 /// Returns the name at the front of a path, and whether it is the name of a directory.
@@ -35,7 +35,7 @@ fn front(path: &[u8]) -> (&[u8], bool) {
 }
 
 /// Returns the number of the first file in or below a directory.
-pub(super) fn directory(files: &[StaticFile], path: &str) -> Option<usize> {
+pub(super) fn directory(files: &[StaticFile], path: &[u8]) -> Option<usize> {
     files.iter().position(|file| below(file.path, path).is_some())
 }
 
@@ -43,9 +43,9 @@ pub(super) fn directory(files: &[StaticFile], path: &str) -> Option<usize> {
 /// are no more.
 pub(super) fn entry<'a>(
     files: &'a [StaticFile],
-    directory: &str,
+    directory: &[u8],
     index: u32,
-) -> Result<(&'a str, Option<&'a StaticFile>), u32> {
+) -> Result<(&'a [u8], Option<&'a StaticFile>), u32> {
     let mut left = index;
     let mut rest = files;
     while let Some((file, after)) = rest.split_first() {
@@ -59,10 +59,7 @@ pub(super) fn entry<'a>(
             continue;
         }
         match left.checked_sub(1) {
-            None => {
-                let name = core::str::from_utf8(name).unwrap_or_default();
-                return Ok((name, Some(file).filter(|_| !is_directory)));
-            }
+            None => return Ok((name, Some(file).filter(|_| !is_directory))),
             Some(fewer) => left = fewer,
         }
     }

@@ -1,6 +1,6 @@
 //! The sessions of clients: what each has open, and the answers that are pending for it (F-4, F-6, F-12, F-13).
 
-use super::packet::{MAX_DATA, Request};
+use super::packet::Request;
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
 use crate::message::Address;
 use crate::service::param::Pack;
@@ -123,9 +123,8 @@ pub struct Session {
     ended_by: u32,
     ended_at: Instant,
     pub(super) burst: Burst,
+    /// The oldest first.
     pub(super) answers: [Answer; ANSWERS],
-    /// Where the next answer is put.
-    next: u8,
 }
 
 impl Session {
@@ -143,7 +142,6 @@ impl Session {
         ended_at: Instant::ZERO,
         burst: Burst { is_active: false, size: 0, seq: 0, offset: 0, until: Instant::ZERO, digest: 0 },
         answers: [Answer::EMPTY; ANSWERS],
-        next: 0,
     };
 
     /// Returns when it ends, unless its client is heard.
@@ -164,34 +162,50 @@ impl Session {
         self.burst.is_active || self.answers.iter().any(|answer| !matches!(answer.state, State::Empty | State::Sent))
     }
 
-    /// Whether data is pending.
-    pub(super) fn has_data(&self) -> bool {
-        self.burst.is_active || self.pending(true).is_some()
+    /// Whether an answer with or without data is pending, or a packet of a burst.
+    pub(super) fn is_due(&self, has_data: bool) -> bool {
+        (has_data && self.burst.is_active) || self.pending(has_data).is_some()
+    }
+
+    /// Returns the answer in this place, or the next packet of the burst.
+    pub(super) fn next_answer(&self, place: Option<usize>) -> Answer {
+        let Burst { size, seq, offset, .. } = self.burst;
+        match place.and_then(|place| self.answers.get(place)) {
+            Some(answer) => Answer { seq: answer.seq.wrapping_add(1), ..*answer },
+            None => Answer { opcode: MavFtpOpcode::BURSTREADFILE, size, seq, offset, ..Answer::EMPTY },
+        }
     }
 
     /// Returns the index of the oldest pending answer with or without data.
     pub(super) fn pending(&self, has_data: bool) -> Option<usize> {
-        let is_it = |answer: &Answer| answer.state == State::Pending && answer.has_data() == has_data;
-        let (behind, before) = self.answers.split_at_checked(usize::from(self.next))?;
-        let place = before.iter().position(is_it).map(|place| place.saturating_add(behind.len()));
-        place.or_else(|| behind.iter().position(is_it))
+        self.answers.iter().position(|answer| answer.state == State::Pending && answer.has_data() == has_data)
     }
 
-    /// Returns the index of the place for another answer: that of the oldest one that was sent. `None` if all are pending.
-    pub(super) fn place(&self) -> Option<usize> {
-        let is_free = |answer: &Answer| matches!(answer.state, State::Empty | State::Sent);
-        let (behind, before) = self.answers.split_at_checked(usize::from(self.next))?;
-        let place = before.iter().position(is_free).map(|place| place.saturating_add(behind.len()));
-        place.or_else(|| behind.iter().position(is_free))
+    /// Returns the index of the oldest answer that is not pending, if there is one: its place is for another answer.
+    fn place(&self) -> Option<usize> {
+        self.answers.iter().position(|answer| matches!(answer.state, State::Empty | State::Sent))
     }
 
-    /// Puts an answer into its place.
-    pub(super) fn put(&mut self, place: usize, answer: Answer) {
-        if let Some(slot) = self.answers.get_mut(place) {
-            *slot = answer;
-            let next = place.saturating_add(1);
-            self.next = u8::try_from(if next < ANSWERS { next } else { 0 }).unwrap_or(0);
+    /// Whether there is a place for another answer.
+    pub(super) fn has_room(&self) -> bool {
+        self.place().is_some()
+    }
+
+    /// Adds an answer behind the others.
+    pub(super) fn put(&mut self, answer: Answer) {
+        let places = self.place().and_then(|place| self.answers.get_mut(place..));
+        let mut places = places.unwrap_or_default().iter_mut();
+        let Some(mut place) = places.next() else { return };
+        for next in places {
+            *place = *next;
+            place = next;
         }
+        *place = answer;
+    }
+
+    /// Returns the answer that is being computed.
+    pub(super) fn working(&mut self) -> Option<&mut Answer> {
+        self.answers.iter_mut().find(|answer| answer.state == State::Working)
     }
 
     /// If an identical request was answered, or is being answered, has the same answer sent again.
@@ -261,7 +275,9 @@ pub(super) fn find(sessions: &mut [Session], client: Peer, number: u8) -> Option
         place = place.wrapping_add(1);
     }
     let (_, place) = best?;
-    *sessions.get_mut(place)? = Session { is_used: true, client, number, ..Session::FREE };
+    let session = sessions.get_mut(place)?;
+    *session = Session::FREE;
+    (session.is_used, session.client, session.number) = (true, client, number);
     Some(place)
 }
 
@@ -272,5 +288,3 @@ pub(super) fn victim(sessions: &[Session], now: Instant) -> Option<usize> {
     let place = sessions.iter().position(|session| session.is_open() && session.touched == oldest);
     place.filter(|_| now.since(oldest) >= TAKEOVER)
 }
-
-const _: () = assert!(MAX_DATA == 239);

@@ -38,8 +38,8 @@ use crate::types::Context;
 ///
 /// # Paths
 ///
-/// A path has no slash at its beginning and end. The root is the empty path. A path has printable ASCII bytes only, and no
-/// component that is `..` (F-10): the stack refuses all others, and those that begin with `@`, which are the stack's.
+/// A path is bytes, such as `b"logs/1.bin"`. It has no slash at its beginning and end. The root is the empty path. All bytes
+/// are printable ASCII, and no component is `..` (F-10): the stack refuses all others, and those that begin with `@`, which are the stack's.
 ///
 /// # Cost
 ///
@@ -54,8 +54,11 @@ pub trait Files {
     /// Files that never change: at most 250, with different paths. They come before those of the hooks.
     const FILES: &'static [StaticFile] = &[];
 
+    /// Whether there are files that clients write, or change. The code for it is left out if not.
+    const WRITES: bool = false;
+
     /// Returns the number of a directory; `None` if there is none. The root is the empty path.
-    fn directory(&mut self, path: &str) -> Option<u16> {
+    fn directory(&mut self, path: &[u8]) -> Option<u16> {
         let _ = path;
         None
     }
@@ -67,13 +70,13 @@ pub trait Files {
         None
     }
 
-    /// Opens a file. By default there is none, and none can be written.
+    /// Opens a file; to be written only if the vehicle [`WRITES`](Self::WRITES) files. By default there is none.
     ///
     /// # Errors
     ///
     /// [`MavFtpErr::FILENOTFOUND`], [`MavFtpErr::FILEPROTECTED`] for a file that must not be written,
     /// [`MavFtpErr::FILEEXISTS`], or [`MavFtpErr::FAIL`].
-    fn open(&mut self, cx: &mut Context<'_>, path: &str, access: FileAccess) -> Result<OpenFile, MavFtpErr> {
+    fn open(&mut self, cx: &mut Context<'_>, path: &[u8], access: FileAccess) -> Result<OpenFile, MavFtpErr> {
         let _ = (cx, path);
         Err(if access == FileAccess::Read { MavFtpErr::FILENOTFOUND } else { MavFtpErr::FILEPROTECTED })
     }
@@ -89,7 +92,8 @@ pub trait Files {
         Err(MavFtpErr::FAIL)
     }
 
-    /// Writes all of `bytes` to a file that was opened to be written: at most 239. A client may write any part again, and in
+    /// Writes all of `bytes` to a file that was opened to be written: at most 239. Called only if the vehicle
+    /// [`WRITES`](Self::WRITES) files. A client may write any part again, and in
     /// any order.
     ///
     /// # Errors
@@ -106,7 +110,8 @@ pub trait Files {
         let _ = (cx, file);
     }
 
-    /// Removes, renames or cuts off a file, or makes or removes a directory. A repeated request calls it once.
+    /// Removes, renames or cuts off a file, or makes or removes a directory. A repeated request calls it once. Called only if
+    /// the vehicle [`WRITES`](Self::WRITES) files.
     ///
     /// # Errors
     ///
@@ -177,7 +182,7 @@ impl StaticFile {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FileEntry<'a> {
     /// The name, without a path. A name of more than 200 bytes is skipped.
-    pub name: &'a str,
+    pub name: &'a [u8],
     /// The size of a file (bytes); `None` for a directory.
     pub size: Option<u32>,
     /// When it was last changed (s since 1970, UTC); 0 if that is unknown.
@@ -209,23 +214,23 @@ pub enum FileAccess {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileChange<'a> {
     /// Removes a file.
-    Remove(&'a str),
+    Remove(&'a [u8]),
     /// Cuts a file off, or extends it by zeros.
     Truncate {
         /// The file.
-        path: &'a str,
+        path: &'a [u8],
         /// The new size (bytes).
         size: u32,
     },
     /// Renames a file or a directory.
     Rename {
         /// The old path.
-        from: &'a str,
+        from: &'a [u8],
         /// The new one.
-        to: &'a str,
+        to: &'a [u8],
     },
     /// Makes a directory.
-    CreateDirectory(&'a str),
+    CreateDirectory(&'a [u8]),
     /// Removes an empty directory.
-    RemoveDirectory(&'a str),
+    RemoveDirectory(&'a [u8]),
 }
