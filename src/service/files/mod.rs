@@ -45,8 +45,9 @@ const COST_OF_BYTE: u32 = 3_333_333;
 /// Data that has waited this long is sent before streams and forwarded frames, which would starve it otherwise.
 const MAX_LATENESS: Duration = Duration::from_millis(20);
 
-/// How much of a file a poll adds to its checksum (bytes).
-const CHECKED_AT_A_TIME: usize = 128;
+/// How much of a file a poll adds to its checksum: so many bytes, so many times.
+const CHECKED_AT_A_TIME: usize = 32;
+const TIMES: u8 = 8;
 
 /// Instead of the index of a static file: the directory of the parameters, and no static directory.
 const PARAM_ENTRIES: u8 = 254;
@@ -241,7 +242,7 @@ where
         for session in self.sessions.iter_mut().filter(|session| session.client.link == port.id) {
             session.is_gone = session.is_used;
             session.drop_data();
-            session.answers = Session::FREE.answers;
+            session.forget_all();
         }
     }
 }
@@ -280,7 +281,7 @@ impl Server<'_> {
             }
             self.close(cx, place);
             if let Some(session) = self.sessions.get_mut(place) {
-                *session = Session::FREE;
+                session.free();
             }
         }
     }
@@ -312,18 +313,13 @@ impl Server<'_> {
         let now = cx.now;
         let Some(session) = self.sessions.get_mut(place) else { return Handled::NoRoom };
         session.touched = now;
-        let is_end = matches!(request.opcode, MavFtpOpcode::TERMINATESESSION | MavFtpOpcode::RESETSESSION);
-        let is_late_end = is_end && session.is_late_end(now, digest);
-        if is_end && !is_late_end {
-            session.drop_data();
-        }
         let opens =
             matches!(request.opcode, MavFtpOpcode::OPENFILERO | MavFtpOpcode::OPENFILEWO | MavFtpOpcode::CREATEFILE);
         // What is read again is read anew. An open that is not open any more is executed again.
         let is_executed_again = match request.opcode {
-            MavFtpOpcode::BURSTREADFILE => true,
+            MavFtpOpcode::BURSTREADFILE | MavFtpOpcode::RESETSESSION => true,
             _ if opens => session.opened_by != digest,
-            opcode => is_end || session::is_data(opcode),
+            opcode => session::is_data(opcode),
         };
         if !is_executed_again && session.is_repeated(digest) {
             return Handled::Yes;
@@ -334,6 +330,9 @@ impl Server<'_> {
             }
             session.start_burst(now, &request, digest);
             return Handled::Yes;
+        }
+        if matches!(request.opcode, MavFtpOpcode::TERMINATESESSION | MavFtpOpcode::RESETSESSION) {
+            session.drop_data();
         }
         if !session.has_room() {
             return Handled::NoRoom;
@@ -346,13 +345,11 @@ impl Server<'_> {
                 _ if usize::from(request.size) > MAX_DATA => Some(Err(MavFtpErr::INVALIDDATASIZE)),
                 MavFtpOpcode::NONE => Some(Ok(0)),
                 MavFtpOpcode::TERMINATESESSION | MavFtpOpcode::RESETSESSION => {
-                    if !is_late_end {
-                        self.end(cx, place, received.from, request.opcode == MavFtpOpcode::RESETSESSION);
-                    }
+                    self.end(cx, place, received.from, request.opcode == MavFtpOpcode::RESETSESSION);
                     Some(Ok(0))
                 }
                 MavFtpOpcode::READFILE => Some(self.start_read(place, &request)),
-                MavFtpOpcode::WRITEFILE => match self.write(cx, place, &request) {
+                MavFtpOpcode::WRITEFILE => match self.write::<F, P>(cx, place, &request) {
                     Err(Dropped) => return Handled::NoRoom,
                     Ok(outcome) => outcome,
                 },
@@ -403,17 +400,21 @@ impl Server<'_> {
 
     /// Writes to a file. Returns `None` if the answer must be computed.
     #[inline(never)]
-    fn write<F: Firmware<Vehicle: Files>>(
+    fn write<F, P>(
         &mut self,
         cx: &mut Cx<'_, F>,
         place: usize,
         request: &Request<'_>,
-    ) -> Result<Option<Outcome>, Dropped> {
+    ) -> Result<Option<Outcome>, Dropped>
+    where
+        F: Firmware<Vehicle: Files>,
+        P: PackedParams<F>,
+    {
         let Some(session) = self.sessions.get(place) else { return Err(Dropped) };
         let written = match session.open {
             Open::Nothing => Err(MavFtpErr::INVALIDSESSION),
             Open::Hook { number, is_writable: true } if F::Vehicle::WRITES => write_hook(cx, number, request),
-            Open::Upload if !self.upload.is_empty() => {
+            Open::Upload if P::IS_WRITABLE => {
                 let client = session.client;
                 // Nothing is taken that could not be finished.
                 if !matches!(self.status.work, Work::Nothing) {
@@ -646,14 +647,20 @@ impl Server<'_> {
         P: PackedParams<F>,
     {
         let is_it = |session: &Session| session.client.link == port.id && session.is_due(has_data);
-        let first = usize::from(link.first);
-        let (before, behind) = self.sessions.split_at_checked(first).unwrap_or((self.sessions, &[]));
-        let place = behind.iter().position(is_it).map(|place| place.saturating_add(first));
-        let Some(place) = place.or_else(|| before.iter().position(is_it)) else { return false };
-        let Some(session) = self.sessions.get_mut(place) else { return false };
+        // From the one behind the last one on, then from the beginning.
+        let mut chosen = None;
+        let mut place = 0u8;
+        for session in self.sessions.iter() {
+            if is_it(session) && (chosen.is_none() || (place >= link.first && chosen < Some(link.first))) {
+                chosen = Some(place);
+            }
+            place = place.wrapping_add(1);
+        }
+        let Some(place) = chosen else { return false };
+        let Some(session) = self.sessions.get_mut(usize::from(place)) else { return false };
         let is_sent = send::<F, P>(cx, &mut port.outbox, session, has_data);
         if is_sent && has_data {
-            link.first = u8::try_from(place.saturating_add(1)).unwrap_or(0);
+            link.first = place.wrapping_add(1);
             let len = u32::try_from(port.outbox.len()).unwrap_or(0);
             link.share.spend_all(cx.now, len.saturating_mul(COST_OF_BYTE), port.config.bytes_per_second);
         }
@@ -727,16 +734,18 @@ where
     P: PackedParams<F>,
 {
     let mut bytes = [0; CHECKED_AT_A_TIME];
-    match read::<F, P>(cx, open, *offset, &mut bytes) {
-        Body::Later => None,
-        Body::Refused(MavFtpErr::EOF) => Some(Ok(!crc.sum())),
-        Body::Refused(error) => Some(Err(error)),
-        Body::Data(len) => {
-            crc.add(bytes.get(..len).unwrap_or_default());
-            *offset = offset.saturating_add(u32::try_from(len).unwrap_or(0));
-            None
+    for _ in 0..TIMES {
+        match read::<F, P>(cx, open, *offset, &mut bytes) {
+            Body::Later => return None,
+            Body::Refused(MavFtpErr::EOF) => return Some(Ok(!crc.sum())),
+            Body::Refused(error) => return Some(Err(error)),
+            Body::Data(len) => {
+                crc.add(bytes.get(..len).unwrap_or_default());
+                *offset = offset.saturating_add(u32::try_from(len).unwrap_or(0));
+            }
         }
     }
+    None
 }
 
 /// Writes to a file of the vehicle. Not inlined: the zeros that MAVLink 2 does not send need a buffer.

@@ -13,8 +13,6 @@ const IDLE: Duration = Duration::from_secs(10);
 const TAKEOVER: Duration = Duration::from_secs(3);
 /// A burst that takes longer is cut off, and the client requests the rest: otherwise it would go on for a client that is gone.
 const LONGEST_BURST: Duration = Duration::from_secs(5);
-/// A repeated end within this time does not end the session that was opened meanwhile.
-const REPEATED_END: Duration = Duration::from_secs(2);
 
 /// The number of requests that a client may send at a time: MAVProxy reads and writes five packets ahead.
 const ANSWERS: usize = 5;
@@ -119,9 +117,6 @@ pub struct Session {
     /// The request that has opened it, and its answer: the size.
     pub(super) opened_by: u32,
     pub(super) size: u32,
-    /// The last request that has ended it, and when.
-    ended_by: u32,
-    ended_at: Instant,
     pub(super) burst: Burst,
     /// The oldest first.
     pub(super) answers: [Answer; ANSWERS],
@@ -138,11 +133,23 @@ impl Session {
         touched: Instant::ZERO,
         opened_by: 0,
         size: 0,
-        ended_by: 0,
-        ended_at: Instant::ZERO,
         burst: Burst { is_active: false, size: 0, seq: 0, offset: 0, until: Instant::ZERO, digest: 0 },
         answers: [Answer::EMPTY; ANSWERS],
     };
+
+    /// Makes it free. Not an assignment, which would be a call.
+    pub(super) fn free(&mut self) {
+        (self.is_used, self.is_gone, self.burst.is_active) = (false, false, false);
+        (self.open, self.opened_by) = (Open::Nothing, 0);
+        self.forget_all();
+    }
+
+    /// Forgets all answers.
+    pub(super) fn forget_all(&mut self) {
+        for answer in &mut self.answers {
+            answer.state = State::Empty;
+        }
+    }
 
     /// Returns when it ends, unless its client is heard.
     pub(super) fn ends_at(&self) -> Instant {
@@ -218,10 +225,13 @@ impl Session {
         true
     }
 
-    /// Forgets what was answered: in another file, an identical request is a new one.
+    /// Forgets what was answered: in another file, an identical request is a new one. But a delayed duplicate of what has ended
+    /// the session before does not end this one.
     pub(super) fn forget_answers(&mut self) {
-        for answer in self.answers.iter_mut().filter(|answer| answer.state == State::Sent) {
-            *answer = Answer::EMPTY;
+        let is_it =
+            |answer: &&mut Answer| answer.state == State::Sent && answer.opcode != MavFtpOpcode::TERMINATESESSION;
+        for answer in self.answers.iter_mut().filter(is_it) {
+            answer.state = State::Empty;
         }
     }
 
@@ -229,7 +239,7 @@ impl Session {
     pub(super) fn drop_data(&mut self) {
         self.burst.is_active = false;
         for answer in self.answers.iter_mut().filter(|answer| answer.has_data()) {
-            *answer = Answer::EMPTY;
+            answer.state = State::Empty;
         }
     }
 
@@ -246,13 +256,6 @@ impl Session {
             until: now.after(LONGEST_BURST),
             digest,
         };
-    }
-
-    /// Whether this end of a session repeats the last one, so that it is not for the session that was opened meanwhile.
-    pub(super) fn is_late_end(&mut self, now: Instant, digest: u32) -> bool {
-        let is_late = self.ended_by == digest && now.since(self.ended_at) < REPEATED_END;
-        (self.ended_by, self.ended_at) = (digest, now);
-        is_late
     }
 }
 
@@ -276,7 +279,7 @@ pub(super) fn find(sessions: &mut [Session], client: Peer, number: u8) -> Option
     }
     let (_, place) = best?;
     let session = sessions.get_mut(place)?;
-    *session = Session::FREE;
+    session.free();
     (session.is_used, session.client, session.number) = (true, client, number);
     Some(place)
 }
