@@ -1,7 +1,6 @@
 //! Bad lines: rules F-4, F-8, F-13.
 
 use super::*;
-use crate::support::files::Transfer;
 use mavstack::Duration;
 use proptest::prelude::*;
 

@@ -1,7 +1,6 @@
 //! How much of a link a burst uses, and what it must not delay: rules D-4, F-8, H-15, P-11.
 
 use super::*;
-use crate::support::files::Transfer;
 use mavstack::dialect::{Attitude, GlobalPositionInt, Heartbeat, MavCmd, SysStatus};
 use mavstack::{Instant, Message};
 

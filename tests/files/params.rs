@@ -1,7 +1,6 @@
 //! `@PARAM/param.pck`: rules P-22, F-14.
 
 use super::*;
-use crate::support::files::Transfer;
 use mavstack::dialect::{MavSeverity, ParamRequestList, ParamValue, Statustext};
 use mavstack::param::ParamTable;
 use mavstack::{Duration, Instant};

@@ -87,6 +87,7 @@ const STEPS: [Step; 22] = [
     fuzz("fuzz-sign", &["xtask", "fuzz", "--seconds", "1800", "sign"]),
     fuzz("fuzz-record", &["xtask", "fuzz", "--seconds", "1800", "record"]),
     fuzz("fuzz-dialect", &["xtask", "fuzz", "--seconds", "1800", "dialect"]),
+    fuzz("fuzz-files", &["xtask", "fuzz", "--seconds", "1800", "files"]),
     fuzz("fuzz-session", &["xtask", "fuzz", "--seconds", "1800", "session"]),
     step("mutants-signing", "mutants of signing that no test catches", &["measure", "mutants", "signing"]),
     step("mutants-frame", "mutants of framing that no test catches", &["measure", "mutants", "frame"]),
