@@ -2,7 +2,8 @@
 //!
 //! [`turns!`] is the only list of that order. Sending, `next_deadline`, the table in `docs/architecture.md` and the
 //! test of D-4 derive from it. HEARTBEAT is first, so that nothing delays it (H-15), and high-latency links have no turn
-//! for it (H-7, L-3). The list of parameters has two turns, so that streams that fill a link leave it its share (P-11).
+//! for it (H-7, L-3). The list of parameters has two turns, so that streams that fill a link leave it its share (P-11), and so have
+//! files, which high-latency links do not carry (F-8, F-11).
 
 use crate::link::Pace;
 use crate::types::LinkClass;

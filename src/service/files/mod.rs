@@ -79,6 +79,8 @@ counters! {
 pub struct FileStatus {
     /// The number of sessions that can be open at a time.
     open_limit: u8,
+    /// Whether any session is used: otherwise there is nothing to do.
+    is_used: bool,
     counters: FileCounters,
     work: Work,
     /// The upload of parameters: the bytes received, and what became of it.
@@ -173,6 +175,7 @@ where
         Self {
             status: FileStatus {
                 open_limit: 0,
+                is_used: false,
                 counters: FileCounters::ZERO,
                 work: Work::Nothing,
                 received: 0,
@@ -185,6 +188,9 @@ where
     };
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut FileLink>) {
+        if !self.status.is_used {
+            return;
+        }
         let mut server = self.server();
         server.end_idle(cx);
         server.work::<F, P>(cx);
@@ -212,6 +218,7 @@ where
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut FileLink, turn: Turn) -> bool {
         match turn {
+            _ if !self.status.is_used => false,
             Turn::LateFileData if cx.now < link.share.due().after(MAX_LATENESS) => false,
             _ => self.server().send::<F, P>(cx, port, link, turn != Turn::FileAnswer),
         }
@@ -219,7 +226,8 @@ where
 
     fn due(&self, view: &View<'_>, port: &Port, link: &FileLink, turn: Turn) -> Instant {
         let has_data = turn != Turn::FileAnswer;
-        let is_pending = self.sessions.iter().any(|session| session.client.link == port.id && session.is_due(has_data));
+        let is_pending = self.status.is_used
+            && self.sessions.iter().any(|session| session.client.link == port.id && session.is_due(has_data));
         match turn {
             _ if !is_pending => Instant::NEVER,
             Turn::LateFileData => link.share.due().after(MAX_LATENESS),
@@ -271,6 +279,8 @@ impl Server<'_> {
     /// Ends the sessions of silent clients.
     #[inline(never)]
     fn end_idle<F: Firmware<Vehicle: Files>>(&mut self, cx: &mut Cx<'_, F>) {
+        self.status.is_used =
+            self.sessions.iter().any(|session| session.is_used) || !matches!(self.status.work, Work::Nothing);
         for place in 0..self.sessions.len() {
             let Some(session) = self.sessions.get(place) else { return };
             if cx.now < session.ends_at() {
@@ -303,6 +313,7 @@ impl Server<'_> {
         F: Firmware<Vehicle: Files>,
         P: PackedParams<F>,
     {
+        self.status.is_used = true;
         let request = Request::of(received.frame.payload());
         if request.opcode.0 >= MavFtpOpcode::ACK.0 {
             // It is an answer, which has none.
