@@ -1,4 +1,4 @@
-"""Files by FTP with pymavlink, MAVProxy and MAVSDK: the parameters as a file, and component metadata (F-1 to F-15, P-22, O-1)."""
+"""Files by FTP with pymavlink, MAVProxy and MAVSDK: the parameters as a file, and component metadata (F-4, F-8, F-9, F-12, F-13, F-14, P-22, O-1)."""
 
 import json
 import pathlib

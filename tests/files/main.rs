@@ -1,4 +1,4 @@
-//! Files by FTP: rules F-1 to F-15, and the parameters as a file (P-22).
+//! Files by FTP, and the parameters as a file.
 
 #[path = "../support/mod.rs"]
 mod support;

@@ -1,9 +1,10 @@
 //! `@PARAM/param.pck`: rules P-22, F-14.
 
 use super::*;
-use mavstack::dialect::{MavSeverity, ParamRequestList, ParamValue, Statustext};
-use mavstack::param::ParamTable;
-use mavstack::{Duration, Instant};
+use mavstack::__private::Declares;
+use mavstack::dialect::{MavResult, MavSeverity, ParamRequestList, ParamValue, Statustext};
+use mavstack::param::{ParamInfo, RuntimeTable};
+use mavstack::{Command, Commands, Context, Duration, Files, Instant, Outcome, Parameters, Vehicle, VehicleState};
 
 const FILE: &str = "@PARAM/param.pck";
 
@@ -274,8 +275,8 @@ fn upload_needs_room() {
     assert_eq!(Packet::of(&answer).error(), Some(MavFtpErr::FILEPROTECTED));
 }
 
-/// Returns when a transfer has ended.
-fn run(world: &mut Shelf, transfer: &mut Transfer) -> Duration {
+/// Returns the time that a transfer takes.
+fn run<const N: usize, D: Declares<Vehicle: Default>>(world: &mut World<N, D>, transfer: &mut Transfer) -> Duration {
     let begin: Instant = world.now();
     let ended = world.run_until(secs(600), |world| {
         let now = world.now();
@@ -291,26 +292,60 @@ fn run(world: &mut Shelf, transfer: &mut Transfer) -> Duration {
     world.now().since(begin)
 }
 
-/// P-22: the file takes less time than the list, with and without loss.
+/// A vehicle with 52 parameters.
+#[derive(Default)]
+struct Tuned;
+
+impl Vehicle for Tuned {
+    fn state(&self) -> Option<VehicleState> {
+        Some(VehicleState::new(false))
+    }
+}
+
+impl Commands for Tuned {
+    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
+        MavResult::UNSUPPORTED.into()
+    }
+}
+
+impl Parameters for Tuned {
+    type Table = RuntimeTable<52>;
+}
+
+impl Files for Tuned {}
+
+mavstack::stack! {
+    struct Large for Tuned { links: 1, parameters: RuntimeTable<52>, files: { sessions: 1 } }
+}
+
+/// P-22: on a radio of 57,600 baud, 52 parameters take less than half the time as a file than as a list, and they also arrive over
+/// a line that loses a tenth of all frames.
 #[test]
 fn file_is_faster_than_the_list() {
     for loss in [0.0, 0.1] {
-        let link = LinkConfig::uart(57_600).with_streams(StreamProfile::Off);
         let faults = Faults { frame_loss: loss, ..Faults::default() };
         let mut line = LineConfig::radio(57_600, millis(20));
         (line.up.faults, line.down.faults) = (faults, faults);
-        let mut world = Shelf::of(Setup { links: [link; 2], lines: [line; 2], ..Setup::new() });
+        let mut world =
+            World::<1, Large>::of(Setup { links: [LinkConfig::uart(57_600)], lines: [line], ..Setup::new() });
+        for number in 0..52 {
+            let name = format!("{}_GAIN_{number}", ["ROLL", "PITCH", "YAW", "ALT"][number / 13]);
+            let info = ParamInfo::new(&name, number as f32 / 7.0, 0.0..=100.0).expect("a parameter");
+            world.stack.parameters_mut().add(info).expect("room");
+        }
         world.run_for(millis(1_500));
         let mut transfer = Transfer::download(STATION, 3, 0, FILE);
         let by_file = run(&mut world, &mut transfer);
-        assert_eq!(decode(&transfer.content()).0.len(), Tuning::INFO.len());
-        if loss == 0.0 {
-            let begin = world.now();
-            world.gcs[0].forget();
-            world.gcs[0].send(&ParamRequestList { target_system: 1, target_component: 1 });
-            let all = |world: &mut Shelf| world.gcs[0].count_of::<ParamValue>() == Tuning::INFO.len();
-            assert!(world.run_until(secs(60), all));
-            println!("{} parameters: file {by_file:?}, list {:?}", Tuning::INFO.len(), world.now().since(begin));
+        assert_eq!(decode(&transfer.content()).0.len(), 52);
+        if loss > 0.0 {
+            continue;
         }
+        let begin = world.now();
+        world.gcs[0].forget();
+        world.gcs[0].send(&ParamRequestList { target_system: 1, target_component: 1 });
+        assert!(world.run_until(secs(60), |world| world.gcs[0].count_of::<ParamValue>() == 52));
+        let by_list = world.now().since(begin);
+        println!("52 parameters: {} ms as a file, {} ms as a list", by_file.as_millis(), by_list.as_millis());
+        assert!(by_file.as_millis() * 2 < by_list.as_millis());
     }
 }
