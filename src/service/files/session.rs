@@ -235,10 +235,10 @@ impl Session {
         }
     }
 
-    /// Forgets the data that is pending: the client does not wait for it any more.
+    /// Forgets the data of the open file that is pending: the client does not wait for it any more.
     pub(super) fn drop_data(&mut self) {
         self.burst.is_active = false;
-        for answer in self.answers.iter_mut().filter(|answer| answer.has_data()) {
+        for answer in self.answers.iter_mut().filter(|answer| answer.opcode == MavFtpOpcode::READFILE) {
             answer.state = State::Empty;
         }
     }
