@@ -87,7 +87,7 @@
 //! | [`mod@frame`] | bytes to checked frames and back, MAVLink 1 and 2; usable alone |
 //! | [`mod@message`], [`mod@dialect`] | payloads: all of MAVLink's `common`, and your own messages; usable alone |
 //! | [`mod@config`], [`mod@network`] | the links, the peers on them, and forwarding between links |
-//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@operator_control`], [`mod@camera`], [`mod@ext_parameters`], [`mod@gimbal`], [`mod@high_latency`], `signing` | the services, besides the traits below |
+//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@operator_control`], [`mod@camera`], [`mod@ext_parameters`], [`mod@gimbal`], [`mod@files`], [`mod@high_latency`], `signing` | the services, besides the traits below |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //! | [`mod@io`], `storage` | transports between the stack and a UART; flash and FRAM |
 //!
@@ -109,6 +109,7 @@
 //! | [`Components`] | with `components` | names the other components of the firmware, and carries out their commands |
 //! | [`GimbalManager`] | with `gimbal_manager` | points the gimbal |
 //! | [`GimbalDevice`] | with `gimbal_device` | is the gimbal |
+//! | [`Files`] | with `files` | serves files |
 //! | [`CommandClient`] | with `command_client` | makes its own commands to other components |
 //! | [`Camera`] | with `camera` | takes images, records video |
 //! | [`ExtParameters`] | with `ext_parameters` | has the extended parameters |
@@ -215,6 +216,7 @@ pub use service::components::Components;
 #[cfg(test)]
 pub use service::example::Tunes;
 pub use service::ext_parameters::ExtParameters;
+pub use service::files::Files;
 pub use service::gimbal::{GimbalDevice, GimbalManager};
 pub use service::mission::{PlanChange, Plans, Progress};
 pub use service::mode::{CustomMode, FlightMode, ModeRequest, Modes};
@@ -315,6 +317,14 @@ pub mod gimbal {
     };
 }
 
+/// Files, and all parameters in one file, by FTP. [`Files`] has the hooks.
+pub mod files {
+    pub use crate::dialect::MavFtpErr;
+    pub use crate::service::files::{
+        FileAccess, FileChange, FileCounters, FileEntry, FileStatus, OpenFile, StaticFile,
+    };
+}
+
 /// Clocks: those of peers, by PING and TIMESYNC, and the time of day.
 pub mod clock {
     pub use crate::service::time::{ClockFilter, Time, TimeSample, WallClock};
@@ -331,6 +341,7 @@ pub mod __private {
     pub use crate::service::client::Client;
     pub use crate::service::command::{CommandSlots, NoSlots};
     pub use crate::service::components::ComponentService;
+    pub use crate::service::files::FileServer;
     pub use crate::service::forwarding::Forwarding;
     pub use crate::service::messages::Messages;
     pub use crate::service::mission::{Missions, WithoutPlans};

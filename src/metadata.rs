@@ -7,9 +7,10 @@
 //!   REQUEST_MESSAGE(397) ─▶ COMPONENT_METADATA { uri, file_crc } ─▶ general.json ─▶ parameters.json
 //! ```
 //!
-//! The vehicle needs no file server, because QGroundControl and MAVSDK also fetch `http` and `https` URIs:
+//! QGroundControl and MAVSDK fetch `mftp` URIs from the vehicle itself, and `http` and `https` URIs:
 //!
-//! 1. On the host, generate both files from the parameter table of the firmware, and put them on a web server.
+//! 1. On the host, generate both files from the parameter table of the firmware. Put them on a web server, or into the firmware:
+//!    as constant [`Files`](crate::Files), whose URI is `mftp:///general.json`.
 //! 2. In the firmware, declare [`ComponentMetadata`] in [`Telemetry::STREAMS`](crate::Telemetry::STREAMS) and fill in
 //!    the general file's URI.
 //!

@@ -8,6 +8,7 @@
 mod corpus;
 pub mod decode;
 pub mod dialect;
+pub mod files;
 pub mod record;
 pub mod roundtrip;
 pub mod seeds;
@@ -42,13 +43,14 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 7] = [
+pub const TARGETS: [Target; 8] = [
     Target { name: "decode", run: decode::run, seeds: seeds::decode },
     Target { name: "session", run: session::run, seeds: seeds::session },
     Target { name: "record", run: record::run, seeds: seeds::record },
     Target { name: "sign", run: sign::run, seeds: seeds::sign },
     Target { name: "roundtrip", run: roundtrip::run, seeds: seeds::roundtrip },
     Target { name: "dialect", run: dialect::run, seeds: seeds::dialect },
+    Target { name: "files", run: files::run, seeds: seeds::files },
     Target { name: "wpl", run: wpl::run, seeds: seeds::wpl },
 ];
 

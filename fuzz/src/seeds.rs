@@ -246,3 +246,19 @@ pub fn session() -> Vec<Vec<u8>> {
     }
     seeds
 }
+
+/// A download, an upload, and clients that compete.
+pub fn files() -> Vec<Vec<u8>> {
+    let ask = |client: u8, session: u8, seq: u8, opcode: u8, size: u8, path: u8| {
+        vec![0, client, session, seq, opcode, size, 0, 0, path]
+    };
+    let pause = vec![3, 5];
+    let mut seeds = Vec::new();
+    for path in [2, 3, 7, 8] {
+        seeds.push([ask(0, 0, 1, 4, 0, path), pause.clone(), ask(0, 0, 2, 15, 100, 0), pause.clone()].concat());
+    }
+    seeds.push([ask(0, 0, 1, 6, 0, 7), vec![1, 0, 0, 2, 0, 0, 6, 0x1B, 0x67, 0, 0, 6, 0], pause.clone()].concat());
+    seeds.push((0..3).flat_map(|client| ask(client, client, 1, 4, 0, 2)).chain([3, 39, 3, 39]).collect());
+    seeds.push([ask(1, 1, 1, 14, 0, 2), vec![4, 0], ask(1, 1, 1, 3, 0, 0), vec![5, 0], pause].concat());
+    seeds
+}

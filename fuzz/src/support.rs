@@ -2,6 +2,8 @@
 
 #![allow(dead_code, unused_imports, reason = "each target uses its own part")]
 
+#[path = "../../tests/support/files.rs"]
+pub mod files;
 #[path = "../../tests/support/receiver.rs"]
 mod receiver;
 #[path = "../../tests/support/reference.rs"]
@@ -13,6 +15,7 @@ pub mod tested;
 #[path = "../../tests/support/vehicle.rs"]
 mod vehicle;
 
+pub use files::MemoryFiles;
 pub use receiver::Receiver;
 pub use tested::{Signed, Tested, begun};
 pub use vehicle::{Call, TestVehicle, Tuning};

@@ -194,6 +194,17 @@ impl Outbox {
         self.finish(info)
     }
 
+    /// Sends the message with this `info`, whose untrimmed payload `write` writes in place: all of it. Returns false, and sends
+    /// nothing, if `write` does, or as [`send`](Self::send).
+    pub(crate) fn compose<const N: usize>(
+        &mut self,
+        info: &MessageInfo,
+        write: impl FnOnce(&mut [u8; N]) -> bool,
+    ) -> bool {
+        let payload = self.bytes.get_mut(PAYLOAD_AT..).and_then(<[u8]>::first_chunk_mut);
+        payload.is_some_and(write) && self.finish(info)
+    }
+
     /// Has `send` send as another component of the firmware, with its own sequence number; as the autopilot if there is no such
     /// component.
     pub(crate) fn as_component<F: Firmware>(

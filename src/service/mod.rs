@@ -18,6 +18,7 @@ pub(crate) mod components;
 #[cfg(test)]
 pub mod example;
 pub mod ext_parameters;
+pub mod files;
 pub(crate) mod forwarding;
 pub mod gimbal;
 pub(crate) mod heartbeat;

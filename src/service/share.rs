@@ -24,6 +24,12 @@ impl Share {
         self.due = self.due.max(now);
     }
 
+    /// As [`spend`](Self::spend), for what may use more than its share while the link is idle: that is not made up for later.
+    pub(crate) fn spend_all(&mut self, now: Instant, cost: u32, bytes_per_second: u32) {
+        self.due = self.due.min(now);
+        self.spend(now, cost, bytes_per_second);
+    }
+
     /// Records that a frame was sent. `cost`: its bytes, times 10^6, divided by the share; `bytes_per_second`: the rate of
     /// the link. A rate of 0 is no limit, so there is no pause.
     pub(crate) fn spend(&mut self, now: Instant, cost: u32, bytes_per_second: u32) {

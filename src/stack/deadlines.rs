@@ -3,7 +3,7 @@
 //! A deadline that is too early makes a sleeping firmware spin; one that is too late makes it late. Each turn is checked by
 //! itself too: [`Service::due`] is now exactly when [`Service::next`] sends a frame.
 //!
-//! This holds after [`poll`](Stack::poll): before it the vehicle may have acted. Four things are due and send nothing, once: a
+//! This holds after [`poll`](Stack::poll): before it the vehicle may have acted, and a file may have to be read. Four things are due and send nothing, once: a
 //! forwarded frame that has waited for too long, the heartbeat of a component in a fault, a message that the vehicle cannot fill, and a step of the hash of many parameters.
 
 use std::boxed::Box;
@@ -20,6 +20,7 @@ use crate::config::{LinkClass, StreamProfile, TxVersion};
 use crate::dialect::rules;
 use crate::dialect::*;
 use crate::ext_parameters::ExtValue;
+use crate::files::StaticFile;
 use crate::frame::{Version, encode};
 use crate::gimbal::GimbalSetpoint;
 use crate::high_latency::{HighLatencyConfig, HighLatencySample};
@@ -29,9 +30,9 @@ use crate::service::{Cx, ForwardingGate, Service, SigningGate, TABLE, Turn, View
 use crate::time::{Duration, Instant};
 use crate::{
     Camera, Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context,
-    ExtParameters, Fill, FlightMode, GimbalDevice, GimbalManager, LinkConfig, LinkId, ModeRequest, Modes, Outcome,
-    OutgoingCommand, Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry, Vehicle,
-    VehicleState,
+    ExtParameters, Files, Fill, FlightMode, GimbalDevice, GimbalManager, LinkConfig, LinkId, ModeRequest, Modes,
+    Outcome, OutgoingCommand, Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry,
+    Vehicle, VehicleState,
 };
 
 const LINKS: usize = 3;
@@ -71,6 +72,7 @@ macro_rules! declare {
                 gimbal_manager,
                 gimbal_device,
                 high_latency,
+                files: { sessions: 2, upload: 64 },
                 $($signing)?
             }
         }
@@ -117,6 +119,10 @@ impl Components for Rover {
     fn component_command(&mut self, cx: &mut Context<'_>, _: ComponentId, command: &Command) -> Outcome {
         self.command(cx, command)
     }
+}
+
+impl Files for Rover {
+    const FILES: &'static [StaticFile] = &[StaticFile::new("a", &[7; 600])];
 }
 
 impl CommandClient for Rover {
@@ -341,6 +347,28 @@ fn requests() -> Vec<Request> {
     }
     for result in [MavResult::ACCEPTED, MavResult::IN_PROGRESS] {
         pool.push(of(CommandAck { command: MavCmd(1), result, target_system, target_component, ..Default::default() }));
+    }
+    for (opcode, path) in [
+        (MavFtpOpcode::OPENFILERO, "a"),
+        (MavFtpOpcode::OPENFILERO, "@PARAM/param.pck"),
+        (MavFtpOpcode::CREATEFILE, "@PARAM/param.pck"),
+        (MavFtpOpcode::OPENFILERO, "b"),
+        (MavFtpOpcode::READFILE, ""),
+        (MavFtpOpcode::BURSTREADFILE, ""),
+        (MavFtpOpcode::WRITEFILE, "x"),
+        (MavFtpOpcode::LISTDIRECTORY, "/"),
+        (MavFtpOpcode::CALCFILECRC, "a"),
+        (MavFtpOpcode::TERMINATESESSION, ""),
+        (MavFtpOpcode::RESETSESSION, ""),
+    ] {
+        for session in [0, 1] {
+            let mut payload = [0; 251];
+            payload[2] = session;
+            payload[3] = opcode.0;
+            payload[4] = u8::try_from(path.len()).expect("a short path");
+            payload[12..12 + path.len()].copy_from_slice(path.as_bytes());
+            pool.push(of(FileTransferProtocol { payload, target_network: 0, target_system, target_component }));
+        }
     }
     let param_id = Text::new("TRIM");
     pool.push(of(ParamValue { param_id, ..Default::default() }));
@@ -633,6 +661,10 @@ impl World {
     /// Wakes and sends as long as there is something to send.
     fn wake(&mut self) {
         self.poll();
+        // What takes several polls is due, and sends nothing.
+        while self.stack.files().is_working() {
+            self.poll();
+        }
         for _ in 0..1_000 {
             let (is_due, stale) = (self.stack.next_deadline(self.now) <= self.now, self.stale());
             let mut is_sent = false;

@@ -49,6 +49,7 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type GimbalDevice: Service<Self>;
     type HighLatency: Service<Self>;
     type Signing: Persistent<Self> + SigningGate<<Self::Signing as Service<Self>>::Link>;
+    type Files: Service<Self>;
     type Forwarding: Service<Self> + ForwardingGate<Self>;
     type Records: Persistent<Self>;
     type Storage: StorageMemory;
@@ -205,6 +206,7 @@ impl<const N: usize> RequestMemory for Requests<[RequestQueue; N]> {
 /// | `gimbal_manager` | a [gimbal manager](crate::gimbal::ManagerService): who points the gimbal, and where | none | [`GimbalManager`](crate::GimbalManager) |
 /// | `gimbal_device` | a [gimbal device](crate::gimbal::DeviceService): the gimbal itself | none | [`GimbalDevice`](crate::GimbalDevice) |
 /// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
+/// | `files: { sessions: N, upload: N }` | [files](crate::Files) by FTP, and all parameters in one: files open at a time, and bytes of the largest upload of parameters; without `upload` parameters are not written that way | none | [`Files`](crate::Files) |
 /// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::network::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
 /// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
 /// | `storage: { records: N }` | [storage](crate::storage) for all of this (feature `storage`), and for up to 8 small records of the firmware's own; `storage` alone has none | none | `Records`, if there are any |
@@ -298,6 +300,7 @@ macro_rules! stack {
             type GimbalDevice = $crate::__declared!(gimbal_device $($entries)*,);
             type HighLatency = $crate::__declared!(high_latency $($entries)*,);
             type Signing = $crate::__declared!(signing $($entries)*,);
+            type Files = $crate::__declared!(files [$crate::__declared!(param $($entries)*,)] $($entries)*,);
             type Records = $crate::__declared!(records $($entries)*,);
             type Storage = $crate::__declared!(storage $($entries)*,);
             type Forwarding = $crate::__declared!(forwarding [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,);
@@ -469,6 +472,15 @@ macro_rules! __declared {
     (records storage: { records: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__storage!($n) };
     (records) => { $crate::__private::Absent };
 
+    (files [$params:ty] files: { sessions: $n:expr, upload: $upload:expr $(,)? }, $($rest:tt)*) => {
+        $crate::__private::FileServer<{ $n }, { ($n) + 2 }, { $upload }, $params>
+    };
+    (files [$params:ty] files: { sessions: $n:expr $(,)? }, $($rest:tt)*) => {
+        $crate::__private::FileServer<{ $n }, { ($n) + 2 }, 0, $params>
+    };
+    (files [$params:ty]) => { $crate::__private::Absent };
+    (files [$params:ty] $skipped:tt $($rest:tt)*) => { $crate::__declared!(files [$params] $($rest)*) };
+
     (forwarding [$links:expr] forwarding: { bytes: $bytes:expr, seen: $seen:expr $(,)? }, $($rest:tt)*) => {
         $crate::__private::Forwarding<{ $links }, { $bytes }, { $seen }>
     };
@@ -505,6 +517,9 @@ macro_rules! __declared {
     (check operator_control, $($rest:tt)*) => { $crate::__declared!(rest operator_control $($rest)*); };
     (check gimbal_manager, $($rest:tt)*) => { $crate::__declared!(rest gimbal_manager $($rest)*); };
     (check gimbal_device, $($rest:tt)*) => { $crate::__declared!(rest gimbal_device $($rest)*); };
+    (check files: { sessions: $n:expr $(, upload: $upload:expr)? $(,)? }, $($rest:tt)*) => {
+        $crate::__declared!(rest files $($rest)*);
+    };
     (check high_latency, $($rest:tt)*) => { $crate::__declared!(rest high_latency $($rest)*); };
     (check signing: { streams: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(rest signing $($rest)*); };
     (check signing, $($rest:tt)*) => { $crate::__declared!(rest signing $($rest)*); };
@@ -544,6 +559,7 @@ macro_rules! __declared {
     (once operator_control operator_control, $($rest:tt)*) => { $crate::__declared!(twice operator_control); };
     (once gimbal_manager gimbal_manager, $($rest:tt)*) => { $crate::__declared!(twice gimbal_manager); };
     (once gimbal_device gimbal_device, $($rest:tt)*) => { $crate::__declared!(twice gimbal_device); };
+    (once files files: $($rest:tt)*) => { $crate::__declared!(twice files); };
     (once high_latency high_latency, $($rest:tt)*) => { $crate::__declared!(twice high_latency); };
     (once signing signing $($rest:tt)*) => { $crate::__declared!(twice signing); };
     (once storage storage $($rest:tt)*) => { $crate::__declared!(twice storage); };

@@ -9,6 +9,7 @@ use crate::service::camera::{CameraControl, Image};
 use crate::service::client::{Client, CommandClient, check};
 use crate::service::command::{CommandSlots, LongCommands};
 use crate::service::ext_parameters::ExtParamServer;
+use crate::service::files::{FileServer, FileStatus};
 use crate::service::forwarding::Forwarding;
 use crate::service::gimbal::{DeviceService, GimbalManager, ManagerService, Order, Who};
 use crate::service::high_latency::HighLatency;
@@ -204,6 +205,17 @@ impl<D: Declares<HighLatency = HighLatency>, const LINKS: usize> Stack<D, LINKS>
     /// Returns the high-latency service, to give it samples, and to start and stop it.
     pub fn high_latency_mut(&mut self) -> &mut HighLatency {
         &mut self.services.high_latency
+    }
+}
+
+/// With `files: { sessions: N, upload: N }`.
+impl<D, const LINKS: usize, const OPEN: usize, const N: usize, const UPLOAD: usize, P> Stack<D, LINKS>
+where
+    D: Declares<Files = FileServer<OPEN, N, UPLOAD, P>>,
+{
+    /// Returns the state of the file service: its counters.
+    pub fn files(&self) -> &FileStatus {
+        &self.services.files.status
     }
 }
 

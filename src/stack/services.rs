@@ -192,6 +192,8 @@ services! {
     command: CommandService<D::Commands>,
     high_latency: D::HighLatency,
     mission: D::Mission,
+    // Before the parameters, whose poll takes up what it sets.
+    files: D::Files,
     param: D::Param,
     ext_parameters: D::ExtParameters,
     heartbeat: Heartbeats,

@@ -63,6 +63,13 @@ impl CommandClient for Rover {
 }
 ";
 
+/// A static file.
+const FILES: &str = r#"
+impl Files for Rover {
+    const FILES: &'static [mavstack::files::StaticFile] = &[mavstack::files::StaticFile::new("a.txt", b"a")];
+}
+"#;
+
 /// Other components of the firmware, with these ids.
 fn components(ids: &[u8]) -> String {
     let list: Vec<_> =
@@ -348,6 +355,33 @@ fn cases() -> Vec<Case> {
             }
             .text(),
             "the vehicle reads no parameters of others: set `READS_PARAMS`",
+        ),
+        ("files", implements(FILES, "links: 1, files: { sessions: 2, upload: 64 }"), ""),
+        (
+            "files_0",
+            implements(FILES, "links: 1, files: { sessions: 0 }"),
+            "a client needs a session: `files: { sessions: 2 }`",
+        ),
+        (
+            "files_upload",
+            implements(FILES, "links: 1, files: { sessions: 1, upload: 70_000 }"),
+            "an upload of parameters has less than 65,536 bytes",
+        ),
+        (
+            "files_path",
+            implements(&FILES.replace("a.txt", "/a.txt"), "links: 1, files: { sessions: 1 }"),
+            "the path of a static file has 1 to 200 bytes",
+        ),
+        (
+            "files_name",
+            implements(&FILES.replace("a.txt", "\u{e4}"), "links: 1, files: { sessions: 1 }"),
+            "the path of a static file is printable ASCII",
+        ),
+        ("files_without_hooks", declares("links: 1, files: { sessions: 1 }"), "does not implement `Files`"),
+        (
+            "files_twice",
+            implements(FILES, "files: { sessions: 1 }, links: 1, files: { sessions: 1 }"),
+            "`files` is given twice in `stack!`",
         ),
         ("components", components(&[154, 100]), ""),
         ("components_0", components(&[0]), "give each of `COMPONENTS` an id of its own"),

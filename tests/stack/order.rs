@@ -7,12 +7,13 @@ use mavstack::command::CommandPolicy;
 use mavstack::config::StreamProfile;
 use mavstack::dialect::*;
 use mavstack::ext_parameters::ExtValue;
+use mavstack::files::StaticFile;
 use mavstack::gimbal::GimbalSetpoint;
 use mavstack::param::ParamTable;
 use mavstack::{
-    Address, Camera, CommandClient, CommandReply, Commands, Context, Duration, ExtParameters, Fill, FlightMode, Frame,
-    GimbalDevice, GimbalManager, Instant, LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome, OutgoingCommand,
-    Stream, Telemetry, Vehicle, VehicleState,
+    Address, Camera, CommandClient, CommandReply, Commands, Context, Duration, ExtParameters, Files, Fill, FlightMode,
+    Frame, GimbalDevice, GimbalManager, Instant, LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome,
+    OutgoingCommand, Stream, Telemetry, Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, VecDeque};
 
@@ -35,6 +36,7 @@ mavstack::stack! {
         modes,
         commands: { slots: 3 },
         forwarding,
+        files: { sessions: 1 },
         time,
     }
 }
@@ -131,6 +133,10 @@ impl ExtParameters for Moded {
     }
 }
 
+impl Files for Moded {
+    const FILES: &'static [StaticFile] = crate::support::files::STATIC;
+}
+
 impl Telemetry for Moded {
     const STREAMS: &'static [Stream] = TestVehicle::STREAMS;
 
@@ -212,6 +218,10 @@ fn pending_frames_are_sent_in_order() {
     receive(&mut world, now, 0, STATION, &Timesync { ts1: 7, ..Timesync::default() });
     let rally = MissionRequestList { mission_type: MavMissionType::RALLY, ..list };
     receive(&mut world, now, 0, STATION, &rally);
+    // A directory, and a file that there is not.
+    let file = |opcode| crate::support::files::request(0, 0, opcode, 0, 0, &[]);
+    receive(&mut world, now, 0, STATION, &file(MavFtpOpcode::LISTDIRECTORY));
+    receive(&mut world, now, 0, STATION, &file(MavFtpOpcode::OPENFILERO));
     world.stack.poll(now, &mut world.vehicle);
 
     let mut sent = sent(&mut world, now);
@@ -239,14 +249,18 @@ fn pending_frames_are_sent_in_order() {
         ("CurrentMode", vec![own(CurrentMode::ID)]),
         ("MissionProgress", vec![own(MissionCurrent::ID)]),
         ("ModeList", vec![own(AvailableModes::ID)]),
+        ("FileAnswer", vec![own(FileTransferProtocol::ID)]),
         ("Message", vec![own(SystemTime::ID)]),
         ("ExtParam", vec![own(ParamExtValue::ID)]),
         ("LateParamList", vec![]),
         ("GimbalStatus", vec![own(GimbalManagerStatus::ID)]),
         ("GimbalAttitude", vec![own(GimbalDeviceAttitudeStatus::ID)]),
+        // The data was asked for just now.
+        ("LateFileData", vec![]),
         ("Stream", vec![own(Attitude::ID), own(GlobalPositionInt::ID), own(SysStatus::ID)]),
         ("Forwarded", vec![(Tunnel::ID, true); 2]),
         ("ParamList", vec![own(ParamValue::ID)]),
+        ("FileData", vec![own(FileTransferProtocol::ID)]),
     ];
     assert_eq!(sent, in_order(&turns(), pending), "not the order in docs/architecture.md");
 }

@@ -7,6 +7,7 @@
 //!   flight modes.
 //! - [`Gcs`]: the far end of a line. It sends any message from any address, and stores received frames with their times.
 //! - [`Upload`], [`Download`], [`Clear`]: plan transfers as real clients do them, with retries.
+//! - [`Transfer`]: a client of files. [`files`] has the vehicle's.
 //! - [`Receiver`], [`stream`], [`damage`] and [`reference`]: a decoder alone, telemetry for it, damaged streams, and a reference
 //!   decoder to compare with.
 //! - [`Network`]: several stacks that forward, and the lines between them.
@@ -35,6 +36,8 @@ pub fn counted<C: Default>(set: impl FnOnce(&mut C)) -> C {
 }
 
 pub mod damage;
+mod file_client;
+pub mod files;
 #[cfg(feature = "storage")]
 pub mod flash;
 mod gcs;
@@ -54,6 +57,8 @@ mod transfer;
 mod vehicle;
 mod world;
 
+pub use file_client::Transfer;
+pub use files::MemoryFiles;
 pub use gcs::{Gcs, Received};
 pub use network::Network;
 pub use receiver::{Receiver, decode};

@@ -57,6 +57,7 @@ where
     type HighLatency = O::HighLatency;
     type Signing = O::Signing;
     type Forwarding = O::Forwarding;
+    type Files = Absent;
     type Records = Absent;
     type Storage = Stored;
     const CHECKED: () = V::CHECKED;

@@ -1,5 +1,6 @@
 //! A vehicle that returns configured answers and records all calls.
 
+use super::MemoryFiles;
 use mavstack::clock::WallClock;
 use mavstack::command::CommandPolicy;
 use mavstack::dialect::{
@@ -83,6 +84,8 @@ pub struct TestVehicle {
     pub has_home: bool,
     /// Ids of the messages that it handles itself.
     pub handles: BTreeSet<u32>,
+    /// Its files.
+    pub files: MemoryFiles,
     /// Every call in order, except [`Vehicle::state`], [`Plans::progress`] and [`Telemetry::fill`].
     pub calls: Vec<Call>,
 }
@@ -114,6 +117,7 @@ impl TestVehicle {
             progress: Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false },
             has_home: false,
             handles: BTreeSet::new(),
+            files: MemoryFiles::default(),
             calls: Vec::new(),
         }
     }

@@ -10,7 +10,7 @@ use crate::corpus;
 use crate::system::{self, Result, apt_install, has, output, root, run, succeeds, target_dir};
 
 /// All of them, the quick ones first.
-pub const TARGETS: [&str; 7] = ["decode", "wpl", "roundtrip", "sign", "record", "dialect", "session"];
+pub const TARGETS: [&str; 8] = ["decode", "wpl", "roundtrip", "sign", "record", "dialect", "files", "session"];
 
 /// An input that takes longer than this (s) ends the run.
 const TIMEOUT: u32 = 1;
@@ -139,7 +139,7 @@ impl Target {
         match self.name.as_str() {
             "decode" => 300,
             "roundtrip" => 264,
-            "sign" | "session" => 512,
+            "sign" | "session" | "files" => 512,
             _ => 4_096,
         }
     }

@@ -30,7 +30,7 @@ pub enum Target {
     All,
 }
 
-/// Ports in a row: the vehicle's links, the emulator's QMP or the vehicle's metadata, and the same of a vehicle that a test
+/// Ports in a row: the vehicle's links, the emulator's QMP, and the same of a vehicle that a test
 /// starts itself.
 const PORTS: u16 = 8;
 const QMP: u16 = 3;
@@ -47,6 +47,7 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
             "test_messages.py",
             "test_params.py",
             "test_metadata.py",
+            "test_files.py",
             "test_commands.py",
             "test_mavsdk.py",
             "test_mavsdk_flight.py",

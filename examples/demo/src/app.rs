@@ -50,6 +50,7 @@ mavstack::stack! {
         ext_parameters,
         gimbal_manager,
         gimbal_device,
+        files: { sessions: 2, upload: 1024 },
         forwarding: { bytes: 512, seen: 256 },
         signing: { streams: 16 },
         time,

@@ -10,6 +10,7 @@ mod battery;
 mod body;
 pub mod connect;
 mod fence;
+pub mod files;
 mod geo;
 mod plan;
 pub mod status;

@@ -14,6 +14,7 @@ use mavstack::{Duration, Fill, Instant, Message, Stream, Telemetry};
 use crate::angle::{cos, sin};
 use crate::battery::Charge;
 use crate::body::Vector;
+use crate::files;
 use crate::geo::Home;
 use crate::vehicle::{GPS_ERROR, Quadrotor, Times};
 
@@ -70,7 +71,7 @@ impl Telemetry for Quadrotor {
             HomePosition::ID if self.has_fix() => put(out, || self.home_position(now)),
             FlightInformation::ID => put(out, || self.flight_information(now)),
             GimbalDeviceSetAttitude::ID => self.put_gimbal_attitude(out),
-            ComponentMetadata::ID => self.put_metadata(out),
+            ComponentMetadata::ID => Self::put_metadata(out),
             ServoOutputRaw::ID => put(out, || self.servo_output(now)),
             RcChannels::ID => put(out, || self.rc_channels(now)),
             ExtendedSysState::ID => put(out, || extended_sys_state(self.landed_state())),
@@ -137,9 +138,8 @@ impl Quadrotor {
 
     /// Not inlined, because only this message needs a large stack frame.
     #[inline(never)]
-    fn put_metadata(&self, out: &mut Fill<'_>) -> bool {
-        let Some(&metadata) = self.metadata() else { return false };
-        out.put(&ComponentMetadata { time_boot_ms: out.now().time_boot_ms(), ..metadata })
+    fn put_metadata(out: &mut Fill<'_>) -> bool {
+        out.put(&ComponentMetadata { time_boot_ms: out.now().time_boot_ms(), ..files::METADATA })
     }
 
     fn gps_fix(&self) -> GpsFix {

@@ -1,6 +1,7 @@
 //! The demo vehicle as a host program: the same application as the firmware in QEMU, with sockets instead of UARTs.
 
 mod flash;
+#[cfg(test)]
 mod metadata;
 mod plan;
 mod tcp;
@@ -15,7 +16,6 @@ use std::thread;
 use std::time::{self, Duration};
 
 use clap::Parser;
-use mavstack::dialect::ComponentMetadata;
 use mavstack::network::LinkError;
 use mavstack::wpl::HomeRow;
 use mavstack::{Instant, LinkId};
@@ -44,8 +44,7 @@ const STATUS_PERIOD: mavstack::Duration = mavstack::Duration::from_secs(1);
 /// Run the demo vehicle on this machine.
 ///
 /// The vehicle (system 1, component 1) has three links, each on a TCP port of this machine. A port accepts one client at a
-/// time. The defaults are 5770 for telemetry, 5771 for a companion computer and 5772 for a satellite modem. Port 5773 serves
-/// the parameters' units and ranges to QGroundControl over HTTP.
+/// time. The defaults are 5770 for telemetry, 5771 for a companion computer and 5772 for a satellite modem.
 ///
 /// The vehicle forwards between the telemetry and companion links. The satellite link carries commands and their answers.
 /// MAV_CMD_CONTROL_HIGH_LATENCY 1 starts HIGH_LATENCY2 there, every 67 s by default (MAV_2_HL_FREQ); 0 stops it. With
@@ -59,8 +58,8 @@ const STATUS_PERIOD: mavstack::Duration = mavstack::Duration::from_secs(1);
 #[derive(Parser)]
 #[command(name = "cargo sitl")]
 struct Arguments {
-    /// First of four consecutive TCP ports.
-    #[arg(long, value_name = "PORT", default_value_t = 5770, value_parser = clap::value_parser!(u16).range(1..=65532))]
+    /// First of three consecutive TCP ports.
+    #[arg(long, value_name = "PORT", default_value_t = 5770, value_parser = clap::value_parser!(u16).range(1..=65533))]
     port_base: u16,
     /// Send telemetry over UDP to this address instead of listening on TCP. QGroundControl listens on the default address.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
@@ -141,16 +140,9 @@ struct Device {
 
 impl Device {
     /// Boots the vehicle with the contents of its storage.
-    fn boot(
-        arguments: &Arguments,
-        console: &Console,
-        metadata: Option<&'static ComponentMetadata>,
-    ) -> Result<Self, String> {
+    fn boot(arguments: &Arguments, console: &Console) -> Result<Self, String> {
         let mut device = Self { app: App::new(Box::new(Mavlink::VACANT)), store: None };
         let app = &mut device.app;
-        if let Some(metadata) = metadata {
-            app.parts().1.set_metadata(metadata);
-        }
         if let Some(path) = &arguments.storage {
             let store = device.store.insert(Store::new(FileFlash::open(path, STORAGE_LEN)?, 0..STORAGE_LEN));
             if let Err(errors) = app.restore(Instant::ZERO, store) {
@@ -226,11 +218,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
             port.log = Log::new(&tlog);
         }
     }
-    // Not fatal: without metadata ground stations show parameters without units and ranges.
-    let metadata = metadata::serve(base + 3)
-        .inspect_err(|error| eprintln!("warning: no units and ranges of parameters for ground stations: {error}"))
-        .ok();
-    let mut device = Device::boot(arguments, &console, metadata)?;
+    let mut device = Device::boot(arguments, &console)?;
     const { assert!(LINKS == 3) };
 
     println!("The vehicle is running. Connect a ground station:\n");
@@ -244,7 +232,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         }
         // Connections stay open, as on a UART.
         console.print("The vehicle reboots.");
-        device = Device::boot(arguments, &console, metadata)?;
+        device = Device::boot(arguments, &console)?;
     }
     console.end();
     println!("The vehicle has stopped.");

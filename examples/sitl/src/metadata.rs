@@ -1,43 +1,29 @@
-//! Component metadata over HTTP, from which QGroundControl shows the parameters' units and ranges.
+//! The description of the parameters, which the vehicle serves as files, is the one of its table (O-1).
 
-use std::net::Ipv4Addr;
-use std::thread;
+use mavstack::metadata;
+use mavstack_demo::{Tuning, files};
 
-use mavstack::dialect::ComponentMetadata;
-use mavstack::{Text, metadata};
-use mavstack_demo::Tuning;
-use tiny_http::{Header, Response, Server};
-
-/// Serves the files on a port of this machine for as long as the program runs. Returns the COMPONENT_METADATA that refers to
-/// them.
-pub fn serve(port: u16) -> Result<&'static ComponentMetadata, String> {
-    let server = Server::http((Ipv4Addr::LOCALHOST, port)).map_err(|error| format!("port {port}: {error}"))?;
-    let uri = |file: &str| format!("http://127.0.0.1:{port}/{file}");
+/// Makes the two files from the table.
+fn make() -> [String; 2] {
     let (mut parameters, mut general) = (String::new(), String::new());
-    metadata::parameters::<Tuning>(&mut parameters).map_err(|error| error.to_string())?;
+    metadata::parameters::<Tuning>(&mut parameters).expect("a string takes all");
     let crc = metadata::file_crc(parameters.as_bytes());
-    metadata::general(&mut general, &uri("parameters.json"), crc).map_err(|error| error.to_string())?;
-    let file_crc = metadata::file_crc(general.as_bytes());
-    thread::spawn(move || {
-        let json = "Content-Type: application/json".parse::<Header>().ok();
-        for request in server.incoming_requests() {
-            let file = match request.url() {
-                "/general.json" => &general,
-                "/parameters.json" => &parameters,
-                _ => {
-                    // An error means that the client has disconnected.
-                    let _ = request.respond(Response::empty(404));
-                    continue;
-                }
-            };
-            let mut response = Response::from_string(file.as_str());
-            if let Some(json) = &json {
-                response.add_header(json.clone());
-            }
-            let _ = request.respond(response);
+    metadata::general(&mut general, files::PARAMETERS_URI, crc).expect("a string takes all");
+    [general, parameters]
+}
+
+/// O-1. With `UPDATE_METADATA=1` it writes the files instead: after a change of the demo's parameters.
+#[test]
+fn files_are_those_of_the_table() {
+    for (file, made) in [files::GENERAL, files::PARAMETERS].iter().zip(make()) {
+        let path = format!("{}/../demo/metadata/{}", env!("CARGO_MANIFEST_DIR"), file.path());
+        if std::env::var_os("UPDATE_METADATA").is_some() {
+            std::fs::write(&path, &made).expect("the file can be written");
+            continue;
         }
-    });
-    let metadata = ComponentMetadata { time_boot_ms: 0, file_crc, uri: Text::new(&uri("general.json")) };
-    // Leaked because it is needed for as long as the program runs.
-    Ok(Box::leak(Box::new(metadata)))
+        assert!(
+            file.bytes() == made.as_bytes(),
+            "{path} is not the description of the parameters: run `UPDATE_METADATA=1 cargo test -p mavstack-sitl metadata`"
+        );
+    }
 }

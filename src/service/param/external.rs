@@ -4,6 +4,7 @@
 
 use super::backend::{ParamBackend, ParamUpdate, ParamWrite};
 use super::info::{MAX_PARAMS, ParamInfo};
+use super::packed::{Pack, PackedParams};
 use super::state::State;
 use super::table::{ParamMemory, Rows, Table};
 use super::{Caller, Links, List, NOTHING, Options, ParamHash, Work, capability, handles, is_armed, storage_action};
@@ -252,5 +253,28 @@ where
         list.end();
         self.links.restart(port.id);
         self.relisted = self.relisted.without(LinkMask::of(port.id));
+    }
+}
+
+/// The file of all parameters (P-22). It cannot be written, because a backend decides and sets in one call: it could not set all
+/// or none.
+impl<F> PackedParams<F> for ExternalService
+where
+    F: Firmware<Parameters: Marks, Vehicle: Vehicle + ParamBackend>,
+{
+    const EXISTS: bool = true;
+
+    fn packed_count(cx: &mut Cx<'_, F>) -> u16 {
+        cx.parameters.marks().state.kept.count
+    }
+
+    fn read_packed(cx: &mut Cx<'_, F>, pack: &mut Pack, offset: u32, out: &mut [u8]) -> Option<usize> {
+        let count = cx.parameters.marks().state.kept.count;
+        pack.read(&Backed { backend: &*cx.vehicle, count }, offset, out)
+    }
+
+    fn measure_packed(cx: &mut Cx<'_, F>, pack: &mut Pack) -> Option<u32> {
+        let count = cx.parameters.marks().state.kept.count;
+        pack.measure(&Backed { backend: &*cx.vehicle, count })
     }
 }

@@ -170,7 +170,7 @@ fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u3
 
 /// Queues a text about a refusal. Not inlined, so that its buffer takes no stack while a refusal is queued.
 #[inline(never)]
-fn warn(cx: &mut Work<'_>, link: LinkId, error: MavParamError, name: &[u8; 16]) {
+pub(super) fn warn(cx: &mut Work<'_>, link: LinkId, error: MavParamError, name: &[u8; 16]) {
     // A name of 16 bytes leaves 34 for the reason.
     let mut text = Text::<ONE_FRAME>::EMPTY;
     text.set(name);

@@ -196,7 +196,7 @@ fn number(r#type: MavParamType, bits: u32) -> (u32, bool) {
 }
 
 /// Returns the sign-extended integer.
-fn extended(r#type: MavParamType, bits: u32) -> i32 {
+pub(super) fn extended(r#type: MavParamType, bits: u32) -> i32 {
     let spare = spare_bits(r#type);
     bits.wrapping_shl(spare).cast_signed().wrapping_shr(spare)
 }

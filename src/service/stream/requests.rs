@@ -110,7 +110,7 @@ impl Asked {
     }
 }
 
-/// Returns a parameter that is an index; 0 if it is not given (C-8). `None` if it is no index.
+/// Returns a parameter that is an index; 0 if it is not given (C-8, F-15). `None` if it is no index.
 fn index_of(param: f32) -> Option<u16> {
     if param.is_nan() { Some(0) } else { num::integer(param) }
 }

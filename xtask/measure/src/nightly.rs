@@ -31,7 +31,7 @@ const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
 }
 
 /// All steps, short ones first.
-const STEPS: [Step; 23] = [
+const STEPS: [Step; 24] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
@@ -92,6 +92,7 @@ const STEPS: [Step; 23] = [
     fuzz("fuzz-sign", &["xtask", "fuzz", "--seconds", "1800", "sign"]),
     fuzz("fuzz-record", &["xtask", "fuzz", "--seconds", "1800", "record"]),
     fuzz("fuzz-dialect", &["xtask", "fuzz", "--seconds", "1800", "dialect"]),
+    fuzz("fuzz-files", &["xtask", "fuzz", "--seconds", "1800", "files"]),
     fuzz("fuzz-session", &["xtask", "fuzz", "--seconds", "1800", "session"]),
     step("mutants-signing", "mutants of signing that no test catches", &["measure", "mutants", "signing"]),
     step("mutants-frame", "mutants of framing that no test catches", &["measure", "mutants", "frame"]),

@@ -16,7 +16,7 @@ struct Row(&'static str, &'static str, &'static str, &'static str, i64);
 const SMALLEST: &str = "";
 const BASE: (&str, &str) = ("base", "heartbeat, commands, 8 peers, one link, all of common");
 
-const GROUPS: [(&str, &[Row]); 10] = [
+const GROUPS: [(&str, &[Row]); 11] = [
     (
         "links and peers",
         &[
@@ -118,6 +118,15 @@ const GROUPS: [(&str, &[Row]); 10] = [
                 1,
             ),
             Row("ext-parameters", "extended parameters, on one link", "ext-parameters", SMALLEST, 1),
+        ],
+    ),
+    (
+        "files",
+        &[
+            Row("files", "a server of files, 2 at a time, on one link", "files", SMALLEST, 1),
+            Row("files-session", "one more file at a time", "files-4", "files", 2),
+            Row("files-params", "that, and 8 parameters as a file", "files,parameters", "parameters", 1),
+            Row("files-upload", "uploads of parameters, of up to 512 bytes", "files-upload", "files,parameters", 1),
         ],
     ),
     (

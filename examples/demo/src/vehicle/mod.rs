@@ -17,7 +17,7 @@ mod plans;
 mod satellite;
 
 use mavstack::clock::WallClock;
-use mavstack::dialect::{ComponentMetadata, HomePosition, MavModeFlag, MavSeverity, MavState, MavType, SystemTime};
+use mavstack::dialect::{HomePosition, MavModeFlag, MavSeverity, MavState, MavType, SystemTime};
 use mavstack::manual_control::RcOverride;
 use mavstack::message::LatLon;
 use mavstack::{Component, Components, Context, Duration, Frame, Instant, LinkId, Vehicle, VehicleState};
@@ -154,8 +154,6 @@ pub struct Quadrotor {
     calendar: WallClock,
     /// When the values for HIGH_LATENCY2 were last sampled.
     sampled: Instant,
-    /// Where ground stations find the description of the parameters.
-    metadata: Option<&'static ComponentMetadata>,
 }
 
 impl Quadrotor {
@@ -202,7 +200,6 @@ impl Quadrotor {
             course: None,
             calendar: WallClock::new(),
             sampled: Instant::ZERO,
-            metadata: None,
         }
     }
 
@@ -337,16 +334,6 @@ impl Quadrotor {
     /// Returns the times of the last events.
     pub(crate) fn times(&self) -> Times {
         self.times
-    }
-
-    /// Sets where ground stations find the description of the parameters. Without it COMPONENT_METADATA is not available (O-1).
-    pub fn set_metadata(&mut self, metadata: &'static ComponentMetadata) {
-        self.metadata = Some(metadata);
-    }
-
-    /// Returns where ground stations find the description of the parameters.
-    pub(crate) fn metadata(&self) -> Option<&'static ComponentMetadata> {
-        self.metadata
     }
 
     fn step(&mut self, cx: &mut Context<'_>) {

@@ -81,7 +81,11 @@ entry!($ "commands-long" with_commands with_client [commands: { slots: SLOTS }])
 entry!($ "client" with_client with_components [command_client: { slots: if cfg!(feature = "client-4") { 4 } else { 2 } }]);
 entry!($ "components" with_components with_camera [components]);
 entry!($ "camera" with_camera with_ext_parameters [camera: { images: if cfg!(feature = "camera-64") { 64 } else { 16 } }]);
-entry!($ "ext-parameters" with_ext_parameters with_forwarding [ext_parameters]);
+entry!($ "ext-parameters" with_ext_parameters with_files [ext_parameters]);
+entry!($ "files" with_files with_forwarding [files: {
+    sessions: if cfg!(feature = "files-4") { 4 } else { 2 },
+    upload: if cfg!(feature = "files-upload") { 512 } else { 0 },
+}]);
 entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
 entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
 entry!($ "time" with_time with_manual [time]);
@@ -370,6 +374,9 @@ impl Telemetry for Rover {
         }
     }
 }
+
+#[cfg(feature = "files")]
+impl Files for Rover {}
 
 #[cfg(feature = "components")]
 impl Components for Rover {

@@ -1,0 +1,185 @@
+"""Files by FTP with pymavlink, MAVProxy and MAVSDK: the parameters as a file, and component metadata (F-4, F-8, F-9, F-12, F-13, F-14, P-22, O-1)."""
+
+import json
+import pathlib
+import queue
+import struct
+import time
+import zlib
+
+import pytest
+from mavsdk.plugins.ftp import Ftp
+from mavsdk.plugins.ftp.ftp import FtpError, FtpResult
+from pymavlink import mavftp
+from test_mavproxy import MavProxy
+from test_params import DEFAULTS, fetch, to_float
+
+DEMO = pathlib.Path(__file__).parents[2] / "examples/demo/metadata"
+GENERAL, PARAMETERS = ((DEMO / name).read_bytes() for name in ("general.json", "parameters.json"))
+# The types of the packed file: integers without a sign are in the next larger type.
+PACKED = {1: 2, 2: 1, 3: 3, 4: 2, 5: 3, 6: 3, 9: 4}
+
+
+def crc(content):
+    """MAVLink's CRC-32."""
+    return zlib.crc32(content, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
+class Files:
+    """pymavlink's client."""
+
+    def __init__(self, gcs, **settings):
+        self.client = mavftp.MAVFTP(gcs.link, 1, 1)
+        for name, value in settings.items():
+            setattr(self.client.ftp_settings, name, value)
+
+    def get(self, path, timeout=30):
+        content = []
+        self.client.cmd_get([path], callback=lambda file: content.append(file and file.read()))
+        result = self.client.process_ftp_reply("OpenFileRO", timeout=timeout)
+        assert content, f"{path}: {result.error_code}"
+        return content[-1]
+
+
+def decode(content):
+    """Returns values and defaults by name, as MAVProxy decodes them."""
+    from MAVProxy.modules.lib import param_ftp
+
+    data = param_ftp.ftp_param_decode(content)
+    assert data, "not a packed file"
+    entries = {name.decode(): (value, kind) for name, value, kind in data.params}
+    return entries, {name.decode(): value for name, value, _ in data.defaults or []}
+
+
+@pytest.mark.parametrize("size", [80, 239])
+def test_pymavlink_reads_files(gcs, size):
+    files = Files(gcs, burst_read_size=size)
+    assert files.get("general.json") == GENERAL
+    assert files.get("/parameters.json") == PARAMETERS
+
+
+def test_pymavlink_reads_files_over_a_bad_line(gcs):
+    files = Files(gcs, burst_read_size=239, pkt_loss_tx=10, pkt_loss_rx=10)
+    assert files.get("parameters.json", timeout=60) == PARAMETERS
+
+
+def test_pymavlink_reads_parameters(gcs, other, figure):
+    begin = time.monotonic()
+    listed = fetch(other)
+    by_list = time.monotonic() - begin
+    files = Files(gcs, burst_read_size=239)
+    begin = time.monotonic()
+    content = files.get("@PARAM/param.pck?withdefaults=1")
+    figure(f"{len(listed)} parameters: {by_list:.2f} s as a list, {time.monotonic() - begin:.2f} s as a file")
+    entries, defaults = decode(content)
+    assert list(entries) == [value.name for value in listed]
+    for value in listed:
+        found, kind = entries[value.name]
+        assert kind == PACKED[value.type], value
+        assert found == pytest.approx(value.value) or value.name.startswith("STAT_"), value
+        assert value.name in defaults
+    plain, none = decode(files.get("@PARAM/param.pck"))
+    assert list(plain) == list(entries) and not none
+
+
+def test_pymavlink_is_refused(gcs):
+    files = Files(gcs)
+    client = files.client
+    for result in (
+        client.cmd_rm(["general.json"]),
+        client.cmd_mkdir(["new"]),
+        client.cmd_rename(["general.json", "other.json"]),
+    ):
+        assert result.error_code == mavftp.FtpError.FileProtected, result.operation_name
+    files.client.cmd_get(["missing"], callback=lambda _: None)
+    result = files.client.process_ftp_reply("OpenFileRO", timeout=10)
+    assert result.error_code == mavftp.FtpError.FileNotFound
+
+
+def test_mavproxy_lists_and_gets(port, tmp_path):
+    proxy = MavProxy(port, tmp_path, "ftp")
+    try:
+        proxy.expect("Detected vehicle")
+        proxy.say("ftp list")
+        proxy.expect_all("general.json", f"parameters.json\t{len(PARAMETERS)}", "D @PARAM", "Total size")
+        proxy.say("ftp list @PARAM")
+        proxy.expect("param.pck")
+        proxy.say("ftp get parameters.json got.json")
+        proxy.expect(f"Wrote {len(PARAMETERS)} bytes", timeout=60)
+        assert (tmp_path / "got.json").read_bytes() == PARAMETERS
+        proxy.say("ftp crc general.json")
+        proxy.expect(f"crc: general.json 0x{crc(GENERAL):08x}")
+        proxy.say("ftp get missing")
+        proxy.expect("ftp open failed")
+    finally:
+        proxy.end()
+
+
+def test_mavproxy_loads_parameters(port, other, tmp_path):
+    """MAVProxy loads the file by itself when it connects, and sends a file of changes: all of them, or none."""
+    proxy = MavProxy(port, tmp_path, "param,ftp")
+    kinds = {name: DEFAULTS[name][0] for name in ("MPC_XY_CRUISE", "SIM_BAT_START", "SIM_GPS_SATS")}
+    try:
+        proxy.expect("parameters (ftp)", timeout=60)
+        proxy.say("param ftp")
+        proxy.expect("parameters (ftp)", timeout=60)
+        (tmp_path / "new.parm").write_text("MPC_XY_CRUISE 6.5\nSIM_BAT_START 90\nSIM_GPS_SATS 11\n")
+        other.drain()
+        proxy.say(f"param ftpload {tmp_path / 'new.parm'}")
+        proxy.expect("Parameter upload done", timeout=60)
+        values = {value.name: value.value for value in fetch(other)}
+        assert (values["MPC_XY_CRUISE"], values["SIM_BAT_START"], values["SIM_GPS_SATS"]) == (6.5, 90, 11)
+        (tmp_path / "bad.parm").write_text("MPC_XY_CRUISE 7.5\nSIM_BAT_START 101\n")
+        proxy.say(f"param ftpload {tmp_path / 'bad.parm'}")
+        proxy.expect("Failed to send parameters", timeout=60)
+        values = {value.name: value.value for value in fetch(other)}
+        assert (values["MPC_XY_CRUISE"], values["SIM_BAT_START"]) == (6.5, 90)
+    finally:
+        proxy.end()
+        for name, kind in kinds.items():
+            value = to_float(kind, DEFAULTS[name][1])
+            other.mav.param_set_send(1, 1, name.encode(), value, kind)
+            assert other.wait("PARAM_VALUE", where=lambda value: value.param_id == name)
+
+
+def transfer(start):
+    """Waits for the end of MAVSDK's transfer."""
+    results = queue.Queue()
+    start(lambda result, *_: results.put(result))
+    while (result := results.get(timeout=60)) == FtpResult.NEXT:
+        pass
+    return result
+
+
+@pytest.mark.parametrize("use_burst", [False, True])
+def test_mavsdk_downloads(system, tmp_path, use_burst):
+    ftp = Ftp(system)
+    for name, content in (("parameters.json", PARAMETERS), ("general.json", GENERAL)):
+        result = transfer(lambda done: ftp.download_async(name, str(tmp_path), use_burst, done))
+        assert result == FtpResult.SUCCESS
+        assert (tmp_path / name).read_bytes() == content
+
+
+def test_mavsdk_lists_and_compares(system):
+    ftp = Ftp(system)
+    listing = ftp.list_directory("/")
+    assert [entry.name for entry in listing.entries] == ["@PARAM", "general.json", "parameters.json"]
+    assert ftp.are_files_identical(str(DEMO / "general.json"), "general.json")
+    assert not ftp.are_files_identical(str(DEMO / "general.json"), "parameters.json")
+    with pytest.raises(FtpError) as refusal:
+        ftp.remove_file("general.json")
+    assert refusal.value.result == FtpResult.FILE_PROTECTED
+    assert transfer(lambda done: ftp.download_async("missing", "/tmp", True, done)) == FtpResult.FILE_DOES_NOT_EXIST
+
+
+def test_metadata_names_the_file(gcs):
+    """O-1: the general file's checksum is that of the file."""
+    for unused in (0.0, float("nan")):
+        gcs.send_command(512, 397, *[unused] * 6)
+        # pymavlink does not have this message yet.
+        message = gcs.hear("UNKNOWN_397")
+        assert message, f"no answer with {unused}"
+        payload = bytes(message.get_msgbuf())[10:-2].ljust(108, b"\0")
+        file_crc, uri = struct.unpack_from("<I100s", payload, 4)
+        assert (uri.rstrip(b"\0"), file_crc) == (b"mftp:///general.json", crc(GENERAL)), "F-15"
+    assert json.loads(GENERAL)["metadataTypes"][0]["fileCrc"] == crc(PARAMETERS)

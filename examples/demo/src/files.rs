@@ -1,0 +1,47 @@
+//! The files of the vehicle: the description of its parameters for ground stations (O-1). The stack itself has the parameters.
+
+use mavstack::dialect::ComponentMetadata;
+use mavstack::files::StaticFile;
+use mavstack::{Files, Text};
+
+use crate::vehicle::Quadrotor;
+
+/// The description of the parameters, made from the table: a test in `examples/sitl` compares it.
+pub const PARAMETERS: StaticFile = StaticFile::new("parameters.json", include_bytes!("../metadata/parameters.json"));
+
+/// The file that names it.
+pub const GENERAL: StaticFile = StaticFile::new("general.json", include_bytes!("../metadata/general.json"));
+
+/// Where ground stations find the two files.
+pub const PARAMETERS_URI: &str = "mftp:///parameters.json";
+const GENERAL_URI: &[u8; 20] = b"mftp:///general.json";
+
+impl Files for Quadrotor {
+    const FILES: &'static [StaticFile] = &[GENERAL, PARAMETERS];
+}
+
+/// COMPONENT_METADATA, without the time.
+pub(crate) static METADATA: ComponentMetadata =
+    ComponentMetadata { time_boot_ms: 0, file_crc: crc(GENERAL.bytes()), uri: Text::from_wire(padded(GENERAL_URI)) };
+
+/// Returns a text as it is on the wire.
+const fn padded(text: &[u8]) -> [u8; 100] {
+    let mut wire = [0; 100];
+    wire.split_at_mut(text.len()).0.copy_from_slice(text);
+    wire
+}
+
+/// Returns MAVLink's CRC-32 of a file: `mavstack::metadata::file_crc`, computed by the compiler.
+const fn crc(bytes: &[u8]) -> u32 {
+    let (mut crc, mut rest) = (0u32, bytes);
+    while let Some((byte, after)) = rest.split_first() {
+        crc ^= *byte as u32;
+        let mut bit = 0;
+        while bit < 8 {
+            crc = (crc >> 1) ^ (0xEDB8_8320 & (crc & 1).wrapping_neg());
+            bit += 1;
+        }
+        rest = after;
+    }
+    crc
+}

@@ -1,0 +1,236 @@
+//! The file service's interface to the vehicle.
+
+use crate::dialect::MavFtpErr;
+use crate::types::Context;
+
+/// The hooks of a vehicle with files: for a vehicle that declares `files` in [`stack!`](crate::stack).
+///
+/// Files that never change need no hook: [`FILES`](Self::FILES) names them, and the stack serves them. The parameters are
+/// `@PARAM/param.pck`, without any hook.
+///
+/// ```
+/// use mavstack::files::StaticFile;
+/// use mavstack::Files;
+/// # use mavstack::*;
+///
+/// struct Rover;
+///
+/// impl Files for Rover {
+///     const FILES: &'static [StaticFile] = &[
+///         StaticFile::new("general.json", br#"{"version":1,"metadataTypes":[]}"#),
+///         StaticFile::new("docs/licence.txt", b"MIT"),
+///     ];
+/// }
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
+/// # }
+///
+/// mavstack::stack! {
+///     struct Mavlink for Rover { links: 1, files: { sessions: 2 } }
+/// }
+/// ```
+///
+/// Other files have numbers. [`open`](Self::open) turns a path into the number of an open file, and
+/// [`directory`](Self::directory) into the number of a directory. The numbers are the vehicle's own. A hook is given back only
+/// numbers that the vehicle has returned. The stack opens no more files at a time than there are sessions, plus one while it
+/// computes a checksum.
+///
+/// # Paths
+///
+/// A path is bytes, such as `b"logs/1.bin"`. It has no slash at its beginning and end. The root is the empty path. All bytes
+/// are printable ASCII, and no component is `..` (F-10): the stack refuses all others, and those that begin with `@`, which are the stack's.
+///
+/// # Cost
+///
+/// Each hook is called at most once for each received request and each sent packet, and must not block. A slow medium, such
+/// as an SD card, should be read ahead by another task. A hook that has no data yet cannot make the client wait: it refuses
+/// with [`MavFtpErr::FAIL`].
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not implement `Files`",
+    note = "`files` in `stack!` needs `impl Files for {Self}`: write it, or leave `files` out"
+)]
+pub trait Files {
+    /// Files that never change: at most 250, with different paths. They come before those of the hooks.
+    const FILES: &'static [StaticFile] = &[];
+
+    /// Whether there are files that clients write, or change. The code for it is left out if not.
+    const WRITES: bool = false;
+
+    /// Returns the number of a directory; `None` if there is none. The root is the empty path.
+    fn directory(&mut self, path: &[u8]) -> Option<u16> {
+        let _ = path;
+        None
+    }
+
+    /// Returns an entry of a directory; `None` after the last one. Indices begin at 0. While a client lists a directory, the
+    /// order should not change.
+    fn entry(&mut self, directory: u16, index: u16) -> Option<FileEntry<'_>> {
+        let _ = (directory, index);
+        None
+    }
+
+    /// Opens a file; to be written only if the vehicle [`WRITES`](Self::WRITES) files. By default there is none.
+    ///
+    /// # Errors
+    ///
+    /// [`MavFtpErr::FILENOTFOUND`], [`MavFtpErr::FILEPROTECTED`] for a file that must not be written,
+    /// [`MavFtpErr::FILEEXISTS`], or [`MavFtpErr::FAIL`].
+    fn open(&mut self, cx: &mut Context<'_>, path: &[u8], access: FileAccess) -> Result<OpenFile, MavFtpErr> {
+        let _ = (cx, path);
+        Err(if access == FileAccess::Read { MavFtpErr::FILENOTFOUND } else { MavFtpErr::FILEPROTECTED })
+    }
+
+    /// Reads from an open file: fills `out`, or its front if the file ends before, and returns the number of bytes. 0 at the
+    /// end of the file and behind it. At most 239 bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`MavFtpErr::FAIL`].
+    fn read(&mut self, file: u16, offset: u32, out: &mut [u8]) -> Result<usize, MavFtpErr> {
+        let _ = (file, offset, out);
+        Err(MavFtpErr::FAIL)
+    }
+
+    /// Writes all of `bytes` to a file that was opened to be written: at most 239. Called only if the vehicle
+    /// [`WRITES`](Self::WRITES) files. A client may write any part again, and in
+    /// any order.
+    ///
+    /// # Errors
+    ///
+    /// [`MavFtpErr::FAIL`].
+    fn write(&mut self, cx: &mut Context<'_>, file: u16, offset: u32, bytes: &[u8]) -> Result<(), MavFtpErr> {
+        let _ = (cx, file, offset, bytes);
+        Err(MavFtpErr::FILEPROTECTED)
+    }
+
+    /// Called once for each [open](Self::open) file: when its client closes it or is silent for ten seconds, when another
+    /// client takes its session over, or when its link is opened again.
+    fn close(&mut self, cx: &mut Context<'_>, file: u16) {
+        let _ = (cx, file);
+    }
+
+    /// Removes, renames or cuts off a file, or makes or removes a directory. A repeated request calls it once. Called only if
+    /// the vehicle [`WRITES`](Self::WRITES) files.
+    ///
+    /// # Errors
+    ///
+    /// [`MavFtpErr::FILEPROTECTED`], which is the default, and those of [`open`](Self::open).
+    fn change(&mut self, cx: &mut Context<'_>, change: FileChange<'_>) -> Result<(), MavFtpErr> {
+        let _ = (cx, change);
+        Err(MavFtpErr::FILEPROTECTED)
+    }
+}
+
+/// A file that never changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StaticFile {
+    pub(super) path: &'static str,
+    pub(super) bytes: &'static [u8],
+}
+
+impl StaticFile {
+    /// Returns a file with this path and content: `StaticFile::new("general.json", include_bytes!("general.json"))`.
+    pub const fn new(path: &'static str, bytes: &'static [u8]) -> Self {
+        Self { path, bytes }
+    }
+
+    /// Returns the path.
+    pub const fn path(&self) -> &'static str {
+        self.path
+    }
+
+    /// Returns the content.
+    pub const fn bytes(&self) -> &'static [u8] {
+        self.bytes
+    }
+
+    /// Fails to compile if a client could not open a file of the table.
+    #[doc(hidden)]
+    #[allow(
+        clippy::indexing_slicing,
+        clippy::arithmetic_side_effects,
+        reason = "const-evaluated: what fails is a compile error"
+    )]
+    pub const fn check(files: &[Self]) {
+        assert!(
+            files.len() <= 250,
+            "a vehicle has at most 250 static files: serve more of them by the hooks of `Files`"
+        );
+        let mut i = 0;
+        while i < files.len() {
+            let path = files[i].path.as_bytes();
+            assert!(
+                !path.is_empty()
+                    && path.len() <= 200
+                    && path[0] != b'/'
+                    && path[0] != b'@'
+                    && path[path.len() - 1] != b'/',
+                "the path of a static file has 1 to 200 bytes, and does not begin with `/` or `@`"
+            );
+            let mut k = 0;
+            while k < path.len() {
+                assert!(path[k] >= b' ' && path[k] <= b'~', "the path of a static file is printable ASCII");
+                k += 1;
+            }
+            i += 1;
+        }
+    }
+}
+
+/// An entry of a directory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FileEntry<'a> {
+    /// The name, without a path. A name of more than 200 bytes is skipped.
+    pub name: &'a [u8],
+    /// The size of a file (bytes); `None` for a directory.
+    pub size: Option<u32>,
+    /// When it was last changed (s since 1970, UTC); 0 if that is unknown.
+    pub time: u32,
+}
+
+/// An open file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OpenFile {
+    /// The vehicle's number of it.
+    pub number: u16,
+    /// Its size (bytes).
+    pub size: u32,
+}
+
+/// What a file is opened for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum FileAccess {
+    /// It is only read.
+    Read,
+    /// It is written: OpenFileWO. It must exist, or is created.
+    Write,
+    /// It is written from the beginning: CreateFile. An old file of that name is replaced.
+    Create,
+}
+
+/// A change of files and directories.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileChange<'a> {
+    /// Removes a file.
+    Remove(&'a [u8]),
+    /// Cuts a file off, or extends it by zeros.
+    Truncate {
+        /// The file.
+        path: &'a [u8],
+        /// The new size (bytes).
+        size: u32,
+    },
+    /// Renames a file or a directory.
+    Rename {
+        /// The old path.
+        from: &'a [u8],
+        /// The new one.
+        to: &'a [u8],
+    },
+    /// Makes a directory.
+    CreateDirectory(&'a [u8]),
+    /// Removes an empty directory.
+    RemoveDirectory(&'a [u8]),
+}

@@ -1,0 +1,351 @@
+//! `@PARAM/param.pck`: rules P-22, F-14.
+
+use super::*;
+use mavstack::__private::Declares;
+use mavstack::dialect::{MavResult, MavSeverity, ParamRequestList, ParamValue, Statustext};
+use mavstack::param::{ParamInfo, RuntimeTable};
+use mavstack::{Command, Commands, Context, Duration, Files, Instant, Outcome, Parameters, Vehicle, VehicleState};
+
+const FILE: &str = "@PARAM/param.pck";
+
+/// A parameter in a file: name, type, value as a float, and default.
+type Entry = (String, u8, f64, Option<f64>);
+
+/// Decodes a file as MAVProxy does (`param_ftp.py`). Returns the third word too.
+fn decode(file: &[u8]) -> (Vec<Entry>, u16) {
+    let word = |at: usize| u16::from_le_bytes([file[at], file[at + 1]]);
+    assert!(word(0) == 0x671B || word(0) == 0x671C, "magic");
+    let (mut data, mut entries, mut last) = (&file[6..], Vec::new(), Vec::<u8>::new());
+    loop {
+        while data.first() == Some(&0) {
+            data = &data[1..];
+        }
+        if data.is_empty() {
+            assert_eq!(entries.len(), usize::from(word(2)));
+            return (entries, word(4));
+        }
+        let (kind, has_default) = (data[0] & 15, word(0) == 0x671C && data[0] & 0x10 != 0);
+        let (common, len) = (usize::from(data[1] & 15), usize::from(data[1] >> 4) + 1);
+        last.truncate(common);
+        last.extend(&data[2..2 + len]);
+        data = &data[2 + len..];
+        let mut value = || {
+            let (value, size) = match kind {
+                1 => (f64::from(data[0] as i8), 1),
+                2 => (f64::from(i16::from_le_bytes([data[0], data[1]])), 2),
+                3 => (f64::from(i32::from_le_bytes([data[0], data[1], data[2], data[3]])), 4),
+                4 => (f64::from(f32::from_le_bytes([data[0], data[1], data[2], data[3]])), 4),
+                _ => panic!("type {kind}"),
+            };
+            data = &data[size..];
+            value
+        };
+        let (now, default) = (value(), has_default.then(value));
+        entries.push((String::from_utf8(last.clone()).unwrap(), kind, now, default));
+    }
+}
+
+/// Encodes an upload as MAVProxy does.
+fn encode(entries: &[(&str, u8, f64)]) -> Vec<u8> {
+    let (mut file, mut last) = (vec![0x1B, 0x67, entries.len() as u8, 0, 0, 0], "");
+    for (name, kind, value) in entries {
+        let common = name.bytes().zip(last.bytes()).take_while(|(a, b)| a == b).count();
+        file.extend([*kind, (common | (name.len() - common - 1) << 4) as u8]);
+        file.extend(name[common..].bytes());
+        match kind {
+            1 => file.extend((*value as i8).to_le_bytes()),
+            2 => file.extend((*value as i16).to_le_bytes()),
+            3 => file.extend((*value as i32).to_le_bytes()),
+            _ => file.extend((*value as f32).to_le_bytes()),
+        }
+        last = name;
+    }
+    let len = (file.len() as u16).to_le_bytes();
+    file[4..6].copy_from_slice(&len);
+    file
+}
+
+/// Reads a whole file in pieces, from any offset.
+fn fetch(world: &mut Shelf, client: &mut Client, path: &str, block: u8) -> Vec<u8> {
+    client.open(world, path).unwrap();
+    let mut file = Vec::new();
+    while let Ok(data) = client.read(world, file.len() as u32, block) {
+        file.extend(data);
+    }
+    file
+}
+
+/// P-22: the file has all parameters with their values; with defaults, if a client asks for them.
+#[test]
+fn file_has_all_parameters() {
+    let (mut world, mut client) = (world(), client());
+    world.stack.parameters_mut().set(Tuning::TRIM_ROLL, -17);
+    world.stack.parameters_mut().set(Tuning::STAT_STARTS, 3_000_000_000);
+    let expected = [
+        ("BAT_LOW", 4, 10.5, 10.5),
+        ("CRUISE", 4, 5.0, 5.0),
+        ("FENCE_ACT", 3, 1.0, 1.0),
+        ("LAND_SPEED", 4, f64::from(0.7f32), f64::from(0.7f32)),
+        ("RTL_ALT", 4, 30.0, 30.0),
+        ("STAT_STARTS", 4, 3_000_000_000.0, 0.0),
+        ("SYS_ID", 2, 1.0, 1.0),
+        ("TRIM_ROLL", 1, -17.0, -3.0),
+        ("YAW_NOW", 4, 0.0, 0.0),
+    ];
+    let file = fetch(&mut world, &mut client, FILE, 239);
+    let (entries, total) = decode(&file);
+    assert_eq!(total, 9, "F-14");
+    let plain = expected.map(|(name, kind, value, _)| (name.to_string(), kind, value, None));
+    assert_eq!(entries, plain);
+    assert_eq!(client.open(&mut world, FILE), Ok(file.len() as u32), "the size is right");
+
+    let file = fetch(&mut world, &mut client, "@PARAM/param.pck?withdefaults=1", 239);
+    let with_defaults = expected.map(|(name, kind, value, default)| (name.to_string(), kind, value, Some(default)));
+    assert_eq!(decode(&file).0, with_defaults);
+    let file = fetch(&mut world, &mut client, "@PARAM/param.pck?start=2&count=3", 239);
+    let (entries, total) = decode(&file);
+    assert_eq!((entries, total), (plain[2..5].to_vec(), 9));
+    let file = fetch(&mut world, &mut client, "@PARAM/param.pck?start=7&count=30&withdefaults=0", 239);
+    assert_eq!(decode(&file).0, plain[7..]);
+    for query in ["start=9", "start=x", "count=70000", "start"] {
+        let path = format!("{FILE}?{query}");
+        assert_eq!(client.open(&mut world, &path), Err(MavFtpErr::FAIL), "{query}");
+    }
+}
+
+/// P-22: any part can be read at any time, in packets of any length, and no value crosses the end of one.
+#[test]
+fn any_part_of_the_file_is_the_same() {
+    let (mut world, mut client) = (world(), client());
+    for block in [7, 16, 40, 80, 100, 239] {
+        let file = fetch(&mut world, &mut client, "@PARAM/param.pck?withdefaults=1", block);
+        let mut rng = Rng::new(u64::from(block));
+        for _ in 0..100 {
+            let (offset, size) = (rng.below(file.len() as u64) as usize, 1 + rng.below(239) as usize);
+            let expected = &file[offset..file.len().min(offset + size)];
+            assert_eq!(client.read(&mut world, offset as u32, size as u8).as_deref(), Ok(expected), "{block}");
+        }
+        assert_eq!(client.read(&mut world, file.len() as u32, block), Err(MavFtpErr::EOF));
+        // A value that changes is not torn: of its bytes, all are in one packet.
+        client.open(&mut world, FILE).unwrap();
+        let mut torn = Vec::new();
+        let mut value = 1.0;
+        while let Ok(data) = client.read(&mut world, torn.len() as u32, block) {
+            torn.extend(data);
+            value = if value == 1.0 { f32::from_bits(0x3FAB_CDEF) } else { 1.0 };
+            for param in [Tuning::LAND_SPEED, Tuning::CRUISE] {
+                assert!(world.stack.parameters_mut().set(param, value));
+            }
+        }
+        for (name, _, now, _) in decode(&torn).0 {
+            let is_whole = [5.0, 0.7f32, 1.0, f32::from_bits(0x3FAB_CDEF)].map(f64::from).contains(&now);
+            assert!(!matches!(&*name, "LAND_SPEED" | "CRUISE") || is_whole || block < 16, "{name} {now} {block}");
+        }
+    }
+}
+
+/// P-14, F-14: an uploaded file sets all of its parameters, whatever types the client has chosen for the numbers. Each new value
+/// is announced on all links.
+#[test]
+fn upload_sets_parameters() {
+    let (mut world, mut client) = (world(), client());
+    let file = encode(&[("BAT_LOW", 1, 11.0), ("CRUISE", 4, 7.25), ("FENCE_ACT", 4, 2.0), ("TRIM_ROLL", 3, -20.0)]);
+    client.create(&mut world, FILE).unwrap();
+    let (front, back) = file.split_at(20);
+    assert_eq!(client.write(&mut world, 0, front), Ok(vec![]));
+    assert_eq!(world.stack.parameters().get(Tuning::BAT_LOW), 10.5, "not before all of it is there");
+    assert_eq!(client.write(&mut world, 20, back), Ok(vec![]));
+    let tuning = world.stack.parameters();
+    assert_eq!((tuning.get(Tuning::BAT_LOW), tuning.get(Tuning::CRUISE)), (11.0, 7.25));
+    assert_eq!((tuning.get(Tuning::FENCE_ACT), tuning.get(Tuning::TRIM_ROLL)), (2, -20));
+    world.run_for(millis(100));
+    for gcs in &world.gcs {
+        let names: Vec<_> = gcs.all::<ParamValue>().iter().map(|(_, value)| value.param_index).collect();
+        assert_eq!(names, [0, 1, 2, 7]);
+    }
+    assert_eq!(client.end(&mut world), Ok(vec![]));
+    assert_eq!(world.stack.files().counters().uploads, 1);
+}
+
+/// P-14: all or none: if one parameter is not right, nothing is set, and a text says which one it is.
+#[test]
+fn wrong_upload_changes_nothing() {
+    for (case, text) in [
+        (encode(&[("BAT_LOW", 1, 11.0), ("CRUISE", 4, 99.0)]), Some("CRUISE: out of range")),
+        (encode(&[("BAT_LOW", 1, 11.0), ("STAT_STARTS", 1, 3.0)]), Some("STAT_STARTS: read-only")),
+        (encode(&[("BAT_LOW", 1, 11.0), ("NONE", 1, 3.0)]), Some("NONE: no such parameter")),
+        (encode(&[("BAT_LOW", 1, 11.0), ("FENCE_ACT", 4, 1.5)]), Some("FENCE_ACT: out of range")),
+        (encode(&[("BAT_LOW", 1, 11.0), ("SYS_ID", 3, 300.0)]), Some("SYS_ID: out of range")),
+        (encode(&[("BAT_LOW", 4, f64::NAN)]), Some("BAT_LOW: out of range")),
+        (encode(&[("BAT_LOW", 1, 11.0), ("_HASH_CHECK", 1, 3.0)]), Some("_HASH_CHECK: no such parameter")),
+        (encode(&[("BAT_LOW", 1, 11.0), ("CRUISE", 5, 3.0)]), None),
+        ([&[0x1C, 0x67, 1, 0, 16, 0][..], &encode(&[("BAT_LOW", 1, 11.0)])[6..]].concat(), None),
+        ([&[0x1B, 0x67, 2, 0, 16, 0][..], &encode(&[("BAT_LOW", 1, 11.0)])[6..]].concat(), None),
+        ([&[0x1B, 0x67, 0, 0, 16, 0][..], &encode(&[("BAT_LOW", 1, 11.0)])[6..]].concat(), None),
+        (vec![0x1B, 0x67, 1, 0, 16, 0, 1, 0xF3, b'B', b'A', 1, 1, 1, 1, 1, 1], None),
+        (vec![0x1B, 0x67, 1, 0, 3, 0, 1], None),
+    ] {
+        let (mut world, mut client) = (world(), client());
+        client.create(&mut world, FILE).unwrap();
+        world.gcs[0].forget();
+        let seq = client.seq;
+        assert_eq!(client.write(&mut world, 0, &case), Err(MavFtpErr::FAIL), "{case:?}");
+        let texts = world.gcs[0].all::<Statustext>();
+        let texts: Vec<_> = texts.iter().map(|(_, t)| (t.severity, t.text.as_str().unwrap())).collect();
+        let expected: Vec<_> = text.iter().map(|text| (MavSeverity::WARNING, *text)).collect();
+        if cfg!(feature = "plan-texts") {
+            assert_eq!(texts, expected, "{case:?}");
+        }
+        assert_eq!(
+            client.repeat(&mut world, MavFtpOpcode::WRITEFILE, case.len() as u8, 0, &case),
+            Err(MavFtpErr::FAIL)
+        );
+        assert_eq!(client.write(&mut world, 0, b"x"), Err(MavFtpErr::FAIL));
+        assert_eq!(client.seq, seq + 2);
+        let fresh = Tuning::new();
+        assert_eq!(world.stack.parameters().get(Tuning::BAT_LOW), fresh.get(Tuning::BAT_LOW));
+        assert_eq!(world.stack.files().counters().refused_uploads, 1);
+        assert_eq!(world.stack.files().counters().uploads, 0);
+    }
+}
+
+/// P-22: a file that equals the vehicle's changes nothing, read-only parameters included.
+#[test]
+fn upload_of_the_download_is_accepted() {
+    let (mut world, mut client) = (world(), client());
+    let mut file = fetch(&mut world, &mut client, FILE, 239);
+    let len = (file.len() as u16).to_le_bytes();
+    file[4..6].copy_from_slice(&len);
+    client.create(&mut world, FILE).unwrap();
+    assert_eq!(client.write(&mut world, 0, &file), Ok(vec![]));
+    assert_eq!(world.stack.files().counters().uploads, 1);
+    assert!(world.gcs[0].all::<ParamValue>().is_empty());
+}
+
+/// An upload that is cut off, larger than the room for it, or of a second client changes nothing.
+#[test]
+fn unfinished_upload_changes_nothing() {
+    let (mut world, mut client) = (world(), client());
+    let file = encode(&[("BAT_LOW", 1, 11.0), ("CRUISE", 4, 7.25)]);
+    client.create(&mut world, FILE).unwrap();
+    client.write(&mut world, 0, &file[..10]).unwrap();
+    let mut other = Client { link: 1, ..client };
+    assert_eq!(other.create(&mut world, FILE), Err(MavFtpErr::FILEPROTECTED), "one upload at a time");
+    assert_eq!(other.read(&mut world, 0, 9), Err(MavFtpErr::INVALIDSESSION));
+    assert_eq!(client.read(&mut world, 0, 9), Err(MavFtpErr::FAIL), "it is written");
+    client.end(&mut world).unwrap();
+    assert_eq!(world.stack.parameters().get(Tuning::BAT_LOW), 10.5);
+    other.create(&mut world, FILE).unwrap();
+    for offset in (0..400).step_by(200) {
+        let header = [0x1B, 0x67, 1, 0, 0xFF, 1];
+        let mut part = vec![1; 200];
+        if offset == 0 {
+            part[..6].copy_from_slice(&header);
+        }
+        other.write(&mut world, offset, &part).unwrap();
+    }
+    assert_eq!(other.write(&mut world, 400, &[1; 200]), Err(MavFtpErr::FAIL), "512 bytes at most");
+    assert_eq!(client.create(&mut world, "@PARAM/param.pck?start=1"), Err(MavFtpErr::FILEPROTECTED));
+}
+
+/// A part that comes too early is not taken: the client sends it again, as MAVProxy does. One that comes again changes nothing.
+#[test]
+fn parts_of_an_upload_are_taken_in_order() {
+    let (mut world, mut client) = (world(), client());
+    let file = encode(&[("BAT_LOW", 1, 11.0), ("CRUISE", 4, 7.25)]);
+    client.create(&mut world, FILE).unwrap();
+    client.send(&mut world, &request(50, 0, MavFtpOpcode::WRITEFILE, 5, 10, &file[10..15]));
+    assert_eq!(client.packets(&mut world), []);
+    client.write(&mut world, 0, &file[..10]).unwrap();
+    client.write(&mut world, 0, &[9; 10]).unwrap();
+    client.write(&mut world, 10, &file[10..]).unwrap();
+    assert_eq!(world.stack.parameters().get(Tuning::CRUISE), 7.25);
+}
+
+/// A vehicle without room for an upload has a file that can only be read.
+#[test]
+fn upload_needs_room() {
+    mavstack::stack! {
+        struct ReadOnly for TestVehicle { links: 1, parameters: Tuning, commands: { slots: 2 }, files: { sessions: 1 } }
+    }
+    let mut world = World::<1, ReadOnly>::of(Setup::new());
+    world.run_for(millis(10));
+    world.gcs[0].send(&request(1, 0, MavFtpOpcode::CREATEFILE, FILE.len() as u8, 0, FILE.as_bytes()));
+    let answer: FileTransferProtocol = world.expect(0, millis(100));
+    assert_eq!(Packet::of(&answer).error(), Some(MavFtpErr::FILEPROTECTED));
+}
+
+/// Returns the time that a transfer takes.
+fn run<const N: usize, D: Declares<Vehicle: Default>>(world: &mut World<N, D>, transfer: &mut Transfer) -> Duration {
+    let begin: Instant = world.now();
+    let ended = world.run_until(secs(600), |world| {
+        let now = world.now();
+        match transfer.poll(now, &mut world.gcs[0]) {
+            Some(result) => {
+                assert_eq!(result, Ok(()));
+                true
+            }
+            None => false,
+        }
+    });
+    assert!(ended);
+    world.now().since(begin)
+}
+
+/// A vehicle with 52 parameters.
+#[derive(Default)]
+struct Tuned;
+
+impl Vehicle for Tuned {
+    fn state(&self) -> Option<VehicleState> {
+        Some(VehicleState::new(false))
+    }
+}
+
+impl Commands for Tuned {
+    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
+        MavResult::UNSUPPORTED.into()
+    }
+}
+
+impl Parameters for Tuned {
+    type Table = RuntimeTable<52>;
+}
+
+impl Files for Tuned {}
+
+mavstack::stack! {
+    struct Large for Tuned { links: 1, parameters: RuntimeTable<52>, files: { sessions: 1 } }
+}
+
+/// P-22: on a radio of 57,600 baud, 52 parameters take less than half the time as a file than as a list, and they also arrive over
+/// a line that loses a tenth of all frames.
+#[test]
+fn file_is_faster_than_the_list() {
+    for loss in [0.0, 0.1] {
+        let faults = Faults { frame_loss: loss, ..Faults::default() };
+        let mut line = LineConfig::radio(57_600, millis(20));
+        (line.up.faults, line.down.faults) = (faults, faults);
+        let mut world =
+            World::<1, Large>::of(Setup { links: [LinkConfig::uart(57_600)], lines: [line], ..Setup::new() });
+        for number in 0..52 {
+            let name = format!("{}_GAIN_{number}", ["ROLL", "PITCH", "YAW", "ALT"][number / 13]);
+            let info = ParamInfo::new(&name, number as f32 / 7.0, 0.0..=100.0).expect("a parameter");
+            world.stack.parameters_mut().add(info).expect("room");
+        }
+        world.run_for(millis(1_500));
+        let mut transfer = Transfer::download(STATION, 3, 0, FILE);
+        let by_file = run(&mut world, &mut transfer);
+        assert_eq!(decode(&transfer.content()).0.len(), 52);
+        if loss > 0.0 {
+            continue;
+        }
+        let begin = world.now();
+        world.gcs[0].forget();
+        world.gcs[0].send(&ParamRequestList { target_system: 1, target_component: 1 });
+        assert!(world.run_until(secs(60), |world| world.gcs[0].count_of::<ParamValue>() == 52));
+        let by_list = world.now().since(begin);
+        println!("52 parameters: {} ms as a file, {} ms as a list", by_file.as_millis(), by_list.as_millis());
+        assert!(by_file.as_millis() * 2 < by_list.as_millis());
+    }
+}
