@@ -29,7 +29,7 @@ pub(super) struct Photographer {
     /// Images are taken every so many metres; 0 is off. The last one was taken at `last`.
     distance: f32,
     last: Vector,
-    /// The mission wants that: only while it is flown.
+    /// An item of the mission has ordered that: it stops while the mission is paused.
     is_planned: bool,
     /// An image is to be taken because of the distance.
     is_due: bool,
