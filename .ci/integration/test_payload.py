@@ -75,6 +75,7 @@ def request(gcs, component, kind, index=0, timeout=30.0):
 @contextlib.contextmanager
 def tuned(gcs, **values):
     """Sets float parameters, and restores them."""
+
     def told(name, send):
         def is_told():
             send()
@@ -86,7 +87,8 @@ def tuned(gcs, **values):
         return told(name, lambda: gcs.mav.param_request_read_send(1, 1, name.encode(), -1))
 
     def set_to(name, value):
-        assert told(name, lambda: gcs.mav.param_set_send(1, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32)) == value
+        kind = mavlink.MAV_PARAM_TYPE_REAL32
+        assert told(name, lambda: gcs.mav.param_set_send(1, 1, name.encode(), value, kind)) == value
 
     before = {name: read(name) for name in values}
     try:
