@@ -69,7 +69,7 @@ async fn main(_spawner: Spawner) {
 
     let stack = STACK.take();
     stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
-    let shared = Shared { vehicle: RefCell::new((stack, Rover::new())), wake: Signal::new() };
+    let shared = Shared { vehicle: RefCell::new((stack, Rover::default())), wake: Signal::new() };
     join3(drive(&shared), receive(&shared, rx), transmit(&shared, tx)).await;
 }
 
@@ -78,7 +78,7 @@ async fn drive(shared: &Shared) {
     loop {
         {
             let (stack, rover) = &mut *shared.vehicle.borrow_mut();
-            rover.drive(stack);
+            rover.drive(now(), stack);
         }
         // The rover's state may have changed.
         shared.wake.signal(());

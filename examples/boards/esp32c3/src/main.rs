@@ -34,12 +34,12 @@ fn main() -> ! {
         .with_tx(chip.GPIO10)
         .with_rx(chip.GPIO3);
 
-    let mut rover = Rover::new();
+    let mut rover = Rover::default();
     let stack = STACK.take();
     stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
     loop {
         let now = Instant::from_micros(esp_hal::time::Instant::now().duration_since_epoch().as_micros());
-        rover.drive(stack);
+        rover.drive(now, stack);
         stack.poll(now, &mut rover);
         // Errors, such as overruns, are counted in `stack.link_counters(TELEM)`. The link continues.
         let _ = stack.poll_link(now, TELEM, &mut uart, &mut rover);
