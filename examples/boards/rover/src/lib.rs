@@ -1,5 +1,4 @@
-//! A small vehicle that a ground station finds, sets up, plans for and arms. All boards share this crate: copy it, and replace what
-//! is marked "Your …" by your own vehicle.
+//! A small vehicle that a ground station shows as ready. All boards share it. Copy it, and replace what is marked "Your …".
 //!
 //! | QGroundControl needs | here |
 //! |---|---|
@@ -9,15 +8,15 @@
 //! | "ready": the pre-arm check | `Rover::sys_status` |
 //! | a mission | `Plans`; a board with a driver for its flash stores it, with the parameters |
 //!
-//! It drives only while it is armed, in the mode Mission, and a ground station is alive.
+//! It drives only while it is armed, in the mode Mission, and a ground station is alive: the failsafe is in `Rover::drive`.
 #![no_std]
 #![forbid(unsafe_code)]
 
-use mavstack::plan::Durability;
 use mavstack::dialect::commands::ComponentArmDisarm;
 use mavstack::dialect::rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
 use mavstack::dialect::*;
 use mavstack::message::Item;
+use mavstack::plan::Durability;
 use mavstack::telemetry::{Battery, GpsFix, Home, Motion};
 use mavstack::*;
 
@@ -56,15 +55,10 @@ parameters! {
     }
 }
 
-/// Stands still.
-pub const HOLD: u32 = px4_auto(3);
+/// The modes: sub-modes of PX4's AUTO, because MAVSDK requests PX4's modes from every autopilot that it does not know.
+pub const HOLD: u32 = 4 << 16 | 3 << 24;
 /// Drives the mission.
-pub const MISSION: u32 = px4_auto(4);
-
-/// Returns a sub-mode of PX4's mode AUTO. MAVSDK requests PX4's modes from every autopilot that it does not know.
-const fn px4_auto(sub: u32) -> u32 {
-    4 << 16 | sub << 24
-}
+pub const MISSION: u32 = 4 << 16 | 4 << 24;
 
 /// A rover. The board writes the sensors' values, in SI units. What is unknown stays `UNKNOWN`, and is sent as "unknown".
 #[derive(Debug)]
@@ -117,7 +111,6 @@ impl Rover {
             stack.send_text(now, MavSeverity::CRITICAL, "Ground station lost: holding");
         }
         self.is_station_lost = is_lost;
-
         let limit = stack.parameters().get(Tuning::SPEED_MAX);
         let _ = (self.target(stack), limit); // Your navigation and motors; call `self.reached(now, stack)` at the item.
         PULSE.tick();
@@ -125,7 +118,7 @@ impl Rover {
 
     /// Returns the item of the mission to drive to; `None` if the rover is to stand still.
     pub fn target<'a>(&self, stack: &'a Mavlink) -> Option<&'a Item> {
-        let is_driving = self.armed && self.mode == MISSION;
+        let is_driving = self.armed && self.mode == MISSION && !self.is_station_lost;
         stack.mission().items().get(usize::from(self.current)).filter(|_| is_driving)
     }
 
@@ -139,33 +132,19 @@ impl Rover {
         }
     }
 
-    fn can_arm(&self) -> bool {
-        self.is_restored && !self.is_battery_low
-    }
-
-    /// Enters a mode, unless there is no mission to drive.
-    fn enter(&mut self, cx: &mut Context<'_>, mode: u32) -> MavResult {
-        if mode == MISSION && cx.plan(PlanType::Mission).items().is_empty() {
-            cx.text(MavSeverity::WARNING, "No mission");
-            return MavResult::DENIED;
-        }
-        if mode == MISSION && self.is_complete {
-            (self.current, self.is_complete) = (0, false);
-        }
-        self.mode = mode;
-        MavResult::ACCEPTED
-    }
-
     /// QGroundControl shows "ready" if the pre-arm check is present, enabled and healthy.
     fn sys_status(&self) -> SysStatus {
         use MavSysStatusSensor as Sensor;
         let present = Sensor::PREARM_CHECK | Sensor::SENSOR_BATTERY;
-        let ready = if self.can_arm() { Sensor::PREARM_CHECK } else { Sensor::EMPTY };
-        let battery = if self.is_battery_low { Sensor::EMPTY } else { Sensor::SENSOR_BATTERY };
+        let health = match (self.is_battery_low, self.is_restored) {
+            (false, true) => present,
+            (false, false) => Sensor::SENSOR_BATTERY,
+            (true, _) => Sensor::EMPTY,
+        };
         SysStatus {
             onboard_control_sensors_present: present,
             onboard_control_sensors_enabled: present,
-            onboard_control_sensors_health: ready | battery,
+            onboard_control_sensors_health: health,
             ..self.battery.sys_status(0.0)
         }
     }
@@ -186,7 +165,7 @@ impl Commands for Rover {
             Ok(_) => return MavResult::DENIED.into(),
             Err(result) => return result.into(),
         };
-        if arm && !self.can_arm() {
+        if arm && (self.is_battery_low || !self.is_restored) {
             cx.text(MavSeverity::WARNING, "Not armed: the battery is low, or stored data is unreadable");
             return MavResult::DENIED.into();
         }
@@ -203,7 +182,15 @@ impl Modes for Rover {
     const CUSTOM_MODE: CustomMode = CustomMode::MainSub;
 
     fn set_mode(&mut self, cx: &mut Context<'_>, mode: &'static FlightMode, _: &ModeRequest) -> Outcome {
-        self.enter(cx, mode.custom_mode).into()
+        if mode.custom_mode == MISSION && cx.plan(PlanType::Mission).items().is_empty() {
+            cx.text(MavSeverity::WARNING, "No mission");
+            return MavResult::DENIED.into();
+        }
+        if mode.custom_mode == MISSION && self.is_complete {
+            (self.current, self.is_complete) = (0, false);
+        }
+        self.mode = mode.custom_mode;
+        MavResult::ACCEPTED.into()
     }
 }
 
@@ -232,7 +219,6 @@ impl Plans for Rover {
 }
 
 impl Telemetry for Rover {
-    /// Together 380 bytes per second: a fifteenth of 57,600 bit/s.
     const STREAMS: &'static [Stream] = &[
         Stream::of::<SysStatus>().every(Duration::from_secs(1)),
         Stream::of::<BatteryStatus>().every(Duration::from_secs(2)),

@@ -35,6 +35,7 @@ use stm32f4xx_hal::{interrupt, nb, rcc};
 
 const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
+const _: () = assert!(Store::<flash::Sectors>::region_len::<Mavlink>() <= flash::REGION.end - flash::REGION.start);
 
 /// Queues between the interrupt and the loop, which runs at least this often.
 static QUEUES: SerialQueues<QUEUE, QUEUE> = SerialQueues::new();
@@ -50,8 +51,7 @@ static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
 fn main() -> ! {
     let chip = pac::Peripherals::take().expect("main runs once");
     // Set this to the crystal of your board. QEMU has neither a crystal nor a PLL.
-    let clocks =
-        if cfg!(feature = "qemu") { rcc::Config::hsi() } else { rcc::Config::hse(8.MHz()).sysclk(168.MHz()) };
+    let clocks = if cfg!(feature = "qemu") { rcc::Config::hsi() } else { rcc::Config::hse(8.MHz()).sysclk(168.MHz()) };
     let mut rcc = chip.RCC.freeze(clocks);
     let mut clock = Clock::new(chip.TIM5.counter_us(&mut rcc));
 
