@@ -178,7 +178,7 @@ def flood(gcs, figure):
             receive(counts)
         passed = time.monotonic() - began
         figure(f"{counts['COMMAND_ACK']} of {total} answered {name} in {passed:.1f} s")
-        least = {131: 0.95, 262: 0.5}.get(rate, 0) * total
+        least = {131: 0.8, 262: 0.4}.get(rate, 0) * total
         assert counts["COMMAND_ACK"] >= least, counts
     gap = max(late - early for early, late in zip(beats, beats[1:]))
     assert gap < 2, f"no heartbeat for {gap:.1f} s"

@@ -65,7 +65,7 @@ pub fn build_all(runs: bool) -> Result {
         println!("{name:20} {load:>#12x} {flash:>14} {ram:>18}");
     }
     println!("Built in {} s", began.elapsed().as_secs());
-    if runs { run_emulated() } else { Ok(()) }
+    if runs { run_emulated(&build_dir) } else { Ok(()) }
 }
 
 /// Builds a board's firmware, and returns its path.
@@ -79,15 +79,14 @@ fn build(board: &Board, build_dir: &Path, options: &[&str]) -> Result<PathBuf> {
 }
 
 /// Runs the emulated board under pymavlink: the acceptance test of a port.
-fn run_emulated() -> Result {
+fn run_emulated(build_dir: &Path) -> Result {
     let (name, machine) = EMULATED;
     let board = BOARDS.iter().find(|board| board.name == name).ok_or("no such board")?;
     emulator::prepare()?;
     let python = python::environment()?;
     let began = Instant::now();
     println!("\nBuilding examples/boards/{name} for QEMU");
-    // A directory of its own, so that neither build makes the other one stale.
-    let firmware = build(board, &target_dir().join("boards-qemu"), &["--features", "qemu"])?;
+    let firmware = build(board, build_dir, &["--features", "qemu"])?;
     println!("Built in {} s; running it in {machine}", began.elapsed().as_secs());
     let [uart, qmp] = free_ports()?;
     let mut command = emulator::command();

@@ -31,7 +31,7 @@ const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
 }
 
 /// All steps, short ones first.
-const STEPS: [Step; 23] = [
+const STEPS: [Step; 24] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
@@ -42,6 +42,7 @@ const STEPS: [Step; 23] = [
         "operator control: every order of five frames, and every frame in every state of a model",
         &["test", "--release", "--test", "vehicle", "operator_model::", "--", "--ignored", "--nocapture"],
     ),
+    step("boards", "the boards' firmwares; one runs in QEMU under pymavlink", &["xtask", "boards", "--run"]),
     step(
         "storage-cuts",
         "a power cut at every byte of a save, second cuts at every write unit, and 100,000 saves",
