@@ -1,11 +1,16 @@
 //! The boards: a small vehicle on real microcontrollers, with the HALs that their users have.
 
-use std::process::Command;
+use std::net::{Ipv4Addr, TcpListener};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Instant;
 
 use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Endianness, Object, ObjectSection, SectionFlags, SectionKind, elf};
 
+use crate::emulator;
 use crate::firmware::read;
+use crate::python;
 use crate::system::{Result, cargo, root, run, target_dir};
 use crate::toolchain::{self, Choice, TARGETS};
 
@@ -37,24 +42,21 @@ const BOARDS: [Board; 4] = [
     Board { name: "stm32f405", target: "thumbv7em-none-eabihf", load: 0x0800_0000, ram: [0x2000_0000, 0x2002_0000] },
 ];
 
+/// The board that QEMU emulates well enough, its machine in QEMU, and the test.
+const EMULATED: (&str, &str) = ("stm32f405", "netduinoplus2");
+const TEST: &str = ".ci/boards/acceptance.py";
+
 /// `cargo xtask boards`.
-pub fn build_all() -> Result {
+pub fn build_all(runs: bool) -> Result {
+    let began = Instant::now();
     // Debian's toolchain has none of the libraries but `core`, and the HALs ask for newer compilers.
     toolchain::prepare(Some(Choice::Rustup), &TARGETS)?;
     // One for all, so that what they share is built once.
     let build_dir = target_dir().join("boards");
     let mut rows = Vec::new();
     for board in &BOARDS {
-        let folder = root().join("examples/boards").join(board.name);
-        let task = |arguments: &[&str]| {
-            let mut command = Command::new(cargo());
-            command.args(arguments).arg("--target-dir").arg(&build_dir).current_dir(&folder);
-            // They would replace the link arguments of the board's `.cargo/config.toml`.
-            run(command.env_remove("RUSTFLAGS").env_remove("CARGO_ENCODED_RUSTFLAGS"))
-        };
         println!("Building examples/boards/{}", board.name);
-        task(&["build", "--release"])?;
-        let firmware = build_dir.join(board.target).join("release").join(format!("mavstack-{}", board.name));
+        let firmware = build(board, &build_dir, &[])?;
         let (flash, ram) = measure(board, &read(&firmware)?).map_err(|error| format!("{}: {error}", board.name))?;
         rows.push((board.name, board.load, flash, ram));
     }
@@ -62,7 +64,66 @@ pub fn build_all() -> Result {
     for (name, load, flash, ram) in rows {
         println!("{name:20} {load:>#12x} {flash:>14} {ram:>18}");
     }
+    println!("Built in {} s", began.elapsed().as_secs());
+    if runs { run_emulated(&build_dir) } else { Ok(()) }
+}
+
+/// Builds a board's firmware, and returns its path.
+fn build(board: &Board, build_dir: &Path, options: &[&str]) -> Result<PathBuf> {
+    let mut command = Command::new(cargo());
+    command.args(["build", "--release"]).args(options).arg("--target-dir").arg(build_dir);
+    command.current_dir(root().join("examples/boards").join(board.name));
+    // They would replace the link arguments of the board's `.cargo/config.toml`.
+    run(command.env_remove("RUSTFLAGS").env_remove("CARGO_ENCODED_RUSTFLAGS"))?;
+    Ok(build_dir.join(board.target).join("release").join(format!("mavstack-{}", board.name)))
+}
+
+/// Runs the emulated board under pymavlink: the acceptance test of a port.
+fn run_emulated(build_dir: &Path) -> Result {
+    let (name, machine) = EMULATED;
+    let board = BOARDS.iter().find(|board| board.name == name).ok_or("no such board")?;
+    emulator::prepare()?;
+    let python = python::environment()?;
+    let began = Instant::now();
+    println!("\nBuilding examples/boards/{name} for QEMU");
+    let firmware = build(board, build_dir, &["--features", "qemu"])?;
+    println!("Built in {} s; running it in {machine}", began.elapsed().as_secs());
+    let [uart, qmp] = free_ports()?;
+    let mut command = emulator::command();
+    command
+        .args(["-machine", machine, "-display", "none", "-monitor", "none"])
+        // Without `nodelay` the emulator's single bytes wait for acknowledgements, 40 ms each.
+        .args(["-serial", &format!("tcp:127.0.0.1:{uart},server=on,wait=off,nodelay=on")])
+        .args(["-qmp", &format!("tcp:127.0.0.1:{qmp},server=on,wait=off")])
+        .arg("-kernel")
+        .arg(&firmware)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped());
+    // Ended when dropped, also if the test fails.
+    let (_emulator, _output) = emulator::start(&mut command)?;
+    let began = Instant::now();
+    let mut test = Command::new(python);
+    test.arg(root().join(TEST))
+        .args(["--port", &uart.to_string(), "--qmp-port", &qmp.to_string()])
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .env("PYTHONPATH", root().join(python::CLIENTS))
+        .env("MAVLINK20", "1")
+        .env("MAVLINK_DIALECT", "common");
+    run(&mut test)?;
+    println!("Tested in {} s", began.elapsed().as_secs());
     Ok(())
+}
+
+/// Two free TCP ports.
+fn free_ports() -> Result<[u16; 2]> {
+    // Both are held until both are known.
+    let listeners: Vec<_> = (0..2).map(|_| TcpListener::bind((Ipv4Addr::LOCALHOST, 0))).collect();
+    let mut ports = [0; 2];
+    for (port, listener) in ports.iter_mut().zip(listeners) {
+        let address = listener.and_then(|listener| listener.local_addr());
+        *port = address.map_err(|error| format!("no free port: {error}"))?.port();
+    }
+    Ok(ports)
 }
 
 /// Bytes of flash and RAM; an error when the firmware is not where the board begins.

@@ -51,10 +51,7 @@ enum Task {
     Jitter(Jitter),
     Fuzz(Fuzz),
     Cross(Cross),
-    /// Build the firmwares in `examples/boards`, each with its HAL.
-    ///
-    /// Checks the load address of each, and prints its size.
-    Boards,
+    Boards(Boards),
     Dialects(Dialects),
     Trace(Trace),
     /// Check that the crates could be published.
@@ -102,6 +99,16 @@ struct Qemu {
     /// The Rust toolchain for the build; by default the first that works.
     #[arg(long)]
     toolchain: Option<Choice>,
+}
+
+/// Build the firmwares in `examples/boards`, each with its HAL.
+///
+/// Checks the load address of each, and prints its size.
+#[derive(Args)]
+struct Boards {
+    /// Also run the firmware of the STM32F405 in QEMU, under pymavlink.
+    #[arg(long)]
+    run: bool,
 }
 
 /// Build the library for three kinds of microcontroller, with no feature and with all features.
@@ -227,7 +234,7 @@ fn main() -> ExitCode {
             fuzz::fuzz(&fuzz::Options { seconds, executions, minimises: minimise, targets })
         }
         Task::Cross(arguments) => cross::build_all(arguments.toolchain),
-        Task::Boards => boards::build_all(),
+        Task::Boards(Boards { run }) => boards::build_all(run),
         Task::Dialects(arguments) => dialects::run(arguments.toolchain),
         Task::Trace(arguments) => trace::run(arguments.write),
         Task::PublishCheck => publish::check(),

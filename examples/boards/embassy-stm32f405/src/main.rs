@@ -3,6 +3,9 @@
 //! Three futures share the stack in one task: the driving loop, and an end of the link in each direction. A `RefCell` suffices,
 //! because none of them holds a borrow over an `await`.
 //!
+//! The mission and the parameters are stored in the last two sectors of the flash, while the rover is disarmed. An erase stops the
+//! processor for 1 s typically, and 2 s at most.
+//!
 //! When the receive buffer is full, `BufferedUart` of embassy-stm32 0.6 drops bytes without an error; checksums detect that.
 #![no_std]
 #![no_main]
@@ -13,6 +16,7 @@ use core::cell::RefCell;
 use embassy_executor::Spawner;
 use embassy_futures::join::join3;
 use embassy_futures::select::select;
+use embassy_stm32::flash::{Blocking, Flash};
 use embassy_stm32::usart::{
     BufferedInterruptHandler, BufferedUart, BufferedUartRx, BufferedUartTx, Config as UartConfig,
 };
@@ -21,6 +25,7 @@ use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Ticker, Timer, with_timeout};
 use mavstack::io::{AsyncReceiver, AsyncTransmitter, queue_len};
+use mavstack::storage::Store;
 use mavstack::{Instant, LinkConfig, LinkId};
 use mavstack_rover::{CONFIG, Mavlink, Rover};
 // Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
@@ -33,6 +38,10 @@ bind_interrupts!(struct Interrupts {
 
 const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
+
+/// Sectors 10 and 11, as offsets in the flash. `memory.x` keeps the firmware out of them.
+const REGION: core::ops::Range<u32> = 0xC_0000..0x10_0000;
+const _: () = assert!(Store::<Flash<'_, Blocking>>::region_len::<Mavlink>() <= REGION.end - REGION.start);
 
 /// Period of the driving loop. Received bytes wait no longer than that.
 const PERIOD: Duration = Duration::from_millis(4);
@@ -69,16 +78,20 @@ async fn main(_spawner: Spawner) {
 
     let stack = STACK.take();
     stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
-    let shared = Shared { vehicle: RefCell::new((stack, Rover::new())), wake: Signal::new() };
-    join3(drive(&shared), receive(&shared, rx), transmit(&shared, tx)).await;
+    let mut store = Store::new(Flash::new_blocking(chip.FLASH), REGION);
+    let mut rover = Rover::default();
+    rover.is_restored = stack.restore(now(), &mut store, &mut rover).is_ok();
+    let shared = Shared { vehicle: RefCell::new((stack, rover)), wake: Signal::new() };
+    join3(drive(&shared, store), receive(&shared, rx), transmit(&shared, tx)).await;
 }
 
-async fn drive(shared: &Shared) {
+async fn drive(shared: &Shared, mut store: Store<Flash<'_, Blocking>>) {
     let mut pass = Ticker::every(PERIOD);
     loop {
         {
             let (stack, rover) = &mut *shared.vehicle.borrow_mut();
-            rover.drive(stack);
+            rover.drive(now(), stack);
+            stack.persist(now(), &mut store, rover);
         }
         // The rover's state may have changed.
         shared.wake.signal(());

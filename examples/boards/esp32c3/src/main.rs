@@ -6,11 +6,15 @@
 //!
 //! With its feature `unstable`, `esp-hal` implements the traits that the stack needs, so the UART is passed to the stack directly.
 //! Its FIFO holds 128 bytes. At 5,760 bytes per second the loop must run at least every 22 ms. This loop never sleeps.
+//!
+//! The mission and the parameters are stored in the partition `nvs` of the usual partition table, which only Espressif's radio uses.
 #![no_std]
 #![no_main]
 #![forbid(unsafe_code)]
 
 use esp_hal::uart::{Config as UartConfig, Uart};
+use esp_storage::FlashStorage;
+use mavstack::storage::Store;
 use mavstack::{Instant, LinkConfig, LinkId};
 use mavstack_rover::{CONFIG, Mavlink, Rover};
 // Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
@@ -23,6 +27,10 @@ esp_bootloader_esp_idf::esp_app_desc!();
 const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
 
+/// The partition `nvs`, as offsets in the flash: six sectors.
+const REGION: core::ops::Range<u32> = 0x9000..0xF000;
+const _: () = assert!(Store::<FlashStorage<'_>>::region_len::<Mavlink>() <= REGION.end - REGION.start);
+
 /// Static because it is too large for the call stack. It is all zero bits until it is begun, so it takes no flash.
 static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
 
@@ -34,14 +42,21 @@ fn main() -> ! {
         .with_tx(chip.GPIO10)
         .with_rx(chip.GPIO3);
 
-    let mut rover = Rover::new();
+    let mut rover = Rover::default();
     let stack = STACK.take();
     stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
+    let mut store = Store::new(FlashStorage::new(chip.FLASH), REGION);
+    rover.is_restored = stack.restore(now(), &mut store, &mut rover).is_ok();
     loop {
-        let now = Instant::from_micros(esp_hal::time::Instant::now().duration_since_epoch().as_micros());
-        rover.drive(stack);
+        let now = now();
+        rover.drive(now, stack);
         stack.poll(now, &mut rover);
         // Errors, such as overruns, are counted in `stack.link_counters(TELEM)`. The link continues.
         let _ = stack.poll_link(now, TELEM, &mut uart, &mut rover);
+        stack.persist(now, &mut store, &mut rover);
     }
+}
+
+fn now() -> Instant {
+    Instant::from_micros(esp_hal::time::Instant::now().duration_since_epoch().as_micros())
 }

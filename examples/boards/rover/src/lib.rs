@@ -1,20 +1,35 @@
-//! A minimal vehicle for a ground station. It sends heartbeats and the state of its battery, can be armed and disarmed, has one
-//! parameter, and stores a mission of up to 100 items. It drives only while a ground station is alive. All boards share this crate;
-//! replace it by your own vehicle.
+//! A small vehicle that a ground station shows as ready. All boards share it. Copy it, and replace what is marked "Your …".
+//!
+//! | QGroundControl needs | here |
+//! |---|---|
+//! | heartbeats, armed or not, the mode | `Vehicle`, `Modes` |
+//! | at least one parameter | `parameters!` |
+//! | battery, attitude, position, home | `Telemetry`, by the types of `mavstack::telemetry` |
+//! | "ready": the pre-arm check | `Rover::sys_status` |
+//! | a mission | `Plans`; a board with a driver for its flash stores it, with the parameters |
+//!
+//! It drives only while it is armed, in the mode Mission, and a ground station is alive: the failsafe is in `Rover::drive`.
 #![no_std]
 #![forbid(unsafe_code)]
 
 use mavstack::dialect::commands::ComponentArmDisarm;
 use mavstack::dialect::rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
-use mavstack::dialect::{BatteryStatus, MavResult, MavType, MissionState};
-use mavstack::telemetry::Battery;
+use mavstack::dialect::*;
+use mavstack::message::Item;
+use mavstack::plan::Durability;
+use mavstack::telemetry::{Battery, GpsFix, Home, Motion};
 use mavstack::*;
 
 /// The driving loop ticks it. When the loop hangs, the heartbeats stop.
 pub static PULSE: Pulse = Pulse::new();
 
 /// The configuration: a rover with system id 1, component id 1.
-pub const CONFIG: Config = Config { r#type: MavType::GROUND_ROVER, ..Config::new(Address::new(1, 1), &PULSE) };
+pub const CONFIG: Config = Config {
+    r#type: MavType::GROUND_ROVER,
+    // An erase of internal flash may take longer than a ground station waits for the answer to an upload.
+    durability: Durability::Deferred,
+    ..Config::new(Address::new(1, 1), &PULSE)
+};
 
 stack! {
     /// A stack with one link and a mission of up to 100 items. An item takes 32 bytes, and uploads need a second copy.
@@ -23,85 +38,210 @@ stack! {
         plans: { mission: 100 },
         parameters: Tuning,
         streams,
+        modes,
+        storage,
     }
 }
 
 parameters! {
-    /// The parameters. QGroundControl considers a vehicle ready only if it has at least one.
+    /// The parameters, in ASCII order.
     pub struct Tuning {
+        /// Voltage of the battery below which the rover does not arm. 0 turns the check off.
+        BAT_V_LOW: f32 = 0.0, 0.0..=60.0, "V";
+        /// Holds when the last ground station is lost.
+        FS_GCS_ENABLE: u8 = 1, 0..=1, "";
         /// Maximum speed.
         SPEED_MAX: f32 = 2.0, 0.1..=10.0, "m/s";
     }
 }
 
-/// A rover.
+/// The modes: sub-modes of PX4's AUTO, because MAVSDK requests PX4's modes from every autopilot that it does not know.
+pub const HOLD: u32 = 4 << 16 | 3 << 24;
+/// Drives the mission.
+pub const MISSION: u32 = 4 << 16 | 4 << 24;
+
+/// A rover. The board writes the sensors' values, in SI units. What is unknown stays `UNKNOWN`, and is sent as "unknown".
 #[derive(Debug)]
 pub struct Rover {
+    /// Your position, velocity and attitude.
+    pub motion: Motion,
+    /// Your GNSS receiver.
+    pub gps: GpsFix,
+    /// Your home position, such as the place of the first fix.
+    pub home: Option<Home>,
+    /// Your battery.
+    pub battery: Battery<'static>,
+    /// False if [`Stack::restore`] has failed: a plan that cannot be read is not an empty plan.
+    pub is_restored: bool,
     armed: bool,
-    /// The voltage of the battery (V), as measured by your ADC. NaN is sent as "unknown".
-    pub battery: f32,
+    mode: u32,
+    current: u16,
+    is_complete: bool,
+    is_station_lost: bool,
+    is_battery_low: bool,
 }
 
 impl Default for Rover {
     fn default() -> Self {
-        Self::new()
+        Self {
+            motion: Motion::UNKNOWN,
+            gps: GpsFix::UNKNOWN,
+            home: None,
+            battery: Battery::UNKNOWN,
+            is_restored: true,
+            armed: false,
+            mode: HOLD,
+            current: 0,
+            is_complete: false,
+            is_station_lost: false,
+            is_battery_low: false,
+        }
     }
 }
 
 impl Rover {
-    /// Creates a disarmed rover at rest.
-    pub const fn new() -> Self {
-        Self { armed: false, battery: f32::NAN }
-    }
-
-    /// Returns the current speed limit for the motors (m/s): 0 while the rover is disarmed, or no ground station is alive.
-    pub fn speed_limit(&self, tuning: &Tuning, has_ground_station: bool) -> f32 {
-        if self.armed && has_ground_station { tuning.get(Tuning::SPEED_MAX) } else { 0.0 }
-    }
-
     /// Runs one pass of the driving loop, and ticks the pulse.
-    pub fn drive(&mut self, stack: &Mavlink) {
-        // Control the motors here, from `stack.mission()` and the sensors, up to this speed.
-        let _ = self.speed_limit(stack.parameters(), stack.has_ground_station());
+    pub fn drive(&mut self, now: Instant, stack: &mut Mavlink) {
+        let tuning = stack.parameters();
+        self.is_battery_low = self.battery.voltage < tuning.get(Tuning::BAT_V_LOW);
+        // `has_controller` asks for one station, by its system id.
+        let is_lost = self.armed && tuning.get(Tuning::FS_GCS_ENABLE) == 1 && !stack.has_ground_station();
+        if is_lost && !self.is_station_lost {
+            self.mode = HOLD;
+            stack.send_text(now, MavSeverity::CRITICAL, "Ground station lost: holding");
+        }
+        self.is_station_lost = is_lost;
+        let limit = stack.parameters().get(Tuning::SPEED_MAX);
+        let _ = (self.target(stack), limit); // Your navigation and motors; call `self.reached(now, stack)` at the item.
         PULSE.tick();
+    }
+
+    /// Returns the item of the mission to drive to; `None` if the rover is to stand still.
+    pub fn target<'a>(&self, stack: &'a Mavlink) -> Option<&'a Item> {
+        let is_driving = self.armed && self.mode == MISSION && !self.is_station_lost;
+        stack.mission().items().get(usize::from(self.current)).filter(|_| is_driving)
+    }
+
+    /// Reports that the current item is reached, and goes on to the next. After the last one the rover holds.
+    pub fn reached(&mut self, now: Instant, stack: &mut Mavlink) {
+        stack.mission_item_reached(now, self.current);
+        if usize::from(self.current) + 1 < stack.mission().items().len() {
+            self.current += 1;
+        } else {
+            (self.is_complete, self.mode) = (true, HOLD);
+        }
+    }
+
+    /// QGroundControl shows "ready" if the pre-arm check is present, enabled and healthy.
+    fn sys_status(&self) -> SysStatus {
+        use MavSysStatusSensor as Sensor;
+        let present = Sensor::PREARM_CHECK | Sensor::SENSOR_BATTERY;
+        let health = match (self.is_battery_low, self.is_restored) {
+            (false, true) => present,
+            (false, false) => Sensor::SENSOR_BATTERY,
+            (true, _) => Sensor::EMPTY,
+        };
+        SysStatus {
+            onboard_control_sensors_present: present,
+            onboard_control_sensors_enabled: present,
+            onboard_control_sensors_health: health,
+            ..self.battery.sys_status(0.0)
+        }
     }
 }
 
 impl Vehicle for Rover {
     fn state(&self) -> Option<VehicleState> {
-        Some(VehicleState::new(self.armed))
+        let state = VehicleState::new(self.armed).with_mode(self.mode);
+        Some(if self.is_station_lost { state.with_status(MavState::CRITICAL) } else { state })
     }
 }
 
 impl Commands for Rover {
-    fn command(&mut self, _: &mut Context<'_>, command: &Command) -> Outcome {
+    fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
         // Errors: UNSUPPORTED for another command, DENIED for invalid parameters.
-        match command.decode() {
-            Ok(ComponentArmDisarm { arm, .. }) if !command.is_broadcast => self.armed = arm,
+        let arm = match command.decode() {
+            Ok(ComponentArmDisarm { arm, .. }) if !command.is_broadcast => arm,
             Ok(_) => return MavResult::DENIED.into(),
             Err(result) => return result.into(),
+        };
+        if arm && (self.is_battery_low || !self.is_restored) {
+            cx.text(MavSeverity::WARNING, "Not armed: the battery is low, or stored data is unreadable");
+            return MavResult::DENIED.into();
         }
+        self.armed = arm;
+        MavResult::ACCEPTED.into()
+    }
+}
+
+impl Modes for Rover {
+    const MODES: &'static [FlightMode] = &[
+        FlightMode::new(HOLD, "Hold").with_properties(MavModeProperty::AUTO_MODE),
+        FlightMode::new(MISSION, "Mission").with_standard_mode(MavStandardMode::MISSION),
+    ];
+    const CUSTOM_MODE: CustomMode = CustomMode::MainSub;
+
+    fn set_mode(&mut self, cx: &mut Context<'_>, mode: &'static FlightMode, _: &ModeRequest) -> Outcome {
+        if mode.custom_mode == MISSION && cx.plan(PlanType::Mission).items().is_empty() {
+            cx.text(MavSeverity::WARNING, "No mission");
+            return MavResult::DENIED.into();
+        }
+        if mode.custom_mode == MISSION && self.is_complete {
+            (self.current, self.is_complete) = (0, false);
+        }
+        self.mode = mode.custom_mode;
         MavResult::ACCEPTED.into()
     }
 }
 
 impl Plans for Rover {
+    /// Any other command is refused when it is uploaded.
     const MISSION_COMMANDS: &'static [CommandRule] = &[NAV_WAYPOINT, NAV_RETURN_TO_LAUNCH];
 
-    fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
+    fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {
+        (self.current, self.is_complete, self.mode) = (0, false, HOLD);
+    }
 
     fn progress(&self) -> Progress {
-        Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
+        let state = match self.mode {
+            _ if self.is_complete => MissionState::COMPLETE,
+            MISSION => MissionState::ACTIVE,
+            _ if self.current > 0 => MissionState::PAUSED,
+            _ => MissionState::NOT_STARTED,
+        };
+        Progress { current: self.current, state, in_mission_mode: self.mode == MISSION }
+    }
+
+    fn set_current(&mut self, _: &mut Context<'_>, seq: u16, _: bool) -> MavResult {
+        (self.current, self.is_complete) = (seq, false);
+        MavResult::ACCEPTED
     }
 }
 
 impl Telemetry for Rover {
-    const STREAMS: &'static [Stream] = &[Stream::of::<BatteryStatus>().every(Duration::from_secs(2))];
+    const STREAMS: &'static [Stream] = &[
+        Stream::of::<SysStatus>().every(Duration::from_secs(1)),
+        Stream::of::<BatteryStatus>().every(Duration::from_secs(2)),
+        Stream::of::<Attitude>().every(Duration::from_millis(250)),
+        Stream::of::<GlobalPositionInt>().every(Duration::from_millis(500)),
+        Stream::of::<GpsRawInt>().every(Duration::from_secs(1)),
+        Stream::of::<VfrHud>().every(Duration::from_millis(500)),
+        Stream::of::<HomePosition>().every(Duration::from_secs(5)),
+    ];
 
     fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
-        let battery = Battery { voltage: self.battery, ..Battery::UNKNOWN };
-        // The rover has one battery.
-        id == BatteryStatus::ID && out.index() == 0 && out.put(&battery.battery_status())
+        let now = out.now();
+        match id {
+            SysStatus::ID => out.put(&self.sys_status()),
+            // The rover has one battery.
+            BatteryStatus::ID => out.index() == 0 && out.put(&self.battery.battery_status()),
+            Attitude::ID => out.put(&self.motion.attitude(now)),
+            GlobalPositionInt::ID => self.motion.global_position_int(now).is_some_and(|position| out.put(&position)),
+            GpsRawInt::ID => out.put(&self.gps.gps_raw_int(now)),
+            VfrHud::ID => out.put(&self.motion.vfr_hud()),
+            HomePosition::ID => self.home.is_some_and(|home| out.put(&home.home_position(now))),
+            _ => false,
+        }
     }
 }
 

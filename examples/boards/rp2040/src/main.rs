@@ -56,12 +56,12 @@ fn main() -> ! {
     // A 64-bit counter of microseconds since reset, as the stack needs it.
     let timer = Timer::new(chip.TIMER, &mut chip.RESETS, &clocks);
 
-    let mut rover = Rover::new();
+    let mut rover = Rover::default();
     let stack = STACK.take();
     stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
     loop {
         let now = Instant::from_micros(timer.get_counter().ticks());
-        rover.drive(stack);
+        rover.drive(now, stack);
         stack.poll(now, &mut rover);
         // Errors, such as overruns, are counted in `stack.link_counters(TELEM)`. The link continues.
         let _ = stack.poll_link(now, TELEM, &mut uart, &mut rover);

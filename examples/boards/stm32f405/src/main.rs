@@ -3,9 +3,17 @@
 //! A USART of this chip buffers one received byte, and the next one arrives 174 µs later. Its interrupt therefore moves each byte
 //! to a queue. The loop runs at least every 4 ms and passes the other end of the queue to the stack. The UART of `stm32f4xx-hal`
 //! cannot be passed directly, because it does not implement `Read`, `ReadReady` and `WriteReady`.
+//!
+//! The mission and the parameters are stored in the last two sectors of the flash, while the rover is disarmed. An erase stops the
+//! processor for 2 s typically, and 4 s at most.
+//!
+//! `cargo xtask boards --run` runs this firmware in QEMU. The feature `qemu` is only for that.
 #![no_std]
 #![no_main]
 #![deny(unsafe_code)]
+
+#[cfg_attr(feature = "qemu", path = "emulated.rs")]
+mod flash;
 
 use core::cell::RefCell;
 
@@ -13,6 +21,7 @@ use cortex_m::peripheral::NVIC;
 use cortex_m_rt::entry;
 use critical_section::Mutex;
 use mavstack::io::{SerialQueues, queue_len};
+use mavstack::storage::Store;
 use mavstack::{Duration, Instant, LinkConfig, LinkId};
 use mavstack_rover::{CONFIG, Mavlink, Rover};
 // Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
@@ -26,6 +35,7 @@ use stm32f4xx_hal::{interrupt, nb, rcc};
 
 const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
+const _: () = assert!(Store::<flash::Sectors>::region_len::<Mavlink>() <= flash::REGION.end - flash::REGION.start);
 
 /// Queues between the interrupt and the loop, which runs at least this often.
 static QUEUES: SerialQueues<QUEUE, QUEUE> = SerialQueues::new();
@@ -40,8 +50,9 @@ static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
 #[entry]
 fn main() -> ! {
     let chip = pac::Peripherals::take().expect("main runs once");
-    // Set this to the crystal of your board.
-    let mut rcc = chip.RCC.freeze(rcc::Config::hse(8.MHz()).sysclk(168.MHz()));
+    // Set this to the crystal of your board. QEMU has neither a crystal nor a PLL.
+    let clocks = if cfg!(feature = "qemu") { rcc::Config::hsi() } else { rcc::Config::hse(8.MHz()).sysclk(168.MHz()) };
+    let mut rcc = chip.RCC.freeze(clocks);
     let mut clock = Clock::new(chip.TIM5.counter_us(&mut rcc));
 
     let pins = chip.GPIOA.split(&mut rcc);
@@ -55,19 +66,22 @@ fn main() -> ! {
         NVIC::unmask(Interrupt::USART1)
     };
 
-    let mut rover = Rover::new();
+    let mut rover = Rover::default();
     let stack = STACK.take();
     stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
+    let mut store = Store::new(flash::Sectors::new(chip.FLASH), flash::REGION);
+    rover.is_restored = stack.restore(clock.now(), &mut store, &mut rover).is_ok();
     let mut telem = QUEUES.loop_end();
     loop {
         let now = clock.now();
-        rover.drive(stack);
+        rover.drive(now, stack);
         stack.poll(now, &mut rover);
         // Errors, such as overruns, are counted in `stack.link_counters(TELEM)`. The link continues.
         let _ = stack.poll_link(now, TELEM, &mut telem, &mut rover);
         if telem.has_to_send() {
             NVIC::pend(Interrupt::USART1);
         }
+        stack.persist(now, &mut store, &mut rover);
     }
 }
 
@@ -100,23 +114,26 @@ fn USART1() {
 struct Clock {
     timer: CounterUs<TIM5>,
     last: u32,
-    micros: u64,
+    ticks: u64,
 }
 
 impl Clock {
     /// The longest period that the timer supports.
     const PERIOD: u32 = u32::MAX;
 
+    /// Microseconds per tick, as a fraction. In QEMU the timer's clock is 1 GHz, and the HAL divides it by 16.
+    const TICK: (u64, u64) = if cfg!(feature = "qemu") { (16, 1_000) } else { (1, 1) };
+
     fn new(mut timer: CounterUs<TIM5>) -> Self {
         timer.start(Self::PERIOD.micros()).expect("the timer has 32 bits");
-        Self { timer, last: 0, micros: 0 }
+        Self { timer, last: 0, ticks: 0 }
     }
 
     fn now(&mut self) -> Instant {
         let count = self.timer.now().ticks();
         let elapsed = count.checked_sub(self.last).unwrap_or_else(|| Self::PERIOD - self.last + count);
         self.last = count;
-        self.micros += u64::from(elapsed);
-        Instant::from_micros(self.micros)
+        self.ticks += u64::from(elapsed);
+        Instant::from_micros(self.ticks * Self::TICK.0 / Self::TICK.1)
     }
 }

@@ -1,0 +1,270 @@
+"""The acceptance test of a port: a ground station uses the rover of `examples/boards` on an emulated board, through its UART.
+
+`cargo xtask boards --run` starts the board and calls this with the TCP ports of its UART and of QEMU's control port. The path of
+Python modules has `.ci/integration`.
+"""
+
+import argparse
+import contextlib
+import math
+import time
+from collections import Counter
+
+import qgc
+from conftest import Gcs, is_armed
+from plans import NAV_WAYPOINT, differences, plan, single
+from power import Qmp
+from pymavlink import mavutil
+from transfer import ACCEPTED, download, upload
+
+mavlink = mavutil.mavlink
+
+ITEMS = 100
+HOLD, MISSION = 4 << 16 | 3 << 24, 4 << 16 | 4 << 24
+PARAMETERS = {"BAT_V_LOW", "FS_GCS_ENABLE", "SPEED_MAX"}
+# The stack declares a ground station lost after that time without a heartbeat (s), with some reserve.
+LOST_WITHIN = 8
+# Hz
+RATES = {"HEARTBEAT": 1, "SYS_STATUS": 1, "GPS_RAW_INT": 1, "VFR_HUD": 2, "ATTITUDE": 4, "BATTERY_STATUS": 0.5}
+
+
+class Station(Gcs):
+    """A ground station that checks each frame of the vehicle and, while it waits, sends heartbeats."""
+
+    beats = True
+    last_beat = 0.0
+
+    def __init__(self, port):
+        self.bad = self.lost = self.frames = 0
+        self.sequence = None
+        super().__init__(port)
+        # Before the first heartbeat, the connection may have begun in the middle of a frame.
+        self.link.message_hooks.append(self.check)
+
+    def check(self, _, message):
+        if message.get_type() == "BAD_DATA":
+            self.bad += 1
+            return
+        self.frames += 1
+        sequence = message.get_seq()
+        if self.sequence is not None:
+            self.lost += (sequence - self.sequence - 1) % 256
+        self.sequence = sequence
+
+    def hear(self, kind, timeout=3.0, where=lambda message: True):
+        deadline = time.monotonic() + timeout
+        while (now := time.monotonic()) < deadline:
+            if self.beats and now - self.last_beat >= 1:
+                self.last_beat = now
+                self.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+            message = super().hear(kind, min(deadline - now, 0.1), where)
+            if message:
+                return message
+        return None
+
+    def heartbeat(self, where, timeout=3.0):
+        beat = self.wait("HEARTBEAT", timeout, where)
+        assert beat, "no such heartbeat"
+        return beat
+
+    def count(self, seconds):
+        """Counts the messages of some seconds."""
+        counts = Counter()
+        self.hear(None, seconds, lambda message: counts.update([message.get_type()]))
+        return counts
+
+
+@contextlib.contextmanager
+def step(name):
+    """Prints the step with its figures, which the block appends, and its duration."""
+    began, figures = time.monotonic(), []
+    try:
+        yield figures.append
+    except BaseException:
+        print(f"{time.monotonic() - began:5.1f} s  {name}: FAILED", flush=True)
+        raise
+    print(f"{time.monotonic() - began:5.1f} s  {name}: {', '.join(figures)}", flush=True)
+
+
+def connect(gcs, figure):
+    """QGroundControl's connection sequence, up to "ready"."""
+    station = qgc.Qgc(gcs)
+    station.connect()
+    assert all(step.is_answered for step in station.steps), station.steps
+    assert station.steps[-1].name == "ready"
+    assert set(station.parameters) == PARAMETERS, station.parameters
+    ready = mavlink.MAV_SYS_STATUS_PREARM_CHECK
+    status = gcs.wait("SYS_STATUS")
+    sensors = (status.onboard_control_sensors_present, status.onboard_control_sensors_enabled)
+    assert all(flags & ready for flags in (*sensors, status.onboard_control_sensors_health)), status
+    figure(f"{len(station.steps)} steps, {sum(step.retries for step in station.steps)} retries")
+
+
+def set_parameter(gcs, name, value):
+    gcs.mav.param_set_send(1, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32)
+    answer = gcs.wait("PARAM_VALUE", where=lambda answer: answer.param_id == name)
+    assert answer, f"no answer to PARAM_SET {name}"
+    return answer.param_value
+
+
+def parameter(gcs, name):
+    gcs.mav.param_request_read_send(1, 1, name.encode(), -1)
+    answer = gcs.wait("PARAM_VALUE", where=lambda answer: answer.param_id == name)
+    assert answer, f"no answer to PARAM_REQUEST_READ {name}"
+    return answer.param_value
+
+
+def waypoints():
+    items = [item for item in plan(2 * ITEMS) if item["command"] == NAV_WAYPOINT][:ITEMS]
+    return [item | {"seq": seq, "current": int(seq == 0)} for seq, item in enumerate(items)]
+
+
+def set_mode(gcs, mode):
+    main, sub = mode >> 16 & 0xFF, mode >> 24
+    flags = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    assert gcs.command(mavlink.MAV_CMD_DO_SET_MODE, flags, main, sub) == mavlink.MAV_RESULT_ACCEPTED
+    gcs.heartbeat(lambda beat: beat.custom_mode == mode)
+
+
+def arm(gcs, is_wanted):
+    result = gcs.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, int(is_wanted))
+    assert result == mavlink.MAV_RESULT_ACCEPTED, result
+    gcs.heartbeat(lambda beat: is_armed(beat) == is_wanted)
+
+
+def streams(gcs, figure):
+    seconds = 6
+    counts = gcs.count(seconds)
+    for kind, rate in RATES.items():
+        assert abs(counts[kind] - rate * seconds) <= 1 + 0.1 * rate * seconds, (kind, counts)
+    interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+    assert gcs.command(interval, mavlink.MAVLINK_MSG_ID_ATTITUDE, 50_000) == mavlink.MAV_RESULT_ACCEPTED
+    fast = gcs.count(3)["ATTITUDE"] / 3
+    assert 18 <= fast <= 21, fast
+    assert gcs.command(interval, mavlink.MAVLINK_MSG_ID_ATTITUDE, 0) == mavlink.MAV_RESULT_ACCEPTED
+    figure(f"{sum(counts.values()) / seconds:.0f} messages/s, ATTITUDE at {fast:.1f} of 20 Hz on request")
+
+
+def flood(gcs, figure):
+    """Commands at the rate of the line, at twice that rate, and as fast as TCP takes them, which no UART could: what does not fit
+    into the receive queue is lost, but the vehicle's own frames stay whole, and its heartbeats in time."""
+    beats = [time.monotonic()]
+
+    def receive(counts):
+        while message := gcs.link.recv_match(type=["COMMAND_ACK", "HEARTBEAT", "PARAM_VALUE"], blocking=False):
+            counts[message.get_type()] += 1
+            if message.get_type() == "HEARTBEAT":
+                beats.append(time.monotonic())
+            elif message.get_type() == "COMMAND_ACK":
+                assert message.result == mavlink.MAV_RESULT_UNSUPPORTED
+        time.sleep(0.002)
+
+    # A command has 44 bytes, and 57,600 bit/s carry 131 in a second.
+    for name, rate, total in [("at 131/s", 131, 393), ("at 262/s", 262, 786), ("at once", math.inf, 1_000)]:
+        began, sent, counts = time.monotonic(), 0, Counter()
+        while sent < total:
+            while sent < total and sent <= (time.monotonic() - began) * rate:
+                gcs.send_command(mavlink.MAV_CMD_NAV_LAND)
+                sent += 1
+            receive(counts)
+        # Until a request is answered that is sent behind the flood. A ground station repeats its requests.
+        asked = -math.inf
+        while not counts["PARAM_VALUE"]:
+            now = time.monotonic()
+            assert now - began < 30, f"no answer after the commands {name}"
+            if now - asked > 1:
+                gcs.mav.param_request_read_send(1, 1, b"FS_GCS_ENABLE", -1)
+                asked = now
+            receive(counts)
+        passed = time.monotonic() - began
+        figure(f"{counts['COMMAND_ACK']} of {total} answered {name} in {passed:.1f} s")
+        least = {131: 0.8, 262: 0.4}.get(rate, 0) * total
+        assert counts["COMMAND_ACK"] >= least, counts
+    gap = max(late - early for early, late in zip(beats, beats[1:]))
+    assert gap < 2, f"no heartbeat for {gap:.1f} s"
+    figure(f"heartbeats at most {gap:.2f} s apart")
+
+
+def lose_station(gcs, figure):
+    """The failsafe: an armed rover in Mission holds when the station falls silent."""
+    set_mode(gcs, MISSION)
+    arm(gcs, True)
+    gcs.beats, began = False, time.monotonic()
+    text = gcs.wait("STATUSTEXT", LOST_WITHIN, lambda text: text.text.startswith("Ground station lost"))
+    assert text, "no text about the lost station"
+    passed = time.monotonic() - began
+    beat = gcs.heartbeat(lambda beat: beat.custom_mode == HOLD)
+    assert is_armed(beat) and beat.system_status == mavlink.MAV_STATE_CRITICAL, beat
+    gcs.beats = True
+    gcs.heartbeat(lambda beat: beat.system_status == mavlink.MAV_STATE_ACTIVE, 5)
+    figure(f"holds after {passed:.1f} s")
+
+
+def reset(gcs, qmp, figure):
+    """Resets the processor. It boots disarmed, in Hold."""
+    qmp.execute("stop", event="STOP")
+    gcs.take_all()
+    qmp.execute("system_reset", event="RESET")
+    # The last frame before the reset may be incomplete.
+    bad = gcs.bad
+    gcs.forget_half_a_frame()
+    gcs.bad, gcs.sequence = bad, None
+    began = time.monotonic()
+    qmp.execute("cont", event="RESUME")
+    beat = gcs.heartbeat(lambda _: True, 5)
+    passed = time.monotonic() - began
+    assert not is_armed(beat) and beat.custom_mode == HOLD, beat
+    assert gcs.wait("ATTITUDE").time_boot_ms < 5_000, "the clock did not restart"
+    figure(f"first heartbeat after {passed:.1f} s")
+
+
+def main():
+    options = argparse.ArgumentParser()
+    options.add_argument("--port", type=int, required=True)
+    options.add_argument("--qmp-port", type=int, required=True)
+    options = options.parse_args()
+    items, speed = waypoints(), single(math.pi)
+    with step("heartbeat") as figure:
+        gcs = Station(options.port)
+        beat = gcs.heartbeat(lambda _: True)
+        assert beat.type == mavlink.MAV_TYPE_GROUND_ROVER and not is_armed(beat) and beat.custom_mode == HOLD, beat
+        figure("a rover, disarmed, in Hold")
+    with step("QGroundControl connects") as figure:
+        connect(gcs, figure)
+    with step("parameters") as figure:
+        assert set_parameter(gcs, "SPEED_MAX", speed) == speed
+        # Out of range: answered with the value that stays.
+        assert set_parameter(gcs, "SPEED_MAX", 11.0) == speed
+        figure("one set, one refused")
+    with step("streams") as figure:
+        streams(gcs, figure)
+    with step("mission up") as figure:
+        assert upload(gcs, items).type == ACCEPTED
+        figure(f"{ITEMS} items")
+    with step("mission down") as figure:
+        back = download(gcs)
+        assert not differences(items, back.items)
+        figure(f"{ITEMS} items, equal")
+    with step("arm, disarm") as figure:
+        arm(gcs, True)
+        arm(gcs, False)
+        figure("accepted")
+    with step("flood of commands") as figure:
+        flood(gcs, figure)
+    with step("failsafe") as figure:
+        lose_station(gcs, figure)
+    with step("reset while armed") as figure:
+        reset(gcs, Qmp(options.qmp_port), figure)
+    with step("after the reset") as figure:
+        assert parameter(gcs, "SPEED_MAX") == speed
+        again = download(gcs)
+        assert again.id == back.id and not differences(items, again.items)
+        figure("parameter and mission as stored")
+    with step("all frames") as figure:
+        figure(f"{gcs.frames} of the vehicle, {gcs.bad} bad, {gcs.lost} lost")
+        assert gcs.bad == gcs.lost == 0
+    gcs.close()
+
+
+if __name__ == "__main__":
+    main()
