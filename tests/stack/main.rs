@@ -3,6 +3,7 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+#[cfg(feature = "storage")]
 mod example_rover;
 mod minimal;
 mod no_block;
