@@ -24,7 +24,7 @@ struct Board {
     ram: [u64; 2],
 }
 
-const BOARDS: [Board; 4] = [
+const BOARDS: [Board; 5] = [
     Board {
         name: "embassy-stm32f405",
         target: "thumbv7em-none-eabihf",
@@ -38,12 +38,15 @@ const BOARDS: [Board; 4] = [
         load: 0x3C00_0020,
         ram: [0x3FC8_0000, 0x3FCE_0000],
     },
+    Board { name: "microbit", target: "thumbv6m-none-eabi", load: 0, ram: [0x2000_0000, 0x2000_4000] },
     Board { name: "rp2040", target: "thumbv6m-none-eabi", load: 0x1000_0000, ram: [0x2000_0000, 0x2004_2000] },
     Board { name: "stm32f405", target: "thumbv7em-none-eabihf", load: 0x0800_0000, ram: [0x2000_0000, 0x2002_0000] },
 ];
 
-/// The board that QEMU emulates well enough, its machine in QEMU, and the test.
-const EMULATED: (&str, &str) = ("stm32f405", "netduinoplus2");
+/// The boards that QEMU emulates well enough: each with its machine in QEMU, and the options of its build.
+const EMULATED: [(&str, &str, &[&str]); 2] =
+    [("microbit", "microbit", &[]), ("stm32f405", "netduinoplus2", &["--features", "qemu"])];
+/// The acceptance test of a port.
 const TEST: &str = ".ci/boards/acceptance.py";
 
 /// `cargo xtask boards`.
@@ -65,7 +68,14 @@ pub fn build_all(runs: bool) -> Result {
         println!("{name:20} {load:>#12x} {flash:>14} {ram:>18}");
     }
     println!("Built in {} s", began.elapsed().as_secs());
-    if runs { run_emulated(&build_dir) } else { Ok(()) }
+    if runs {
+        emulator::prepare()?;
+        let python = python::environment()?;
+        for (name, machine, options) in EMULATED {
+            run_emulated(&build_dir, &python, name, machine, options).map_err(|error| format!("{name}: {error}"))?;
+        }
+    }
+    Ok(())
 }
 
 /// Builds a board's firmware, and returns its path.
@@ -78,16 +88,11 @@ fn build(board: &Board, build_dir: &Path, options: &[&str]) -> Result<PathBuf> {
     Ok(build_dir.join(board.target).join("release").join(format!("mavstack-{}", board.name)))
 }
 
-/// Runs the emulated board under pymavlink: the acceptance test of a port.
-fn run_emulated(build_dir: &Path) -> Result {
-    let (name, machine) = EMULATED;
+/// Runs a board in the emulator, under pymavlink.
+fn run_emulated(build_dir: &Path, python: &Path, name: &str, machine: &str, options: &[&str]) -> Result {
     let board = BOARDS.iter().find(|board| board.name == name).ok_or("no such board")?;
-    emulator::prepare()?;
-    let python = python::environment()?;
-    let began = Instant::now();
-    println!("\nBuilding examples/boards/{name} for QEMU");
-    let firmware = build(board, build_dir, &["--features", "qemu"])?;
-    println!("Built in {} s; running it in {machine}", began.elapsed().as_secs());
+    println!("\nRunning examples/boards/{name} in QEMU's {machine}");
+    let firmware = build(board, build_dir, options)?;
     let [uart, qmp] = free_ports()?;
     let mut command = emulator::command();
     command

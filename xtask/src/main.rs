@@ -106,7 +106,7 @@ struct Qemu {
 /// Checks the load address of each, and prints its size.
 #[derive(Args)]
 struct Boards {
-    /// Also run the firmware of the STM32F405 in QEMU, under pymavlink.
+    /// Also run the firmwares of the micro:bit and the STM32F405 in QEMU, under pymavlink.
     #[arg(long)]
     run: bool,
 }

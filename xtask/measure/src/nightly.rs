@@ -42,7 +42,7 @@ const STEPS: [Step; 25] = [
         "operator control: every order of five frames, and every frame in every state of a model",
         &["test", "--release", "--test", "vehicle", "operator_model::", "--", "--ignored", "--nocapture"],
     ),
-    step("boards", "the boards' firmwares; one runs in QEMU under pymavlink", &["xtask", "boards", "--run"]),
+    step("boards", "the boards' firmwares; two run in QEMU under pymavlink", &["xtask", "boards", "--run"]),
     step(
         "storage-cuts",
         "a power cut at every byte of a save, second cuts at every write unit, and 100,000 saves",
