@@ -22,9 +22,10 @@ pub struct Sectors(&'static mut [u8; LEN]);
 impl Sectors {
     /// Takes the flash, which exists once.
     pub fn new(_: FLASH) -> Self {
+        let bytes = &raw mut BYTES;
         // SAFETY: this is called once, because there is one FLASH, and the emulator initialises its RAM.
         #[allow(unsafe_code, reason = "RAM that the start-up code does not touch")]
-        Self(unsafe { (*(&raw mut BYTES)).assume_init_mut() })
+        Self(unsafe { (*bytes).assume_init_mut() })
     }
 
     fn range(&mut self, from: u32, to: u32) -> Result<&mut [u8], NorFlashErrorKind> {
