@@ -34,7 +34,7 @@ pub struct Periodic {
     at: Instant,
     /// The interval that a client has set (µs): 0 is the default.
     micros: u32,
-    /// What is to be sent at once: a bit for each of [`Asked`].
+    /// What a client has asked for: a bit for each of [`Asked`].
     asked: u8,
 }
 
@@ -125,7 +125,7 @@ impl Periodic {
         self.asked &= !Asked::MESSAGE.0;
     }
 
-    /// Returns MESSAGE_INTERVAL. Off is -1, all bits of which are set.
+    /// Returns MESSAGE_INTERVAL. Off is −1: all bits are set.
     pub(crate) fn told(&self, row: Row, port: &Port) -> MessageInterval {
         let message_id = u16::try_from(row.id).unwrap_or(0);
         MessageInterval { interval_us: self.interval(row, port).cast_signed(), message_id }

@@ -126,7 +126,7 @@ pub struct CameraControl<I: ?Sized = [Image]> {
     left: u32,
     /// Its interval (ms).
     interval: u32,
-    /// A single image is to be taken.
+    /// A single image waits for the camera.
     is_ordered: bool,
     /// An image is being taken, until this time.
     is_busy: bool,

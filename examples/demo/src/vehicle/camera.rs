@@ -32,7 +32,7 @@ pub(super) struct Photographer {
     last: Vector,
     /// The distance is the mission's: it counts only while the mission is flown.
     is_of_mission: bool,
-    /// An image is to be taken because of the distance.
+    /// The distance was flown: the next poll takes an image.
     is_due: bool,
     /// The settings have changed without a command to the camera.
     is_changed: bool,

@@ -56,7 +56,7 @@ pub(super) struct Gimbal {
     is_retracted: bool,
     /// Pitch and yaw, from the nose (rad).
     angles: [f32; 2],
-    /// An item of the mission that is to be executed.
+    /// An item of the mission that waits for the gimbal manager.
     order: Option<Item>,
     /// A mission that has pointed it has ended.
     is_released: bool,
