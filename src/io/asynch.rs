@@ -94,8 +94,8 @@ impl<'a, R: ErrorType> AsyncReceiver<'a, R> {
         Self { uart, buffer, piece: usize::MAX, begin: 0, end: 0, fault: None, has_backlog: false, must_yield: false }
     }
 
-    /// Returns the same receiver, of which one call of [`Stack::receive_from`] takes at most `len` bytes, at least 1. By
-    /// default it takes all. With 16, it rarely handles more than one frame.
+    /// Limits the bytes that one call of [`Stack::receive_from`] takes from this receiver to `len`, at least 1. Without a
+    /// limit it takes all. With 16, a call rarely handles more than one frame.
     #[must_use]
     pub const fn with_piece(mut self, len: usize) -> Self {
         self.piece = if len > 0 { len } else { 1 };

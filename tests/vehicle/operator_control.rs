@@ -346,7 +346,7 @@ fn information_is_for_all() {
     assert_eq!(counters(&world).commands, 0);
 }
 
-/// Three ground stations, of which the first is a secondary one; the companion computer; and a sender without heartbeats.
+/// Three ground stations, a secondary one first; the companion computer; and a sender without heartbeats.
 const SENDERS: [Address; 5] = [Address::new(253, 190), OTHER_STATION, STATION, COMPANION, SILENT];
 
 #[derive(Clone, Copy, Debug)]

@@ -1,6 +1,6 @@
 //! A bounded model check of operator control: O-5, and C-5, J-2 and J-6 for senders that are not in control.
 //!
-//! Two ground stations, of which one is heard on both links, the companion computer, and a sender without heartbeats send requests,
+//! Two ground stations (one is heard on both links), the companion computer, and a sender without heartbeats send requests,
 //! releases, answers to the stack's questions, commands, sticks and setpoints, and time passes, in every order. The real stack runs
 //! beside an independent reference model. The stack cannot be copied, so each sequence runs from the beginning.
 //!
@@ -574,7 +574,7 @@ fn only_the_owner_is_obeyed_in_every_near_state() {
     every_state(&[], 5);
 }
 
-/// O-5: every action in every state that is a few actions from a refused request, of which the owner is told.
+/// O-5: every action in every state a few actions away from a refused request that the owner is told of.
 #[test]
 fn only_the_owner_consents_in_every_near_state() {
     let refused = [Beat(First0), Beat(Second1), Action::Request(First0, false), Action::Request(Second1, false)];

@@ -326,7 +326,7 @@ impl Server<'_> {
         session.touched = now;
         let opens =
             matches!(request.opcode, MavFtpOpcode::OPENFILERO | MavFtpOpcode::OPENFILEWO | MavFtpOpcode::CREATEFILE);
-        // What is read again is read anew. An open that is not open any more is executed again.
+        // Reads, bursts and resets are executed again, and so is an open whose file was closed since.
         let is_executed_again = match request.opcode {
             MavFtpOpcode::BURSTREADFILE | MavFtpOpcode::RESETSESSION => true,
             _ if opens => session.opened_by != digest,

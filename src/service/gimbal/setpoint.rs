@@ -37,8 +37,8 @@ impl GimbalSetpoint {
     }
 }
 
-/// Roll, pitch and yaw, each of which may be missing: angles in radians or rates in rad/s, positive clockwise seen along the axes forward,
-/// right and down. A positive pitch is up.
+/// Roll, pitch and yaw: angles in radians or rates in rad/s. Each may be missing. Positive is clockwise seen along the axes forward, right
+/// and down, so a positive pitch is up.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Axes(pub(super) [f32; 3]);

@@ -397,7 +397,7 @@ impl<const N: usize> Firmware<N> {
         }
     }
 
-    /// Runs for a time, in steps of a millisecond, each of which sends `rate` bytes. Flight ticks its pulse.
+    /// Runs for a time in steps of a millisecond. Each step sends `rate` bytes, and flight ticks its pulse.
     pub fn run_for(&self, executor: &mut Executor, millis: u64, rate: usize) {
         for _ in 0..millis {
             self.pulse.tick();

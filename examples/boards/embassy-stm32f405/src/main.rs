@@ -58,7 +58,7 @@ static TO_SEND: ConstStaticCell<[u8; BUFFER]> = ConstStaticCell::new([0; BUFFER]
 /// What the futures share.
 struct Shared {
     vehicle: RefCell<(&'static mut Mavlink, Rover)>,
-    /// Signals that something may be pending that is to be sent.
+    /// Signals that there may be something to send.
     wake: Signal<NoopRawMutex, ()>,
 }
 
