@@ -55,8 +55,8 @@ impl Acks {
         self.slots.get_mut(usize::from(self.first.wrapping_add(number)) % SLOTS)
     }
 
-    /// Queues the answer of a component to `to`. The caller checks [`is_full`](Self::is_full) before the command is carried out. Not inlined: few
-    /// commands are answered, and the path to them needs the stack space.
+    /// Queues the answer of a component to `to`. The caller checks [`is_full`](Self::is_full) before the command is carried
+    /// out. Not inlined: few commands are answered, and the path to them needs the stack space.
     #[inline(never)]
     pub(crate) fn push(&mut self, from: ComponentId, to: Address, command: MavCmd, outcome: Outcome) {
         if self.is_full() {
