@@ -193,8 +193,8 @@ impl Case {
     /// F-6: all files are closed after the time of an idle session.
     fn end(&mut self) {
         self.is_stalled = [false; 2];
-        for _ in 0..900 {
-            self.now = self.now.after(millis(20));
+        for _ in 0..36 {
+            self.now = self.now.after(millis(500));
             self.poll();
         }
         assert!(self.vehicle.files.open.is_empty(), "F-6: {:?}", self.vehicle.files.open);
