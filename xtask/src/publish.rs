@@ -5,24 +5,31 @@ use std::process::Command;
 
 use crate::system::{Result, cargo, root, run};
 
-/// What is published, and where it is. In any order: the generator names the library only in its tests, which are not published.
-const CRATES: [(&str, &str); 3] =
-    [("mavstack", "."), ("mavstack-dialect", "dialect"), ("mavstack-snapshot", "snapshot")];
+/// What is published, and where it is. A crate comes after those that it uses.
+const CRATES: [(&str, &str); 6] = [
+    ("mavstack", "."),
+    ("mavstack-dialect", "dialect"),
+    ("mavstack-snapshot", "snapshot"),
+    ("mavstack-demo", "examples/demo"),
+    ("mavstack-console", "examples/console"),
+    ("mavstack-sitl", "examples/sitl"),
+];
 
 /// What a package must have, besides its sources.
-const FILES: [&str; 5] = ["Cargo.toml", "LICENSE-APACHE", "LICENSE-MIT", "README.md", "src/lib.rs"];
+const FILES: [&str; 4] = ["Cargo.toml", "LICENSE-APACHE", "LICENSE-MIT", "README.md"];
 
 /// What has no place in one.
 const REFUSED: [&str; 5] = ["tests/", "benches/", "examples/", "xtask/", ".ci/"];
 
 /// The registry's categories that we are in: it warns of others only once a crate is there.
-const CATEGORIES: [&str; 6] = [
+const CATEGORIES: [&str; 7] = [
     "aerospace::unmanned-aerial-vehicles",
     "command-line-utilities",
     "concurrency",
     "development-tools::build-utils",
     "embedded",
     "no-std::no-alloc",
+    "simulation",
 ];
 
 /// Contents and metadata of each crate, that all others stay here, the documentation as docs.rs builds it, and Cargo's own

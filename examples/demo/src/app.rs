@@ -62,7 +62,7 @@ mavstack::stack! {
     }
 }
 
-/// The flight loop ticks it; heartbeats stop when the ticks stop.
+/// The flight loop of a firmware ticks it; heartbeats stop when the ticks stop.
 static PULSE: Pulse = Pulse::new();
 
 const CONFIG: Config = Config { identity: IDENTITY, ..Config::new(Address::new(1, COMPONENT), &PULSE) };
@@ -70,7 +70,10 @@ const CONFIG: Config = Config { identity: IDENTITY, ..Config::new(Address::new(1
 /// The vehicle's component id. Its system id is a parameter.
 const COMPONENT: u8 = 1;
 
-/// Firmware version 0.1.0 (development), and the ids of the only vehicle of its kind.
+/// Longitude between the start positions of neighbours in a fleet (deg·1e7): ten metres.
+const SPACING: i32 = 1_328;
+
+/// Firmware version 0.1.0 (development), and the ids of the vehicle with system id 1.
 const IDENTITY: Identity = Identity {
     flight_sw_version: 0x0001_0000,
     board_version: 1,
@@ -90,11 +93,13 @@ const LINK_CONFIGS: [LinkConfig; LINKS] = [
     LinkConfig::uart(2_400).with_class(LinkClass::HighLatency).with_signing(LinkSigning::SIGNED),
 ];
 
-/// The vehicle and its stack, to which `S` points. Create one per program: all instances share a single pulse.
+/// The vehicle and its stack, to which `S` points.
 #[derive(Debug)]
 pub struct App<S = &'static mut Mavlink> {
     stack: S,
     vehicle: Quadrotor,
+    /// The flight loop ticks it; heartbeats stop when the ticks stop.
+    pulse: &'static Pulse,
     saving: Saving,
     /// When to log the status next.
     #[cfg(feature = "defmt")]
@@ -112,16 +117,46 @@ enum Saving {
 }
 
 impl<S: DerefMut<Target = Mavlink>> App<S> {
-    /// Creates a vehicle that boots at [`Instant::ZERO`], with a stack that is not begun.
-    pub fn new(mut stack: S) -> Self {
-        stack.begin(CONFIG, LINK_CONFIGS);
+    /// Creates the vehicle of a firmware, which boots at [`Instant::ZERO`], with a stack that is not begun. Create one per
+    /// program: it uses a pulse in a `static`.
+    pub fn new(stack: S) -> Self {
+        Self::begin(stack, CONFIG, &PULSE)
+    }
+
+    /// Creates a vehicle of a fleet in one program: with the pulse of its flight loop, and a system id from 1 to 254. Hardware id and
+    /// start position follow from the system id. What [`restore`](Self::restore) finds replaces the system id and the position.
+    pub fn in_fleet(stack: S, pulse: &'static Pulse, system: u8) -> Self {
+        let others = system.saturating_sub(1);
+        let mut identity = Identity { uid: IDENTITY.uid.wrapping_add(others.into()), ..IDENTITY };
+        let [.., last] = &mut identity.uid2;
+        *last = last.wrapping_add(others);
+        let address = VehicleAddress::new(Address::new(system, COMPONENT)).unwrap_or(CONFIG.address);
+        let mut app = Self::begin(stack, Config { identity, address, pulse: Some(pulse), ..CONFIG }, pulse);
+        let parameters = app.stack.parameters_mut();
+        let start = parameters.get(Tuning::SIH_LOC_LON0).saturating_add(i32::from(others).saturating_mul(SPACING));
+        parameters.set(Tuning::SIH_LOC_LON0, start);
+        parameters.set(Tuning::MAV_SYS_ID, system.into());
+        app
+    }
+
+    fn begin(mut stack: S, config: Config, pulse: &'static Pulse) -> Self {
+        stack.begin(config, LINK_CONFIGS);
         stack.high_latency_mut().set_config(SATELLITE_CONFIG);
         Self {
             stack,
             vehicle: Quadrotor::new(),
+            pulse,
             saving: Saving::NoStorage,
             #[cfg(feature = "defmt")]
             status_due: Instant::ZERO,
+        }
+    }
+
+    /// Takes the system id of the parameter.
+    fn take_address(&mut self) {
+        let id = u8::try_from(self.stack.parameters().get(Tuning::MAV_SYS_ID));
+        if let Some(address) = id.ok().and_then(|id| VehicleAddress::new(Address::new(id, COMPONENT))) {
+            self.stack.set_address(address);
         }
     }
 
@@ -142,7 +177,7 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         vehicle.take_sticks(now, stack);
         vehicle.take_setpoint(now, stack);
         stack.with_context(now, |cx| vehicle.control_step(cx));
-        PULSE.tick();
+        self.pulse.tick();
         vehicle.report_calibration(stack.long_commands_mut());
         vehicle.report_arming(stack.long_commands_mut());
         vehicle.watch_payload(stack);
@@ -202,10 +237,7 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
     pub fn restore<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>) -> Result<(), RestoreErrors> {
         let result = self.stack.restore(now, store, &mut self.vehicle);
         self.saving = Saving::Idle;
-        let id = u8::try_from(self.stack.parameters().get(Tuning::MAV_SYS_ID));
-        if let Some(address) = id.ok().and_then(|id| VehicleAddress::new(Address::new(id, COMPONENT))) {
-            self.stack.set_address(address);
-        }
+        self.take_address();
         result
     }
 

@@ -1,4 +1,4 @@
-//! The demo vehicle as a host program: the same application as the firmware in QEMU, with sockets instead of UARTs.
+//! The demo vehicle as a host program, or a fleet of them: the same application as the firmware in QEMU, with sockets instead of UARTs.
 
 mod flash;
 #[cfg(test)]
@@ -6,6 +6,7 @@ mod metadata;
 mod plan;
 mod tcp;
 mod udp;
+mod vehicle;
 
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
@@ -13,33 +14,16 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
-use std::time::{self, Duration};
+use std::time::{Duration, Instant};
 
 use clap::Parser;
-use mavstack::network::LinkError;
-use mavstack::wpl::HomeRow;
-use mavstack::{Instant, LinkId};
 use mavstack_console::{Console, Tap, Tlog};
 use mavstack_demo::connect::{HowToConnect, OtherLinks};
-use mavstack_demo::{App, COMPANION, LINKS, Mavlink, SATELLITE, TELEMETRY};
 
-use flash::FileFlash;
-use tcp::Port;
-use udp::Datagrams;
-
-/// The vehicle. Its stack is boxed because it is large for a stack frame.
-type SitlApp = App<Box<Mavlink>>;
-
-type Store = mavstack::storage::Store<FileFlash>;
-
-/// Length of the storage file, in bytes. It leaves room for larger plans, so that later versions can use the same file.
-const STORAGE_LEN: u32 = 512 * 1024;
-const _: () = assert!(STORAGE_LEN >= 4 * Store::region_len::<Mavlink>());
+use vehicle::{Links, Vehicle};
 
 /// Period of the flight loop.
 const PERIOD: Duration = Duration::from_millis(1);
-/// Interval between updates of the status line.
-const STATUS_PERIOD: mavstack::Duration = mavstack::Duration::from_secs(1);
 
 /// Run the demo vehicle on this machine.
 ///
@@ -55,18 +39,28 @@ const STATUS_PERIOD: mavstack::Duration = mavstack::Duration::from_secs(1);
 ///
 /// Capacities: 1,000 mission items, 256 fence items, 64 rally points. A reboot command restarts the vehicle and keeps the
 /// connections. Press Ctrl-C to stop.
+///
+/// With --count it is a fleet: vehicles with system ids in a row, ten metres apart, each with three ports of its own. The status line is
+/// the first vehicle's.
 #[derive(Parser)]
-#[command(name = "cargo sitl")]
+#[command(name = "mavstack-sitl", version)]
 struct Arguments {
-    /// First of three consecutive TCP ports.
+    /// Run this many vehicles.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=254))]
+    count: u8,
+    /// System id of the first vehicle. The others have the ids after it.
+    #[arg(long, value_name = "ID", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=254))]
+    system: u8,
+    /// First of three consecutive TCP ports. The ports of each further vehicle are ten above those of the one before.
     #[arg(long, value_name = "PORT", default_value_t = 5770, value_parser = clap::value_parser!(u16).range(1..=65533))]
     port_base: u16,
-    /// Send telemetry over UDP to this address instead of listening on TCP. QGroundControl listens on the default address.
+    /// Send telemetry over UDP to this address instead of listening on TCP. QGroundControl listens on the default address. Each vehicle
+    /// sends from a port of its own.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
     /// Store the signing key, the parameters and the plans in this file, as a flight controller does in flash. They are
     /// restored at the next start. Only its owner can read the file. An existing file with other content is refused.
-    /// Without this option nothing is stored.
+    /// Each further vehicle has a file with its number behind the name: FILE.2, FILE.3. Without this option nothing is stored.
     #[arg(long, value_name = "FILE")]
     storage: Option<PathBuf>,
     /// Load this plan at the start: a mission, geofence or rally points in the text format of QGroundControl, Mission Planner
@@ -78,12 +72,53 @@ struct Arguments {
     /// includes frames that the vehicle then refuses. A frame with an unknown id is logged only if its sender was heard before,
     /// and a frame or silence follows: the vehicle also takes one whose signature is right, but only the vehicle has the key.
     /// MAVExplorer and pymavlink read the file. Messages with keys or passwords are omitted, and signatures are overwritten
-    /// with zeros. An existing log is replaced; any other existing file is refused.
+    /// with zeros. An existing log is replaced; any other existing file is refused. All vehicles share it.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// Treat the first row of the plan as an item. By default it is the home position, as in missions saved by ground stations.
     #[arg(long, requires = "plan")]
     no_home: bool,
+}
+
+impl Arguments {
+    /// Checks what concerns several arguments.
+    fn check(&self) -> Result<(), String> {
+        let (count, last) = (self.count, u16::from(self.system) + u16::from(self.count) - 1);
+        if last > 254 {
+            return Err(format!(
+                "{count} vehicles from system id {} need ids up to {last}; the last one is 254",
+                self.system
+            ));
+        }
+        if self.port(self.count - 1).is_none() {
+            return Err(format!("{count} vehicles need ports beyond 65535; choose lower ones with --port-base"));
+        }
+        Ok(())
+    }
+
+    /// Returns the first port of a vehicle, by its index.
+    fn port(&self, index: u8) -> Option<u16> {
+        self.port_base.checked_add(10 * u16::from(index)).filter(|port| *port <= 65_533)
+    }
+
+    fn print_how_to_connect(&self) {
+        let base = self.port_base;
+        if self.count == 1 {
+            println!("The vehicle is running. Connect a ground station:\n");
+        } else {
+            let last = self.system + (self.count - 1);
+            println!(
+                "{} vehicles are running, systems {} to {last}. Connect a ground station:\n",
+                self.count, self.system
+            );
+        }
+        println!("{}\n", self.udp.map_or(HowToConnect::Tcp(base), HowToConnect::Udp));
+        println!("{}\n", OtherLinks { companion: base + 1, satellite: base + 2 });
+        if self.count > 1 {
+            println!("The ports of each further vehicle are ten above those of the one before.\n");
+        }
+        println!("Press Ctrl-C to stop.\n");
+    }
 }
 
 fn resolve(address: &str) -> Result<SocketAddr, String> {
@@ -116,12 +151,6 @@ impl Log {
     }
 }
 
-/// The transport of the telemetry link.
-enum Telemetry {
-    Tcp(Port),
-    Udp(Datagrams),
-}
-
 fn main() -> ExitCode {
     match run(&Arguments::parse()) {
         Ok(()) => ExitCode::SUCCESS,
@@ -132,120 +161,54 @@ fn main() -> ExitCode {
     }
 }
 
-/// The vehicle and its storage.
-struct Device {
-    app: SitlApp,
-    store: Option<Store>,
-}
-
-impl Device {
-    /// Boots the vehicle with the contents of its storage.
-    fn boot(arguments: &Arguments, console: &Console) -> Result<Self, String> {
-        let mut device = Self { app: App::new(Box::new(Mavlink::VACANT)), store: None };
-        let app = &mut device.app;
-        if let Some(path) = &arguments.storage {
-            let store = device.store.insert(Store::new(FileFlash::open(path, STORAGE_LEN)?, 0..STORAGE_LEN));
-            if let Err(errors) = app.restore(Instant::ZERO, store) {
-                console.print_error(format_args!("{}: not all could be read: {errors}", path.display()));
-            }
-        }
-        if let Some(path) = &arguments.plan {
-            let home_row = if arguments.no_home { HomeRow::None } else { HomeRow::First };
-            let items = plan::read(path, home_row)?;
-            console.print(format_args!("{}: {} items", path.display(), items.len()));
-            plan::load(app, items).map_err(|fault| format!("{}: {fault}", path.display()))?;
-        }
-        Ok(device)
-    }
-
-    /// Runs the vehicle until `stop` is set or a reboot was requested. Simulated time starts at 0.
-    fn fly(&mut self, stop: &AtomicBool, console: &Console, telemetry: &mut Telemetry, others: &mut [(LinkId, Port)]) {
-        let mut shown = Instant::ZERO;
-        let app = &mut self.app;
-        let boot = time::Instant::now();
-        // This machine's clock serves as the vehicle's real-time clock.
-        if let Ok(since_1970) = time::SystemTime::now().duration_since(time::UNIX_EPOCH) {
-            let unix_usec = u64::try_from(since_1970.as_micros()).unwrap_or(0);
-            app.set_calendar(Instant::ZERO, unix_usec);
-        }
-        while !stop.load(Ordering::Relaxed) && !app.wants_reboot() {
-            let began = boot.elapsed();
-            let now = Instant::from_micros(u64::try_from(began.as_micros()).unwrap_or(u64::MAX));
-            app.control(now);
-            while app.simulates_hang() && !stop.load(Ordering::Relaxed) {
-                thread::sleep(PERIOD);
-            }
-            match telemetry {
-                Telemetry::Tcp(port) => serve(app, now, TELEMETRY, port),
-                Telemetry::Udp(datagrams) => datagrams.serve(app, now, TELEMETRY),
-            }
-            for (link, port) in &mut *others {
-                serve(app, now, *link, port);
-            }
-            if let Some(store) = &mut self.store {
-                app.persist(now, store);
-            }
-            if now >= shown.after(STATUS_PERIOD) {
-                shown = now;
-                console.show(app.status(now));
-            }
-            thread::sleep(PERIOD.saturating_sub(boot.elapsed().saturating_sub(began)));
-        }
-    }
-}
-
 fn run(arguments: &Arguments) -> Result<(), String> {
+    arguments.check()?;
     let stop = Arc::new(AtomicBool::new(false));
     let stopped = Arc::clone(&stop);
     ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed)).map_err(|error| format!("signals: {error}"))?;
 
     let console = Console::new();
-    let base = arguments.port_base;
-    // Open the ports before any file. A busy port is the most likely error, and the files may then belong to a running vehicle.
-    let mut telemetry = match arguments.udp {
-        Some(peer) => Telemetry::Udp(Datagrams::open(peer)?),
-        None => Telemetry::Tcp(Port::open(base, console.clone())?),
-    };
-    let open = |link, port| Ok::<_, String>((link, Port::open(port, console.clone())?));
-    let mut others = [open(COMPANION, base + 1)?, open(SATELLITE, base + 2)?];
-    if let Some(path) = &arguments.log {
-        let tlog = Tlog::create(path)?;
-        match &mut telemetry {
-            Telemetry::Tcp(port) => port.log = Log::new(&tlog),
-            Telemetry::Udp(datagrams) => datagrams.log = Log::new(&tlog),
+    // Open all ports before any file. A busy port is the most likely error, and the files may then belong to a running vehicle.
+    let links =
+        (0..arguments.count).map(|index| Links::open(arguments, index, &console)).collect::<Result<Vec<_>, _>>()?;
+    let tlog = arguments.log.as_deref().map(Tlog::create).transpose()?;
+    let mut fleet = Vec::new();
+    for (index, mut links) in (0..arguments.count).zip(links) {
+        if let Some(tlog) = &tlog {
+            links.log_to(tlog);
         }
-        for (_, port) in &mut others {
-            port.log = Log::new(&tlog);
-        }
+        fleet.push(Vehicle::boot(arguments, index, links, &console)?);
     }
-    let mut device = Device::boot(arguments, &console)?;
-    const { assert!(LINKS == 3) };
+    arguments.print_how_to_connect();
 
-    println!("The vehicle is running. Connect a ground station:\n");
-    println!("{}\n", arguments.udp.map_or(HowToConnect::Tcp(base), HowToConnect::Udp));
-    println!("{}\n\nPress Ctrl-C to stop.\n", OtherLinks { companion: base + 1, satellite: base + 2 });
-
-    loop {
-        device.fly(&stop, &console, &mut telemetry, &mut others);
-        if stop.load(Ordering::Relaxed) {
-            break;
-        }
-        // Connections stay open, as on a UART.
-        console.print("The vehicle reboots.");
-        device = Device::boot(arguments, &console)?;
-    }
+    // Vehicles next to each other share a thread; there is a thread for each core.
+    let threads = thread::available_parallelism().map_or(1, usize::from);
+    let share = fleet.len().div_ceil(threads);
+    let result: Result<(), String> = thread::scope(|scope| {
+        let workers: Vec<_> =
+            fleet.chunks_mut(share).map(|vehicles| scope.spawn(|| fly(vehicles, arguments, &stop, &console))).collect();
+        workers
+            .into_iter()
+            .try_for_each(|worker| worker.join().unwrap_or_else(|_| Err("a vehicle has panicked".into())))
+    });
     console.end();
-    println!("The vehicle has stopped.");
-    Ok(())
+    result.inspect(|()| {
+        println!("{}", if arguments.count == 1 { "The vehicle has stopped." } else { "The vehicles have stopped." })
+    })
 }
 
-fn serve(app: &mut SitlApp, now: Instant, link: LinkId, port: &mut Port) {
-    match app.serve(now, link, port) {
-        Ok(()) => {}
-        Err(LinkError::Closed) => port.hang_up("disconnected"),
-        Err(error) => port.hang_up(&error.to_string()),
+/// Runs some of the vehicles until the program is stopped.
+fn fly(vehicles: &mut [Vehicle], arguments: &Arguments, stop: &AtomicBool, console: &Console) -> Result<(), String> {
+    let mut failed = Ok(());
+    while !stop.load(Ordering::Relaxed) {
+        let began = Instant::now();
+        for vehicle in &mut *vehicles {
+            failed = failed.and_then(|()| vehicle.step(arguments, console));
+        }
+        if failed.is_err() {
+            stop.store(true, Ordering::Relaxed);
+        }
+        thread::sleep(PERIOD.saturating_sub(began.elapsed()));
     }
-    if port.accept() {
-        app.parts().0.restart_link(link);
-    }
+    failed
 }

@@ -6,7 +6,7 @@ use mavstack::dialect::{MavCmd, MavMissionResult};
 use mavstack::wpl::{HomeRow, Reader};
 use mavstack::{Instant, Item, PlanType};
 
-use crate::SitlApp;
+use crate::vehicle::SitlApp;
 
 /// Reads all items of a file.
 pub fn read(path: &Path, home_row: HomeRow) -> Result<Vec<Item>, String> {

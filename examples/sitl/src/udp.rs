@@ -5,7 +5,8 @@ use std::ops::Range;
 
 use mavstack::{Instant, LinkId};
 
-use crate::{Log, SitlApp};
+use crate::Log;
+use crate::vehicle::SitlApp;
 
 /// Maximum length of a sent datagram, which fits any Ethernet frame.
 const MAX_DATAGRAM: usize = 1_400;

@@ -31,7 +31,7 @@ const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
 }
 
 /// All steps, short ones first.
-const STEPS: [Step; 25] = [
+const STEPS: [Step; 26] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
@@ -41,6 +41,11 @@ const STEPS: [Step; 25] = [
         "operator-control",
         "operator control: every order of five frames, and every frame in every state of a model",
         &["test", "--release", "--test", "vehicle", "operator_model::", "--", "--ignored", "--nocapture"],
+    ),
+    step(
+        "fleet",
+        "250 simulated vehicles on this machine, and what they cost",
+        &["test", "--release", "--package", "mavstack-sitl", "--test", "fleet", "--", "--ignored", "--nocapture"],
     ),
     step("boards", "the boards' firmwares; two run in QEMU under pymavlink", &["xtask", "boards", "--run"]),
     step(

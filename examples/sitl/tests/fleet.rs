@@ -1,0 +1,199 @@
+//! A fleet of vehicles in one program, over sockets.
+
+use std::collections::BTreeMap;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU16, Ordering};
+use std::time::{Duration, Instant};
+
+use mavstack::dialect::{AutopilotVersion, CommandLong, GlobalPositionInt, Heartbeat, MavCmd};
+use mavstack::frame::{Version, encode};
+use mavstack::{Address, Message};
+
+/// A running program, which ends with the test.
+struct Fleet {
+    program: Child,
+    base: u16,
+}
+
+impl Drop for Fleet {
+    fn drop(&mut self) {
+        // It may have ended by itself, after an error.
+        let _ = self.program.kill();
+        let _ = self.program.wait();
+    }
+}
+
+impl Fleet {
+    /// Starts vehicles with the system ids from `first` on, and waits until they run.
+    fn start(count: u8, first: u8, telemetry: SocketAddr) -> Self {
+        let base = free_ports(count);
+        let mut program = Command::new(env!("CARGO_BIN_EXE_mavstack-sitl"))
+            .args(["--count", &count.to_string(), "--system", &first.to_string()])
+            .args(["--port-base", &base.to_string(), &format!("--udp={telemetry}")])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        let output = BufReader::new(program.stdout.take().expect("its output"));
+        let fleet = Self { program, base };
+        let mut lines = output.lines().map_while(Result::ok);
+        assert!(lines.any(|line| line.contains("Press Ctrl-C to stop")), "the program has ended");
+        // It goes on printing.
+        std::thread::spawn(move || lines.for_each(drop));
+        fleet
+    }
+
+    /// The processor time that it has used.
+    #[cfg(target_os = "linux")]
+    fn cpu_time(&self) -> Duration {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.program.id())).expect("it runs");
+        let fields = stat.rsplit(')').next().unwrap_or_default().split_whitespace().skip(11);
+        // User and system time, in units that Linux fixes at 10 ms.
+        Duration::from_millis(fields.take(2).map(|ticks| ticks.parse::<u64>().expect("a number")).sum::<u64>() * 10)
+    }
+
+    /// The memory that it has (kB).
+    #[cfg(target_os = "linux")]
+    fn memory(&self) -> u64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.program.id())).expect("it runs");
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("its memory");
+        line.trim().trim_end_matches(" kB").parse().expect("a number")
+    }
+}
+
+/// Returns the first of the free ports for a fleet. No two tests get the same.
+fn free_ports(count: u8) -> u16 {
+    static NEXT: AtomicU16 = AtomicU16::new(20_000);
+
+    let is_free = |base: u16| {
+        let ports = (0..u16::from(count)).flat_map(|index| (0..3).map(move |link| base + 10 * index + link));
+        ports.into_iter().all(|port| TcpListener::bind((Ipv4Addr::LOCALHOST, port)).is_ok())
+    };
+    loop {
+        let base = NEXT.fetch_add(3_000, Ordering::Relaxed);
+        assert!(base < 60_000, "no free ports");
+        if is_free(base) {
+            return base;
+        }
+    }
+}
+
+/// Whole frames of MAVLink 2 in a row of bytes: id, system, component and payload.
+fn frames(bytes: &[u8]) -> Vec<(u32, u8, u8, &[u8])> {
+    let (mut found, mut rest) = (Vec::new(), bytes);
+    while let [0xFD, len, _, _, _, system, component, a, b, c, ..] = *rest {
+        let end = 12 + usize::from(len);
+        let Some(payload) = rest.get(10..end - 2) else { break };
+        found.push((u32::from_le_bytes([a, b, c, 0]), system, component, payload));
+        rest = &rest[end..];
+    }
+    found
+}
+
+fn socket() -> UdpSocket {
+    let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
+    socket.set_read_timeout(Some(Duration::from_millis(100))).expect("a timeout");
+    socket
+}
+
+/// Hands the frames of datagrams to `see`, until it returns true or the time is over.
+fn receive(socket: &UdpSocket, time: Duration, mut see: impl FnMut(u32, u8, u8, &[u8]) -> bool) -> bool {
+    let (began, mut datagram) = (Instant::now(), [0; 65_536]);
+    while began.elapsed() < time {
+        let Ok(len) = socket.recv(&mut datagram) else { continue };
+        for (id, system, component, payload) in frames(&datagram[..len]) {
+            if see(id, system, component, payload) {
+                return true;
+            }
+        }
+    }
+    false
+}
+
+#[test]
+fn each_vehicle_has_an_address_and_a_place_of_its_own() {
+    let socket = socket();
+    let _fleet = Fleet::start(12, 40, socket.local_addr().expect("an address"));
+    let mut places = BTreeMap::new();
+    let all_are_heard = receive(&socket, Duration::from_secs(30), |id, system, component, payload| {
+        if id == GlobalPositionInt::ID && component == 1 {
+            places.insert(system, GlobalPositionInt::decode(payload).lon);
+        }
+        places.len() == 12
+    });
+    assert!(all_are_heard, "heard: {places:?}");
+    assert!(places.keys().copied().eq(40..52), "systems: {places:?}");
+    let gaps: Vec<_> = places.values().zip(places.values().skip(1)).map(|(west, east)| east - west).collect();
+    // Ten metres at 47.4° north.
+    assert!(gaps.iter().all(|gap| (1_300..1_360).contains(gap)), "{places:?}");
+}
+
+#[test]
+fn a_command_on_a_vehicles_port_reaches_this_vehicle() {
+    let socket = socket();
+    let fleet = Fleet::start(3, 7, socket.local_addr().expect("an address"));
+    let mut ids = Vec::new();
+    for index in 0..3 {
+        let mut companion = TcpStream::connect((Ipv4Addr::LOCALHOST, fleet.base + 10 * index + 1)).expect("a client");
+        companion.set_read_timeout(Some(Duration::from_millis(100))).expect("a timeout");
+        let system = 7 + u8::try_from(index).expect("a small number");
+        let request = CommandLong {
+            command: MavCmd::REQUEST_MESSAGE,
+            param1: AutopilotVersion::ID as f32,
+            target_system: system,
+            target_component: 1,
+            ..CommandLong::UNKNOWN
+        };
+        let mut frame = [0; 280];
+        let len = encode(&request, Version::V2, Address::new(255, 190), 0, &mut frame).expect("a frame");
+        companion.write_all(&frame[..len]).expect("the port takes it");
+        let (began, mut received) = (Instant::now(), Vec::new());
+        let version = loop {
+            assert!(began.elapsed() < Duration::from_secs(30), "no answer of system {system}");
+            let mut bytes = [0; 4_096];
+            let len = companion.read(&mut bytes).unwrap_or(0);
+            received.extend_from_slice(&bytes[..len]);
+            let answer = frames(&received).into_iter().find(|frame| frame.0 == AutopilotVersion::ID);
+            if let Some((_, from, _, payload)) = answer {
+                assert_eq!(from, system);
+                break AutopilotVersion::decode(payload);
+            }
+        };
+        ids.push((version.uid, version.uid2));
+    }
+    ids.dedup();
+    assert_eq!(ids.len(), 3, "each vehicle has a hardware id of its own");
+}
+
+/// What 250 vehicles cost: `cargo test --release -p mavstack-sitl --test fleet -- --ignored --nocapture`.
+#[cfg(target_os = "linux")]
+#[test]
+#[ignore = "the machine is busy for 12 s"]
+fn heartbeats_of_250_vehicles() {
+    const COUNT: u8 = 250;
+    let socket = socket();
+    let fleet = Fleet::start(COUNT, 1, socket.local_addr().expect("an address"));
+    // Until all have started.
+    receive(&socket, Duration::from_secs(2), |_, _, _, _| false);
+    let (began, used) = (Instant::now(), fleet.cpu_time());
+    let (mut count, mut longest, mut last) = (0u32, Duration::ZERO, BTreeMap::new());
+    receive(&socket, Duration::from_secs(10), |id, system, component, _| {
+        count += 1;
+        if (id, component) == (Heartbeat::ID, 1) {
+            let before = last.insert(system, Instant::now());
+            longest = longest.max(before.map_or(Duration::ZERO, |before| before.elapsed()));
+        }
+        false
+    });
+    let share = (fleet.cpu_time() - used).as_secs_f64() / began.elapsed().as_secs_f64();
+    println!(
+        "{COUNT} vehicles: {} frames a second, at most {} ms from a heartbeat to the next, {:.0} % of a core, {} kB",
+        count / 10,
+        longest.as_millis(),
+        share * 100.0,
+        fleet.memory(),
+    );
+    assert_eq!(last.len(), usize::from(COUNT), "all are heard");
+}
