@@ -1,6 +1,11 @@
 //! Reading from a circular DMA buffer.
 
+use core::sync::atomic::{AtomicU8, Ordering};
+
 use super::SerialError;
+
+/// The number of bytes that are copied from the buffer at a time: on the call stack.
+const PIECE: usize = 64;
 
 /// The read position in a circular buffer that DMA fills continuously.
 ///
@@ -8,7 +13,7 @@ use super::SerialError;
 /// interrupt counts the laps:
 ///
 /// ```
-/// use core::sync::atomic::{AtomicU32, Ordering};
+/// use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 /// use mavstack::io::{CircularReader, SerialError};
 /// # use mavstack::{Command, Commands, Context, Instant, LinkId, Outcome, Vehicle, VehicleState};
 /// # struct Rover;
@@ -20,15 +25,16 @@ use super::SerialError;
 /// # }
 /// # mavstack::stack! { struct Mavlink for Rover { links: 1 } }
 ///
+/// static BUFFER: [AtomicU8; 256] = [const { AtomicU8::new(0) }; 256]; // written by the DMA only
 /// static LAPS: AtomicU32 = AtomicU32::new(0); // written by the interrupt only
 ///
 /// fn receive(
 ///     # now: Instant, stack: &mut Mavlink, vehicle: &mut Rover,
-///     reader: &mut CircularReader, buffer: &[u8], remaining: impl Fn() -> usize,
+///     reader: &mut CircularReader, remaining: impl Fn() -> usize,
 /// ) -> Result<(), SerialError> {
 ///     let laps = LAPS.load(Ordering::Acquire); // before the position
-///     let position = buffer.len() - remaining(); // NDTR of an STM32
-///     reader.poll(buffer, laps, position, |bytes| stack.receive(now, LinkId(0), bytes, vehicle))
+///     let position = BUFFER.len() - remaining(); // NDTR of an STM32
+///     reader.poll(&BUFFER, laps, position, |bytes| stack.receive(now, LinkId(0), bytes, vehicle))
 /// }
 /// ```
 ///
@@ -51,6 +57,22 @@ use super::SerialError;
 /// ```
 ///
 /// The buffer must hold twice the bytes that are received between two polls: see [`queue_len`](super::queue_len).
+///
+/// # Memory that DMA writes
+///
+/// The compiler must know that the DMA writes the buffer. A `&[u8]` says the opposite, so it is undefined behaviour to have one while
+/// the DMA runs. The elements are atomic instead: each is read with one plain load, on every processor, and copied before the stack
+/// sees it.
+///
+/// - Give the DMA the buffer's address, `BUFFER.as_ptr()`, and its length.
+/// - The DMA must reach the memory. It does not reach the CCM of an STM32F4, or the DTCM of an STM32H7 (except by MDMA). Place the
+///   buffer by `#[link_section]` in memory that it reaches.
+/// - On a processor with a data cache, such as the Cortex-M7 of an STM32F7 or H7, the cache hides what the DMA has written.
+///   Make the memory of the buffer non-cacheable by the MPU, which is the simplest. Or invalidate the buffer in the cache before each
+///   poll (`SCB::invalidate_dcache_by_address`). The buffer then needs cache lines of its own: aligned to 32 bytes, with
+///   a length that is a multiple of 32. An invalidation loses what else is in these lines.
+/// - For sending, the processor writes and the DMA reads. Clean the buffer's cache lines (`SCB::clean_dcache_by_slice`) before
+///   the DMA starts, and leave the buffer alone until it has finished.
 ///
 /// Some HALs do not fill a circular buffer, but hand over filled buffers with a length. Copy these into
 /// [`SerialQueues`](super::SerialQueues) in the DMA's interrupt, with
@@ -90,7 +112,7 @@ impl CircularReader {
     /// buffer are dropped, because the oldest would be overwritten next. The next poll continues with new bytes.
     pub fn poll(
         &mut self,
-        buffer: &[u8],
+        buffer: &[AtomicU8],
         laps: u32,
         position: usize,
         mut receive: impl FnMut(&[u8]) -> usize,
@@ -112,21 +134,32 @@ impl CircularReader {
         let mut is_new = false;
         if ahead == 1 {
             let tail = buffer.get(self.position..).unwrap_or_default();
-            if !tail.is_empty() {
-                is_new = true;
-                let taken = receive(tail).min(tail.len());
-                self.position = self.position.saturating_add(taken);
-                if taken < tail.len() {
-                    return Ok(());
-                }
+            is_new = !tail.is_empty();
+            if !self.pass(tail, &mut receive) {
+                return Ok(());
             }
             (self.laps, self.position) = (laps, 0);
         }
         let rest = buffer.get(self.position..position).unwrap_or_default();
-        if !rest.is_empty() || !is_new {
-            self.position = self.position.saturating_add(receive(rest).min(rest.len()));
+        if !is_new && rest.is_empty() {
+            receive(&[]);
         }
+        self.pass(rest, &mut receive);
         Ok(())
+    }
+
+    /// Passes a part of the buffer that has no wrap in it. Returns false if `receive` did not take all of it.
+    fn pass(&mut self, part: &[AtomicU8], receive: &mut impl FnMut(&[u8]) -> usize) -> bool {
+        let mut piece = [0; PIECE];
+        part.chunks(PIECE).all(|from| {
+            let bytes = piece.get_mut(..from.len()).unwrap_or_default();
+            for (byte, from) in bytes.iter_mut().zip(from) {
+                *byte = from.load(Ordering::Relaxed);
+            }
+            let taken = receive(bytes).min(bytes.len());
+            self.position = self.position.saturating_add(taken);
+            taken == bytes.len()
+        })
     }
 }
 
@@ -140,7 +173,7 @@ mod tests {
 
     /// A DMA that writes consecutive numbers.
     struct Dma {
-        buffer: [u8; LEN],
+        buffer: [AtomicU8; LEN],
         written: usize,
         /// The laps that its interrupt has counted.
         laps: u32,
@@ -149,7 +182,7 @@ mod tests {
     impl Dma {
         fn write(&mut self, len: usize) {
             for _ in 0..len {
-                self.buffer[self.written % LEN] = self.written as u8;
+                self.buffer[self.written % LEN].store(self.written as u8, Ordering::Relaxed);
                 self.written += 1;
             }
         }
@@ -163,7 +196,7 @@ mod tests {
             steps in proptest::collection::vec((0..24usize, 0..24usize, any::<bool>()), 1..100),
             first_lap in prop_oneof![Just(0u32), Just(u32::MAX - 2)],
         ) {
-            let mut dma = Dma { buffer: [0; LEN], written: 0, laps: first_lap };
+            let mut dma = Dma { buffer: [const { AtomicU8::new(0) }; LEN], written: 0, laps: first_lap };
             let mut reader = CircularReader { laps: first_lap, ..CircularReader::new() };
             let mut read = 0;
             let mut overruns = 0;
@@ -204,7 +237,7 @@ mod tests {
         let mut reader = CircularReader::new();
         let mut calls = Vec::new();
         for _ in 0..2 {
-            let taken = reader.poll(&[7; LEN], 0, 3, |bytes| {
+            let taken = reader.poll(&[const { AtomicU8::new(7) }; LEN], 0, 3, |bytes| {
                 calls.push(bytes.len());
                 bytes.len()
             });
@@ -217,7 +250,7 @@ mod tests {
     #[test]
     fn laps_may_be_counted_late_and_the_position_may_be_the_buffers_end() {
         let mut reader = CircularReader::new();
-        let buffer: [u8; LEN] = core::array::from_fn(|at| at as u8);
+        let buffer: [AtomicU8; LEN] = core::array::from_fn(|at| AtomicU8::new(at as u8));
         let steps: [(u32, usize, &[u8]); 6] = [
             (0, 12, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]),
             (0, 2, &[12, 13, 14, 15, 0, 1]),

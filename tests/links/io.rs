@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::convert::Infallible;
+use std::sync::atomic::{AtomicU8, Ordering};
 
 use crate::support::*;
 use embedded_io::{Read, ReadReady, Write, WriteReady};
@@ -230,7 +231,7 @@ fn ends_can_be_moved_to_other_contexts() {
 fn circular_dma_works_through_the_byte_level_calls() {
     const LEN: usize = queue_len(115_200, Duration::from_millis(4));
     let mut rig: Rig = Rig::new(115_200, millis(4));
-    let mut buffer = [0; LEN];
+    let buffer = [const { AtomicU8::new(0) }; LEN];
     let mut written = 0;
     let mut reader = CircularReader::new();
     let mut errors = Vec::new();
@@ -251,7 +252,7 @@ fn circular_dma_works_through_the_byte_level_calls() {
         }
         let is_due = rig.step(Duration::from_micros(10));
         while let Some(byte) = rig.received() {
-            buffer[written % LEN] = byte;
+            buffer[written % LEN].store(byte, Ordering::Relaxed);
             written += 1;
         }
         if !sending.is_empty() && rig.pins.write_ready() == Ok(true) {
