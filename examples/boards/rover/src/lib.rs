@@ -31,11 +31,14 @@ pub const CONFIG: Config = Config {
     ..Config::new(Address::new(1, 1), &PULSE)
 };
 
+/// The longest mission.
+pub const MISSION_ITEMS: usize = if cfg!(feature = "small") { 40 } else { 100 };
+
 stack! {
-    /// A stack with one link and a mission of up to 100 items. An item takes 32 bytes, and uploads need a second copy.
+    /// A stack with one link. An item of the mission takes 32 bytes, and uploads need a second copy.
     pub struct Mavlink for Rover {
         links: 1,
-        plans: { mission: 100 },
+        plans: { mission: MISSION_ITEMS },
         parameters: Tuning,
         streams,
         modes,
