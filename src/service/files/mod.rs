@@ -1,6 +1,6 @@
-//! A server of the MAVLink file transfer protocol: files of the vehicle, and all parameters in one file.
+//! A server of the MAVLink file transfer protocol: files of the vehicle, and virtual directories.
 //!
-//! Implements the server's side of <https://mavlink.io/en/services/ftp.html>, rules F-1 to F-15, and `@PARAM/param.pck` (P-22).
+//! Implements the server's side of <https://mavlink.io/en/services/ftp.html>, rules F-1 to F-15.
 //! Left out: the error FailErrno, and the swap of files that MAVLink defines without a user.
 //!
 //! A request is executed when it is received. Its answer is kept without data, in the client's session: the data is read when
@@ -15,7 +15,8 @@
 //! ```
 //!
 //! `requests.rs` has what a request does, `work.rs` what takes more than one call, and `send.rs` what is sent. Files are opened and
-//! read in `open.rs`, and listed in `list.rs`.
+//! read in `open.rs`, and listed in `list.rs`. `virtual_files.rs` is the interface of virtual directories, such as `@PARAM`, which the
+//! services implement: this one knows none of them.
 
 mod list;
 mod open;
@@ -25,18 +26,20 @@ mod requests;
 mod send;
 mod session;
 mod vehicle;
+mod virtual_files;
 mod work;
 
+pub use list::Entries;
+pub use packet::Body;
 pub use session::Session;
 pub use vehicle::{FileAccess, FileChange, FileEntry, Files, OpenFile, StaticFile};
+pub use virtual_files::{HasFiles, NoFile, OneOf, VirtualFile, VirtualFiles};
 
-use core::marker::PhantomData;
-
+use self::requests::Stop;
 use self::work::{Upload, Work};
-use super::param::PackedParams;
 use super::share::Share;
 use super::{Cx, Handled, Received, Service, Turn, View};
-use crate::dialect::{FileTransferProtocol, MavFtpErr, MavProtocolCapability};
+use crate::dialect::{FileTransferProtocol, MavProtocolCapability};
 use crate::link::Port;
 use crate::message::Message;
 use crate::time::{Duration, Instant};
@@ -52,9 +55,9 @@ counters! {
     FileCounters {
         /// Files that were opened.
         count opened,
-        /// Uploads of parameters that were carried out.
+        /// Uploads that were carried out: of parameters, for example.
         count uploads,
-        /// Uploads of parameters that were refused as a whole.
+        /// Uploads that were refused as a whole.
         drop refused_uploads,
         /// Files that were not opened, because all sessions were in use.
         drop no_session,
@@ -74,33 +77,26 @@ pub struct FileStatus {
     /// Whether any session is used: otherwise there is nothing to do.
     is_used: bool,
     counters: FileCounters,
-    work: Work,
-    /// The upload of parameters: the bytes received, and what became of it.
+    /// The upload: the bytes received, and what became of it.
     received: u16,
     upload: Upload,
 }
 
 impl FileStatus {
-    /// Whether a poll has something to compute.
-    #[cfg(test)]
-    pub(crate) const fn is_working(&self) -> bool {
-        !matches!(self.work, Work::Nothing)
-    }
-
     /// Returns the counters.
     pub const fn counters(&self) -> FileCounters {
         self.counters
     }
 }
 
-/// Serves files: `OPEN` sessions at a time, `N` of them and of answers to others, uploads of parameters of up to `UPLOAD` bytes,
-/// and the parameters of the service `P`.
+/// Serves files: `OPEN` sessions at a time, `N` of them and of answers to others, uploads of up to `UPLOAD` bytes, and the files
+/// `V` of virtual directories.
 #[derive(Debug)]
-pub struct FileServer<const OPEN: usize, const N: usize, const UPLOAD: usize, P> {
+pub struct FileServer<const OPEN: usize, const N: usize, const UPLOAD: usize, V> {
     pub(crate) status: FileStatus,
-    sessions: [Session; N],
+    work: Work<V>,
+    sessions: [Session<V>; N],
     upload: [u8; UPLOAD],
-    params: PhantomData<fn() -> P>,
 }
 
 /// The state of the service on a link.
@@ -111,37 +107,38 @@ pub struct FileLink {
     first: u8,
 }
 
-/// The service without the types of its size.
-struct Server<'a> {
+/// The service at work, without the types of its size.
+struct Server<'a, 'c, F: Firmware, V> {
+    cx: &'a mut Cx<'c, F>,
     status: &'a mut FileStatus,
-    sessions: &'a mut [Session],
+    work: &'a mut Work<V>,
+    sessions: &'a mut [Session<V>],
     upload: &'a mut [u8],
 }
 
-impl<F, P, const OPEN: usize, const N: usize, const UPLOAD: usize> Service<F> for FileServer<OPEN, N, UPLOAD, P>
+impl<F, V, const OPEN: usize, const N: usize, const UPLOAD: usize> Service<F> for FileServer<OPEN, N, UPLOAD, V>
 where
     F: Firmware<Vehicle: Files>,
-    P: PackedParams<F> + core::fmt::Debug,
+    V: VirtualFiles<F>,
 {
     type Link = FileLink;
     const VACANT: FileLink = FileLink { share: Share::NEW, first: 0 };
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::FTP;
     const NEW: Self = {
         assert!(OPEN > 0 && OPEN < 100, "a client needs a session: `files: {{ sessions: 2 }}`, or leave `files` out");
-        assert!(UPLOAD < 65_536, "an upload of parameters has less than 65,536 bytes");
+        assert!(UPLOAD < 65_536, "an upload has less than 65,536 bytes");
         StaticFile::check(F::Vehicle::FILES);
         Self {
             status: FileStatus {
                 open_limit: 0,
                 is_used: false,
                 counters: FileCounters::ZERO,
-                work: Work::Nothing,
                 received: 0,
                 upload: Upload::Running,
             },
-            sessions: [Session::FREE; N],
+            work: Work::Nothing,
+            sessions: [const { Session::FREE }; N],
             upload: [0; UPLOAD],
-            params: PhantomData,
         }
     };
 
@@ -149,13 +146,13 @@ where
         if !self.status.is_used {
             return;
         }
-        let mut server = self.server();
-        server.end_idle(cx);
-        server.work::<F, P>(cx);
+        let mut server = self.server(cx);
+        server.end_idle();
+        server.work();
     }
 
     fn deadline(&self) -> Instant {
-        if !matches!(self.status.work, Work::Nothing) {
+        if self.work.is_running() {
             return Instant::ZERO;
         }
         self.sessions.iter().fold(Instant::NEVER, |due, session| due.min(session.ends_at()))
@@ -171,14 +168,14 @@ where
         if !has_data(&self.sessions, received.from) {
             link.share.begin(cx.now);
         }
-        self.server().on_packet::<F, P>(cx, received)
+        self.server(cx).on_packet(received)
     }
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut FileLink, turn: Turn) -> bool {
         match turn {
             _ if !self.status.is_used => false,
             Turn::LateFileData if cx.now < link.share.due().after(MAX_LATENESS) => false,
-            _ => self.server().send::<F, P>(cx, port, link, turn != Turn::FileAnswer),
+            _ => self.server(cx).send(port, link, turn != Turn::FileAnswer),
         }
     }
 
@@ -213,15 +210,22 @@ where
     }
 }
 
-impl<const OPEN: usize, const N: usize, const UPLOAD: usize, P> FileServer<OPEN, N, UPLOAD, P> {
-    fn server(&mut self) -> Server<'_> {
+impl<const OPEN: usize, const N: usize, const UPLOAD: usize, V> FileServer<OPEN, N, UPLOAD, V> {
+    fn server<'a, 'c, F: Firmware>(&'a mut self, cx: &'a mut Cx<'c, F>) -> Server<'a, 'c, F, V> {
         self.status.open_limit = u8::try_from(OPEN).unwrap_or(u8::MAX);
-        Server { status: &mut self.status, sessions: &mut self.sessions, upload: &mut self.upload }
+        let Self { status, work, sessions, upload } = self;
+        Server { cx, status, work, sessions, upload }
+    }
+
+    /// Whether a poll has something to compute.
+    #[cfg(test)]
+    pub(crate) const fn is_working(&self) -> bool {
+        self.work.is_running()
     }
 }
 
 /// Whether data is pending on the link of a client.
-fn has_data(sessions: &[Session], client: Peer) -> bool {
+fn has_data<V>(sessions: &[Session<V>], client: Peer) -> bool {
     sessions.iter().any(|session| session.client.link == client.link && session.is_due(true))
 }
 
@@ -230,5 +234,5 @@ fn short(place: usize) -> u8 {
     u8::try_from(place).unwrap_or(u8::MAX)
 }
 
-/// What a request that was executed is answered with: a value, or an error.
-type Outcome = Result<u32, MavFtpErr>;
+/// What a request is answered with: a value, or why there is none.
+type Outcome = Result<u32, Stop>;

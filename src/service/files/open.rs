@@ -1,15 +1,15 @@
-//! Files, wherever they are: the static ones, those of the hooks, and the file of parameters (F-3, F-5).
+//! Files, wherever they are: the static ones, those of the hooks, and those of virtual directories (F-3, F-5).
 
 use super::packet::Body;
 use super::session::Open;
+use super::virtual_files::VirtualFiles;
 use super::{FileAccess, Files, OpenFile};
 use crate::dialect::MavFtpErr;
 use crate::service::Cx;
-use crate::service::param::{Pack, PackedParams};
 use crate::types::Firmware;
 
 /// Closes a file of the vehicle.
-pub(super) fn close<F: Firmware<Vehicle: Files>>(cx: &mut Cx<'_, F>, open: &Open) {
+pub(super) fn close<F: Firmware<Vehicle: Files>, V>(cx: &mut Cx<'_, F>, open: &Open<V>) {
     if let Open::Hook { number, .. } = *open {
         let (vehicle, mut context) = cx.hook();
         vehicle.close(&mut context, number);
@@ -23,30 +23,21 @@ pub(super) fn is_virtual(path: &[u8]) -> bool {
 
 /// Opens a file: returns it and its size.
 #[inline(never)]
-pub(super) fn open<F, P>(
+pub(super) fn open<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     cx: &mut Cx<'_, F>,
     path: &[u8],
     access: FileAccess,
     may_upload: bool,
-) -> Result<(Open, u32), MavFtpErr>
-where
-    F: Firmware<Vehicle: Files>,
-    P: PackedParams<F>,
-{
+) -> Result<(Open<V>, u32), MavFtpErr> {
     let is_read = access == FileAccess::Read;
-    if P::EXISTS
-        && let Some(query) = path.strip_prefix(b"@PARAM/param.pck")
-        && matches!(query, [] | [b'?', ..])
-    {
-        if !is_read {
-            let may_upload = P::IS_WRITABLE && may_upload && query.is_empty();
-            return if may_upload { Ok((Open::Upload, 0)) } else { Err(MavFtpErr::FILEPROTECTED) };
+    if is_virtual(path) {
+        if V::UPLOADS && !is_read {
+            let file = V::open(cx, path, true)?;
+            return if may_upload { Ok((Open::Upload(file), 0)) } else { Err(MavFtpErr::FILEPROTECTED) };
         }
-        let count = P::packed_count(cx);
-        let pack = Pack::open(query.get(1..).unwrap_or_default(), count);
-        return pack.map(|pack| (Open::Params(pack), 0)).ok_or(MavFtpErr::FAIL);
+        return V::open(cx, path, !is_read).map(|file| (Open::Virtual(file), 0));
     }
-    if path.is_empty() || is_virtual(path) {
+    if path.is_empty() {
         return Err(MavFtpErr::FILENOTFOUND);
     }
     if !is_read && !F::Vehicle::WRITES {
@@ -67,26 +58,24 @@ where
 
 /// Reads from a file.
 #[inline(never)]
-pub(super) fn read<F, P>(cx: &mut Cx<'_, F>, open: &mut Open, offset: u32, out: &mut [u8]) -> Body
-where
-    F: Firmware<Vehicle: Files>,
-    P: PackedParams<F>,
-{
-    let len = match open {
+pub(super) fn read<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
+    cx: &mut Cx<'_, F>,
+    open: &mut Open<V>,
+    offset: u32,
+    out: &mut [u8],
+) -> Body {
+    let body = match open {
         Open::Hook { number, .. } => match cx.vehicle.read(*number, offset, out) {
-            Ok(len) => len.min(out.len()),
-            Err(error) => return Body::Refused(error),
+            Ok(len) => Body::Data(len.min(out.len())),
+            Err(error) => Body::Refused(error),
         },
         Open::Static(index) => {
             let bytes = F::Vehicle::FILES.get(usize::from(*index)).map(|file| file.bytes).unwrap_or_default();
             let rest = usize::try_from(offset).ok().and_then(|offset| bytes.get(offset..)).unwrap_or_default();
-            crate::message::zero_extend(rest, out)
+            Body::Data(crate::message::zero_extend(rest, out))
         }
-        Open::Params(pack) => match P::read_packed(cx, pack, offset, out) {
-            Some(len) => len,
-            None => return Body::Later,
-        },
-        Open::Nothing | Open::Upload => return Body::Refused(MavFtpErr::INVALIDSESSION),
+        Open::Virtual(file) => file.read(cx, offset, out),
+        Open::Nothing | Open::Upload(_) => Body::Refused(MavFtpErr::INVALIDSESSION),
     };
-    if len == 0 { Body::Refused(MavFtpErr::EOF) } else { Body::Data(len) }
+    if matches!(body, Body::Data(0)) { Body::Refused(MavFtpErr::EOF) } else { body }
 }

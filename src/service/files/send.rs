@@ -4,30 +4,20 @@ use super::list::list;
 use super::open::read;
 use super::packet::{self, Body, Head};
 use super::session::{self, Answer, Session, State};
+use super::virtual_files::VirtualFiles;
 use super::{COST_OF_BYTE, FileLink, Files, Server};
 use crate::dialect::{FileTransferProtocol, MavFtpErr, MavFtpOpcode};
 use crate::link::{Outbox, Port};
 use crate::message::Message;
 use crate::service::Cx;
-use crate::service::param::PackedParams;
 use crate::types::Firmware;
 
-impl Server<'_> {
+impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
     /// Sends an answer with or without data. Data is sent by the link's sessions by turns, what was read or listed before the
     /// packets of bursts.
     #[inline(never)]
-    pub(super) fn send<F, P>(
-        &mut self,
-        cx: &mut Cx<'_, F>,
-        port: &mut Port,
-        link: &mut FileLink,
-        has_data: bool,
-    ) -> bool
-    where
-        F: Firmware<Vehicle: Files>,
-        P: PackedParams<F>,
-    {
-        let is_it = |session: &Session| session.client.link == port.id && session.is_due(has_data);
+    pub(super) fn send(&mut self, port: &mut Port, link: &mut FileLink, has_data: bool) -> bool {
+        let is_it = |session: &Session<V>| session.client.link == port.id && session.is_due(has_data);
         // From the one behind the last one on, then from the beginning.
         let mut chosen = None;
         let mut place = 0u8;
@@ -39,11 +29,11 @@ impl Server<'_> {
         }
         let Some(place) = chosen else { return false };
         let Some(session) = self.sessions.get_mut(usize::from(place)) else { return false };
-        let is_sent = send::<F, P>(cx, &mut port.outbox, session, has_data);
+        let is_sent = send(self.cx, &mut port.outbox, session, has_data);
         if is_sent && has_data {
             link.first = place.wrapping_add(1);
             let len = u32::try_from(port.outbox.len()).unwrap_or(0);
-            link.share.spend_all(cx.now, len.saturating_mul(COST_OF_BYTE), port.config.bytes_per_second);
+            link.share.spend_all(self.cx.now, len.saturating_mul(COST_OF_BYTE), port.config.bytes_per_second);
         }
         is_sent
     }
@@ -51,11 +41,12 @@ impl Server<'_> {
 
 /// Sends the oldest pending answer of a session, or the next packet of its burst (F-8).
 #[inline(never)]
-fn send<F, P>(cx: &mut Cx<'_, F>, outbox: &mut Outbox, session: &mut Session, has_data: bool) -> bool
-where
-    F: Firmware<Vehicle: Files>,
-    P: PackedParams<F>,
-{
+fn send<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
+    cx: &mut Cx<'_, F>,
+    outbox: &mut Outbox,
+    session: &mut Session<V>,
+    has_data: bool,
+) -> bool {
     let place = session.pending(has_data);
     let Answer { opcode, size, offset, value, error, seq, .. } = session.next_answer(place);
     // A burst that takes too long is cut off.
@@ -68,10 +59,10 @@ where
         let body = match opcode {
             _ if error != MavFtpErr::NONE => Body::Refused(error),
             MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE => {
-                read::<F, P>(cx, open, offset, data.get_mut(..usize::from(size)).unwrap_or_default())
+                read(cx, open, offset, data.get_mut(..usize::from(size)).unwrap_or_default())
             }
             _ if session::is_data(opcode) => {
-                list::<F, P>(cx, value, offset, opcode == MavFtpOpcode::LISTDIRECTORYWITHTIME, data)
+                list::<F, V>(cx, value, offset, opcode == MavFtpOpcode::LISTDIRECTORYWITHTIME, data)
             }
             MavFtpOpcode::OPENFILERO
             | MavFtpOpcode::OPENFILEWO

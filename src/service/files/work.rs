@@ -1,13 +1,13 @@
-//! What takes more than one call: checksums, the length of the file of parameters, and its upload (P-22, F-14).
+//! What takes more than one call: checksums, the size of a virtual file, and uploads to virtual directories (P-22).
 
 use super::open::{close, read};
 use super::packet::{Body, MAX_DATA, Request};
-use super::requests::Dropped;
+use super::requests::Stop;
 use super::session::{Open, State};
+use super::virtual_files::VirtualFiles;
 use super::{Files, Outcome, Server, short};
 use crate::crc32::Crc32;
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
-use crate::service::param::{Pack, PackedParams};
 use crate::service::{Cx, increment};
 use crate::types::{Firmware, Peer};
 
@@ -15,146 +15,124 @@ use crate::types::{Firmware, Peer};
 const CHECKED_AT_A_TIME: usize = 32;
 const TIMES: u8 = 8;
 
-/// The state of the upload of parameters.
+/// The state of the upload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Upload {
     Running,
-    /// It is complete, and the next poll sets the parameters.
+    /// It is complete, and later polls take it up.
     Complete,
-    Done,
     Refused,
 }
 
 /// What takes more than one call: one at a time. `Nothing` is all zero bits, as in [`Open`].
 #[derive(Clone, Copy, Debug)]
 #[repr(u8)]
-pub(super) enum Work {
+pub(super) enum Work<V> {
     Nothing,
     /// The checksum of a file.
     Checksum {
         session: u8,
-        open: Open,
+        open: Open<V>,
         offset: u32,
         crc: Crc32,
     },
-    /// The upload of parameters is complete.
+    /// An upload is complete.
     Upload {
         session: u8,
         client: Peer,
+        file: V,
     },
-    /// The length of the file of parameters.
+    /// The size of a virtual file.
     Measure {
         session: u8,
-        pack: Pack,
+        file: V,
     },
 }
 
-impl Server<'_> {
-    /// Writes to a file. Returns `None` if the answer must be computed.
+impl<V> Work<V> {
+    pub(super) const fn is_running(&self) -> bool {
+        !matches!(self, Self::Nothing)
+    }
+}
+
+impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
+    /// Writes to a file.
     #[inline(never)]
-    pub(super) fn write<F, P>(
-        &mut self,
-        cx: &mut Cx<'_, F>,
-        place: usize,
-        request: &Request<'_>,
-    ) -> Result<Option<Outcome>, Dropped>
-    where
-        F: Firmware<Vehicle: Files>,
-        P: PackedParams<F>,
-    {
-        let Some(session) = self.sessions.get(place) else { return Err(Dropped) };
-        let written = match session.open {
-            Open::Nothing => Err(MavFtpErr::INVALIDSESSION),
-            Open::Hook { number, is_writable: true } if F::Vehicle::WRITES => write_hook(cx, number, request),
-            Open::Upload if P::IS_WRITABLE => {
+    pub(super) fn write(&mut self, place: usize, request: &Request<'_>) -> Outcome {
+        let Some(session) = self.sessions.get(place) else { return Err(Stop::Dropped) };
+        match session.open {
+            Open::Nothing => return Err(MavFtpErr::INVALIDSESSION.into()),
+            Open::Hook { number, is_writable: true } if F::Vehicle::WRITES => write_hook(self.cx, number, request)?,
+            Open::Upload(file) if V::UPLOADS => {
                 let client = session.client;
                 // Nothing is taken that could not be finished.
-                if !matches!(self.status.work, Work::Nothing) {
-                    return Err(Dropped);
+                if self.work.is_running() {
+                    return Err(Stop::Dropped);
                 }
-                match self.take_upload(request)? {
-                    Ok(true) => {
-                        self.status.upload = Upload::Complete;
-                        self.status.work = Work::Upload { session: short(place), client };
-                        return Ok(None);
-                    }
-                    taken => taken.map(|_| ()),
+                if self.take_upload(&file, request)? {
+                    self.status.upload = Upload::Complete;
+                    *self.work = Work::Upload { session: short(place), client, file };
+                    return Err(Stop::Working);
                 }
             }
-            _ => Err(MavFtpErr::FILEPROTECTED),
-        };
-        Ok(Some(written.map(|()| 0)))
+            _ => return Err(MavFtpErr::FILEPROTECTED.into()),
+        }
+        Ok(0)
     }
 
-    /// Takes a part of the uploaded parameters, in order: a later one is dropped, and the client sends it again. Returns whether
-    /// they are complete.
-    fn take_upload(&mut self, request: &Request<'_>) -> Result<Result<bool, MavFtpErr>, Dropped> {
+    /// Takes a part of an upload, in order: a later one is dropped, and the client sends it again. Returns whether the file is
+    /// complete.
+    fn take_upload(&mut self, file: &V, request: &Request<'_>) -> Result<bool, Stop> {
         if self.status.upload == Upload::Refused {
-            return Ok(Err(MavFtpErr::FAIL));
+            return Err(MavFtpErr::FAIL.into());
         }
         let received = usize::from(self.status.received);
         let begin = usize::try_from(request.offset).unwrap_or(usize::MAX);
         let end = begin.saturating_add(usize::from(request.size));
         if end <= received {
-            return Ok(Ok(false));
+            return Ok(false);
         }
         if begin > received {
-            return Err(Dropped);
+            return Err(Stop::Dropped);
         }
         let Some(to) = self.upload.get_mut(begin..end).filter(|_| self.status.upload == Upload::Running) else {
             self.status.upload = Upload::Refused;
-            return Ok(Err(MavFtpErr::FAIL));
+            return Err(MavFtpErr::FAIL.into());
         };
         to.fill(0);
         crate::message::zero_extend(request.data, to);
         self.status.received = u16::try_from(end).unwrap_or(u16::MAX);
-        let Some([_, _, _, _, low, high]) = self.upload.get(..end).and_then(<[u8]>::first_chunk) else {
-            return Ok(Ok(false));
-        };
-        Ok(Ok(end >= usize::from(u16::from_le_bytes([*low, *high]))))
-    }
-
-    /// Sets the uploaded parameters: all or none.
-    fn finish_upload<F, P>(&mut self, cx: &mut Cx<'_, F>, client: Peer) -> Outcome
-    where
-        F: Firmware<Vehicle: Files>,
-        P: PackedParams<F>,
-    {
-        let file = self.upload.get(..usize::from(self.status.received)).unwrap_or_default();
-        if P::set_packed(cx, client, file) {
-            increment(&mut self.status.counters.uploads);
-            self.status.upload = Upload::Done;
-            return Ok(0);
-        }
-        increment(&mut self.status.counters.refused_uploads);
-        self.status.upload = Upload::Refused;
-        Err(MavFtpErr::FAIL)
+        Ok(file.is_complete(self.upload.get(..end).unwrap_or_default()))
     }
 
     /// Does a step of what takes more than one call.
     #[inline(never)]
-    pub(super) fn work<F, P>(&mut self, cx: &mut Cx<'_, F>)
-    where
-        F: Firmware<Vehicle: Files>,
-        P: PackedParams<F>,
-    {
-        let (session, outcome) = match &mut self.status.work {
-            Work::Nothing => return,
-            Work::Upload { session, client } => {
-                let (session, client) = (*session, *client);
-                (session, self.finish_upload::<F, P>(cx, client))
+    pub(super) fn work(&mut self) {
+        let (session, outcome) = match self.work {
+            Work::Upload { session, client, file } if V::UPLOADS => {
+                let content = self.upload.get(..usize::from(self.status.received)).unwrap_or_default();
+                let Some(finished) = file.finish(self.cx, *client, content) else { return };
+                match finished {
+                    Ok(()) => increment(&mut self.status.counters.uploads),
+                    Err(_) => {
+                        increment(&mut self.status.counters.refused_uploads);
+                        self.status.upload = Upload::Refused;
+                    }
+                }
+                (*session, finished.map(|()| 0))
             }
-            Work::Measure { session, pack } => match P::measure_packed(cx, pack) {
+            Work::Nothing | Work::Upload { .. } => return,
+            Work::Measure { session, file } => match file.size(self.cx) {
                 None => return,
                 Some(size) => (*session, Ok(size)),
             },
             Work::Checksum { session, open, offset, crc } => {
-                let Some(outcome) = add_to_checksum::<F, P>(cx, open, offset, crc) else { return };
-                close(cx, open);
+                let Some(outcome) = add_to_checksum(self.cx, open, offset, crc) else { return };
+                close(self.cx, open);
                 (*session, outcome)
             }
         };
-        self.status.work = Work::Nothing;
+        *self.work = Work::Nothing;
         let Some(session) = self.sessions.get_mut(usize::from(session)) else { return };
         // Its client may have gone meanwhile.
         let Some(answer) = session.working() else { return };
@@ -171,14 +149,15 @@ impl Server<'_> {
 
 /// Adds the next part of a file to its checksum. Returns the checksum at its end. Not inlined: the part needs a buffer.
 #[inline(never)]
-fn add_to_checksum<F, P>(cx: &mut Cx<'_, F>, open: &mut Open, offset: &mut u32, crc: &mut Crc32) -> Option<Outcome>
-where
-    F: Firmware<Vehicle: Files>,
-    P: PackedParams<F>,
-{
+fn add_to_checksum<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
+    cx: &mut Cx<'_, F>,
+    open: &mut Open<V>,
+    offset: &mut u32,
+    crc: &mut Crc32,
+) -> Option<Result<u32, MavFtpErr>> {
     let mut bytes = [0; CHECKED_AT_A_TIME];
     for _ in 0..TIMES {
-        match read::<F, P>(cx, open, *offset, &mut bytes) {
+        match read(cx, open, *offset, &mut bytes) {
             Body::Later => return None,
             Body::Refused(MavFtpErr::EOF) => return Some(Ok(!crc.sum())),
             Body::Refused(error) => return Some(Err(error)),
