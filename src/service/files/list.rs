@@ -1,8 +1,6 @@
 //! Directories, and their entries (F-9).
 
-use super::open::is_virtual;
-use super::packet::Body;
-use super::requests::Stop;
+use super::open::{data, is_virtual};
 use super::virtual_files::VirtualFiles;
 use super::{Files, Outcome, path};
 use crate::dialect::MavFtpErr;
@@ -91,7 +89,7 @@ pub(super) fn directory<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(cx: &mu
         number = cx.vehicle.directory(path).unwrap_or(NO_DIRECTORY);
     }
     if place == NO_ENTRIES && number == NO_DIRECTORY {
-        return Err(Stop::Refused(MavFtpErr::FILENOTFOUND));
+        return Err(MavFtpErr::FILENOTFOUND.into());
     }
     let [low, high] = number.to_le_bytes();
     Ok(u32::from_le_bytes([place, u8::try_from(path.len()).unwrap_or(0), low, high]))
@@ -105,7 +103,7 @@ pub(super) fn list<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     first: u32,
     has_time: bool,
     out: &mut [u8],
-) -> Body {
+) -> Outcome {
     let mut entries = Entries { out, len: 0 };
     let mut index = first;
     let mut len = 0;
@@ -113,7 +111,7 @@ pub(super) fn list<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
         len = entries.len;
         index = index.saturating_add(1);
     }
-    if len == 0 { Body::Refused(MavFtpErr::EOF) } else { Body::Data(len) }
+    data(len)
 }
 
 /// Writes an entry of a directory. Returns false behind the last one.

@@ -36,6 +36,7 @@ pub use vehicle::{FileAccess, FileChange, FileEntry, Files, OpenFile, StaticFile
 pub use virtual_files::{HasFiles, NoFile, OneOf, VirtualFile, VirtualFiles};
 
 use self::requests::Stop;
+use self::session::State;
 use self::work::{Upload, Work};
 use super::share::Share;
 use super::{Cx, Handled, Received, Service, Turn, View};
@@ -43,7 +44,10 @@ use crate::dialect::{FileTransferProtocol, MavProtocolCapability};
 use crate::link::Port;
 use crate::message::Message;
 use crate::time::{Duration, Instant};
-use crate::types::{Firmware, Peer};
+use crate::types::Firmware;
+
+/// Besides sessions that are open, so many are for clients that have none: for the answers to them.
+const OTHERS: usize = 2;
 
 /// The cost of a byte for a share of 30 % of the link (D-4).
 const COST_OF_BYTE: u32 = 3_333_333;
@@ -72,10 +76,8 @@ counters! {
 /// [`Stack::files`](crate::Stack::files).
 #[derive(Debug)]
 pub struct FileStatus {
-    /// The number of sessions that can be open at a time.
-    open_limit: u8,
-    /// Whether any session is used: otherwise there is nothing to do.
-    is_used: bool,
+    /// When a session may end.
+    wake: Instant,
     counters: FileCounters,
     /// The upload: the bytes received, and what became of it.
     received: u16,
@@ -103,8 +105,8 @@ pub struct FileServer<const OPEN: usize, const N: usize, const UPLOAD: usize, V>
 #[derive(Debug)]
 pub struct FileLink {
     share: Share,
-    /// The session that is asked first for data.
-    first: u8,
+    /// The session that is asked first.
+    first: usize,
 }
 
 /// The service at work, without the types of its size.
@@ -125,13 +127,13 @@ where
     const VACANT: FileLink = FileLink { share: Share::NEW, first: 0 };
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::FTP;
     const NEW: Self = {
+        assert!(N == OPEN.saturating_add(OTHERS));
         assert!(OPEN > 0 && OPEN < 100, "a client needs a session: `files: {{ sessions: 2 }}`, or leave `files` out");
         assert!(UPLOAD < 65_536, "an upload has less than 65,536 bytes");
         StaticFile::check(F::Vehicle::FILES);
         Self {
             status: FileStatus {
-                open_limit: 0,
-                is_used: false,
+                wake: Instant::ZERO,
                 counters: FileCounters::ZERO,
                 received: 0,
                 upload: Upload::Running,
@@ -143,50 +145,49 @@ where
     };
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut FileLink>) {
-        if !self.status.is_used {
-            return;
+        if cx.now >= self.status.wake {
+            self.server(cx).end(None);
         }
-        let mut server = self.server(cx);
-        server.end_idle();
-        server.work();
+        if self.work.is_running() {
+            self.server(cx).work();
+        }
     }
 
     fn deadline(&self) -> Instant {
-        if self.work.is_running() {
-            return Instant::ZERO;
-        }
-        self.sessions.iter().fold(Instant::NEVER, |due, session| due.min(session.ends_at()))
+        if self.work.is_running() { Instant::ZERO } else { self.status.wake }
     }
 
-    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, link: &mut FileLink, received: &Received<'_>) -> Handled {
+    fn on_frame(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut FileLink,
+        received: &Received<'_>,
+    ) -> Handled {
         if received.frame.id() != FileTransferProtocol::ID {
             return Handled::No;
         }
         if received.target.system.0 == 0 {
             return Handled::OutOfPlace;
         }
-        if !has_data(&self.sessions, received.from) {
+        if session::next(&self.sessions, port.id, link.first, State::Data).is_none() {
+            // What is pending from now on is not late yet.
             link.share.begin(cx.now);
         }
         self.server(cx).on_packet(received)
     }
 
+    #[inline(never)]
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut FileLink, turn: Turn) -> bool {
-        match turn {
-            _ if !self.status.is_used => false,
-            Turn::LateFileData if cx.now < link.share.due().after(MAX_LATENESS) => false,
-            _ => self.server(cx).send(port, link, turn != Turn::FileAnswer),
-        }
+        self.server(cx).send(port, link, turn)
     }
 
+    #[inline(never)]
     fn due(&self, view: &View<'_>, port: &Port, link: &FileLink, turn: Turn) -> Instant {
-        let has_data = turn != Turn::FileAnswer;
-        let is_pending = self.status.is_used
-            && self.sessions.iter().any(|session| session.client.link == port.id && session.is_due(has_data));
-        match turn {
-            _ if !is_pending => Instant::NEVER,
-            Turn::LateFileData => link.share.due().after(MAX_LATENESS),
-            _ => view.now,
+        match session::next(&self.sessions, port.id, link.first, send::state_of(turn)) {
+            None => Instant::NEVER,
+            Some(_) if turn == Turn::LateFileData => link.share.due().after(MAX_LATENESS),
+            Some(_) => view.now,
         }
     }
 
@@ -202,17 +203,13 @@ where
 
     /// The clients are gone. The next poll closes their files.
     fn restart(&mut self, port: &Port, _: &mut FileLink) {
-        for session in self.sessions.iter_mut().filter(|session| session.client.link == port.id) {
-            session.is_gone = session.is_used;
-            session.drop_data();
-            session.forget_all();
-        }
+        self.status.wake = Instant::ZERO;
+        self.sessions.iter_mut().for_each(|session| session.leave(port.id));
     }
 }
 
 impl<const OPEN: usize, const N: usize, const UPLOAD: usize, V> FileServer<OPEN, N, UPLOAD, V> {
     fn server<'a, 'c, F: Firmware>(&'a mut self, cx: &'a mut Cx<'c, F>) -> Server<'a, 'c, F, V> {
-        self.status.open_limit = u8::try_from(OPEN).unwrap_or(u8::MAX);
         let Self { status, work, sessions, upload } = self;
         Server { cx, status, work, sessions, upload }
     }
@@ -222,11 +219,6 @@ impl<const OPEN: usize, const N: usize, const UPLOAD: usize, V> FileServer<OPEN,
     pub(crate) const fn is_working(&self) -> bool {
         self.work.is_running()
     }
-}
-
-/// Whether data is pending on the link of a client.
-fn has_data<V>(sessions: &[Session<V>], client: Peer) -> bool {
-    sessions.iter().any(|session| session.client.link == client.link && session.is_due(true))
 }
 
 /// Returns the number of a session.

@@ -1,9 +1,10 @@
 //! Files, wherever they are: the static ones, those of the hooks, and those of virtual directories (F-3, F-5).
 
 use super::packet::Body;
+use super::requests::Stop;
 use super::session::Open;
 use super::virtual_files::VirtualFiles;
-use super::{FileAccess, Files, OpenFile};
+use super::{FileAccess, Files, OpenFile, Outcome};
 use crate::dialect::MavFtpErr;
 use crate::service::Cx;
 use crate::types::Firmware;
@@ -56,26 +57,32 @@ pub(super) fn open<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     Ok((Open::Hook { number, is_writable: !is_read }, size))
 }
 
-/// Reads from a file.
+/// Reads from a file. Returns the number of bytes.
 #[inline(never)]
 pub(super) fn read<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     cx: &mut Cx<'_, F>,
     open: &mut Open<V>,
     offset: u32,
     out: &mut [u8],
-) -> Body {
-    let body = match open {
-        Open::Hook { number, .. } => match cx.vehicle.read(*number, offset, out) {
-            Ok(len) => Body::Data(len.min(out.len())),
-            Err(error) => Body::Refused(error),
-        },
+) -> Outcome {
+    let len = match open {
+        Open::Hook { number, .. } => cx.vehicle.read(*number, offset, out)?.min(out.len()),
         Open::Static(index) => {
             let bytes = F::Vehicle::FILES.get(usize::from(*index)).map(|file| file.bytes).unwrap_or_default();
             let rest = usize::try_from(offset).ok().and_then(|offset| bytes.get(offset..)).unwrap_or_default();
-            Body::Data(crate::message::zero_extend(rest, out))
+            crate::message::zero_extend(rest, out)
         }
-        Open::Virtual(file) => file.read(cx, offset, out),
-        Open::Nothing | Open::Upload(_) => Body::Refused(MavFtpErr::INVALIDSESSION),
+        Open::Virtual(file) => match file.read(cx, offset, out) {
+            Body::Data(len) => len,
+            Body::Later => return Err(Stop::LATER),
+            Body::Refused(error) => return Err(error.into()),
+        },
+        Open::Nothing | Open::Upload(_) => return Err(MavFtpErr::INVALIDSESSION.into()),
     };
-    if matches!(body, Body::Data(0)) { Body::Refused(MavFtpErr::EOF) } else { body }
+    data(len)
+}
+
+/// Returns a number of bytes of data: none are the end.
+pub(super) fn data(len: usize) -> Outcome {
+    if len == 0 { Err(MavFtpErr::EOF.into()) } else { Ok(u32::try_from(len).unwrap_or(0)) }
 }

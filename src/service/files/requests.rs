@@ -3,49 +3,65 @@
 use super::list::directory;
 use super::open::{close, is_virtual, open};
 use super::packet::{MAX_DATA, Request};
-use super::session::{self, Answer, Open, State};
+use super::session::{self, Answer, BURST, IDLE, Key, Open, State, TAKEOVER};
 use super::virtual_files::VirtualFiles;
 use super::work::{Upload, Work};
-use super::{FileAccess, FileChange, Files, Outcome, Server, path, short};
+use super::{FileAccess, FileChange, Files, OTHERS, Outcome, Server, path, short};
 use crate::crc32::Crc32;
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
 use crate::service::{Handled, Received, increment};
-use crate::types::{Firmware, Peer};
+use crate::time::{Duration, Instant};
+use crate::types::Firmware;
 
-/// Why a request is not answered with a value.
-pub(super) enum Stop {
-    /// It is refused.
-    Refused(MavFtpErr),
-    /// The answer takes more than this call.
-    Working,
-    /// It is dropped without effect, and the client sends it again.
-    Dropped,
+/// Why there is no value: an error, or one of two other reasons. A word, so that a `Result` of it is in registers.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) struct Stop(pub(super) u32);
+
+impl Stop {
+    /// It takes more than this call.
+    pub(super) const LATER: Self = Self(256);
+    /// The request is dropped without effect, and the client sends it again.
+    pub(super) const DROPPED: Self = Self(257);
+
+    /// Returns the error, if it is one.
+    pub(super) fn error(self) -> Option<MavFtpErr> {
+        u8::try_from(self.0).ok().map(MavFtpErr)
+    }
 }
 
 impl From<MavFtpErr> for Stop {
     fn from(error: MavFtpErr) -> Self {
-        Self::Refused(error)
+        Self(u32::from(error.0))
     }
 }
 
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
-    /// Ends the sessions of silent clients.
+    /// Ends the sessions of silent clients. Closes the files of a client's sessions, if one of them is given.
     #[inline(never)]
-    pub(super) fn end_idle(&mut self) {
-        self.status.is_used = self.sessions.iter().any(|session| session.is_used) || self.work.is_running();
+    pub(super) fn end(&mut self, of: Option<Key>) {
+        let now = self.cx.now.coarse();
+        let mut left = u32::MAX;
         for place in 0..self.sessions.len() {
-            let Some(session) = self.sessions.get(place) else { return };
-            if self.cx.now < session.ends_at() {
-                continue;
-            }
-            if session.is_open() && !session.is_gone {
-                increment(&mut self.status.counters.timed_out);
+            let Some(session) = self.sessions.get(place) else { break };
+            let idle_for = session.idle_for(now);
+            let has_ended = idle_for >= IDLE;
+            if has_ended {
+                if session.is_open() && !session.is_gone() {
+                    increment(&mut self.status.counters.timed_out);
+                }
+            } else {
+                left = left.min(IDLE.wrapping_sub(idle_for));
+                if !of.is_some_and(|key| session.key.has_client_of(key)) {
+                    continue;
+                }
             }
             self.close(place);
-            if let Some(session) = self.sessions.get_mut(place) {
-                session.free();
+            if let Some(session) = self.sessions.get_mut(place).filter(|_| has_ended) {
+                session.begin(Key::FREE);
             }
         }
+        // Without a session, in fifty days.
+        self.status.wake = self.cx.now.after(Duration::from_micros(u64::from(left).wrapping_shl(10)));
     }
 
     /// Closes what a session has open, and drops its data that is pending.
@@ -61,101 +77,99 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
     /// Handles a packet.
     #[inline(never)]
     pub(super) fn on_packet(&mut self, received: &Received<'_>) -> Handled {
-        self.status.is_used = true;
         let request = Request::of(received.frame.payload());
-        if request.opcode.0 >= MavFtpOpcode::ACK.0 {
+        let Request { head, digest, .. } = request;
+        let opcode = head.opcode;
+        if opcode.0 >= MavFtpOpcode::ACK.0 {
             // It is an answer, which has none.
             return Handled::Yes;
         }
-        let Some(place) = session::find(self.sessions, received.from, request.session) else { return Handled::NoRoom };
-        let digest = request.digest();
-        let now = self.cx.now;
-        let Some(session) = self.sessions.get_mut(place) else { return Handled::NoRoom };
+        let key = Key::of(received.from, request.session);
+        let now = self.cx.now.coarse();
+        let found = session::find(self.sessions, key, now);
+        let Some((place, session)) = found.and_then(|place| Some((place, self.sessions.get_mut(place)?))) else {
+            return Handled::NoRoom;
+        };
         session.touched = now;
-        let opens =
-            matches!(request.opcode, MavFtpOpcode::OPENFILERO | MavFtpOpcode::OPENFILEWO | MavFtpOpcode::CREATEFILE);
-        // Reads, bursts and resets are executed again, and so is an open whose file was closed since.
-        let is_executed_again = match request.opcode {
-            MavFtpOpcode::BURSTREADFILE | MavFtpOpcode::RESETSESSION => true,
+        self.status.wake = Instant::ZERO;
+        let opens = matches!(opcode, MavFtpOpcode::OPENFILERO | MavFtpOpcode::OPENFILEWO | MavFtpOpcode::CREATEFILE);
+        let is_burst = opcode == MavFtpOpcode::BURSTREADFILE;
+        let is_data = is_burst
+            || matches!(
+                opcode,
+                MavFtpOpcode::READFILE | MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME
+            );
+        // Reads, lists and resets are executed again, and so is an open whose file was closed since.
+        let is_executed_again = match opcode {
+            MavFtpOpcode::RESETSESSION => true,
             _ if opens => session.opened_by != digest,
-            opcode => session::is_data(opcode),
+            _ => is_data && !is_burst,
         };
         if !is_executed_again && session.is_repeated(digest) {
             return Handled::Yes;
         }
-        if request.opcode == MavFtpOpcode::BURSTREADFILE && session.is_open() && usize::from(request.size) <= MAX_DATA {
-            if let Open::Virtual(file) = &mut session.open {
-                file.begin_to_read(request.wanted());
-            }
-            session.start_burst(now, &request, digest);
-            return Handled::Yes;
-        }
-        if matches!(request.opcode, MavFtpOpcode::TERMINATESESSION | MavFtpOpcode::RESETSESSION) {
+        if matches!(opcode, MavFtpOpcode::TERMINATESESSION | MavFtpOpcode::RESETSESSION) {
             session.drop_data();
         }
-        if !session.has_room() {
-            return Handled::NoRoom;
+        let is_too_long = usize::from(head.size) > MAX_DATA;
+        let mut room = session.room();
+        if is_burst {
+            session.burst_began = now;
+            room = Some(BURST);
         }
-        let outcome = match request.opcode {
+        let Some(room) = room else { return Handled::NoRoom };
+        let outcome = match opcode {
             // Its answer was forgotten.
             _ if opens && session.opened_by == digest => Ok(session.size),
-            _ if usize::from(request.size) > MAX_DATA => Err(MavFtpErr::INVALIDDATASIZE.into()),
+            _ if is_too_long => Err(MavFtpErr::INVALIDDATASIZE.into()),
             MavFtpOpcode::NONE => Ok(0),
             MavFtpOpcode::TERMINATESESSION => {
                 self.close(place);
                 Ok(0)
             }
             MavFtpOpcode::RESETSESSION => {
-                self.close_all(received.from);
+                self.end(Some(key));
                 Ok(0)
             }
-            MavFtpOpcode::READFILE => self.start_read(place, &request),
+            MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE => match &mut session.open {
+                Open::Virtual(file) => {
+                    file.begin_to_read(head.wanted());
+                    Ok(0)
+                }
+                Open::Hook { .. } | Open::Static(_) => Ok(0),
+                Open::Upload(_) => Err(MavFtpErr::FAIL.into()),
+                Open::Nothing => Err(MavFtpErr::INVALIDSESSION.into()),
+            },
             MavFtpOpcode::WRITEFILE => self.write(place, &request),
-            MavFtpOpcode::BURSTREADFILE => Err(MavFtpErr::INVALIDSESSION.into()),
-            _ => self.on_path(place, &request, digest),
+            _ => self.on_path(place, &request),
         };
-        let (state, value, error) = match outcome {
-            Ok(value) => (State::Pending, value, MavFtpErr::NONE),
-            Err(Stop::Refused(error)) => (State::Pending, 0, error),
-            Err(Stop::Working) => (State::Working, 0, MavFtpErr::NONE),
-            Err(Stop::Dropped) => return Handled::NoRoom,
+        let (is_refused, value) = match outcome {
+            Ok(value) => (false, value),
+            Err(Stop(why)) => (true, why),
         };
-        if error != MavFtpErr::NONE {
-            event!("files: request {=u8} of {} refused: {=u8}", request.opcode.0, received.from, error.0);
+        let mut answer = Answer { state: State::Pending, is_refused, head, value, digest };
+        if is_refused {
+            match Stop(value) {
+                Stop::DROPPED => return Handled::NoRoom,
+                Stop::LATER => (answer.state, answer.is_refused) = (State::Working, false),
+                _ => event!("files: request {=u8} of {} refused: {=u32}", opcode.0, received.from, value),
+            }
+        } else if is_data {
+            answer.state = State::Data;
         }
-        let Request { opcode, seq, offset, .. } = request;
-        let size = request.wanted();
+        answer.head.size = head.wanted();
         if let Some(session) = self.sessions.get_mut(place) {
-            session.put(Answer { state, opcode, error, size, seq, offset, value, digest });
+            session.put(room, answer);
         }
         Handled::Yes
     }
 
-    /// Closes all files of a client on its link.
-    fn close_all(&mut self, client: Peer) {
-        for place in 0..self.sessions.len() {
-            if self.sessions.get(place).is_some_and(|session| session.is_used && session.client == client) {
-                self.close(place);
-            }
-        }
-    }
-
-    /// Checks a request to read.
-    fn start_read(&mut self, place: usize, request: &Request<'_>) -> Outcome {
-        match self.sessions.get_mut(place).map(|session| &mut session.open) {
-            Some(Open::Virtual(file)) => file.begin_to_read(request.wanted()),
-            Some(Open::Hook { .. } | Open::Static(_)) => {}
-            Some(Open::Upload(_)) => return Err(MavFtpErr::FAIL.into()),
-            Some(Open::Nothing) | None => return Err(MavFtpErr::INVALIDSESSION.into()),
-        }
-        Ok(0)
-    }
-
     /// Handles a request with a path.
     #[inline(never)]
-    fn on_path(&mut self, place: usize, request: &Request<'_>, digest: u32) -> Outcome {
+    fn on_path(&mut self, place: usize, request: &Request<'_>) -> Outcome {
         let Some(path) = path::of(request.data) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
-        let change = match request.opcode {
+        let digest = request.digest;
+        let change = match request.head.opcode {
             MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME => {
                 return directory::<F, V>(self.cx, path);
             }
@@ -164,11 +178,11 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
             MavFtpOpcode::CREATEFILE => return self.open(place, FileAccess::Create, path, digest),
             MavFtpOpcode::CALCFILECRC => {
                 if self.work.is_running() {
-                    return Err(Stop::Dropped);
+                    return Err(Stop::DROPPED);
                 }
                 let (open, _) = open(self.cx, path, FileAccess::Read, false)?;
                 *self.work = Work::Checksum { session: short(place), open, offset: 0, crc: Crc32::ZERO };
-                return Err(Stop::Working);
+                return Err(Stop::LATER);
             }
             MavFtpOpcode::REMOVEFILE
             | MavFtpOpcode::TRUNCATEFILE
@@ -180,7 +194,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
                 return Err(MavFtpErr::FILEPROTECTED.into());
             }
             MavFtpOpcode::REMOVEFILE => FileChange::Remove(path),
-            MavFtpOpcode::TRUNCATEFILE => FileChange::Truncate { path, size: request.offset },
+            MavFtpOpcode::TRUNCATEFILE => FileChange::Truncate { path, size: request.head.offset },
             MavFtpOpcode::CREATEDIRECTORY => FileChange::CreateDirectory(path),
             MavFtpOpcode::REMOVEDIRECTORY => FileChange::RemoveDirectory(path),
             MavFtpOpcode::RENAME => {
@@ -206,11 +220,13 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
     fn open(&mut self, place: usize, access: FileAccess, path: &[u8], digest: u32) -> Outcome {
         // A client that opens another file does not close the one before, or its request to do so was lost.
         self.close(place);
-        let open_count =
-            self.sessions.iter().fold(0u8, |count, session| count.saturating_add(u8::from(session.is_open())));
+        let mut not_open = 0usize;
+        self.sessions.iter().for_each(|session| not_open = not_open.wrapping_add(usize::from(!session.is_open())));
         let mut victim = None;
-        if open_count >= self.status.open_limit {
-            victim = session::victim(self.sessions, self.cx.now);
+        if not_open <= OTHERS {
+            let now = self.cx.now.coarse();
+            let is_idle = |place: &usize| self.sessions.get(*place).is_some_and(|open| open.idle_for(now) >= TAKEOVER);
+            victim = session::oldest(self.sessions, true, now).filter(is_idle);
             if victim.is_none() {
                 increment(&mut self.status.counters.no_session);
                 return Err(MavFtpErr::NOSESSIONSAVAILABLE.into());
@@ -221,7 +237,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
         let (opened, size) = open(self.cx, path, access, may_upload)?;
         // The size takes work, and an upload could not be finished.
         if matches!(opened, Open::Virtual(_) | Open::Upload(_)) && self.work.is_running() {
-            return Err(Stop::Dropped);
+            return Err(Stop::DROPPED);
         }
         if let Some(victim) = victim {
             increment(&mut self.status.counters.taken_over);
@@ -237,7 +253,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
         }
         if let Open::Virtual(file) = opened {
             *self.work = Work::Measure { session: short(place), file };
-            return Err(Stop::Working);
+            return Err(Stop::LATER);
         }
         Ok(size)
     }

@@ -1,7 +1,7 @@
 //! What takes more than one call: checksums, the size of a virtual file, and uploads to virtual directories (P-22).
 
 use super::open::{close, read};
-use super::packet::{Body, MAX_DATA, Request};
+use super::packet::{MAX_DATA, Request};
 use super::requests::Stop;
 use super::session::{Open, State};
 use super::virtual_files::VirtualFiles;
@@ -59,20 +59,20 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
     /// Writes to a file.
     #[inline(never)]
     pub(super) fn write(&mut self, place: usize, request: &Request<'_>) -> Outcome {
-        let Some(session) = self.sessions.get(place) else { return Err(Stop::Dropped) };
+        let Some(session) = self.sessions.get(place) else { return Err(Stop::DROPPED) };
         match session.open {
             Open::Nothing => return Err(MavFtpErr::INVALIDSESSION.into()),
             Open::Hook { number, is_writable: true } if F::Vehicle::WRITES => write_hook(self.cx, number, request)?,
             Open::Upload(file) if V::UPLOADS => {
-                let client = session.client;
+                let client = session.key.client();
                 // Nothing is taken that could not be finished.
                 if self.work.is_running() {
-                    return Err(Stop::Dropped);
+                    return Err(Stop::DROPPED);
                 }
                 if self.take_upload(&file, request)? {
                     self.status.upload = Upload::Complete;
                     *self.work = Work::Upload { session: short(place), client, file };
-                    return Err(Stop::Working);
+                    return Err(Stop::LATER);
                 }
             }
             _ => return Err(MavFtpErr::FILEPROTECTED.into()),
@@ -87,13 +87,13 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
             return Err(MavFtpErr::FAIL.into());
         }
         let received = usize::from(self.status.received);
-        let begin = usize::try_from(request.offset).unwrap_or(usize::MAX);
-        let end = begin.saturating_add(usize::from(request.size));
+        let begin = usize::try_from(request.head.offset).unwrap_or(usize::MAX);
+        let end = begin.saturating_add(usize::from(request.head.size));
         if end <= received {
             return Ok(false);
         }
         if begin > received {
-            return Err(Stop::Dropped);
+            return Err(Stop::DROPPED);
         }
         let Some(to) = self.upload.get_mut(begin..end).filter(|_| self.status.upload == Upload::Running) else {
             self.status.upload = Upload::Refused;
@@ -119,32 +119,40 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
                         self.status.upload = Upload::Refused;
                     }
                 }
-                (*session, finished.map(|()| 0))
+                (*session, finished.map(|()| 0).map_err(Stop::from))
             }
             Work::Nothing | Work::Upload { .. } => return,
-            Work::Measure { session, file } => match file.size(self.cx) {
-                None => return,
-                Some(size) => (*session, Ok(size)),
-            },
+            Work::Measure { session, file } => (*session, file.size(self.cx).ok_or(Stop::LATER)),
             Work::Checksum { session, open, offset, crc } => {
-                let Some(outcome) = add_to_checksum(self.cx, open, offset, crc) else { return };
-                close(self.cx, open);
+                let outcome = add_to_checksum(self.cx, open, offset, crc);
+                if !is_later(outcome) {
+                    close(self.cx, open);
+                }
                 (*session, outcome)
             }
         };
+        if is_later(outcome) {
+            return;
+        }
         *self.work = Work::Nothing;
         let Some(session) = self.sessions.get_mut(usize::from(session)) else { return };
         // Its client may have gone meanwhile.
-        let Some(answer) = session.working() else { return };
+        let found = session.oldest(State::Working);
+        let Some(answer) = found.and_then(|place| session.answers.get_mut(place)) else { return };
         answer.state = State::Pending;
-        match outcome {
-            Ok(value) => answer.value = value,
-            Err(error) => answer.error = error,
-        }
-        if answer.opcode == MavFtpOpcode::OPENFILERO {
+        (answer.is_refused, answer.value) = match outcome {
+            Ok(value) => (false, value),
+            Err(Stop(error)) => (true, error),
+        };
+        if answer.head.opcode == MavFtpOpcode::OPENFILERO {
             session.size = answer.value;
         }
     }
+}
+
+/// Whether it takes another call.
+fn is_later(outcome: Outcome) -> bool {
+    outcome == Err(Stop::LATER)
 }
 
 /// Adds the next part of a file to its checksum. Returns the checksum at its end. Not inlined: the part needs a buffer.
@@ -154,20 +162,20 @@ fn add_to_checksum<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     open: &mut Open<V>,
     offset: &mut u32,
     crc: &mut Crc32,
-) -> Option<Result<u32, MavFtpErr>> {
+) -> Outcome {
     let mut bytes = [0; CHECKED_AT_A_TIME];
     for _ in 0..TIMES {
         match read(cx, open, *offset, &mut bytes) {
-            Body::Later => return None,
-            Body::Refused(MavFtpErr::EOF) => return Some(Ok(!crc.sum())),
-            Body::Refused(error) => return Some(Err(error)),
-            Body::Data(len) => {
+            Err(stop) if stop == MavFtpErr::EOF.into() => return Ok(!crc.sum()),
+            Err(stop) => return Err(stop),
+            Ok(len) => {
+                *offset = offset.saturating_add(len);
+                let len = usize::try_from(len).unwrap_or(0);
                 crc.add(bytes.get(..len).unwrap_or_default());
-                *offset = offset.saturating_add(u32::try_from(len).unwrap_or(0));
             }
         }
     }
-    None
+    Err(Stop::LATER)
 }
 
 /// Writes to a file of the vehicle. Not inlined: the zeros that MAVLink 2 does not send need a buffer.
@@ -179,7 +187,7 @@ fn write_hook<F: Firmware<Vehicle: Files>>(
 ) -> Result<(), MavFtpErr> {
     let mut bytes = [0; MAX_DATA];
     crate::message::zero_extend(request.data, &mut bytes);
-    let bytes = bytes.get(..usize::from(request.size)).unwrap_or_default();
+    let bytes = bytes.get(..usize::from(request.head.size)).unwrap_or_default();
     let (vehicle, mut context) = cx.hook();
-    vehicle.write(&mut context, number, request.offset, bytes)
+    vehicle.write(&mut context, number, request.head.offset, bytes)
 }
