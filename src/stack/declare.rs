@@ -269,6 +269,8 @@ macro_rules! stack {
             type Parameters = $crate::__declared!(parameters $($entries)*,);
             const HAS_MODES: bool = $crate::__declared!(has_modes $($entries)*,);
             const HAS_TEXTS: bool = $crate::__declared!(texts $($entries)*,) > 0;
+            const SLOWS_STREAMS: bool =
+                $crate::__declared!(has_files $($entries)*,) && $crate::__declared!(has_streams $($entries)*,);
             const COMPONENTS: &'static [$crate::Component] = $crate::__declared!(component_list [$vehicle] $($entries)*,);
             $crate::__declared!(component_hook [$vehicle] $($entries)*,);
         }
@@ -474,6 +476,12 @@ macro_rules! __declared {
 
     (records storage: { records: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__storage!($n) };
     (records) => { $crate::__private::Absent };
+
+    (has_files files: $($rest:tt)*) => { true };
+    (has_files) => { false };
+
+    (has_streams streams, $($rest:tt)*) => { true };
+    (has_streams) => { false };
 
     (uploads files: { sessions: $n:expr, upload: $upload:expr $(,)? }, $($rest:tt)*) => { ($upload) > 0 };
     (uploads) => { false };

@@ -35,7 +35,7 @@ impl From<MavFtpErr> for Stop {
     }
 }
 
-impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
+impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
     /// Ends the sessions of silent clients. Closes the files of a client's sessions, if one of them is given.
     #[inline(never)]
     pub(super) fn end(&mut self, of: Option<Key>) {
@@ -60,6 +60,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
                 session.begin(Key::FREE);
             }
         }
+        self.status.is_used = left != u32::MAX;
         // Without a session, in fifty days.
         self.status.wake = self.cx.now.after(Duration::from_micros(u64::from(left).wrapping_shl(10)));
     }
@@ -91,7 +92,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
             return Handled::NoRoom;
         };
         session.touched = now;
-        self.status.wake = Instant::ZERO;
+        (self.status.is_used, self.status.wake) = (true, Instant::ZERO);
         let opens = matches!(opcode, MavFtpOpcode::OPENFILERO | MavFtpOpcode::OPENFILEWO | MavFtpOpcode::CREATEFILE);
         let is_burst = opcode == MavFtpOpcode::BURSTREADFILE;
         let is_data = is_burst

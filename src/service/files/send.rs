@@ -13,7 +13,7 @@ use crate::message::Message;
 use crate::service::{Cx, Turn};
 use crate::types::Firmware;
 
-impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
+impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
     /// Sends an answer with or without data. Data is sent by the link's sessions by turns, what was read or listed before the
     /// packets of bursts.
     #[inline(never)]

@@ -3,6 +3,7 @@
 use super::packet::Head;
 use crate::dialect::MavFtpOpcode;
 use crate::message::Address;
+use crate::time::Instant;
 use crate::types::{LinkId, Peer};
 
 /// A session ends when its client was silent for ten seconds, and nothing was sent to it either (F-6). In units of 1,024 µs, as
@@ -271,4 +272,13 @@ pub(super) fn next<V>(sessions: &[Session<V>], link: LinkId, first: usize, state
         place = place.wrapping_add(1);
     }
     None
+}
+
+/// Whether a client on a link has a file open, and was heard or sent a packet of a burst in the last three seconds (F-11).
+pub(super) fn is_transferring<V>(sessions: &[Session<V>], link: LinkId, now: Instant) -> bool {
+    let now = now.coarse();
+    let is_it = |session: &Session<V>| {
+        session.key.is_on(link) && session.is_open() && now.wrapping_sub(session.touched) < TAKEOVER
+    };
+    sessions.iter().any(is_it)
 }

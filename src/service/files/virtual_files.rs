@@ -233,3 +233,174 @@ impl<F: Firmware, const UPLOADS: bool, A: VirtualFile<F>, B: VirtualFiles<F>> Vi
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::string::String;
+    use std::vec::Vec;
+
+    use super::super::list::{directory, list};
+    use super::super::open::{open, read};
+    use super::super::requests::Stop;
+    use super::super::session::Open;
+    use super::super::{FileAccess, Files};
+    use super::*;
+    use crate::message::Address;
+    use crate::service::param::NoParams;
+    use crate::service::rest::Rest;
+    use crate::time::Instant;
+    use crate::types::{LinkId, NoPlans};
+
+    /// A firmware whose vehicle has no files.
+    struct Shelf;
+
+    impl Files for Shelf {}
+
+    impl Firmware for Shelf {
+        type Vehicle = Self;
+        type Plans = NoPlans;
+        type Parameters = NoParams;
+    }
+
+    /// `@NOTES/0` to `@NOTES/2`: its number, repeated. Their size and a read take two calls.
+    #[derive(Clone, Copy, Debug)]
+    struct Note {
+        number: u8,
+        is_ready: bool,
+    }
+
+    impl VirtualFile<Shelf> for Note {
+        const DIRECTORY: &'static [u8] = b"@NOTES";
+
+        fn open(_: &mut Cx<'_, Shelf>, path: &[u8], _: bool) -> Result<Self, MavFtpErr> {
+            match path {
+                [number @ b'0'..=b'2'] => Ok(Self { number: *number, is_ready: false }),
+                _ => Err(MavFtpErr::FILENOTFOUND),
+            }
+        }
+
+        fn size(&mut self, _: &mut Cx<'_, Shelf>) -> Option<u32> {
+            core::mem::replace(&mut self.is_ready, true).then_some(3)
+        }
+
+        fn read(&mut self, cx: &mut Cx<'_, Shelf>, offset: u32, out: &mut [u8]) -> Body {
+            if self.size(cx).is_none() {
+                return Body::Later;
+            }
+            let rest = 3usize.saturating_sub(offset as usize).min(out.len());
+            out[..rest].fill(self.number);
+            Body::Data(rest)
+        }
+
+        fn entry(_: &mut Cx<'_, Shelf>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
+            name.decimal(index.into());
+            (index < 3).then_some((3, 1_700_000_000 + u32::from(index)))
+        }
+    }
+
+    /// `@BIN/drop`: it is only uploaded, four bytes that are not zero.
+    #[derive(Clone, Copy, Debug)]
+    struct Bin;
+
+    impl VirtualFile<Shelf> for Bin {
+        const DIRECTORY: &'static [u8] = b"@BIN";
+        const UPLOADS: bool = true;
+
+        fn open(_: &mut Cx<'_, Shelf>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr> {
+            if path == b"drop" && is_upload { Ok(Self) } else { Err(MavFtpErr::FAIL) }
+        }
+
+        fn size(&mut self, _: &mut Cx<'_, Shelf>) -> Option<u32> {
+            Some(0)
+        }
+
+        fn read(&mut self, _: &mut Cx<'_, Shelf>, _: u32, _: &mut [u8]) -> Body {
+            Body::Refused(MavFtpErr::FAIL)
+        }
+
+        fn entry(_: &mut Cx<'_, Shelf>, _: u16, _: &mut Entries<'_>) -> Option<(u32, u32)> {
+            None
+        }
+
+        fn is_complete(&self, content: &[u8]) -> bool {
+            content.len() == 4
+        }
+
+        fn finish(&mut self, _: &mut Cx<'_, Shelf>, _: Peer, content: &[u8]) -> Option<Result<(), MavFtpErr>> {
+            Some(if content.contains(&0) { Err(MavFtpErr::FAIL) } else { Ok(()) })
+        }
+    }
+
+    type With<const UPLOADS: bool> = OneOf<UPLOADS, Note, OneOf<UPLOADS, NoFile, OneOf<UPLOADS, Bin, NoFile>>>;
+    type All = With<true>;
+
+    /// Calls with a context.
+    fn with<R>(call: impl FnOnce(&mut Cx<'_, Shelf>) -> R) -> R {
+        let (mut rest, mut parameters, mut vehicle) = (Rest::new(), NoParams, Shelf);
+        call(&mut rest.cx(Instant::ZERO, &mut parameters, &mut vehicle))
+    }
+
+    fn opened<V: VirtualFiles<Shelf>>(path: &str, access: FileAccess) -> Result<Open<V>, MavFtpErr> {
+        with(|cx| open(cx, path.as_bytes(), access, V::UPLOADS)).map(|(open, _)| open)
+    }
+
+    fn listed(path: &str, first: u32, has_time: bool) -> Result<String, MavFtpErr> {
+        let mut out = [0; 40];
+        let listed = with(|cx| {
+            let directory = directory::<Shelf, All>(cx, path.as_bytes())?;
+            list::<Shelf, All>(cx, directory, first, has_time, &mut out)
+        });
+        let entries = |len: u32| out[..len as usize].iter().map(|byte| char::from(*byte)).collect();
+        listed.map(entries).map_err(|stop| stop.error().expect("an error"))
+    }
+
+    /// F-9: the root has the directories of the services that are declared, and each of these its files.
+    #[test]
+    fn directories_are_listed() {
+        assert_eq!(listed("", 0, false).as_deref(), Ok("D@NOTES\0D@BIN\0"));
+        assert_eq!(listed("", 1, true).as_deref(), Ok("D@BIN\t0\t0\0"));
+        assert_eq!(listed("", 2, false), Err(MavFtpErr::EOF));
+        assert_eq!(listed("@NOTES", 0, false).as_deref(), Ok("F0\t3\0F1\t3\0F2\t3\0"));
+        // As many whole entries as there is room for.
+        assert_eq!(listed("@NOTES", 0, true).as_deref(), Ok("F0\t3\t1700000000\0F1\t3\t1700000001\0"));
+        assert_eq!(listed("@NOTES", 2, true).as_deref(), Ok("F2\t3\t1700000002\0"));
+        assert_eq!(listed("@BIN", 0, false), Err(MavFtpErr::EOF));
+        for path in ["@", "@NOTE", "@NOTES/0", "@OTHER"] {
+            assert_eq!(listed(path, 0, false), Err(MavFtpErr::FILENOTFOUND), "{path}");
+        }
+    }
+
+    /// F-3, F-8: a file of any directory is opened and read, also if that takes several calls.
+    #[test]
+    fn files_are_read() {
+        let mut open = opened::<All>("@NOTES/1", FileAccess::Read).expect("it exists");
+        let mut parts = Vec::new();
+        let mut out = [0; 2];
+        for offset in [0, 0, 2, 3] {
+            parts.push(with(|cx| read(cx, &mut open, offset, &mut out)).map_err(Stop::error));
+        }
+        assert_eq!(parts, [Err(None), Ok(2), Ok(1), Err(Some(MavFtpErr::EOF))]);
+        assert_eq!(out, *b"11");
+        let Open::Virtual(file) = &mut open else { panic!("{open:?}") };
+        assert_eq!(with(|cx| file.size(cx)), Some(3));
+        for path in ["@NOTES/3", "@NOTES", "@NOTES/", "@OTHER/0", "@"] {
+            let error = opened::<All>(path, FileAccess::Read).expect_err(path);
+            assert_eq!(error, MavFtpErr::FILENOTFOUND, "{path}");
+        }
+    }
+
+    /// F-5: only what can be uploaded is opened to be written, and only if the stack has room for it.
+    #[test]
+    fn uploads_need_a_directory_and_room() {
+        let Ok(Open::Upload(mut file)) = opened::<All>("@BIN/drop", FileAccess::Create) else { panic!("no upload") };
+        assert!(!file.is_complete(b"123") && file.is_complete(b"1234"));
+        let from = Peer { address: Address::new(255, 190), link: LinkId(0) };
+        assert_eq!(with(|cx| file.finish(cx, from, b"1234")), Some(Ok(())));
+        assert_eq!(with(|cx| file.finish(cx, from, b"\x0012")), Some(Err(MavFtpErr::FAIL)));
+        assert_eq!(opened::<All>("@NOTES/1", FileAccess::Write).expect_err("read-only"), MavFtpErr::FILEPROTECTED);
+        let error = opened::<With<false>>("@BIN/drop", FileAccess::Create).expect_err("no room");
+        assert_eq!(error, MavFtpErr::FILEPROTECTED);
+        let busy = with(|cx| open::<Shelf, All>(cx, b"@BIN/drop", FileAccess::Create, false).map(|_| ()));
+        assert_eq!(busy, Err(MavFtpErr::FILEPROTECTED), "another upload is running");
+    }
+}

@@ -55,7 +55,7 @@ impl<V> Work<V> {
     }
 }
 
-impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
+impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
     /// Writes to a file.
     #[inline(never)]
     pub(super) fn write(&mut self, place: usize, request: &Request<'_>) -> Outcome {
