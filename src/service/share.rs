@@ -24,12 +24,6 @@ impl Share {
         self.due = self.due.max(now);
     }
 
-    /// As [`spend`](Self::spend), for what may use more than its share while the link is idle: that is not made up for later.
-    pub(crate) fn spend_all(&mut self, now: Instant, cost: u32, bytes_per_second: u32) {
-        self.due = self.due.min(now);
-        self.spend(now, cost, bytes_per_second);
-    }
-
     /// Records that a frame was sent. `cost`: its bytes, times 10^6, divided by the share; `bytes_per_second`: the rate of
     /// the link. A rate of 0 is no limit, so there is no pause.
     pub(crate) fn spend(&mut self, now: Instant, cost: u32, bytes_per_second: u32) {
@@ -39,5 +33,16 @@ impl Share {
         };
         let earliest = Instant::from_micros(now.as_micros().saturating_sub(CATCH_UP.as_micros()));
         self.due = self.due.max(earliest).after(Duration::from_micros(u64::from(pause)));
+    }
+
+    /// As [`spend`](Self::spend), for what may use more than its share while the link is idle: that is not made up for later.
+    pub(crate) fn spend_all(&mut self, now: Instant, cost: u32, bytes_per_second: u32) {
+        let (mut due, pause) = (now.as_micros(), cost.checked_div(bytes_per_second));
+        if let Some(pause) = pause {
+            // What was not used is the time since it was due.
+            let unused = now.since(self.due).min(CATCH_UP).as_micros();
+            due = due.wrapping_sub(unused).wrapping_add(u64::from(pause));
+        }
+        self.due = Instant::from_micros(due);
     }
 }

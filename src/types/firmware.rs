@@ -20,6 +20,8 @@ pub trait Firmware: Sized + 'static {
     const HAS_MODES: bool = false;
     /// Whether there is a queue of texts.
     const HAS_TEXTS: bool = true;
+    /// Whether there are streams, and transfers of files that slow them.
+    const SLOWS_STREAMS: bool = false;
     /// The components of the firmware besides the autopilot.
     const COMPONENTS: &'static [Component] = &[];
 

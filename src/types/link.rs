@@ -229,11 +229,14 @@ pub(crate) struct LinkFacts {
     /// Whether the last frame that was sent while the link was idle was the vehicle's own. The next one is then a
     /// forwarded frame, if there is one.
     pub(crate) own_was_last: bool,
+    /// Whether a client on the link is busy with a transfer that streams are slowed for (F-11).
+    pub(crate) is_transferring: bool,
 }
 
 impl LinkFacts {
     /// All zero bits.
-    pub(crate) const NONE: Self = Self { is_sign_of_life_due: false, periods: 0, own_was_last: false };
+    pub(crate) const NONE: Self =
+        Self { is_sign_of_life_due: false, periods: 0, own_was_last: false, is_transferring: false };
 }
 
 /// The maximum number of links of a stack.

@@ -1,4 +1,4 @@
-//! How much of a link a burst uses, and what it must not delay: rules D-4, F-8, H-15, P-11.
+//! How much of a link a burst uses, and what it must not delay: rules D-4, F-8, F-11, H-15, P-11.
 
 use super::*;
 use mavstack::dialect::{Attitude, GlobalPositionInt, Heartbeat, MavCmd, SysStatus};
@@ -98,4 +98,52 @@ fn burst_keeps_its_share_beside_streams() {
         assert!((25..=40).contains(&file), "polls {step} ms apart: {file} % for the file");
         assert!(rest >= 50, "polls {step} ms apart: {rest} % for the streams");
     }
+}
+
+/// F-11: while a client is busy with an open file, streams on its link are sent a quarter as often. Heartbeats and the streams of
+/// other links are not slowed. When the file is closed, or the client was silent for three seconds, the streams are as fast as before.
+#[test]
+fn transfer_slows_streams_of_its_link() {
+    let link = LinkConfig::uart(921_600).with_streams(StreamProfile::Off);
+    let mut world = Shelf::of(Setup { links: [link; 2], ..Setup::new() });
+    world.vehicle.files.content.insert("big.bin".to_string(), pattern(100_000));
+    world.run_for(millis(1_500));
+    for link in 0..2 {
+        world.gcs[link]
+            .command_long(MavCmd::SET_MESSAGE_INTERVAL, [Attitude::ID as f32, 50_000.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    }
+    world.run_for(secs(1));
+    // Counts the messages on each link, and the heartbeats on the first one, in two seconds. Every 200 ms the client reads.
+    let count = |world: &mut Shelf, mut reader: Option<&mut Client>| {
+        world.run_for(millis(300));
+        let (mut counts, mut beats) = ([0; 2], 0);
+        for _ in 0..10 {
+            if let Some(client) = reader.as_deref_mut() {
+                client.read(world, 0, 100).unwrap();
+            }
+            world.gcs.iter_mut().for_each(|gcs| gcs.forget());
+            world.run_for(millis(200));
+            beats += world.gcs[0].all::<Heartbeat>().len();
+            counts = [0, 1].map(|link| counts[link] + world.gcs[link].all::<Attitude>().len());
+        }
+        (counts, beats)
+    };
+    let is_full = |count: usize| (39..=41).contains(&count);
+    let is_slow = |count: usize| (9..=11).contains(&count);
+
+    let (counts, _) = count(&mut world, None);
+    assert!(counts.into_iter().all(is_full), "before: {counts:?}");
+    let mut client = client();
+    client.open(&mut world, "big.bin").unwrap();
+    let (counts, beats) = count(&mut world, Some(&mut client));
+    assert!(is_slow(counts[0]) && is_full(counts[1]), "with an open file: {counts:?}");
+    assert!((1..=3).contains(&beats), "{beats} heartbeats in 2.5 s");
+    world.run_for(millis(3_000));
+    let (counts, _) = count(&mut world, None);
+    assert!(counts.into_iter().all(is_full), "the client is silent: {counts:?}");
+    let (counts, _) = count(&mut world, Some(&mut client));
+    assert!(is_slow(counts[0]), "the client reads again: {counts:?}");
+    client.end(&mut world).unwrap();
+    let (counts, _) = count(&mut world, None);
+    assert!(counts.into_iter().all(is_full), "closed: {counts:?}");
 }

@@ -14,12 +14,18 @@ pub(super) fn of(data: &[u8]) -> Option<&[u8]> {
     while let Some((b'/', rest)) = path.split_last() {
         path = rest;
     }
-    let is_allowed = path.iter().all(|byte| matches!(byte, b' '..=b'~'))
-        && path.split(|byte| *byte == b'/').all(|part| part != b"..");
-    if path == b"." {
-        path = b"";
+    // The number of dots at the begin of a component; more than two if there is anything else.
+    let mut dots = 0u8;
+    for byte in path.iter().chain(b"/") {
+        dots = match byte {
+            b'/' if dots == 2 => return None,
+            b'/' => 0,
+            b'.' => dots.saturating_add(1),
+            b' '..=b'~' => 3,
+            _ => return None,
+        };
     }
-    is_allowed.then_some(path)
+    Some(if path == b"." { b"" } else { path })
 }
 
 /// Returns the rest of a path below a directory.

@@ -1,26 +1,28 @@
 //! The sessions of clients: what each has open, and the answers that are pending for it (F-4, F-6, F-12, F-13).
 
-use super::packet::Request;
-use crate::dialect::{MavFtpErr, MavFtpOpcode};
+use super::packet::Head;
+use crate::dialect::MavFtpOpcode;
 use crate::message::Address;
-use crate::service::param::Pack;
-use crate::time::{Duration, Instant};
+use crate::time::Instant;
 use crate::types::{LinkId, Peer};
 
-/// A session ends when its client was silent for this time, and nothing was sent to it either (F-6).
-const IDLE: Duration = Duration::from_secs(10);
-/// Another client takes over a session that was idle for this time.
-const TAKEOVER: Duration = Duration::from_secs(3);
-/// A burst that takes longer is cut off, and the client requests the rest: otherwise it would go on for a client that is gone.
-const LONGEST_BURST: Duration = Duration::from_secs(5);
+/// A session ends when its client was silent for ten seconds, and nothing was sent to it either (F-6). In units of 1,024 µs, as
+/// are all times of sessions.
+pub(super) const IDLE: u32 = 9_766;
+/// Another client takes over a session that was idle for three seconds.
+pub(super) const TAKEOVER: u32 = 2_930;
+/// A burst that takes longer than five seconds is cut off, and the client requests the rest: otherwise it would go on for a client
+/// that is gone.
+pub(super) const LONGEST_BURST: u32 = 4_883;
 
-/// The number of requests that a client may send at a time: MAVProxy reads and writes five packets ahead.
-const ANSWERS: usize = 5;
+/// The number of requests that a client may send at a time: MAVProxy reads and writes five packets ahead. Their answers have the
+/// first places, and the burst has the last one.
+pub(super) const BURST: usize = 5;
 
 /// What a session has open. `Nothing` is all zero bits: with this representation no field has the discriminant in its niche.
 #[derive(Clone, Copy, Debug)]
 #[repr(u8)]
-pub(super) enum Open {
+pub(super) enum Open<V> {
     Nothing,
     /// A file of the vehicle's hooks, by number.
     Hook {
@@ -29,10 +31,10 @@ pub(super) enum Open {
     },
     /// A file that never changes, by its index.
     Static(u8),
-    /// The parameters, to be read.
-    Params(Pack),
-    /// The parameters, to be written.
-    Upload,
+    /// A file of a virtual directory, to be read.
+    Virtual(V),
+    /// A file of a virtual directory, to be uploaded: one at a time.
+    Upload(V),
 }
 
 /// The state of an answer.
@@ -44,20 +46,22 @@ pub(super) enum State {
     Sent,
     /// It is computed.
     Working,
+    /// It is pending, without data.
     Pending,
+    /// It is pending, with data of a file or a directory.
+    Data,
 }
 
-/// The answer to a request, without data: these are read when it is sent.
+/// The answer to a request, without data: these are read when it is sent. Or a burst: packets that are sent without a request for
+/// each; this is the next one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answer {
     pub(super) state: State,
-    pub(super) opcode: MavFtpOpcode,
-    pub(super) error: MavFtpErr,
-    /// The length of the data that is asked for.
-    pub(super) size: u8,
-    pub(super) seq: u16,
-    pub(super) offset: u32,
-    /// The size of a file that was opened, a checksum, or the number of a directory.
+    /// The request is refused.
+    pub(super) is_refused: bool,
+    /// The request.
+    pub(super) head: Head,
+    /// The size of a file that was opened, a checksum, or the number of a directory; the error of a refusal.
     pub(super) value: u32,
     /// Stands for the request.
     pub(super) digest: u32,
@@ -65,157 +69,145 @@ pub(super) struct Answer {
 
 impl Answer {
     /// All zero bits.
-    const EMPTY: Self = Self {
-        state: State::Empty,
-        opcode: MavFtpOpcode::NONE,
-        error: MavFtpErr::NONE,
-        size: 0,
-        seq: 0,
-        offset: 0,
-        value: 0,
-        digest: 0,
-    };
+    const EMPTY: Self = Self { state: State::Empty, is_refused: false, head: Head::EMPTY, value: 0, digest: 0 };
 
-    /// Whether it contains data of a file or a directory.
-    pub(super) fn has_data(&self) -> bool {
-        self.error == MavFtpErr::NONE && is_data(self.opcode)
+    /// Whether another may have its place.
+    fn is_free(&self) -> bool {
+        matches!(self.state, State::Empty | State::Sent)
     }
 }
 
-/// Whether the answer to a request contains data of a file or a directory.
-pub(super) const fn is_data(opcode: MavFtpOpcode) -> bool {
-    matches!(opcode, MavFtpOpcode::READFILE | MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME)
+/// Identifies a session: the client, its link, and the number that it has given the session. One number, because it is compared
+/// often.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Key(u32);
+
+impl Key {
+    /// That of a session that is not used: all zero bits.
+    pub(super) const FREE: Self = Self(0);
+    /// That of a session whose link was opened again.
+    const GONE: Self = Self(u32::MAX);
+
+    pub(super) fn of(client: Peer, number: u8) -> Self {
+        let (system, component) = (client.address.system.0, client.address.component.0);
+        Self(u32::from_le_bytes([system, component, client.link.0.wrapping_add(1), number]))
+    }
+
+    /// Returns the system, the component, the link and the number.
+    pub(super) const fn bytes(self) -> [u8; 4] {
+        self.0.to_le_bytes()
+    }
+
+    /// Returns the client.
+    pub(super) const fn client(self) -> Peer {
+        let [system, component, link, _] = self.bytes();
+        Peer { address: Address::new(system, component), link: LinkId(link.wrapping_sub(1)) }
+    }
+
+    pub(super) const fn is_on(self, link: LinkId) -> bool {
+        let [_, _, own, _] = self.bytes();
+        own == link.0.wrapping_add(1)
+    }
+
+    /// Whether it is another session of the same client, or the same.
+    pub(super) const fn has_client_of(self, other: Self) -> bool {
+        (self.0 ^ other.0) & 0x00FF_FFFF == 0
+    }
 }
 
-/// A burst: packets that are sent without a request for each.
+/// A client's session, or the answers to a client without one. The large array is last: what is near the front takes less code to
+/// reach.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Burst {
-    pub(super) is_active: bool,
-    pub(super) size: u8,
-    /// The sequence number of the next packet.
-    pub(super) seq: u16,
-    /// The offset of the next packet.
-    pub(super) offset: u32,
-    /// When the burst is cut off.
-    pub(super) until: Instant,
-    /// Stands for the request.
-    digest: u32,
-}
-
-/// A client's session, or the answers to a client without one.
-#[derive(Clone, Copy, Debug)]
-pub struct Session {
-    pub(super) is_used: bool,
-    /// Its link was opened again: the next poll ends it.
-    pub(super) is_gone: bool,
-    /// The number that the client has given it.
-    pub(super) number: u8,
-    pub(super) client: Peer,
-    pub(super) open: Open,
+#[repr(C)]
+pub struct Session<V> {
+    pub(super) key: Key,
     /// When the client was last heard, or was last sent a packet of a burst.
-    pub(super) touched: Instant,
+    pub(super) touched: u32,
+    /// When the burst began.
+    pub(super) burst_began: u32,
     /// The request that has opened it, and its answer: the size.
     pub(super) opened_by: u32,
     pub(super) size: u32,
-    pub(super) burst: Burst,
-    /// The oldest first.
-    pub(super) answers: [Answer; ANSWERS],
+    pub(super) open: Open<V>,
+    /// The oldest first, and the burst.
+    pub(super) answers: [Answer; BURST + 1],
 }
 
-impl Session {
+impl<V> Session<V> {
     /// All zero bits.
     pub(super) const FREE: Self = Self {
-        is_used: false,
-        is_gone: false,
-        number: 0,
-        client: Peer { address: Address::new(0, 0), link: LinkId(0) },
-        open: Open::Nothing,
-        touched: Instant::ZERO,
+        key: Key::FREE,
+        touched: 0,
+        burst_began: 0,
         opened_by: 0,
         size: 0,
-        burst: Burst { is_active: false, size: 0, seq: 0, offset: 0, until: Instant::ZERO, digest: 0 },
-        answers: [Answer::EMPTY; ANSWERS],
+        open: Open::Nothing,
+        answers: [Answer::EMPTY; BURST + 1],
     };
 
-    /// Makes it free. Not an assignment, which would be a call.
-    pub(super) fn free(&mut self) {
-        (self.is_used, self.is_gone, self.burst.is_active) = (false, false, false);
+    /// Gives it to a client, or makes it free. Not an assignment, which would be a call.
+    #[inline(never)]
+    pub(super) fn begin(&mut self, key: Key) {
+        self.key = key;
         (self.open, self.opened_by) = (Open::Nothing, 0);
-        self.forget_all();
+        self.forget(|_| true);
     }
 
-    /// Forgets all answers.
-    pub(super) fn forget_all(&mut self) {
+    pub(super) fn is_gone(&self) -> bool {
+        self.key == Key::GONE
+    }
+
+    /// Ends it if it is a client's on this link: the next poll closes its file.
+    pub(super) fn leave(&mut self, link: LinkId) {
+        if self.key.is_on(link) {
+            self.key = Key::GONE;
+        }
+    }
+
+    /// Forgets some answers.
+    fn forget(&mut self, is_it: impl Fn(&Answer) -> bool) {
         for answer in &mut self.answers {
-            answer.state = State::Empty;
+            if is_it(answer) {
+                answer.state = State::Empty;
+            }
         }
     }
 
-    /// Returns when it ends, unless its client is heard.
-    pub(super) fn ends_at(&self) -> Instant {
-        match (self.is_used, self.is_gone) {
-            (false, _) => Instant::NEVER,
-            (true, false) => self.touched.after(IDLE),
-            (true, true) => Instant::ZERO,
+    /// Returns for how long it was idle: for ever if it has no client.
+    pub(super) fn idle_for(&self, now: u32) -> u32 {
+        match self.key {
+            Key::FREE | Key::GONE => u32::MAX,
+            _ => now.wrapping_sub(self.touched),
         }
     }
 
-    pub(super) fn is_open(&self) -> bool {
+    pub(super) const fn is_open(&self) -> bool {
         !matches!(self.open, Open::Nothing)
     }
 
-    /// Whether an answer or a packet of a burst is pending.
-    pub(super) fn is_busy(&self) -> bool {
-        self.burst.is_active || self.answers.iter().any(|answer| !matches!(answer.state, State::Empty | State::Sent))
+    /// Returns the place of the oldest answer in a state.
+    pub(super) fn oldest(&self, state: State) -> Option<usize> {
+        self.answers.iter().position(|answer| answer.state == state)
     }
 
-    /// Whether an answer with or without data is pending, or a packet of a burst.
-    pub(super) fn is_due(&self, has_data: bool) -> bool {
-        (has_data && self.burst.is_active) || self.pending(has_data).is_some()
+    /// Returns the place for another answer: that of the oldest one that is not pending.
+    pub(super) fn room(&self) -> Option<usize> {
+        self.answers.iter().position(Answer::is_free).filter(|place| *place < BURST)
     }
 
-    /// Returns the answer in this place, or the next packet of the burst.
-    pub(super) fn next_answer(&self, place: Option<usize>) -> Answer {
-        let Burst { size, seq, offset, .. } = self.burst;
-        match place.and_then(|place| self.answers.get(place)) {
-            Some(answer) => Answer { seq: answer.seq.wrapping_add(1), ..*answer },
-            None => Answer { opcode: MavFtpOpcode::BURSTREADFILE, size, seq, offset, ..Answer::EMPTY },
+    /// Puts an answer behind the others, with the room for it in this place; or the burst in its own.
+    pub(super) fn put(&mut self, place: usize, answer: Answer) {
+        let mut rest = self.answers.get_mut(place..).unwrap_or_default();
+        while let [to, from, _, ..] = rest {
+            *to = *from;
+            rest = rest.get_mut(1..).unwrap_or_default();
+        }
+        if let Some(to) = rest.first_mut() {
+            *to = answer;
         }
     }
 
-    /// Returns the index of the oldest pending answer with or without data.
-    pub(super) fn pending(&self, has_data: bool) -> Option<usize> {
-        self.answers.iter().position(|answer| answer.state == State::Pending && answer.has_data() == has_data)
-    }
-
-    /// Returns the index of the oldest answer that is not pending, if there is one: its place is for another answer.
-    fn place(&self) -> Option<usize> {
-        self.answers.iter().position(|answer| matches!(answer.state, State::Empty | State::Sent))
-    }
-
-    /// Whether there is a place for another answer.
-    pub(super) fn has_room(&self) -> bool {
-        self.place().is_some()
-    }
-
-    /// Adds an answer behind the others.
-    pub(super) fn put(&mut self, answer: Answer) {
-        let places = self.place().and_then(|place| self.answers.get_mut(place..));
-        let mut places = places.unwrap_or_default().iter_mut();
-        let Some(mut place) = places.next() else { return };
-        for next in places {
-            *place = *next;
-            place = next;
-        }
-        *place = answer;
-    }
-
-    /// Returns the answer that is being computed.
-    pub(super) fn working(&mut self) -> Option<&mut Answer> {
-        self.answers.iter_mut().find(|answer| answer.state == State::Working)
-    }
-
-    /// If an identical request was answered, or is being answered, has the same answer sent again.
+    /// If an identical request was answered, or is being answered, has the same answer sent again. A burst goes on.
     pub(super) fn is_repeated(&mut self, digest: u32) -> bool {
         let is_it = |answer: &&mut Answer| answer.state != State::Empty && answer.digest == digest;
         let Some(answer) = self.answers.iter_mut().find(is_it) else { return false };
@@ -228,66 +220,65 @@ impl Session {
     /// Forgets what was answered: in another file, an identical request is a new one. But a delayed duplicate of what has ended
     /// the session before does not end this one.
     pub(super) fn forget_answers(&mut self) {
-        let is_it =
-            |answer: &&mut Answer| answer.state == State::Sent && answer.opcode != MavFtpOpcode::TERMINATESESSION;
-        for answer in self.answers.iter_mut().filter(is_it) {
-            answer.state = State::Empty;
-        }
+        self.forget(|answer| answer.state == State::Sent && answer.head.opcode != MavFtpOpcode::TERMINATESESSION);
     }
 
     /// Forgets the data of the open file that is pending: the client does not wait for it any more.
+    #[inline(never)]
     pub(super) fn drop_data(&mut self) {
-        self.burst.is_active = false;
-        for answer in self.answers.iter_mut().filter(|answer| answer.opcode == MavFtpOpcode::READFILE) {
-            answer.state = State::Empty;
-        }
-    }
-
-    /// Starts or replaces the burst (F-8). A repeated request does not start a running one again.
-    pub(super) fn start_burst(&mut self, now: Instant, request: &Request<'_>, digest: u32) {
-        if self.burst.is_active && self.burst.digest == digest {
-            return;
-        }
-        self.burst = Burst {
-            is_active: true,
-            size: request.wanted(),
-            seq: request.seq.wrapping_add(1),
-            offset: request.offset,
-            until: now.after(LONGEST_BURST),
-            digest,
-        };
+        self.forget(|answer| matches!(answer.head.opcode, MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE));
     }
 }
 
-/// Returns the position of the session of a client. Without one, a place for it: one that is not used, or else the one that
-/// was idle for the longest and has nothing open. `None` if there is none: then a request is dropped.
-pub(super) fn find(sessions: &mut [Session], client: Peer, number: u8) -> Option<usize> {
-    let is_it =
-        |session: &Session| session.is_used && !session.is_gone && session.client == client && session.number == number;
-    if let Some(place) = sessions.iter().position(is_it) {
+/// Returns the place of a session. Without one, a place for it: one that is not used, or else the one that was idle for the
+/// longest and has nothing open. `None` if there is none: then a request is dropped.
+pub(super) fn find<V>(sessions: &mut [Session<V>], key: Key, now: u32) -> Option<usize> {
+    if let Some(place) = sessions.iter().position(|session| session.key == key) {
         return Some(place);
     }
-    let mut best: Option<(Instant, usize)> = None;
-    let mut place = 0usize;
-    for session in sessions.iter() {
-        let since = if session.is_used { session.touched } else { Instant::ZERO };
-        let is_free = !session.is_open() && !session.is_busy();
-        if is_free && best.is_none_or(|(earliest, _)| since < earliest) {
-            best = Some((since, place));
-        }
-        place = place.wrapping_add(1);
-    }
-    let (_, place) = best?;
-    let session = sessions.get_mut(place)?;
-    session.free();
-    (session.is_used, session.client, session.number) = (true, client, number);
+    let place = oldest(sessions, false, now)?;
+    sessions.get_mut(place)?.begin(key);
     Some(place)
 }
 
-/// Returns the open session that another client takes over: the one that was idle for the longest, at least three seconds.
-/// `Err` if all are in use.
-pub(super) fn victim(sessions: &[Session], now: Instant) -> Option<usize> {
-    let oldest = sessions.iter().filter(|session| session.is_open()).map(|session| session.touched).min()?;
-    let place = sessions.iter().position(|session| session.is_open() && session.touched == oldest);
-    place.filter(|_| now.since(oldest) >= TAKEOVER)
+/// Returns the place of the session that was idle for the longest: of those with an open file, or of those with neither an open
+/// file nor a pending answer.
+#[inline(never)]
+pub(super) fn oldest<V>(sessions: &[Session<V>], is_open: bool, now: u32) -> Option<usize> {
+    let (mut oldest, mut longest, mut place) = (None, 0, 0usize);
+    for session in sessions {
+        let is_it = session.is_open() == is_open && (is_open || session.answers.iter().all(Answer::is_free));
+        let idle_for = session.idle_for(now);
+        if is_it && (oldest.is_none() || idle_for > longest) {
+            (oldest, longest) = (Some(place), idle_for);
+        }
+        place = place.wrapping_add(1);
+    }
+    oldest
+}
+
+/// Returns the place of the session of a link that sends next, from `first` on: with an answer in this state.
+#[inline(never)]
+pub(super) fn next<V>(sessions: &[Session<V>], link: LinkId, first: usize, state: State) -> Option<usize> {
+    let mut place = first;
+    for _ in sessions {
+        if place >= sessions.len() {
+            place = 0;
+        }
+        let session = sessions.get(place)?;
+        if session.key.is_on(link) && session.oldest(state).is_some() {
+            return Some(place);
+        }
+        place = place.wrapping_add(1);
+    }
+    None
+}
+
+/// Whether a client on a link has a file open, and was heard or sent a packet of a burst in the last three seconds (F-11).
+pub(super) fn is_transferring<V>(sessions: &[Session<V>], link: LinkId, now: Instant) -> bool {
+    let now = now.coarse();
+    let is_it = |session: &Session<V>| {
+        session.key.is_on(link) && session.is_open() && now.wrapping_sub(session.touched) < TAKEOVER
+    };
+    sessions.iter().any(is_it)
 }

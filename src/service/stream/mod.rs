@@ -287,11 +287,12 @@ impl<const N: usize> StreamService<N> {
             link.streams.pause();
             return false;
         }
-        let Port { outbox, config, .. } = port;
-        while let Some(number) = link.streams.next_due(cx.now, F::Vehicle::STREAMS, &mut link.slots, config.streams) {
+        let (profile, is_slowed) = (port.config.streams, F::SLOWS_STREAMS && port.facts.is_transferring);
+        while let Some(number) = link.streams.next_due(cx.now, F::Vehicle::STREAMS, &mut link.slots, profile, is_slowed)
+        {
             let Some(stream) = F::Vehicle::STREAMS.get(number) else { continue };
             let (now, vehicle) = (cx.now, &mut *cx.vehicle);
-            if outbox.as_component::<F>(Some(stream.component), |outbox| {
+            if port.outbox.as_component::<F>(Some(stream.component), |outbox| {
                 requests::fill(vehicle, &mut Fill::new(now, stream.id, stream.instance, outbox, false))
             }) {
                 port.facts.own_was_last = true;

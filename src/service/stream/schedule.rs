@@ -6,7 +6,7 @@
 
 use heapless::Vec;
 
-use super::Stream;
+use super::{MAX_INTERVAL, Stream};
 use crate::list::take_first;
 use crate::time::{Duration, Instant};
 use crate::types::StreamProfile;
@@ -39,6 +39,11 @@ const RADIO_STALE: u32 = 4_883;
 /// The step (µs) of the delay that a radio with a full buffer adds to all intervals, and the maximum number of steps.
 const STEP: u32 = 20_000;
 const MAX_SLOWDOWN: u8 = 100;
+
+/// While a client transfers a file, streams have so many times their intervals, as ArduPilot's do (F-11); those of less than two
+/// seconds have at most four seconds (µs), which their units can count.
+const SLOWED: u32 = 4;
+const LONGEST_FAST: u32 = 4_000_000;
 
 /// Pending requests for intervals on a link.
 const INTERVAL_REQUESTS: usize = 4;
@@ -230,20 +235,22 @@ impl Streams {
         if is_stale { 0 } else { u32::from(self.slowdown).wrapping_mul(STEP) }
     }
 
-    /// Returns the number of the next stream to send. It is next due one interval after it was *due* now.
+    /// Returns the number of the next stream to send. It is next due one interval after it was *due* now; `is_slowed`: after
+    /// [some](SLOWED) more.
     pub(super) fn next_due(
         &mut self,
         now: Instant,
         table: &[Stream],
         slots: &mut [Slot],
         profile: StreamProfile,
+        is_slowed: bool,
     ) -> Option<usize> {
         // The rest of a sweep that found no room before, then a new one.
         for _ in 0..2 {
             if self.cursor == 0 && !self.begin_sweep(now, table, slots, profile) {
                 return None;
             }
-            if let Some(number) = self.sweep(table, slots, profile) {
+            if let Some(number) = self.sweep(table, slots, profile, is_slowed) {
                 return Some(number);
             }
             self.cursor = 0;
@@ -277,7 +284,13 @@ impl Streams {
     }
 
     /// Continues through the table to the next stream that is due.
-    fn sweep(&mut self, table: &[Stream], slots: &mut [Slot], profile: StreamProfile) -> Option<usize> {
+    fn sweep(
+        &mut self,
+        table: &[Stream],
+        slots: &mut [Slot],
+        profile: StreamProfile,
+        is_slowed: bool,
+    ) -> Option<usize> {
         // The delay at the beginning of the sweep.
         let slowdown = u32::from(self.slowdown).wrapping_mul(STEP);
         loop {
@@ -289,7 +302,12 @@ impl Streams {
             let is_due = slot.left <= DUE;
             if is_due {
                 let dither = u32::from(self.dither).wrapping_shl(shift).wrapping_shr(8);
-                let next = interval.saturating_add(slowdown).saturating_add(dither).wrapping_shr(shift);
+                let mut pause = interval.saturating_add(slowdown);
+                if is_slowed {
+                    let longest = if interval < SLOW { LONGEST_FAST } else { MAX_INTERVAL };
+                    pause = pause.max(interval.saturating_mul(SLOWED).min(longest));
+                }
+                let next = pause.saturating_add(dither).wrapping_shr(shift);
                 slot.left = slot.left.saturating_add(u16::try_from(next).unwrap_or(0));
             }
             self.wake = self.wake.min(self.due(slot, shift));

@@ -22,7 +22,7 @@ impl Line {
     }
 
     fn next_due(&mut self, now: Instant, profile: StreamProfile) -> Option<usize> {
-        self.0.next_due(now, TABLE, &mut self.1, profile)
+        self.0.next_due(now, TABLE, &mut self.1, profile, false)
     }
 
     fn set_interval(&mut self, now: Instant, number: usize, micros: u32) {
@@ -93,6 +93,41 @@ fn whole_rates_are_exact() {
         let [.., count] = counts(&mut line, 5_000_000, seconds, StreamProfile::Radio, &[1_000]);
         let wanted = rate * u32::try_from(seconds).unwrap();
         assert!(count.abs_diff(wanted) <= 1, "{count} at {rate} Hz, not {wanted}");
+    }
+}
+
+/// F-11: while a client transfers a file, each stream has four times its interval, or the longest that its units can count. Then it
+/// has its own again, after at most that long.
+#[test]
+fn transfers_slow_streams() {
+    for (interval, slowed) in [
+        (1_000, 4_000),
+        (20_000, 80_000),
+        (1_000_000, 4_000_000),
+        (1_990_000, 4_000_000),
+        (2_000_000, 8_000_000),
+        (20_000_000, 60_000_000),
+        (60_000_000, 60_000_000),
+    ] {
+        let Line(mut streams, mut slots) = Line::new();
+        let start = Instant::from_millis(5_000);
+        streams.set_interval(start, &mut slots[2], Some(interval));
+        let mut at = start;
+        let mut next = |is_slowed: bool| {
+            let before = at;
+            while streams.next_due(at, TABLE, &mut slots, StreamProfile::Off, is_slowed) != Some(2) {
+                at = at.after(Duration::from_micros(100));
+            }
+            at.since(before).as_micros()
+        };
+        assert_eq!(next(true), 0, "it is due");
+        for _ in 0..3 {
+            let pause = next(true);
+            assert!(pause.abs_diff(slowed) <= 1_300, "{interval} µs: {pause} µs");
+        }
+        next(false);
+        let pause = next(false);
+        assert!(pause.abs_diff(interval.into()) <= 1_300, "{interval} µs: {pause} µs again");
     }
 }
 

@@ -1,0 +1,261 @@
+//! What a request does, when it is received (F-1 to F-7, F-13).
+
+use super::list::directory;
+use super::open::{close, is_virtual, open};
+use super::packet::{MAX_DATA, Request};
+use super::session::{self, Answer, BURST, IDLE, Key, Open, State, TAKEOVER};
+use super::virtual_files::VirtualFiles;
+use super::work::{Upload, Work};
+use super::{FileAccess, FileChange, Files, OTHERS, Outcome, Server, path, short};
+use crate::crc32::Crc32;
+use crate::dialect::{MavFtpErr, MavFtpOpcode};
+use crate::service::{Handled, Received, increment};
+use crate::time::{Duration, Instant};
+use crate::types::Firmware;
+
+/// Why there is no value: an error, or one of two other reasons. A word, so that a `Result` of it is in registers.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) struct Stop(pub(super) u32);
+
+impl Stop {
+    /// It takes more than this call.
+    pub(super) const LATER: Self = Self(256);
+    /// The request is dropped without effect, and the client sends it again.
+    pub(super) const DROPPED: Self = Self(257);
+
+    /// Returns the error, if it is one.
+    pub(super) fn error(self) -> Option<MavFtpErr> {
+        u8::try_from(self.0).ok().map(MavFtpErr)
+    }
+}
+
+impl From<MavFtpErr> for Stop {
+    fn from(error: MavFtpErr) -> Self {
+        Self(u32::from(error.0))
+    }
+}
+
+impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
+    /// Ends the sessions of silent clients. Closes the files of a client's sessions, if one of them is given.
+    #[inline(never)]
+    pub(super) fn end(&mut self, of: Option<Key>) {
+        let now = self.cx.now.coarse();
+        let mut left = u32::MAX;
+        for place in 0..self.sessions.len() {
+            let Some(session) = self.sessions.get(place) else { break };
+            let idle_for = session.idle_for(now);
+            let has_ended = idle_for >= IDLE;
+            if has_ended {
+                if session.is_open() && !session.is_gone() {
+                    increment(&mut self.status.counters.timed_out);
+                }
+            } else {
+                left = left.min(IDLE.wrapping_sub(idle_for));
+                if !of.is_some_and(|key| session.key.has_client_of(key)) {
+                    continue;
+                }
+            }
+            self.close(place);
+            if let Some(session) = self.sessions.get_mut(place).filter(|_| has_ended) {
+                session.begin(Key::FREE);
+            }
+        }
+        self.status.is_used = left != u32::MAX;
+        // Without a session, in fifty days.
+        self.status.wake = self.cx.now.after(Duration::from_micros(u64::from(left).wrapping_shl(10)));
+    }
+
+    /// Closes what a session has open, and drops its data that is pending.
+    #[inline(never)]
+    fn close(&mut self, place: usize) {
+        let Some(session) = self.sessions.get_mut(place) else { return };
+        session.drop_data();
+        session.opened_by = 0;
+        let open = core::mem::replace(&mut session.open, Open::Nothing);
+        close(self.cx, &open);
+    }
+
+    /// Handles a packet.
+    #[inline(never)]
+    pub(super) fn on_packet(&mut self, received: &Received<'_>) -> Handled {
+        let request = Request::of(received.frame.payload());
+        let Request { head, digest, .. } = request;
+        let opcode = head.opcode;
+        if opcode.0 >= MavFtpOpcode::ACK.0 {
+            // It is an answer, which has none.
+            return Handled::Yes;
+        }
+        let key = Key::of(received.from, request.session);
+        let now = self.cx.now.coarse();
+        let found = session::find(self.sessions, key, now);
+        let Some((place, session)) = found.and_then(|place| Some((place, self.sessions.get_mut(place)?))) else {
+            return Handled::NoRoom;
+        };
+        session.touched = now;
+        (self.status.is_used, self.status.wake) = (true, Instant::ZERO);
+        let opens = matches!(opcode, MavFtpOpcode::OPENFILERO | MavFtpOpcode::OPENFILEWO | MavFtpOpcode::CREATEFILE);
+        let is_burst = opcode == MavFtpOpcode::BURSTREADFILE;
+        let is_data = is_burst
+            || matches!(
+                opcode,
+                MavFtpOpcode::READFILE | MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME
+            );
+        // Reads, lists and resets are executed again, and so is an open whose file was closed since.
+        let is_executed_again = match opcode {
+            MavFtpOpcode::RESETSESSION => true,
+            _ if opens => session.opened_by != digest,
+            _ => is_data && !is_burst,
+        };
+        if !is_executed_again && session.is_repeated(digest) {
+            return Handled::Yes;
+        }
+        if matches!(opcode, MavFtpOpcode::TERMINATESESSION | MavFtpOpcode::RESETSESSION) {
+            session.drop_data();
+        }
+        let is_too_long = usize::from(head.size) > MAX_DATA;
+        let mut room = session.room();
+        if is_burst {
+            session.burst_began = now;
+            room = Some(BURST);
+        }
+        let Some(room) = room else { return Handled::NoRoom };
+        let outcome = match opcode {
+            // Its answer was forgotten.
+            _ if opens && session.opened_by == digest => Ok(session.size),
+            _ if is_too_long => Err(MavFtpErr::INVALIDDATASIZE.into()),
+            MavFtpOpcode::NONE => Ok(0),
+            MavFtpOpcode::TERMINATESESSION => {
+                self.close(place);
+                Ok(0)
+            }
+            MavFtpOpcode::RESETSESSION => {
+                self.end(Some(key));
+                Ok(0)
+            }
+            MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE => match &mut session.open {
+                Open::Virtual(file) => {
+                    file.begin_to_read(head.wanted());
+                    Ok(0)
+                }
+                Open::Hook { .. } | Open::Static(_) => Ok(0),
+                Open::Upload(_) => Err(MavFtpErr::FAIL.into()),
+                Open::Nothing => Err(MavFtpErr::INVALIDSESSION.into()),
+            },
+            MavFtpOpcode::WRITEFILE => self.write(place, &request),
+            _ => self.on_path(place, &request),
+        };
+        let (is_refused, value) = match outcome {
+            Ok(value) => (false, value),
+            Err(Stop(why)) => (true, why),
+        };
+        let mut answer = Answer { state: State::Pending, is_refused, head, value, digest };
+        if is_refused {
+            match Stop(value) {
+                Stop::DROPPED => return Handled::NoRoom,
+                Stop::LATER => (answer.state, answer.is_refused) = (State::Working, false),
+                _ => event!("files: request {=u8} of {} refused: {=u32}", opcode.0, received.from, value),
+            }
+        } else if is_data {
+            answer.state = State::Data;
+        }
+        answer.head.size = head.wanted();
+        if let Some(session) = self.sessions.get_mut(place) {
+            session.put(room, answer);
+        }
+        Handled::Yes
+    }
+
+    /// Handles a request with a path.
+    #[inline(never)]
+    fn on_path(&mut self, place: usize, request: &Request<'_>) -> Outcome {
+        let Some(path) = path::of(request.data) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
+        let digest = request.digest;
+        let change = match request.head.opcode {
+            MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME => {
+                return directory::<F, V>(self.cx, path);
+            }
+            MavFtpOpcode::OPENFILERO => return self.open(place, FileAccess::Read, path, digest),
+            MavFtpOpcode::OPENFILEWO => return self.open(place, FileAccess::Write, path, digest),
+            MavFtpOpcode::CREATEFILE => return self.open(place, FileAccess::Create, path, digest),
+            MavFtpOpcode::CALCFILECRC => {
+                if self.work.is_running() {
+                    return Err(Stop::DROPPED);
+                }
+                let (open, _) = open(self.cx, path, FileAccess::Read, false)?;
+                *self.work = Work::Checksum { session: short(place), open, offset: 0, crc: Crc32::ZERO };
+                return Err(Stop::LATER);
+            }
+            MavFtpOpcode::REMOVEFILE
+            | MavFtpOpcode::TRUNCATEFILE
+            | MavFtpOpcode::CREATEDIRECTORY
+            | MavFtpOpcode::REMOVEDIRECTORY
+            | MavFtpOpcode::RENAME
+                if !F::Vehicle::WRITES =>
+            {
+                return Err(MavFtpErr::FILEPROTECTED.into());
+            }
+            MavFtpOpcode::REMOVEFILE => FileChange::Remove(path),
+            MavFtpOpcode::TRUNCATEFILE => FileChange::Truncate { path, size: request.head.offset },
+            MavFtpOpcode::CREATEDIRECTORY => FileChange::CreateDirectory(path),
+            MavFtpOpcode::REMOVEDIRECTORY => FileChange::RemoveDirectory(path),
+            MavFtpOpcode::RENAME => {
+                let second = request.data.iter().position(|byte| *byte == 0).and_then(|end| request.data.get(end..));
+                match second.and_then(|rest| path::of(rest.get(1..)?)) {
+                    Some(to) if !is_virtual(to) && !to.is_empty() => FileChange::Rename { from: path, to },
+                    _ => return Err(MavFtpErr::FAIL.into()),
+                }
+            }
+            _ => return Err(MavFtpErr::UNKNOWNCOMMAND.into()),
+        };
+        let is_own = is_virtual(path) || F::Vehicle::FILES.iter().any(|file| file.path.as_bytes() == path);
+        if is_own {
+            return Err(MavFtpErr::FILEPROTECTED.into());
+        }
+        let (vehicle, mut context) = self.cx.hook();
+        vehicle.change(&mut context, change)?;
+        Ok(0)
+    }
+
+    /// Opens a file in a session (F-6).
+    #[inline(never)]
+    fn open(&mut self, place: usize, access: FileAccess, path: &[u8], digest: u32) -> Outcome {
+        // A client that opens another file does not close the one before, or its request to do so was lost.
+        self.close(place);
+        let mut not_open = 0usize;
+        self.sessions.iter().for_each(|session| not_open = not_open.wrapping_add(usize::from(!session.is_open())));
+        let mut victim = None;
+        if not_open <= OTHERS {
+            let now = self.cx.now.coarse();
+            let is_idle = |place: &usize| self.sessions.get(*place).is_some_and(|open| open.idle_for(now) >= TAKEOVER);
+            victim = session::oldest(self.sessions, true, now).filter(is_idle);
+            if victim.is_none() {
+                increment(&mut self.status.counters.no_session);
+                return Err(MavFtpErr::NOSESSIONSAVAILABLE.into());
+            }
+        }
+        let uploading = self.sessions.iter().position(|session| matches!(session.open, Open::Upload(_)));
+        let may_upload = V::UPLOADS && uploading.is_none_or(|place| Some(place) == victim);
+        let (opened, size) = open(self.cx, path, access, may_upload)?;
+        // The size takes work, and an upload could not be finished.
+        if matches!(opened, Open::Virtual(_) | Open::Upload(_)) && self.work.is_running() {
+            return Err(Stop::DROPPED);
+        }
+        if let Some(victim) = victim {
+            increment(&mut self.status.counters.taken_over);
+            self.close(victim);
+        }
+        if V::UPLOADS && matches!(opened, Open::Upload(_)) {
+            (self.status.received, self.status.upload) = (0, Upload::Running);
+        }
+        increment(&mut self.status.counters.opened);
+        if let Some(session) = self.sessions.get_mut(place) {
+            (session.open, session.opened_by, session.size) = (opened, digest, size);
+            session.forget_answers();
+        }
+        if let Open::Virtual(file) = opened {
+            *self.work = Work::Measure { session: short(place), file };
+            return Err(Stop::LATER);
+        }
+        Ok(size)
+    }
+}

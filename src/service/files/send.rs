@@ -1,0 +1,92 @@
+//! Sending: answers, and the packets of bursts (F-8, F-15, D-4).
+
+use super::list::list;
+use super::open::read;
+use super::packet;
+use super::requests::Stop;
+use super::session::{self, LONGEST_BURST, Session, State};
+use super::virtual_files::VirtualFiles;
+use super::{COST_OF_BYTE, FileLink, Files, MAX_LATENESS, Server};
+use crate::dialect::{FileTransferProtocol, MavFtpOpcode};
+use crate::link::{Outbox, Port};
+use crate::message::Message;
+use crate::service::{Cx, Turn};
+use crate::types::Firmware;
+
+impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
+    /// Sends an answer with or without data. Data is sent by the link's sessions by turns, what was read or listed before the
+    /// packets of bursts.
+    #[inline(never)]
+    pub(super) fn send(&mut self, port: &mut Port, link: &mut FileLink, turn: Turn) -> bool {
+        let state = state_of(turn);
+        let now = self.cx.now;
+        let found = session::next(self.sessions, port.id, link.first, state);
+        let found = found.and_then(|place| Some((place, self.sessions.get_mut(place)?)));
+        let Some((place, session)) = found else { return false };
+        if turn == Turn::LateFileData && now < link.share.due().after(MAX_LATENESS) {
+            return false;
+        }
+        let is_sent = send(self.cx, &mut port.outbox, session, state);
+        if is_sent && state == State::Data {
+            link.first = place.wrapping_add(1);
+            let len = u32::try_from(port.outbox.len()).unwrap_or(0);
+            link.share.spend_all(now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+        }
+        is_sent
+    }
+}
+
+/// Returns the state of the answers that a turn sends.
+pub(super) fn state_of(turn: Turn) -> State {
+    if turn == Turn::FileAnswer { State::Pending } else { State::Data }
+}
+
+/// Sends the oldest pending answer of a session, or the next packet of its burst (F-8).
+fn send<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
+    cx: &mut Cx<'_, F>,
+    outbox: &mut Outbox,
+    session: &mut Session<V>,
+    state: State,
+) -> bool {
+    let Some(place) = session.oldest(state) else { return false };
+    let Session { open, answers, key, touched, burst_began, .. } = session;
+    let Some(answer) = answers.get_mut(place) else { return false };
+    let (head, value) = (answer.head, answer.value);
+    let is_burst = head.opcode == MavFtpOpcode::BURSTREADFILE;
+    let now = cx.now.coarse();
+    let (mut is_last, mut sent) = (false, 0);
+    let is_sent = outbox.compose(const { &FileTransferProtocol::INFO }, |payload| {
+        let data = packet::data(payload);
+        if let Some(first) = data.first_chunk_mut() {
+            *first = value.to_le_bytes();
+        }
+        let content = match head.opcode {
+            _ if answer.is_refused => Err(Stop(value)),
+            MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE => {
+                read(cx, open, head.offset, data.get_mut(..usize::from(head.size)).unwrap_or_default())
+            }
+            MavFtpOpcode::LISTDIRECTORY => list::<F, V>(cx, value, head.offset, false, data),
+            MavFtpOpcode::LISTDIRECTORYWITHTIME => list::<F, V>(cx, value, head.offset, true, data),
+            MavFtpOpcode::OPENFILERO
+            | MavFtpOpcode::OPENFILEWO
+            | MavFtpOpcode::CREATEFILE
+            | MavFtpOpcode::CALCFILECRC => Ok(4),
+            _ => Ok(0),
+        };
+        sent = content.unwrap_or(0);
+        // A burst that takes too long is cut off. A short packet is the last one, and the end of the file is said once more
+        // behind it.
+        is_last = content.is_err() || now.wrapping_sub(*burst_began) >= LONGEST_BURST;
+        packet::complete(payload, *key, &head, content, is_burst && (is_last || sent < u32::from(head.size)))
+    });
+    if is_sent {
+        answer.state = State::Sent;
+        if is_burst {
+            answer.head.seq = head.seq.wrapping_add(1);
+            answer.head.offset = head.offset.saturating_add(sent);
+            answer.state = if is_last { State::Empty } else { State::Data };
+            *touched = now;
+        }
+    }
+    is_sent
+}

@@ -1,0 +1,193 @@
+//! What takes more than one call: checksums, the size of a virtual file, and uploads to virtual directories (P-22).
+
+use super::open::{close, read};
+use super::packet::{MAX_DATA, Request};
+use super::requests::Stop;
+use super::session::{Open, State};
+use super::virtual_files::VirtualFiles;
+use super::{Files, Outcome, Server, short};
+use crate::crc32::Crc32;
+use crate::dialect::{MavFtpErr, MavFtpOpcode};
+use crate::service::{Cx, increment};
+use crate::types::{Firmware, Peer};
+
+/// How much of a file a poll adds to its checksum: so many bytes, so many times.
+const CHECKED_AT_A_TIME: usize = 32;
+const TIMES: u8 = 8;
+
+/// The state of the upload.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Upload {
+    Running,
+    /// It is complete, and later polls take it up.
+    Complete,
+    Refused,
+}
+
+/// What takes more than one call: one at a time. `Nothing` is all zero bits, as in [`Open`].
+#[derive(Clone, Copy, Debug)]
+#[repr(u8)]
+pub(super) enum Work<V> {
+    Nothing,
+    /// The checksum of a file.
+    Checksum {
+        session: u8,
+        open: Open<V>,
+        offset: u32,
+        crc: Crc32,
+    },
+    /// An upload is complete.
+    Upload {
+        session: u8,
+        client: Peer,
+        file: V,
+    },
+    /// The size of a virtual file.
+    Measure {
+        session: u8,
+        file: V,
+    },
+}
+
+impl<V> Work<V> {
+    pub(super) const fn is_running(&self) -> bool {
+        !matches!(self, Self::Nothing)
+    }
+}
+
+impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
+    /// Writes to a file.
+    #[inline(never)]
+    pub(super) fn write(&mut self, place: usize, request: &Request<'_>) -> Outcome {
+        let Some(session) = self.sessions.get(place) else { return Err(Stop::DROPPED) };
+        match session.open {
+            Open::Nothing => return Err(MavFtpErr::INVALIDSESSION.into()),
+            Open::Hook { number, is_writable: true } if F::Vehicle::WRITES => write_hook(self.cx, number, request)?,
+            Open::Upload(file) if V::UPLOADS => {
+                let client = session.key.client();
+                // Nothing is taken that could not be finished.
+                if self.work.is_running() {
+                    return Err(Stop::DROPPED);
+                }
+                if self.take_upload(&file, request)? {
+                    self.status.upload = Upload::Complete;
+                    *self.work = Work::Upload { session: short(place), client, file };
+                    return Err(Stop::LATER);
+                }
+            }
+            _ => return Err(MavFtpErr::FILEPROTECTED.into()),
+        }
+        Ok(0)
+    }
+
+    /// Takes a part of an upload, in order: a later one is dropped, and the client sends it again. Returns whether the file is
+    /// complete.
+    fn take_upload(&mut self, file: &V, request: &Request<'_>) -> Result<bool, Stop> {
+        if self.status.upload == Upload::Refused {
+            return Err(MavFtpErr::FAIL.into());
+        }
+        let received = usize::from(self.status.received);
+        let begin = usize::try_from(request.head.offset).unwrap_or(usize::MAX);
+        let end = begin.saturating_add(usize::from(request.head.size));
+        if end <= received {
+            return Ok(false);
+        }
+        if begin > received {
+            return Err(Stop::DROPPED);
+        }
+        let Some(to) = self.upload.get_mut(begin..end).filter(|_| self.status.upload == Upload::Running) else {
+            self.status.upload = Upload::Refused;
+            return Err(MavFtpErr::FAIL.into());
+        };
+        to.fill(0);
+        crate::message::zero_extend(request.data, to);
+        self.status.received = u16::try_from(end).unwrap_or(u16::MAX);
+        Ok(file.is_complete(self.upload.get(..end).unwrap_or_default()))
+    }
+
+    /// Does a step of what takes more than one call.
+    #[inline(never)]
+    pub(super) fn work(&mut self) {
+        let (session, outcome) = match self.work {
+            Work::Upload { session, client, file } if V::UPLOADS => {
+                let content = self.upload.get(..usize::from(self.status.received)).unwrap_or_default();
+                let Some(finished) = file.finish(self.cx, *client, content) else { return };
+                match finished {
+                    Ok(()) => increment(&mut self.status.counters.uploads),
+                    Err(_) => {
+                        increment(&mut self.status.counters.refused_uploads);
+                        self.status.upload = Upload::Refused;
+                    }
+                }
+                (*session, finished.map(|()| 0).map_err(Stop::from))
+            }
+            Work::Nothing | Work::Upload { .. } => return,
+            Work::Measure { session, file } => (*session, file.size(self.cx).ok_or(Stop::LATER)),
+            Work::Checksum { session, open, offset, crc } => {
+                let outcome = add_to_checksum(self.cx, open, offset, crc);
+                if !is_later(outcome) {
+                    close(self.cx, open);
+                }
+                (*session, outcome)
+            }
+        };
+        if is_later(outcome) {
+            return;
+        }
+        *self.work = Work::Nothing;
+        let Some(session) = self.sessions.get_mut(usize::from(session)) else { return };
+        // Its client may have gone meanwhile.
+        let found = session.oldest(State::Working);
+        let Some(answer) = found.and_then(|place| session.answers.get_mut(place)) else { return };
+        answer.state = State::Pending;
+        (answer.is_refused, answer.value) = match outcome {
+            Ok(value) => (false, value),
+            Err(Stop(error)) => (true, error),
+        };
+        if answer.head.opcode == MavFtpOpcode::OPENFILERO {
+            session.size = answer.value;
+        }
+    }
+}
+
+/// Whether it takes another call.
+fn is_later(outcome: Outcome) -> bool {
+    outcome == Err(Stop::LATER)
+}
+
+/// Adds the next part of a file to its checksum. Returns the checksum at its end. Not inlined: the part needs a buffer.
+#[inline(never)]
+fn add_to_checksum<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
+    cx: &mut Cx<'_, F>,
+    open: &mut Open<V>,
+    offset: &mut u32,
+    crc: &mut Crc32,
+) -> Outcome {
+    let mut bytes = [0; CHECKED_AT_A_TIME];
+    for _ in 0..TIMES {
+        match read(cx, open, *offset, &mut bytes) {
+            Err(stop) if stop == MavFtpErr::EOF.into() => return Ok(!crc.sum()),
+            Err(stop) => return Err(stop),
+            Ok(len) => {
+                *offset = offset.saturating_add(len);
+                let len = usize::try_from(len).unwrap_or(0);
+                crc.add(bytes.get(..len).unwrap_or_default());
+            }
+        }
+    }
+    Err(Stop::LATER)
+}
+
+/// Writes to a file of the vehicle. Not inlined: the zeros that MAVLink 2 does not send need a buffer.
+#[inline(never)]
+fn write_hook<F: Firmware<Vehicle: Files>>(
+    cx: &mut Cx<'_, F>,
+    number: u16,
+    request: &Request<'_>,
+) -> Result<(), MavFtpErr> {
+    let mut bytes = [0; MAX_DATA];
+    crate::message::zero_extend(request.data, &mut bytes);
+    let bytes = bytes.get(..usize::from(request.head.size)).unwrap_or_default();
+    let (vehicle, mut context) = cx.hook();
+    vehicle.write(&mut context, number, request.head.offset, bytes)
+}
