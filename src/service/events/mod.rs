@@ -24,8 +24,6 @@ pub use declaration::{
     EventInfo, EventSet, LogLevel, bit, check_events,
 };
 
-use heapless::Vec;
-
 use super::share::Share;
 use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
 use crate::dialect::{
@@ -42,9 +40,6 @@ const SEQUENCE_INTERVAL: Duration = Duration::from_secs(3);
 
 /// CURRENT_EVENT_SEQUENCE is recent, while the next one is not due within this time: half a second after it was sent.
 const SEQUENCE_RECENT: Duration = Duration::from_millis(2_500);
-
-/// The number of requests for events that a link can have pending: one of each of two receivers.
-const REQUESTS: usize = 2;
 
 /// A byte's share of a link (byte·µs): half of the link's rate.
 const COST_OF_BYTE: u32 = 2_000_000;
@@ -87,7 +82,8 @@ pub struct EventLink {
     /// When CURRENT_EVENT_SEQUENCE is due.
     at: Instant,
     share: Share,
-    requested: Vec<Requested, REQUESTS, u8>,
+    /// What two receivers have requested, in order.
+    requested: [Option<Requested>; 2],
 }
 
 impl EventLink {
@@ -96,7 +92,8 @@ impl EventLink {
         if !port.outbox.takes(EventMessage::ID) {
             return Instant::NEVER;
         }
-        let is_pending = self.sent != log.newest() || !self.requested.is_empty();
+        let [requested, _] = &self.requested;
+        let is_pending = self.sent != log.newest() || requested.is_some();
         let at = if is_pending { now } else { self.at };
         at.max(self.share.due())
     }
@@ -109,7 +106,8 @@ impl EventLink {
                 if self.has_sent { MavEventCurrentSequenceFlags::EMPTY } else { MavEventCurrentSequenceFlags::RESET };
             return port.outbox.send(&CurrentEventSequence { sequence: self.sent, flags });
         }
-        if let Some(requested) = self.requested.first_mut() {
+        let [pending, second] = &mut self.requested;
+        if let Some(requested) = pending {
             let first = requested.first;
             let event = log.get(first);
             // What is not in the history is answered as a whole.
@@ -118,7 +116,7 @@ impl EventLink {
             requested.first = next;
             let from = requested.from;
             if done > all {
-                crate::list::take_first(&mut self.requested, |_| true);
+                *pending = second.take();
             }
             return match event {
                 Some(event) => send(port, event, first),
@@ -160,7 +158,7 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
     const NEW: Self = Self { counters: EventCounters::ZERO, checks: C::NEW };
     type Link = EventLink;
     const VACANT: EventLink =
-        EventLink { sent: 0, told: 0, has_sent: false, at: Instant::ZERO, share: Share::NEW, requested: Vec::new() };
+        EventLink { sent: 0, told: 0, has_sent: false, at: Instant::ZERO, share: Share::NEW, requested: [None; 2] };
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut EventLink>) {
         let unreported = self.checks.poll(cx);
@@ -198,10 +196,12 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
             link.at = cx.now;
         }
         let requested = Requested { first, last, from: received.from.address };
-        match link.requested.contains(&requested) || link.requested.push(requested).is_ok() {
-            true => Handled::Yes,
-            false => Handled::NoRoom,
+        for slot in &mut link.requested {
+            if *slot.get_or_insert(requested) == requested {
+                return Handled::Yes;
+            }
         }
+        Handled::NoRoom
     }
 
     fn on_command(
@@ -241,7 +241,7 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
     /// The new peers are told at once up to which event the link has sent.
     fn restart(&mut self, _: &Port, link: &mut EventLink) {
         link.at = Instant::ZERO;
-        link.requested.clear();
+        link.requested = [None; 2];
     }
 }
 
