@@ -353,7 +353,7 @@ pub mod __private {
     pub use crate::service::client::Client;
     pub use crate::service::command::{CommandSlots, NoSlots};
     pub use crate::service::components::ComponentService;
-    pub use crate::service::events::{Checking, EventService, bit, check_events, summary};
+    pub use crate::service::events::{Checking, EventService, Unchecked, bit, check_events, summary};
     pub use crate::service::files::FileServer;
     pub use crate::service::forwarding::Forwarding;
     pub use crate::service::messages::Messages;

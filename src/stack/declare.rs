@@ -318,7 +318,9 @@ macro_rules! __declared {
     (events events: { history: $n:expr, checks $(,)? }, $($rest:tt)*) => {
         $crate::__private::EventService<$crate::__private::Checking<{ $n }>>
     };
-    (events events: { history: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__private::EventService };
+    (events events: { history: $n:expr $(,)? }, $($rest:tt)*) => {
+        $crate::__private::EventService<$crate::__private::Unchecked<{ $n }>>
+    };
     (events) => { $crate::__private::Absent };
 
     (event_history events: { history: $n:expr $(, checks)? $(,)? }, $($rest:tt)*) => { $n };

@@ -277,12 +277,15 @@ pub trait Checker<F: Firmware>: fmt::Debug {
     }
 }
 
-/// Without checks.
+/// Without checks. `N`: the length of the history.
 #[derive(Debug)]
-pub struct Unchecked;
+pub struct Unchecked<const N: usize>;
 
-impl<F: Firmware> Checker<F> for Unchecked {
-    const NEW: Self = Self;
+impl<const N: usize, F: Firmware> Checker<F> for Unchecked<N> {
+    const NEW: Self = {
+        assert!(N > 0, "the history of events has at least one: `events: {{ history: 16 }}`");
+        Self
+    };
 }
 
 /// Reports the checks. Initially all zero bits. `N`: the length of the history.
@@ -297,7 +300,10 @@ pub struct Checking<const N: usize> {
 
 impl<const N: usize, F: Firmware<Vehicle: HealthChecks>> Checker<F> for Checking<N> {
     const NEW: Self = {
-        assert!(N >= 8, "a report of the checks is up to as long as the history: `events: {{ history: 16, checks }}`");
+        assert!(
+            N >= 8,
+            "a report of the checks is at most as long as the history: `events: {{ history: 16, checks }}`"
+        );
         Self { at: Instant::ZERO, reported_at: Instant::ZERO, reported: 0 }
     };
 

@@ -57,7 +57,7 @@ counters! {
 
 /// Sends the events: declared by `events` in [`stack!`](crate::stack). Initially all zero bits.
 #[derive(Debug)]
-pub struct EventService<C = Unchecked> {
+pub struct EventService<C> {
     pub(crate) counters: EventCounters,
     checks: C,
 }
