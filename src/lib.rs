@@ -117,7 +117,7 @@
 //! | [`ParamBackend`] | instead of `Parameters`, if they live elsewhere | has the parameters |
 //!
 //! [`stack!`] lists all entries of a declaration. What a firmware does not declare takes neither flash nor RAM. Hooks get a
-//! [`Context`]: it has the time, the live plans and the parameters, and it queues texts and announces messages.
+//! [`Context`]: it has the time, the live plans and the parameters, and it queues texts and events and announces messages.
 //!
 //! # The transport
 //!
