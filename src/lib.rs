@@ -87,7 +87,7 @@
 //! | [`mod@frame`] | bytes to checked frames and back, MAVLink 1 and 2; usable alone |
 //! | [`mod@message`], [`mod@dialect`] | payloads: all of MAVLink's `common`, and your own messages; usable alone |
 //! | [`mod@config`], [`mod@network`] | the links, the peers on them, and forwarding between links |
-//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@operator_control`], [`mod@camera`], [`mod@ext_parameters`], [`mod@gimbal`], [`mod@files`], [`mod@high_latency`], `signing` | the services, besides the traits below |
+//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@operator_control`], [`mod@camera`], [`mod@ext_parameters`], [`mod@events`], [`mod@gimbal`], [`mod@files`], [`mod@high_latency`], `signing` | the services, besides the traits below |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //! | [`mod@io`], `storage` | transports between the stack and a UART; flash and FRAM |
 //!
@@ -112,11 +112,12 @@
 //! | [`Files`] | with `files` | serves files |
 //! | [`CommandClient`] | with `command_client` | makes its own commands to other components |
 //! | [`Camera`] | with `camera` | takes images, records video |
+//! | [`HealthChecks`] | with `checks` in `events` | what prevents arming |
 //! | [`ExtParameters`] | with `ext_parameters` | has the extended parameters |
 //! | [`ParamBackend`] | instead of `Parameters`, if they live elsewhere | has the parameters |
 //!
 //! [`stack!`] lists all entries of a declaration. What a firmware does not declare takes neither flash nor RAM. Hooks get a
-//! [`Context`]: it has the time, the live plans and the parameters, and it queues texts and announces messages.
+//! [`Context`]: it has the time, the live plans and the parameters, and it queues texts and events and announces messages.
 //!
 //! # The transport
 //!
@@ -213,6 +214,7 @@ pub use service::camera::Camera;
 pub use service::client::{CommandClient, CommandReply, OutgoingCommand, ParamAnswer};
 pub use service::command::Commands;
 pub use service::components::Components;
+pub use service::events::HealthChecks;
 #[cfg(test)]
 pub use service::example::Tunes;
 pub use service::ext_parameters::ExtParameters;
@@ -304,6 +306,15 @@ pub mod camera {
     pub use crate::service::camera::{CameraControl, CameraCounters, CameraOrder, Image, Shot};
 }
 
+/// Events: what has happened, and the checks before arming. [`events!`](crate::events!) declares them, and
+/// [`Context::event`] and [`Stack::event`] send them. [`HealthChecks`] has the hooks of the checks.
+pub mod events {
+    pub use crate::service::events::{
+        ArgumentInfo, Check, CheckBits, CheckSet, DeclaredEvent, EntryInfo, EnumInfo, Event, EventArgument,
+        EventCounters, EventGroup, EventInfo, EventSet, HealthReport, LogLevel,
+    };
+}
+
 /// Extended parameters: settings of any type, such as a camera's. [`ExtParameters`] has the hooks.
 pub mod ext_parameters {
     pub use crate::service::ext_parameters::{ExtParamServer, ExtValue};
@@ -337,10 +348,12 @@ pub use defmt as __defmt;
 /// The names that the crate's macros expand to.
 #[doc(hidden)]
 pub mod __private {
+    pub use crate::message::FieldWriter;
     pub use crate::network::PeerInfo;
     pub use crate::service::client::Client;
     pub use crate::service::command::{CommandSlots, NoSlots};
     pub use crate::service::components::ComponentService;
+    pub use crate::service::events::{Checking, EventService, Unchecked, bit, check_events, summary};
     pub use crate::service::files::{FileServer, HasFiles, NoFile, OneOf};
     pub use crate::service::forwarding::Forwarding;
     pub use crate::service::messages::Messages;
@@ -353,11 +366,14 @@ pub mod __private {
     #[cfg(feature = "storage")]
     pub use crate::storage::{RecordService, Storage};
     pub use crate::types::{
-        Firmware, NoPlans, PlanBuffers, PlanMemory, RequestQueue, Requests, StatusTexts, TextEntry, Values, largest,
+        EventEntry, EventLog, Firmware, NoPlans, PlanBuffers, PlanMemory, RequestQueue, Requests, StatusTexts,
+        TextEntry, Values, largest,
     };
 
     /// The peer table.
     pub type PeerTable<const N: usize> = heapless::Vec<PeerInfo, N>;
+    /// The history of events.
+    pub type EventHistory<const N: usize> = EventLog<[EventEntry; N]>;
     /// The queue of texts.
     pub type TextQueue<const N: usize> = StatusTexts<[TextEntry; N]>;
     /// Signing with `N` streams at a time.

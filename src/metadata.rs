@@ -1,15 +1,16 @@
-//! Component metadata: files that describe a vehicle's parameters to ground stations, with units and ranges.
+//! Component metadata: files that describe a vehicle's parameters and events to ground stations, with units, ranges and texts.
 //!
-//! Implements the component's side of <https://mavlink.io/en/services/component_information.html> (O-1). A ground
-//! station requests COMPONENT_METADATA, which names a *general* file, which names a file with the parameters:
+//! Implements the component's side of <https://mavlink.io/en/services/component_information.html> (O-1, EVT-8). A ground
+//! station requests COMPONENT_METADATA, which names a *general* file, which names the others:
 //!
 //! ```text
-//!   REQUEST_MESSAGE(397) ─▶ COMPONENT_METADATA { uri, file_crc } ─▶ general.json ─▶ parameters.json
+//!   REQUEST_MESSAGE(397) ─▶ COMPONENT_METADATA { uri, file_crc } ─▶ general.json ─┬─▶ parameters.json
+//!                                                                                 └─▶ events.json
 //! ```
 //!
 //! QGroundControl and MAVSDK fetch `mftp` URIs from the vehicle itself, and `http` and `https` URIs:
 //!
-//! 1. On the host, generate both files from the parameter table of the firmware. Put them on a web server, or into the firmware:
+//! 1. On the host, generate the files from the parameter table and the [`events!`](crate::events!) of the firmware. Put them on a web server, or into the firmware:
 //!    as constant [`Files`](crate::Files), whose URI is `mftp:///general.json`.
 //! 2. In the firmware, declare [`ComponentMetadata`] in [`Telemetry::STREAMS`](crate::Telemetry::STREAMS) and fill in
 //!    the general file's URI.
@@ -32,7 +33,8 @@
 //!
 //! let mut general = String::new();
 //! let crc = metadata::file_crc(parameters.as_bytes());
-//! metadata::general(&mut general, "https://rover.example/1.0/parameters.json", crc)?;
+//! let file = metadata::MetadataFile::parameters("https://rover.example/1.0/parameters.json", crc);
+//! metadata::general(&mut general, &[file])?;
 //! // For COMPONENT_METADATA.file_crc.
 //! let crc = metadata::file_crc(general.as_bytes());
 //! # let _ = crc;
@@ -41,25 +43,61 @@
 //!
 //! [`ComponentMetadata`]: crate::dialect::ComponentMetadata
 
+mod events;
+
+pub use events::events;
+
 use core::fmt::{Result, Write};
 
 use crate::crc32::Crc32;
 use crate::dialect::{CompMetadataType, MavParamType};
 use crate::service::param::{ParamInfo, ParamTable};
 
-/// The version of both file formats.
+/// The version of the general file and of that with the parameters.
 const VERSION: u8 = 1;
 
-/// Writes the general file, with the URI of the file with the parameters and its [`file_crc`].
+/// A file that the general file names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MetadataFile<'a> {
+    /// What it describes.
+    pub r#type: CompMetadataType,
+    /// Where it is.
+    pub uri: &'a str,
+    /// Its [`file_crc`].
+    pub crc: u32,
+}
+
+impl<'a> MetadataFile<'a> {
+    /// Returns the file with the [`parameters`].
+    pub const fn parameters(uri: &'a str, crc: u32) -> Self {
+        Self { r#type: CompMetadataType::PARAMETER, uri, crc }
+    }
+
+    /// Returns the file with the [`events`].
+    pub const fn events(uri: &'a str, crc: u32) -> Self {
+        Self { r#type: CompMetadataType::EVENTS, uri, crc }
+    }
+}
+
+/// Writes the general file, which names the others.
 ///
 /// # Errors
 ///
 /// The errors of `out`.
-pub fn general(out: &mut impl Write, parameters_uri: &str, parameters_crc: u32) -> Result {
-    let r#type = CompMetadataType::PARAMETER.0;
-    write!(out, r#"{{"version":{VERSION},"metadataTypes":[{{"type":{type},"uri":"#)?;
-    string(out, parameters_uri)?;
-    write!(out, r#","fileCrc":{parameters_crc}}}]}}"#)
+pub fn general(out: &mut impl Write, files: &[MetadataFile<'_>]) -> Result {
+    write!(out, r#"{{"version":{VERSION},"metadataTypes":["#)?;
+    for (index, MetadataFile { r#type, uri, crc }) in files.iter().enumerate() {
+        separate(out, index)?;
+        write!(out, r#"{{"type":{},"uri":"#, r#type.0)?;
+        string(out, uri)?;
+        write!(out, r#","fileCrc":{crc}}}"#)?;
+    }
+    out.write_str("]}")
+}
+
+/// Writes a comma before all elements but the first.
+fn separate(out: &mut impl Write, index: usize) -> Result {
+    if index > 0 { out.write_char(',') } else { Ok(()) }
 }
 
 /// Writes the file with the parameters of table `T`.
@@ -82,9 +120,7 @@ pub fn parameters<T: ParamTable>(out: &mut impl Write) -> Result {
     }
     write!(out, r#"{{"version":{VERSION},"parameters":["#)?;
     for (index, info) in T::INFO.iter().enumerate() {
-        if index > 0 {
-            out.write_char(',')?;
-        }
+        separate(out, index)?;
         let unit = T::UNITS.get(index).copied().unwrap_or_default();
         let description = T::DESCRIPTIONS.get(index).copied().unwrap_or_default();
         parameter(out, info, unit, description.trim())?;

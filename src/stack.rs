@@ -9,6 +9,7 @@ mod deadlines;
 mod declare;
 #[cfg(feature = "defmt")]
 mod drops;
+mod memory;
 mod parts;
 mod plans;
 mod receive;
@@ -17,7 +18,8 @@ mod services;
 mod storage;
 mod transmit;
 
-pub use declare::{Declares, PeerMemory, Persistent, RequestMemory, StorageMemory, TextMemory};
+pub use declare::{Declares, Persistent};
+pub use memory::{EventMemory, PeerMemory, RequestMemory, StorageMemory, TextMemory};
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
@@ -59,6 +61,7 @@ pub struct Stack<D: Declares, const LINKS: usize> {
     states: [States<D>; LINKS],
     links: [Link; LINKS],
     requests: D::Requests,
+    events: D::EventLog,
     peers: D::Peers,
     parameters: D::Parameters,
     #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "there is no storage"))]
@@ -87,6 +90,7 @@ macro_rules! split {
             peers: crate::stack::PeerMemory::view_mut(&mut $stack.peers),
             texts: crate::stack::TextMemory::view_mut(&mut $stack.texts),
             requests: crate::stack::RequestMemory::view_mut(&mut $stack.requests),
+            events: crate::stack::EventMemory::view_mut(&mut $stack.events),
             plans: crate::types::PlanMemory::view(&mut $stack.plans),
             parameters: &mut $stack.parameters,
             vehicle: $vehicle,
@@ -104,6 +108,7 @@ macro_rules! report {
                 now: $cx.now,
                 texts: &mut *$cx.texts,
                 requests: &mut *$cx.requests,
+                events: &mut *$cx.events,
                 normal: $cx.shared.normal,
                 plans: $cx.plans.as_ref(),
                 values: $cx.parameters.values(),
@@ -131,6 +136,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         peers: D::Peers::NEW,
         texts: D::Texts::NEW,
         requests: D::Requests::NEW,
+        events: D::EventLog::NEW,
         plans: D::Plans::EMPTY,
         parameters: D::Parameters::VACANT,
         storage: D::Storage::NEW,
@@ -419,6 +425,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             now,
             texts: self.texts.view_mut(),
             requests: self.requests.view_mut(),
+            events: self.events.view_mut(),
             normal: self.shared.normal,
             plans: PlanMemory::view(&mut self.plans).as_ref(),
             values: self.parameters.values(),
@@ -506,7 +513,14 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         if shared.has_acted || requests.is_due() {
             return now;
         }
-        let view = View { now, shared, peers: self.peers.view(), texts: self.texts.view(), requests };
+        let view = View {
+            now,
+            shared,
+            peers: self.peers.view(),
+            texts: self.texts.view(),
+            requests,
+            events: self.events.view(),
+        };
         let peers = network::deadline(view.peers, shared.config.peer_timeout);
         let mut deadline = peers.min(self.services.deadline());
         let links = self.links.get(first..).unwrap_or_default().iter();

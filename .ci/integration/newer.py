@@ -1,4 +1,4 @@
-"""Adds messages that pymavlink's definitions of common lack."""
+"""Adds messages that pymavlink's definitions of common lack. They leave out what is marked as work in progress."""
 
 import struct
 
@@ -8,55 +8,64 @@ from pymavlink.dialects.v20 import development
 mavlink = mavutil.mavlink
 
 
-class CommandCancel(mavlink.MAVLink_message):
-    """COMMAND_CANCEL. The definitions mark it as work in progress, so pymavlink's dialects leave it out."""
+def declare(number, name, crc_extra, **fields):
+    """Returns the class of a message. Each field is its format in `struct`, in the order on the wire; `40B` is an array."""
+    lengths = [int(form[:-1] or 1) for form in fields.values()]
 
-    id = 80
-    msgname = "COMMAND_CANCEL"
-    fieldnames = ["target_system", "target_component", "command"]
-    ordered_fieldnames = ["command", "target_system", "target_component"]
-    fieldtypes = ["uint8_t", "uint8_t", "uint16_t"]
-    native_format = bytearray(b"<HBB")
-    orders = [1, 2, 0]
-    lengths = [1, 1, 1]
-    array_lengths = [0, 0, 0]
-    crc_extra = 14
-    unpacker = struct.Struct("<HBB")
+    class Declared(mavlink.MAVLink_message):
+        id = number
+        msgname = name
+        fieldnames = ordered_fieldnames = list(fields)
+        fieldtypes = [{"B": "uint8_t", "H": "uint16_t", "I": "uint32_t"}[form[-1]] for form in fields.values()]
+        native_format = bytearray("<" + "".join(form[-1] for form in fields.values()), "ascii")
+        orders = list(range(len(fields)))
+        array_lengths = [length if length > 1 else 0 for length in lengths]
+        unpacker = struct.Struct("<" + "".join(fields.values()))
 
-    def __init__(self, target_system, target_component, command):
-        super().__init__(self.id, self.msgname)
-        self._fieldnames = self.fieldnames
-        self.target_system = target_system
-        self.target_component = target_component
-        self.command = command
+        def __init__(self, *values):
+            super().__init__(self.id, self.msgname)
+            self._fieldnames = self.fieldnames
+            for field, value in zip(fields, values):
+                setattr(self, field, value)
 
-    def pack(self, mav, force_mavlink1=False):
-        payload = self.unpacker.pack(self.command, self.target_system, self.target_component)
-        return self._pack(mav, self.crc_extra, payload, force_mavlink1=force_mavlink1)
+        def pack(self, mav, force_mavlink1=False):
+            payload = self.unpacker.pack(*(getattr(self, field) for field in fields))
+            return self._pack(mav, self.crc_extra, payload, force_mavlink1=force_mavlink1)
+
+    Declared.lengths, Declared.crc_extra = lengths, crc_extra
+    return Declared
 
 
-class ControlStatus(mavlink.MAVLink_message):
-    """CONTROL_STATUS of development.xml, which pymavlink's dialect of that name leaves out too."""
-
-    id = 512
-    msgname = "CONTROL_STATUS"
-    fieldnames = ["flags", "gcs_main", "gcs_secondary"]
-    ordered_fieldnames = fieldnames
-    fieldtypes = ["uint8_t", "uint8_t", "uint8_t"]
-    native_format = bytearray(b"<BBB")
-    orders = [0, 1, 2]
-    lengths = [1, 1, 10]
-    array_lengths = [0, 0, 10]
-    crc_extra = 21
-    unpacker = struct.Struct("<BB10B")
-
-    def __init__(self, flags, gcs_main, gcs_secondary):
-        super().__init__(self.id, self.msgname)
-        self._fieldnames = self.fieldnames
-        self.flags = flags
-        self.gcs_main = gcs_main
-        self.gcs_secondary = gcs_secondary
-
+# Of development.xml; pymavlink's dialect of that name leaves it out too.
+ControlStatus = declare(512, "CONTROL_STATUS", 21, flags="B", gcs_main="B", gcs_secondary="10B")
+# Work in progress.
+CommandCancel = declare(80, "COMMAND_CANCEL", 14, command="H", target_system="B", target_component="B")
+Event = declare(
+    410,
+    "EVENT",
+    160,
+    event="I",
+    event_time_boot_ms="I",
+    sequence="H",
+    destination_component="B",
+    destination_system="B",
+    log_levels="B",
+    arguments="40B",
+)
+CurrentEventSequence = declare(411, "CURRENT_EVENT_SEQUENCE", 106, sequence="H", flags="B")
+RequestEvent = declare(
+    412, "REQUEST_EVENT", 33, first_sequence="H", last_sequence="H", target_system="B", target_component="B"
+)
+ResponseEventError = declare(
+    413,
+    "RESPONSE_EVENT_ERROR",
+    77,
+    sequence="H",
+    sequence_oldest_available="H",
+    target_system="B",
+    target_component="B",
+    reason="B",
+)
 
 AVAILABLE_MODES = development.MAVLINK_MSG_ID_AVAILABLE_MODES
 CURRENT_MODE = development.MAVLINK_MSG_ID_CURRENT_MODE
@@ -68,5 +77,9 @@ for message in [
     development.MAVLink_available_modes_monitor_message,
     CommandCancel,
     ControlStatus,
+    Event,
+    CurrentEventSequence,
+    RequestEvent,
+    ResponseEventError,
 ]:
     mavlink.mavlink_map.setdefault(message.id, message)

@@ -27,7 +27,7 @@ def next_ack(gcs, command, timeout=3.0):
 
 
 def cancel(gcs, command):
-    gcs.mav.send(newer.CommandCancel(1, 1, command))
+    gcs.mav.send(newer.CommandCancel(command, 1, 1))
 
 
 def test_calibration_reports_progress(gcs, other):

@@ -163,7 +163,7 @@ def test_mavsdk_downloads(system, tmp_path, use_burst):
 def test_mavsdk_lists_and_compares(system):
     ftp = Ftp(system)
     listing = ftp.list_directory("/")
-    assert [entry.name for entry in listing.entries] == ["@PARAM", "general.json", "parameters.json"]
+    assert [entry.name for entry in listing.entries] == ["@PARAM", "events.json", "general.json", "parameters.json"]
     assert ftp.are_files_identical(str(DEMO / "general.json"), "general.json")
     assert not ftp.are_files_identical(str(DEMO / "general.json"), "parameters.json")
     with pytest.raises(FtpError) as refusal:

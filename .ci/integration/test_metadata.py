@@ -25,14 +25,27 @@ with found_by_mavsdk(sys.argv[1]) as system:
 """
 
 
-@pytest.fixture
-def was_asked_before(port):
-    """MAVSDK 4.1 hangs when it has to fetch both files at once. A first try leaves one of them in its cache. What earlier runs have
-    left there is removed: the vehicle serves the files."""
-    for cached in (pathlib.Path.home() / ".cache/mavsdk/component_metadata").glob("compid-001_*"):
+# The general file, the parameters and the events.
+FILES = 3
+
+
+def cache_metadata(port, files=FILES):
+    """MAVSDK 4.1 hangs when it has to fetch several files at once. Each try leaves at least one more of them in its cache. What earlier
+    runs have left there is removed: the vehicle serves the files."""
+    cache = pathlib.Path.home() / ".cache/mavsdk/component_metadata"
+    for cached in cache.glob("compid-001_*"):
         cached.unlink()
     command = [sys.executable, "-c", ASK, f"tcpout://127.0.0.1:{port}"]
-    subprocess.run(command, cwd=pathlib.Path(__file__).parent, timeout=30, check=True)
+    for _ in range(files + 1):
+        subprocess.run(command, cwd=pathlib.Path(__file__).parent, timeout=30, check=True)
+        if len(list(cache.glob("compid-001_*"))) >= files:
+            return
+    raise AssertionError("MAVSDK does not fetch the files")
+
+
+@pytest.fixture
+def was_asked_before(port):
+    cache_metadata(port, FILES - 1)
 
 
 def test_parameters_are_described(was_asked_before, system, other):

@@ -201,6 +201,7 @@ macro_rules! wire_enum {
         impl Eq for $name {}
 
         #[allow(missing_docs, reason = "an entry's name is its definition's; MAVLink documents it")]
+        #[allow(dead_code, reason = "a firmware uses some of it")]
         impl $name {
             $( $(#[$entry_meta])* pub const $entry: Self = Self($value); )*
         }
@@ -236,6 +237,7 @@ macro_rules! wire_bitmask {
             $vis struct $name: $repr { $( $(#[$entry_meta])* $entry = $value, )* }
         }
 
+        #[allow(dead_code, reason = "a firmware uses some of it")]
         impl $name {
             /// The value with no bit set.
             pub const EMPTY: Self = Self(0);

@@ -15,6 +15,7 @@ pub mod camera;
 pub(crate) mod client;
 pub mod command;
 pub(crate) mod components;
+pub mod events;
 #[cfg(test)]
 pub mod example;
 pub mod ext_parameters;
@@ -56,8 +57,8 @@ use crate::time::{Duration, Instant};
 #[cfg(feature = "defmt")]
 use crate::types::LinkId;
 use crate::types::{
-    Command, Config, Context, Firmware, Flight, LinkMask, Origin, Outcome, Peer, PlansMut, Refusal, Requests, SignedAt,
-    StatusTexts, Values,
+    Command, Config, Context, EventLog, Firmware, Flight, LinkMask, Origin, Outcome, Peer, PlansMut, Refusal, Requests,
+    SignedAt, StatusTexts, Values,
 };
 
 /// A service of the firmware `F`. It calls the hooks of the firmware's vehicle.
@@ -263,6 +264,7 @@ pub struct Cx<'a, F: Firmware> {
     pub(crate) peers: &'a mut Peers,
     pub(crate) texts: &'a mut StatusTexts,
     pub(crate) requests: &'a mut Requests,
+    pub(crate) events: &'a mut EventLog,
     pub(crate) plans: Option<PlansMut<'a>>,
     pub(crate) parameters: &'a mut F::Parameters,
     pub(crate) vehicle: &'a mut F::Vehicle,
@@ -283,6 +285,7 @@ impl<F: Firmware> Cx<'_, F> {
             now: self.now,
             texts: self.texts,
             requests: self.requests,
+            events: self.events,
             normal: self.shared.normal,
             plans: self.plans.as_ref(),
             values: self.parameters.values(),
@@ -299,6 +302,7 @@ pub struct View<'a> {
     pub(crate) peers: &'a [PeerInfo],
     pub(crate) texts: &'a StatusTexts,
     pub(crate) requests: &'a Requests,
+    pub(crate) events: &'a EventLog,
 }
 
 /// A frame that is addressed to us or to all.

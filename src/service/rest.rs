@@ -10,7 +10,9 @@ use crate::link::Outbox;
 use crate::message::Dialect;
 use crate::network::PeerInfo;
 use crate::time::Instant;
-use crate::types::{Firmware, LinkId, LinkMask, NoPlans, RequestQueue, Requests, StatusTexts, TextEntry};
+use crate::types::{
+    EventEntry, EventLog, Firmware, LinkId, LinkMask, NoPlans, RequestQueue, Requests, StatusTexts, TextEntry,
+};
 
 /// What a service works with beside its own state, the vehicle and the parameters: two normal links, no plans.
 #[derive(Debug)]
@@ -19,13 +21,14 @@ pub(crate) struct Rest {
     pub(crate) peers: Vec<PeerInfo, 4>,
     pub(crate) texts: StatusTexts<[TextEntry; 8]>,
     pub(crate) requests: Requests<[RequestQueue; 0]>,
+    pub(crate) events: EventLog<[EventEntry; 0]>,
 }
 
 impl Rest {
     pub(crate) fn new() -> Self {
         let normal = LinkMask::of(LinkId(0)).with(LinkMask::of(LinkId(1)));
         let shared = Shared { normal, ..Shared::VACANT };
-        Self { shared, peers: Vec::new(), texts: StatusTexts::new(), requests: Requests::NONE }
+        Self { shared, peers: Vec::new(), texts: StatusTexts::new(), requests: Requests::NONE, events: EventLog::EMPTY }
     }
 
     pub(crate) fn cx<'a, F: Firmware<Plans = NoPlans>>(
@@ -40,6 +43,7 @@ impl Rest {
             peers: self.peers.as_mut_view(),
             texts: &mut self.texts,
             requests: &mut self.requests,
+            events: &mut self.events,
             plans: None,
             parameters,
             vehicle,

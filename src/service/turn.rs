@@ -36,6 +36,7 @@ macro_rules! turns {
             MissionProgress mission Room Normal "MISSION_ITEM_REACHED, MISSION_CURRENT" "while the link has room";
             ModeList mode Room Normal "AVAILABLE_MODES" "while the link has room";
             FileAnswer files Room Normal "FILE_TRANSFER_PROTOCOL without data" "while the link has room";
+            Event events Room Normal "EVENT, CURRENT_EVENT_SEQUENCE, RESPONSE_EVENT_ERROR" "while the link has room, at half of its rate";
             Message messages Room Normal "the vehicle's own messages" "while the link has room, at half of its rate";
             ExtParam ext_parameters Room Normal "PARAM_EXT_ACK, PARAM_EXT_VALUE" "while the link has room; values at 40 % of its rate";
             LateParamList param Room Normal "the list of all parameters" "while the link has room, if its next value has waited for 20 ms";

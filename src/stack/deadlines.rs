@@ -20,6 +20,7 @@ use crate::command::CommandPolicy;
 use crate::config::{LinkClass, StreamProfile, TxVersion};
 use crate::dialect::rules;
 use crate::dialect::*;
+use crate::events::HealthReport;
 use crate::ext_parameters::ExtValue;
 use crate::files::StaticFile;
 use crate::frame::{Version, encode};
@@ -31,8 +32,8 @@ use crate::service::{Cx, ForwardingGate, Service, SigningGate, TABLE, Turn, View
 use crate::time::{Duration, Instant};
 use crate::{
     Camera, Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context,
-    ExtParameters, Files, Fill, FlightMode, GimbalDevice, GimbalManager, LinkConfig, LinkId, ModeRequest, Modes,
-    Outcome, OutgoingCommand, Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry,
+    ExtParameters, Files, Fill, FlightMode, GimbalDevice, GimbalManager, HealthChecks, LinkConfig, LinkId, ModeRequest,
+    Modes, Outcome, OutgoingCommand, Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry,
     Vehicle, VehicleState,
 };
 
@@ -74,6 +75,7 @@ macro_rules! declare {
                 gimbal_device,
                 high_latency,
                 files: { sessions: 2, upload: 64 },
+                events: { history: 8, checks },
                 $($signing)?
             }
         }
@@ -196,6 +198,30 @@ impl GimbalManager for Rover {
     }
 }
 
+crate::events! {
+    /// Events, and a check that fails with the current item.
+    struct RoverEvents in "rover" {
+        modes Groups { ALL = [1, 2] }
+        components Parts { WHEEL }
+        arming_checks {
+            Flat(Error) = "Flat";
+        }
+        events {
+            Turned(Info) { angle: f32 } = "Turned {1}";
+        }
+    }
+}
+
+impl HealthChecks for Rover {
+    type Events = RoverEvents;
+
+    fn checks(&self, _: &Context<'_>, report: &mut HealthReport<'_>) {
+        for _ in 0..self.current {
+            report.fails(Groups::ALL, Parts::WHEEL, &Flat);
+        }
+    }
+}
+
 impl GimbalDevice for Rover {
     fn device_information(&self) -> GimbalDeviceInformation {
         GimbalDeviceInformation::default()
@@ -314,6 +340,7 @@ fn requests() -> Vec<Request> {
         }
     }
     for (id, params) in [
+        (MavCmd::RUN_PREARM_CHECKS, [0.0; 3]),
         (MavCmd::PREFLIGHT_CALIBRATION, [1.0, 0.0, 0.0]),
         (MavCmd::DO_MOTOR_TEST, [1.0, 0.0, 0.0]),
         (MavCmd::DO_REPEAT_SERVO, [1.0, 1_500.0, 1.0]),
@@ -418,6 +445,9 @@ fn requests() -> Vec<Request> {
             RequestDataStream { req_message_rate, target_system, target_component, req_stream_id, start_stop };
         pool.push(of(request));
     }
+    for (first_sequence, last_sequence) in [(0, 0), (1, 3), (2, 1), (40_000, 2)] {
+        pool.push(of(RequestEvent { first_sequence, last_sequence, target_system, target_component }));
+    }
     for txbuf in [5, 99] {
         pool.push(of(RadioStatus { txbuf, ..Default::default() }));
     }
@@ -478,7 +508,7 @@ fn event() -> impl Strategy<Value = Event> {
 }
 
 /// So many things the firmware may do of itself.
-const FIRMWARE: u8 = 26;
+const FIRMWARE: u8 = 29;
 
 struct World {
     stack: Everything,
@@ -622,6 +652,9 @@ impl World {
             }
             23 => stack.camera_mut().image_captured(Image::at(now)),
             24 => stack.camera_mut().settings_changed(),
+            26 => stack.event(now, &Turned { angle: 0.5 }),
+            27 => stack.with_context(now, |cx| (0..12).for_each(|_| cx.event(&Turned { angle: 0.5 }))),
+            28 => self.rover.current = u16::from(link) * 4,
             25 => stack.ext_parameters_mut().finish(u16::from(link), ParamAck::ACCEPTED),
             _ => {
                 self.rover.current = u16::from(link);
@@ -745,7 +778,7 @@ macro_rules! ask {
                 services.signing.prepare(now, port);
                 ForwardingGate::<D>::prepare(&mut services.forwarding, port);
                 $(if Turn::$turn.is_on(port.config.class) && skipped != Some(Turn::$turn) {
-                    let view = View { now, shared: cx.shared, peers: cx.peers, texts: cx.texts, requests: cx.requests };
+                    let view = View { now, shared: cx.shared, peers: cx.peers, texts: cx.texts, requests: cx.requests, events: cx.events };
                     let due = Service::<D>::due(&services.$service, &view, port, &state.$service, Turn::$turn);
                     let is_sent = services.$service.next(&mut cx, port, &mut state.$service, Turn::$turn);
                     look(Turn::$turn, due, is_sent);

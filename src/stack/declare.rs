@@ -1,12 +1,12 @@
 //! The declaration of a stack.
 
-use crate::network::{PeerInfo, Peers};
+use super::memory::{EventMemory, PeerMemory, RequestMemory, StorageMemory, TextMemory};
 use crate::service::command::{CommandMemory, Commands};
 #[cfg(feature = "storage")]
 use crate::service::param::ExternalService;
 use crate::service::param::ParamMemory;
-use crate::service::{Absent, ControlGate, ForwardingGate, OwnCommands, Service, SigningGate};
-use crate::types::{Firmware, RequestQueue, Requests, StatusTexts, TextEntry, Vehicle};
+use crate::service::{ControlGate, ForwardingGate, OwnCommands, Service, SigningGate};
+use crate::types::{Firmware, Vehicle};
 
 #[cfg(feature = "storage")]
 pub use crate::storage::Persistent;
@@ -29,6 +29,7 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type Peers: PeerMemory;
     type Texts: TextMemory;
     type Requests: RequestMemory;
+    type EventLog: EventMemory;
     /// The number of links that have a queue of messages.
     const MESSAGE_QUEUES: usize = 0;
     type Commands: CommandMemory;
@@ -40,6 +41,7 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type Client: Service<Self> + OwnCommands<Self>;
     type Camera: Service<Self>;
     type ExtParameters: Service<Self>;
+    type Events: Service<Self>;
     type Mode: Service<Self>;
     type Time: Service<Self>;
     type ManualControl: Service<Self>;
@@ -55,84 +57,6 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type Storage: StorageMemory;
     /// Fails to compile if the declaration is invalid.
     const CHECKED: ();
-}
-
-/// The state of storage, or nothing.
-#[doc(hidden)]
-pub trait StorageMemory {
-    const NEW: Self;
-}
-
-impl StorageMemory for Absent {
-    const NEW: Self = Self;
-}
-
-#[cfg(feature = "storage")]
-impl StorageMemory for crate::storage::Storage {
-    const NEW: Self = Self::NEW;
-}
-
-/// The table of peers.
-#[doc(hidden)]
-pub trait PeerMemory: core::fmt::Debug {
-    const NEW: Self;
-    fn view(&self) -> &[PeerInfo];
-    fn view_mut(&mut self) -> &mut Peers;
-}
-
-impl<const N: usize> PeerMemory for heapless::Vec<PeerInfo, N> {
-    const NEW: Self = {
-        assert!(N > 0, "a stack needs room for a peer: `peers: 8` will do for most");
-        Self::new()
-    };
-
-    fn view(&self) -> &[PeerInfo] {
-        self
-    }
-
-    fn view_mut(&mut self) -> &mut Peers {
-        self.as_mut_view()
-    }
-}
-
-/// The queue of texts.
-#[doc(hidden)]
-pub trait TextMemory: core::fmt::Debug {
-    const NEW: Self;
-    fn view(&self) -> &StatusTexts;
-    fn view_mut(&mut self) -> &mut StatusTexts;
-}
-
-impl<const N: usize> TextMemory for StatusTexts<[TextEntry; N]> {
-    const NEW: Self = Self::new();
-
-    fn view(&self) -> &StatusTexts {
-        self
-    }
-
-    fn view_mut(&mut self) -> &mut StatusTexts {
-        self
-    }
-}
-
-/// The requests of the hooks.
-#[doc(hidden)]
-pub trait RequestMemory: core::fmt::Debug {
-    const NEW: Self;
-    fn view(&self) -> &Requests;
-    fn view_mut(&mut self) -> &mut Requests;
-}
-
-impl<const N: usize> RequestMemory for Requests<[RequestQueue; N]> {
-    const NEW: Self = Self::NONE;
-
-    fn view(&self) -> &Requests {
-        self
-    }
-
-    fn view_mut(&mut self) -> &mut Requests {
-        self
-    }
 }
 
 /// Declares the stack of a vehicle: its services, with all their memory.
@@ -199,6 +123,8 @@ impl<const N: usize> RequestMemory for Requests<[RequestQueue; N]> {
 /// | `components` | other [components](crate::Components) of the firmware: a gimbal, a camera | none | [`Components`](crate::Components) |
 /// | `camera: { images: N }` | a [camera](crate::Camera) that remembers the last `N` images (48 bytes each); `camera` alone is 16 | none | [`Camera`](crate::Camera) |
 /// | `ext_parameters` | [extended parameters](crate::ExtParameters), such as a camera's settings | none | [`ExtParameters`](crate::ExtParameters) |
+/// | `events: { history: N }` | [events](crate::events) that ground stations receive without a gap, the last `N` of them kept (36 bytes each) | none | |
+/// | `events: { history: N, checks }` | also the checks before arming, reported as events | none | [`HealthChecks`](crate::HealthChecks) |
 /// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
 /// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |
 /// | `setpoints` | [setpoints](crate::setpoints::Setpoints) of a companion computer | none | |
@@ -293,6 +219,8 @@ macro_rules! stack {
             }]>;
             const MESSAGE_QUEUES: usize =
                 $crate::__declared!(message_queues [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,);
+            type Events = $crate::__declared!(events $($entries)*,);
+            type EventLog = $crate::__private::EventHistory<{ $crate::__declared!(event_history $($entries)*,) }>;
             type Mode = $crate::__declared!(mode $($entries)*,);
             type Time = $crate::__declared!(time $($entries)*,);
             type ManualControl = $crate::__declared!(manual_control $($entries)*,);
@@ -391,6 +319,17 @@ macro_rules! __declared {
 
     (ext_parameters ext_parameters, $($rest:tt)*) => { $crate::ext_parameters::ExtParamServer };
     (ext_parameters) => { $crate::__private::Absent };
+
+    (events events: { history: $n:expr, checks $(,)? }, $($rest:tt)*) => {
+        $crate::__private::EventService<$crate::__private::Checking<{ $n }>>
+    };
+    (events events: { history: $n:expr $(,)? }, $($rest:tt)*) => {
+        $crate::__private::EventService<$crate::__private::Unchecked<{ $n }>>
+    };
+    (events) => { $crate::__private::Absent };
+
+    (event_history events: { history: $n:expr $(, checks)? $(,)? }, $($rest:tt)*) => { $n };
+    (event_history) => { 0 };
 
     (client_queues command_client: $($rest:tt)*) => { 1 };
     (client_queues) => { 0 };
@@ -525,6 +464,9 @@ macro_rules! __declared {
     (check camera: { images: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__declared!(rest camera $($rest)*); };
     (check camera, $($rest:tt)*) => { $crate::__declared!(rest camera $($rest)*); };
     (check ext_parameters, $($rest:tt)*) => { $crate::__declared!(rest ext_parameters $($rest)*); };
+    (check events: { history: $n:expr $(, checks)? $(,)? }, $($rest:tt)*) => {
+        $crate::__declared!(rest events $($rest)*);
+    };
     (check time, $($rest:tt)*) => { $crate::__declared!(rest time $($rest)*); };
     (check manual_control, $($rest:tt)*) => { $crate::__declared!(rest manual_control $($rest)*); };
     (check setpoints, $($rest:tt)*) => { $crate::__declared!(rest setpoints $($rest)*); };
@@ -567,6 +509,7 @@ macro_rules! __declared {
     (once components components, $($rest:tt)*) => { $crate::__declared!(twice components); };
     (once camera camera $($rest:tt)*) => { $crate::__declared!(twice camera); };
     (once ext_parameters ext_parameters, $($rest:tt)*) => { $crate::__declared!(twice ext_parameters); };
+    (once events events: $($rest:tt)*) => { $crate::__declared!(twice events); };
     (once time time, $($rest:tt)*) => { $crate::__declared!(twice time); };
     (once manual_control manual_control, $($rest:tt)*) => { $crate::__declared!(twice manual_control); };
     (once setpoints setpoints, $($rest:tt)*) => { $crate::__declared!(twice setpoints); };

@@ -1,6 +1,6 @@
 //! The methods of single services. Each exists only if its service is declared.
 
-use super::{Declares, RequestMemory, Stack, split};
+use super::{Declares, EventMemory, RequestMemory, Stack, split};
 use crate::dialect::MavResult;
 use crate::message::{Item, Message};
 use crate::network::ForwardCounters;
@@ -8,6 +8,7 @@ use crate::service::Cx;
 use crate::service::camera::{CameraControl, Image};
 use crate::service::client::{Client, CommandClient, check};
 use crate::service::command::{CommandSlots, LongCommands};
+use crate::service::events::{Event, EventCounters, EventService, record};
 use crate::service::ext_parameters::ExtParamServer;
 use crate::service::files::{FileServer, FileStatus};
 use crate::service::forwarding::Forwarding;
@@ -292,6 +293,23 @@ impl<D: Declares<Vehicle: Telemetry, Messages = Messages>, const LINKS: usize> S
     /// Returns the number of the vehicle's messages that a link had no room for. Wraps.
     pub fn refused_messages(&self, link: LinkId) -> u32 {
         self.requests.view().refused_on(link)
+    }
+}
+
+/// With `events: { history: N }`.
+impl<D, const LINKS: usize, C> Stack<D, LINKS>
+where
+    D: Declares<Events = EventService<C>>,
+{
+    /// Records an event that [`events!`](crate::events) has declared, and sends it on every normal link: see
+    /// [`Context::event`](crate::Context::event).
+    pub fn event<E: Event>(&mut self, now: Instant, event: &E) {
+        record(self.events.view_mut(), now, event);
+    }
+
+    /// Returns the counters of the events.
+    pub fn event_counters(&self) -> EventCounters {
+        self.services.events.counters
     }
 }
 

@@ -210,6 +210,8 @@ services! {
     manual_control: D::ManualControl,
     setpoints: D::Setpoints,
     operator_control: D::OperatorControl,
+    // Before the vehicle, which would have to carry out the checks.
+    events: D::Events,
     mode: D::Mode,
     identity: Identification,
     statustext: Texts,

@@ -1,5 +1,6 @@
 //! The context that the vehicle's hooks get.
 
+use super::events::EventLog;
 use super::link::LinkMask;
 use super::plans::{PlanType, PlanView, PlansMut};
 use super::requests::Requests;
@@ -18,6 +19,7 @@ pub struct Context<'a> {
     pub(crate) now: Instant,
     pub(crate) texts: &'a mut StatusTexts,
     pub(crate) requests: &'a mut Requests,
+    pub(crate) events: &'a mut EventLog,
     pub(crate) normal: LinkMask,
     pub(crate) plans: Option<&'a PlansMut<'a>>,
     pub(crate) values: &'a [u32],

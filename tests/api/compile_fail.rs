@@ -493,6 +493,36 @@ fn cases() -> Vec<Case> {
             "`parameters` in `stack!` needs `impl Parameters for Rover`: write it, or leave `parameters` out",
         ),
         (
+            "hook_checks",
+            declares("links: 1, events: { history: 16, checks }"),
+            "`checks` in `events` of `stack!` needs `impl HealthChecks for Rover`: write it, or leave `checks` out",
+        ),
+        (
+            "events_without_history",
+            declares("links: 1, events: { history: 0 }"),
+            "the history of events has at least one: `events: { history: 16 }`",
+        ),
+        (
+            "events_too_many",
+            declares("links: 1, events: { history: 1_001 }"),
+            "the history of events is at most 1,000 long: `events: { history: 20 }` is PX4's",
+        ),
+        (
+            "events_twice",
+            constant("events! { struct Twice in \"a\" { events { ALow(Info) = \"a\"; A_low(Info) = \"b\"; } } }"),
+            "two events have the same name, or names with the same hash: rename one of them",
+        ),
+        (
+            "event_without_argument",
+            constant("events! { struct Place in \"a\" { events { Low(Info) { x: u8 } = \"{2}\"; } } }"),
+            "a text shows an argument as `{1}` or `{2:.1m}`, counted from 1; put a backslash before any other brace",
+        ),
+        (
+            "event_with_text",
+            constant("events! { struct Text in \"a\" { events { Low(Info) { x: f64 } = \"{1}\"; } } }"),
+            "`f64` cannot be an argument of an event",
+        ),
+        (
             "hook_camera",
             declares("links: 1, camera"),
             "`camera` in `stack!` needs `impl Camera for Rover`: write it, or leave `camera` out",

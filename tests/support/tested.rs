@@ -2,9 +2,9 @@
 
 use super::{TestVehicle, Tuning};
 use mavstack::__private::{
-    Absent, CommandSlots, Declares, Firmware, Forwarding, ForwardingGate, Missions, ModeService, ParamMemory,
-    ParamService, PeerTable, Persistent, RequestQueue, Requests, Service, SigningGate, StreamService, TextQueue,
-    Values, WithoutPlans, WithoutSigning,
+    Absent, CommandSlots, Declares, EventHistory, Firmware, Forwarding, ForwardingGate, Missions, ModeService,
+    ParamMemory, ParamService, PeerTable, Persistent, RequestQueue, Requests, Service, SigningGate, StreamService,
+    TextQueue, Values, WithoutPlans, WithoutSigning,
 };
 use mavstack::__private::{NoPlans, PlanBuffers, PlanMemory};
 use mavstack::clock::Time;
@@ -46,6 +46,8 @@ where
     type Client = Absent;
     type Camera = Absent;
     type ExtParameters = Absent;
+    type Events = Absent;
+    type EventLog = EventHistory<0>;
     type Stream = V::Stream;
     type Mode = V::Mode;
     type Time = O::Time;

@@ -1,6 +1,6 @@
-//! The files of component metadata (O-1): what a ground station reads about a table of parameters.
+//! The files of component metadata (O-1, EVT-8): what a ground station reads about a table of parameters, and about events.
 
-use mavstack::metadata;
+use mavstack::metadata::{self, MetadataFile};
 
 mavstack::parameters! {
     /// One of each type.
@@ -43,19 +43,101 @@ fn every_parameter_has_type_range_and_unit() {
 }
 
 #[test]
-fn general_file_names_the_parameter_file() {
+fn general_file_names_the_others() {
     let mut file = String::new();
-    metadata::general(&mut file, "https://rover.example/p.json", 0xFFFF_FFFF).unwrap();
-    let expected =
-        r#"{"version":1,"metadataTypes":[{"type":1,"uri":"https://rover.example/p.json","fileCrc":4294967295}]}"#;
-    assert_eq!(file, expected);
+    let parameters = MetadataFile::parameters("https://rover.example/p.json", 0xFFFF_FFFF);
+    metadata::general(&mut file, &[parameters, MetadataFile::events("mftp:///e.json", 7)]).unwrap();
+    let expected = [
+        r#"{"version":1,"metadataTypes":[{"type":1,"uri":"https://rover.example/p.json","fileCrc":4294967295},"#,
+        r#"{"type":4,"uri":"mftp:///e.json","fileCrc":7}]}"#,
+    ];
+    assert_eq!(file, expected.concat());
 }
 
 #[test]
 fn control_characters_are_escaped() {
     let mut file = String::new();
-    metadata::general(&mut file, "a\nb\u{1f}", 0).unwrap();
+    metadata::general(&mut file, &[MetadataFile::parameters("a\nb\u{1f}", 0)]).unwrap();
     assert!(file.contains(r#""uri":"a\u000ab\u001f""#), "{file}");
+}
+
+mavstack::events! {
+    /// The events of a crane.
+    struct Events in "crane", component 200 {
+        enums {
+            /// Sides.
+            Side: bitmask u8 {
+                /// left
+                LEFT_SIDE = 1,
+            }
+        }
+        modes ModeGroups {
+            /// By hand
+            MANUAL = [1, 65_536],
+            AUTO = [],
+        }
+        components Part {
+            /// The hook
+            HOOK,
+        }
+        arming_checks {
+            HookOpen(Error) { /** how far */ width: f32 } = "Hook open: {3:.1m}";
+        }
+        health_checks {
+            Rusty(Warning) = "Rusty";
+        }
+        events {
+            /// Too heavy:
+            /// lower it.
+            Overload(Critical, Disabled) { side: Side, load: i64 } = "Overload \"{1}\"";
+        }
+    }
+}
+
+/// EVT-1, EVT-8: names, ids, texts, arguments and enumerations of all events, in libevents' format.
+#[test]
+fn every_event_is_described() {
+    use mavstack::events::DeclaredEvent;
+
+    let mut file = String::new();
+    metadata::events::<Events>(&mut file).unwrap();
+    let id = |id: u32| {
+        assert_eq!(id >> 24, 200);
+        (id & 0x00FF_FFFF).to_string()
+    };
+    let number = |name: &str| {
+        let hash = name.bytes().fold(0x811C_9DC5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+        (hash & 0x00FF_FFFF).to_string()
+    };
+    assert_eq!([id(Overload::INFO.id()), id(HookOpen::INFO.id())], [number("overload"), number("hook_open")]);
+    let expected = [
+        r#"{"version":2,"components":{"200":{"namespace":"crane","enums":{"#,
+        r#""side_t":{"is_bitfield":true,"type":"uint8_t","description":"Sides.","entries":{"1":{"name":"left_side","#,
+        r#""description":"left"}}},"#,
+        r#""mode_groups_t":{"is_bitfield":true,"type":"uint32_t","description":"Groups of flight modes.","entries":{"#,
+        r#""1":{"name":"manual","description":"By hand"},"2":{"name":"auto","description":""}}},"#,
+        r#""part_t":{"is_bitfield":true,"type":"uint32_t","description":"What can fail.","entries":{"#,
+        r#""1":{"name":"none","description":"None"},"2":{"name":"hook","description":"The hook"}}}},"event_groups":{"#,
+        r#""default":{"events":{"#,
+        &format!(r#""{}":{{"name":"overload","message":"Overload \"{{1}}\"","#, number("overload")),
+        r#""description":"Too heavy: lower it.","arguments":[{"name":"side","type":"side_t"},"#,
+        r#"{"name":"load","type":"int64_t"}]}}},"arming_check":{"events":{"#,
+        &format!(r#""{}":{{"name":"arming_check_summary","#, number("arming_check_summary")),
+        r#""message":"Arming checks","type":"summary","arguments":[{"name":"chunk_idx","type":"uint8_t"},"#,
+        r#"{"name":"error","type":"part_t"},{"name":"warning","type":"part_t"},{"name":"can_arm","type":"mode_groups_t"},"#,
+        r#"{"name":"can_run","type":"mode_groups_t"}]},"#,
+        &format!(r#""{}":{{"name":"hook_open","message":"Hook open: {{3:.1m}}","#, number("hook_open")),
+        r#""arguments":[{"name":"modes","type":"mode_groups_t"},{"name":"health_component_index","type":"uint8_t"},"#,
+        r#"{"name":"width","type":"float","description":"how far"}]}}},"health":{"events":{"#,
+        &format!(r#""{}":{{"name":"rusty","message":"Rusty","#, number("rusty")),
+        r#""arguments":[{"name":"modes","type":"mode_groups_t"},{"name":"health_component_index","type":"uint8_t"}]},"#,
+        &format!(r#""{}":{{"name":"health_summary","#, number("health_summary")),
+        r#""message":"Health","type":"summary","arguments":[{"name":"chunk_idx","type":"uint8_t"},"#,
+        r#"{"name":"is_present","type":"part_t"},{"name":"error","type":"part_t"},{"name":"warning","type":"part_t"}]}}}},"#,
+        r#""supported_protocols":["health_and_arming_check"],"#,
+        r#""navigation_mode_groups":{"groups":{"0":[1, 65536],"1":[]}}}}}"#,
+    ];
+    assert_eq!(file, expected.concat());
 }
 
 /// MAVLink's CRC-32 of the digits 1 to 9 is JAMCRC with the initial value 0.
@@ -77,5 +159,6 @@ fn write_error_is_returned() {
         }
     }
     assert!(metadata::parameters::<Tuning>(&mut Full).is_err());
-    assert!(metadata::general(&mut Full, "", 0).is_err());
+    assert!(metadata::general(&mut Full, &[]).is_err());
+    assert!(metadata::events::<Events>(&mut Full).is_err());
 }

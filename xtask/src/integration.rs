@@ -48,6 +48,7 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
             "test_messages.py",
             "test_params.py",
             "test_metadata.py",
+            "test_events.py",
             "test_files.py",
             "test_commands.py",
             "test_mavsdk.py",

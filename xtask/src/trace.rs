@@ -33,7 +33,7 @@ const CITED_IN: [&str; 16] = [
     "README.md",
 ];
 /// Capital letters that begin the name of a standard or an algorithm, such as UTF-8 or RS-485, and no id of a rule.
-const NAMES: [&str; 9] = ["AES", "CRC", "DO", "GPL", "IEEE", "RFC", "RS", "SHA", "UTF"];
+const NAMES: [&str; 10] = ["AES", "CRC", "DO", "FNV", "GPL", "IEEE", "RFC", "RS", "SHA", "UTF"];
 /// What the column of files says of a rule that is not implemented.
 const LEFT_OUT: &str = "no";
 

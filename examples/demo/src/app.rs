@@ -51,6 +51,7 @@ mavstack::stack! {
         gimbal_manager,
         gimbal_device,
         files: { sessions: 2, upload: 1024 },
+        events: { history: 24, checks },
         forwarding: { bytes: 512, seen: 256 },
         signing: { streams: 16 },
         time,

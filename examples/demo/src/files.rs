@@ -1,4 +1,5 @@
-//! The files of the vehicle: the description of its parameters for ground stations (O-1). The stack itself has the parameters.
+//! The files of the vehicle: the descriptions of its parameters and of its events for ground stations (O-1, EVT-8). The stack itself has
+//! the parameters.
 
 use mavstack::dialect::ComponentMetadata;
 use mavstack::files::StaticFile;
@@ -9,15 +10,20 @@ use crate::vehicle::Quadrotor;
 /// The description of the parameters, made from the table: a test in `examples/sitl` compares it.
 pub const PARAMETERS: StaticFile = StaticFile::new("parameters.json", include_bytes!("../metadata/parameters.json"));
 
-/// The file that names it.
+/// The description of the events, made from their declaration in the same way.
+pub const EVENTS: StaticFile = StaticFile::new("events.json", include_bytes!("../metadata/events.json"));
+
+/// The file that names both.
 pub const GENERAL: StaticFile = StaticFile::new("general.json", include_bytes!("../metadata/general.json"));
 
-/// Where ground stations find the two files.
+/// Where ground stations find the files.
 pub const PARAMETERS_URI: &str = "mftp:///parameters.json";
+/// The same of the events.
+pub const EVENTS_URI: &str = "mftp:///events.json";
 const GENERAL_URI: &[u8; 20] = b"mftp:///general.json";
 
 impl Files for Quadrotor {
-    const FILES: &'static [StaticFile] = &[GENERAL, PARAMETERS];
+    const FILES: &'static [StaticFile] = &[GENERAL, PARAMETERS, EVENTS];
 }
 
 /// COMPONENT_METADATA, without the time.

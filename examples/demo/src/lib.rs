@@ -9,6 +9,7 @@ mod app;
 mod battery;
 mod body;
 pub mod connect;
+pub mod events;
 mod fence;
 pub mod files;
 mod geo;

@@ -2,6 +2,8 @@
 //! contains only this.
 #![no_std]
 
+pub mod events;
+
 use core::cell::UnsafeCell;
 use core::convert::Infallible;
 use core::mem::MaybeUninit;

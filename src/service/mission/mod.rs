@@ -55,8 +55,8 @@ use crate::log::RefusalLog;
 use crate::message::{ComponentId, Message, Text};
 use crate::time::Instant;
 use crate::types::{
-    Config, Context, Durability, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanMemory, PlanType, PlansMut, Requests,
-    StatusTexts, Values,
+    Config, Context, Durability, EventLog, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanMemory, PlanType, PlansMut,
+    Requests, StatusTexts, Values,
 };
 
 counters! {
@@ -89,6 +89,8 @@ pub(crate) struct Work<'a, 'p> {
     pub(crate) second_ack: bool,
     /// Pending requests of the vehicle's hooks.
     pub(crate) requests: &'a mut Requests,
+    /// The history of events.
+    pub(crate) events: &'a mut EventLog,
     /// The values of the parameters.
     pub(crate) values: &'a [u32],
 }
@@ -100,6 +102,7 @@ impl Work<'_, '_> {
             now: self.now,
             texts: self.texts,
             requests: self.requests,
+            events: self.events,
             normal: self.normal,
             plans: Some(self.plans),
             values: self.values,
@@ -348,6 +351,7 @@ pub(crate) fn work<'a, 'p, F: Firmware>(cx: &'a mut Cx<'p, F>) -> Option<(Work<'
         normal: cx.shared.normal,
         second_ack: cx.shared.config.second_mission_ack,
         requests: cx.requests,
+        events: cx.events,
         values: cx.parameters.values(),
     };
     Some((work, cx.vehicle))

@@ -16,7 +16,6 @@ use mavstack::{Command, CommandRule, Commands, Context, Item, Outcome, Peer};
 
 use super::plans::FRAMES;
 use super::{Mode, Quadrotor};
-use crate::battery::Charge;
 use crate::body::{Nose, Vector};
 use crate::plan::{self, Action, Condition, MIN_HEIGHT, Maneuver};
 use crate::tuning::Tuning;
@@ -123,7 +122,6 @@ impl Quadrotor {
                 self.set_servo(p1, p2);
                 MavResult::ACCEPTED
             }
-            MavCmd::RUN_PREARM_CHECKS => self.run_checks(cx),
             MavCmd::PREFLIGHT_CALIBRATION => return self.calibrate(cx, command),
             MavCmd::PREFLIGHT_REBOOT_SHUTDOWN => self.request_reboot(cx, command)?,
             _ => MavResult::UNSUPPORTED,
@@ -180,40 +178,6 @@ impl Quadrotor {
     pub(super) fn arm(&mut self) {
         self.armed = true;
         self.times.armed = self.time;
-    }
-
-    /// Returns the reason that prevents arming, if any.
-    pub(crate) fn check_arming(&self, cx: &Context<'_>) -> Result<(), &'static str> {
-        let least = cx.parameter(Tuning::COM_ARM_BAT_MIN);
-        if self.is_terminated {
-            return Err("Arming refused: flight terminated");
-        }
-        if self.is_calibrating() {
-            return Err("Arming refused: calibrating");
-        }
-        if !self.last.has_fix && cx.parameter(Tuning::COM_ARM_WO_GPS) == 0 {
-            return Err("Arming refused: no GPS fix yet");
-        }
-        if self.is_outside {
-            return Err("Arming refused: outside the fence");
-        }
-        // In flight the vehicle only reacts when the battery becomes critical, so it must not take off with a critical one.
-        let is_spent = self.battery.charge == Charge::Critical && cx.parameter(Tuning::COM_LOW_BAT_ACT) != 0;
-        if self.battery.remaining < least || is_spent {
-            return Err("Arming refused: battery low");
-        }
-        Ok(())
-    }
-
-    /// MAV_CMD_RUN_PREARM_CHECKS: sends a text that says whether the vehicle can arm.
-    #[inline(never)]
-    fn run_checks(&self, cx: &mut Context<'_>) -> MavResult {
-        match self.check_arming(cx) {
-            _ if self.armed => return refuse(cx, MavResult::TEMPORARILY_REJECTED, "Checks refused: armed"),
-            Ok(()) => cx.text(MavSeverity::INFO, "Ready to arm"),
-            Err(why) => cx.text(MavSeverity::WARNING, why),
-        }
-        MavResult::ACCEPTED
     }
 
     pub(super) fn disarm(&mut self) {

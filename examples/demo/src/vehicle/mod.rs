@@ -2,6 +2,7 @@
 
 mod authorise;
 mod camera;
+mod checks;
 mod client;
 mod commands;
 mod fly;
@@ -30,6 +31,7 @@ use crate::tuning::Tuning;
 use authorise::Authorisation;
 pub(crate) use camera::CAMERA;
 use camera::Photographer;
+use checks::Told;
 use fly::is_above;
 pub(crate) use gimbal::GIMBAL;
 use gimbal::Gimbal;
@@ -154,6 +156,8 @@ pub struct Quadrotor {
     calendar: WallClock,
     /// When the values for HIGH_LATENCY2 were last sampled.
     sampled: Instant,
+    /// What events have reported.
+    told: Told,
 }
 
 impl Quadrotor {
@@ -200,6 +204,7 @@ impl Quadrotor {
             course: None,
             calendar: WallClock::new(),
             sampled: Instant::ZERO,
+            told: Told { armed: false, mode: Mode::Hold, is_in_air: false },
         }
     }
 
@@ -210,6 +215,7 @@ impl Quadrotor {
         }
         self.body.limits = Limits::of(cx);
         self.take_steps(cx);
+        self.record_events(cx);
         self.last = Snapshot {
             has_fix: self.last.has_fix,
             is_ready: self.check_arming(cx).is_ok(),

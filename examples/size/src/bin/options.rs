@@ -32,6 +32,7 @@ use mavstack::signing::LinkSigning;
 #[cfg(feature = "storage")]
 use mavstack::storage::*;
 use mavstack::*;
+use mavstack_size::events::{BatteryLow, BatteryTooLow, Groups, NoFix, Parts, RoverEvents};
 use mavstack_size::{CONFIG, PULSE, Place, Uart, Vacant, entry, now_micros};
 
 const LINKS: usize = if cfg!(feature = "link-3") {
@@ -82,7 +83,9 @@ entry!($ "client" with_client with_components [command_client: { slots: if cfg!(
 entry!($ "components" with_components with_camera [components]);
 entry!($ "camera" with_camera with_ext_parameters [camera: { images: if cfg!(feature = "camera-64") { 64 } else { 16 } }]);
 entry!($ "ext-parameters" with_ext_parameters with_files [ext_parameters]);
-entry!($ "files" with_files with_forwarding [files: {
+entry!($ "events" with_files with_checks [events: { history: if cfg!(feature = "events-32") { 32 } else { 16 } }]);
+entry!($ "events-checks" with_checks with_served [events: { history: 16, checks }]);
+entry!($ "files" with_served with_forwarding [files: {
     sessions: if cfg!(feature = "files-4") { 4 } else { 2 },
     upload: if cfg!(feature = "files-upload") { 512 } else { 0 },
 }]);
@@ -375,6 +378,21 @@ impl Telemetry for Rover {
     }
 }
 
+#[cfg(feature = "events-checks")]
+impl HealthChecks for Rover {
+    type Events = RoverEvents;
+
+    fn checks(&self, cx: &Context<'_>, report: &mut events::HealthReport<'_>) {
+        report.present(Parts::BATTERY | Parts::GPS);
+        if self.armed {
+            report.fails(Groups::AUTOMATIC, Parts::GPS, &NoFix { satellites: 3 });
+        }
+        if cx.now() < Instant::from_millis(5_000) {
+            report.fails(Groups::MANUAL | Groups::AUTOMATIC, Parts::BATTERY, &BatteryTooLow { voltage: 10.0 });
+        }
+    }
+}
+
 #[cfg(feature = "files")]
 impl Files for Rover {}
 
@@ -589,6 +607,8 @@ fn main() -> ! {
         PULSE.tick();
         #[cfg(feature = "client")]
         let _ = stack.send_command(Recipient::Type(MavType::GIMBAL), 1);
+        #[cfg(any(feature = "events", feature = "events-checks"))]
+        stack.event(now, &BatteryLow { voltage: 10.5 });
         #[cfg(feature = "messages")]
         let _ = stack.send::<Tunnel>(Destination::All, 0);
         #[cfg(feature = "setpoints")]

@@ -209,6 +209,7 @@ impl Bench {
         act: impl FnOnce(&mut Missions, &mut Work<'_, '_>, &mut Vehicle, &mut [Replies; 2]) -> R,
     ) -> R {
         let mut requests = Requests::<[crate::types::RequestQueue; 0]>::NONE;
+        let mut events = crate::types::EventLog::<[crate::types::EventEntry; 0]>::EMPTY;
         let mut cx = Work {
             now: self.now,
             plans: &mut self.memory.view().expect("there are plans"),
@@ -216,6 +217,7 @@ impl Bench {
             normal: both_links(),
             second_ack: self.second_ack,
             requests: &mut requests,
+            events: &mut events,
             values: &[],
         };
         act(&mut self.missions, &mut cx, &mut self.vehicle, &mut self.replies)

@@ -101,8 +101,8 @@ impl Bench {
     /// Lets a link send in this turn. Returns whether it did.
     fn take(&mut self, link: usize, turn: Turn) -> bool {
         let (port, list) = (&mut self.ports[link], &mut self.lists[link]);
-        let Rest { shared, peers, texts, requests } = &self.rest;
-        let view = View { now: self.now, shared, peers, texts, requests };
+        let Rest { shared, peers, texts, requests, events } = &self.rest;
+        let view = View { now: self.now, shared, peers, texts, requests, events };
         let due = Service::<Board>::due(&self.params, &view, port, list, turn);
         let mut cx = self.rest.cx::<Board>(self.now, &mut self.marks, &mut self.rover);
         let sends = self.params.next(&mut cx, port, list, turn);

@@ -1,0 +1,279 @@
+//! Events: what has happened, delivered without a gap, as numbers whose texts the ground station has.
+//!
+//! Implements the sender's side of <https://mavlink.io/en/services/events.html>: rules EVT-1 to EVT-7. It serves the receiver of
+//! libevents (`libs/cpp/protocol/receive.h`), which QGroundControl and MAVSDK use, and does what PX4 does
+//! (`src/modules/mavlink/mavlink_events.cpp`) but for what EVT-3 and EVT-5 say.
+//!
+//! ```text
+//!   Context::event ─▶ history ─┬─▶ EVENT on each link, from its own cursor ─▶ ground station
+//!                              └─▶ EVENT again, or RESPONSE_EVENT_ERROR ◀── REQUEST_EVENT ┘
+//! ```
+//!
+//! Each link sends the events in order, as it has room. CURRENT_EVENT_SEQUENCE says up to which one, so that a receiver notices that
+//! the last ones are missing. An event that is overwritten before a link has sent it is counted, and the receiver is told.
+//!
+//! Left out: events to one component, and the calibration protocol, which a vehicle can build from its own events.
+
+mod checks;
+mod declaration;
+mod macros;
+
+pub use checks::{Checker, Checking, HealthChecks, HealthReport, Unchecked, summary};
+pub use declaration::{
+    ArgumentInfo, Check, CheckBits, CheckSet, DeclaredEvent, EntryInfo, EnumInfo, Event, EventArgument, EventGroup,
+    EventInfo, EventSet, LogLevel, bit, check_events,
+};
+
+use super::share::Share;
+use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
+use crate::dialect::{
+    CurrentEventSequence, Event as EventMessage, MavEventCurrentSequenceFlags, MavEventErrorReason, RequestEvent,
+    ResponseEventError,
+};
+use crate::link::Port;
+use crate::message::{Address, FieldWriter, Message};
+use crate::time::{Duration, Instant};
+use crate::types::{Context, EventEntry, EventLog, Firmware};
+
+/// The interval of CURRENT_EVENT_SEQUENCE, as in PX4.
+const SEQUENCE_INTERVAL: Duration = Duration::from_secs(3);
+
+/// CURRENT_EVENT_SEQUENCE is recent, while the next one is not due within this time: half a second after it was sent.
+const SEQUENCE_RECENT: Duration = Duration::from_millis(2_500);
+
+/// A byte's share of a link (byte·µs): half of the link's rate.
+const COST_OF_BYTE: u32 = 2_000_000;
+
+counters! {
+    /// Counters of the events. They wrap.
+    EventCounters {
+        /// Events that were overwritten in the history before a link had sent them, summed over the links. The link was stalled
+        /// or too slow; receivers are told with RESPONSE_EVENT_ERROR (EVT-4).
+        drop overwritten,
+        /// Checks that a report left out, because it was longer than the history.
+        drop unreported,
+    }
+}
+
+/// Sends the events: declared by `events` in [`stack!`](crate::stack). Initially all zero bits.
+#[derive(Debug)]
+pub struct EventService<C> {
+    pub(crate) counters: EventCounters,
+    checks: C,
+}
+
+/// Events that a receiver has requested.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Requested {
+    first: u16,
+    last: u16,
+    from: Address,
+}
+
+/// The state of the service on a link. Initially all zero bits.
+#[derive(Debug)]
+pub struct EventLink {
+    /// The sequence number of the last event that was sent.
+    sent: u16,
+    /// The one that CURRENT_EVENT_SEQUENCE had last.
+    told: u16,
+    /// Whether any event was sent.
+    has_sent: bool,
+    /// When CURRENT_EVENT_SEQUENCE is due.
+    at: Instant,
+    share: Share,
+    /// What two receivers have requested, in order.
+    requested: [Option<Requested>; 2],
+}
+
+impl EventLink {
+    /// Returns when the link has something to send.
+    fn due(&self, log: &EventLog, now: Instant, port: &Port) -> Instant {
+        if !port.outbox.takes(EventMessage::ID) {
+            return Instant::NEVER;
+        }
+        let [requested, _] = &self.requested;
+        let is_pending = self.sent != log.newest() || requested.is_some();
+        let at = if is_pending { now } else { self.at };
+        at.max(self.share.due())
+    }
+
+    /// Puts the next frame into the outbox: CURRENT_EVENT_SEQUENCE, a requested event, or the next one.
+    fn next(&mut self, counters: &mut EventCounters, log: &EventLog, now: Instant, port: &mut Port) -> bool {
+        if self.at <= now {
+            (self.at, self.told) = (now.after(SEQUENCE_INTERVAL), self.sent);
+            let flags =
+                if self.has_sent { MavEventCurrentSequenceFlags::EMPTY } else { MavEventCurrentSequenceFlags::RESET };
+            return port.outbox.send(&CurrentEventSequence { sequence: self.sent, flags });
+        }
+        let [pending, second] = &mut self.requested;
+        if let Some(requested) = pending {
+            let first = requested.first;
+            let event = log.get(first);
+            // What is not in the history is answered as a whole.
+            let next = if event.is_some() { first.wrapping_add(1) } else { log.oldest() };
+            let (done, all) = (next.wrapping_sub(first), requested.last.wrapping_sub(first));
+            requested.first = next;
+            let from = requested.from;
+            if done > all {
+                *pending = second.take();
+            }
+            return match event {
+                Some(event) => send(port, event, first),
+                None => port.outbox.send(&ResponseEventError {
+                    sequence: first,
+                    sequence_oldest_available: log.oldest(),
+                    target_system: from.system.0,
+                    target_component: from.component.0,
+                    reason: MavEventErrorReason::UNAVAILABLE,
+                }),
+            };
+        }
+        let mut sequence = self.sent.wrapping_add(1);
+        let event = log.get(sequence).or_else(|| {
+            let missed = log.oldest().wrapping_sub(sequence);
+            counters.overwritten = counters.overwritten.wrapping_add(u32::from(missed));
+            sequence = log.oldest();
+            log.get(sequence)
+        });
+        let Some(event) = event else { return false };
+        (self.sent, self.has_sent) = (sequence, true);
+        send(port, event, sequence)
+    }
+}
+
+/// Sends an event to everyone. Not inlined: the message is large.
+#[inline(never)]
+fn send(port: &mut Port, event: &EventEntry, sequence: u16) -> bool {
+    let EventEntry { id, time_boot_ms, log_levels, arguments } = *event;
+    let mut message =
+        EventMessage { id, event_time_boot_ms: time_boot_ms, sequence, log_levels, ..EventMessage::default() };
+    if let Some(place) = message.arguments.first_chunk_mut() {
+        *place = arguments;
+    }
+    port.outbox.send(&message)
+}
+
+impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
+    const NEW: Self = Self { counters: EventCounters::ZERO, checks: C::NEW };
+    type Link = EventLink;
+    const VACANT: EventLink =
+        EventLink { sent: 0, told: 0, has_sent: false, at: Instant::ZERO, share: Share::NEW, requested: [None; 2] };
+
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut EventLink>) {
+        let unreported = self.checks.poll(cx);
+        self.counters.unreported = self.counters.unreported.wrapping_add(unreported);
+    }
+
+    fn deadline(&self) -> Instant {
+        self.checks.deadline()
+    }
+
+    fn on_frame(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut EventLink,
+        received: &Received<'_>,
+    ) -> Handled {
+        let Some(request) = received.frame.decode::<RequestEvent>() else { return Handled::No };
+        if !port.outbox.takes(EventMessage::ID) {
+            return Handled::OutOfPlace;
+        }
+        let (first, last) = (request.first_sequence, request.last_sequence);
+        // Events that were not recorded yet get no answer: libevents' receiver would take an error for a loss, and request the whole
+        // history again.
+        let newest = cx.events.newest();
+        let is_ahead = |sequence: u16| (1..=u16::MAX / 2).contains(&sequence.wrapping_sub(newest));
+        if is_ahead(first) {
+            return Handled::Yes;
+        }
+        let last = if is_ahead(last) || last.wrapping_sub(first) > u16::MAX / 2 { newest } else { last };
+        // libevents' receiver does not remember the newer events that it has dropped: it goes on requesting up to the number that it
+        // was told last.
+        let is_told = link.told == link.sent && link.at > cx.now.after(SEQUENCE_RECENT);
+        if link.sent != last && !is_told {
+            link.at = cx.now;
+        }
+        let requested = Requested { first, last, from: received.from.address };
+        for slot in &mut link.requested {
+            if *slot.get_or_insert(requested) == requested {
+                return Handled::Yes;
+            }
+        }
+        Handled::NoRoom
+    }
+
+    fn on_command(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        _: &mut Port,
+        _: &mut EventLink,
+        request: &Request,
+    ) -> Option<Verdict> {
+        self.checks.on_command(cx, request.command.id).map(Verdict::done)
+    }
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut EventLink, _: Turn) -> bool {
+        if link.due(cx.events, cx.now, port) > cx.now {
+            return false;
+        }
+        let is_sent = link.next(&mut self.counters, cx.events, cx.now, port);
+        let len = u32::try_from(port.outbox.len()).unwrap_or(0);
+        link.share.spend(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+        is_sent
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, link: &EventLink, _: Turn) -> Instant {
+        link.due(view.events, view.now, port)
+    }
+
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        self.counters.drops()
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {
+        event!("{}", self.counters);
+    }
+
+    /// The new peers are told at once up to which event the link has sent.
+    fn restart(&mut self, _: &Port, link: &mut EventLink) {
+        link.at = Instant::ZERO;
+        link.requested = [None; 2];
+    }
+}
+
+/// Records an event.
+pub(crate) fn record<E: Event>(log: &mut EventLog, now: Instant, event: &E) {
+    let (id, levels) = const { (E::INFO.id, E::INFO.log_levels) };
+    let mut entry = EventEntry::new(now, id, levels);
+    event.write(&mut FieldWriter::new(&mut entry.arguments));
+    log.push(&entry);
+}
+
+impl Context<'_> {
+    /// Records an event that [`events!`](crate::events) has declared. Every normal link sends it when it has room, after the texts,
+    /// and again on request, while the history holds it (EVT-2). Needs `events` in [`stack!`](crate::stack); without it, nothing is
+    /// recorded.
+    ///
+    /// ```
+    /// # use mavstack::Context;
+    /// mavstack::events! {
+    ///     /// The events of this rover.
+    ///     pub struct RoverEvents in "rover" {
+    ///         events {
+    ///             BatteryLow(Warning) { voltage: f32 } = "Battery low: {1:.1} V";
+    ///         }
+    ///     }
+    /// }
+    ///
+    /// fn on_low_battery(cx: &mut Context<'_>, voltage: f32) {
+    ///     cx.event(&BatteryLow { voltage });
+    /// }
+    /// ```
+    pub fn event<E: Event>(&mut self, event: &E) {
+        record(self.events, self.now, event);
+    }
+}

@@ -1,0 +1,129 @@
+//! The history of events. Any hook may record one; `service::events` sends them (EVT-1, EVT-2).
+
+use crate::time::Instant;
+
+/// The maximum length of an event's arguments, in bytes: that of libevents' definitions, so that 40 bytes are not stored for
+/// each event.
+pub const MAX_EVENT_ARGUMENTS: usize = 25;
+
+/// A recorded event.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EventEntry {
+    pub(crate) id: u32,
+    pub(crate) time_boot_ms: u32,
+    /// The internal level in the high four bits, the external one in the low four.
+    pub(crate) log_levels: u8,
+    pub(crate) arguments: [u8; MAX_EVENT_ARGUMENTS],
+}
+
+const _: () = assert!(size_of::<EventEntry>() == 36, "the memory of an event is documented");
+
+impl EventEntry {
+    /// An entry without an event: all zero bits.
+    const NONE: Self = Self { id: 0, time_boot_ms: 0, log_levels: 0, arguments: [0; MAX_EVENT_ARGUMENTS] };
+
+    /// Returns an event without arguments.
+    pub(crate) const fn new(now: Instant, id: u32, log_levels: u8) -> Self {
+        Self { id, time_boot_ms: now.time_boot_ms(), log_levels, ..Self::NONE }
+    }
+}
+
+/// The last events, in a ring. The logic works on the unsized form, so the length of the history is compiled once. A
+/// firmware without `events` has one of length 0, which records nothing.
+#[derive(Clone, Debug)]
+pub struct EventLog<E: ?Sized = [EventEntry]> {
+    /// The sequence number of the newest event; that of the first event is 1. It wraps.
+    newest: u16,
+    /// The number of events in the ring.
+    len: u16,
+    /// The place of the next event.
+    next: u16,
+    entries: E,
+}
+
+impl<const N: usize> EventLog<[EventEntry; N]> {
+    /// An empty history: all zero bits.
+    pub(crate) const EMPTY: Self = {
+        // Half of the sequence numbers are newer than any other.
+        assert!(N <= 1_000, "the history of events is at most 1,000 long: `events: {{ history: 20 }}` is PX4's");
+        Self { newest: 0, len: 0, next: 0, entries: [EventEntry::NONE; N] }
+    };
+}
+
+impl EventLog {
+    /// Records an event; the oldest one is overwritten if the history is full.
+    pub(crate) fn push(&mut self, event: &EventEntry) {
+        let Some(entry) = self.entries.get_mut(usize::from(self.next)) else { return };
+        *entry = *event;
+        self.newest = self.newest.wrapping_add(1);
+        self.next = self.next.wrapping_add(1);
+        if usize::from(self.next) >= self.entries.len() {
+            self.next = 0;
+        }
+        if usize::from(self.len) < self.entries.len() {
+            self.len = self.len.wrapping_add(1);
+        }
+    }
+
+    /// Returns the sequence number of the newest event; 0 if there was none.
+    pub(crate) const fn newest(&self) -> u16 {
+        self.newest
+    }
+
+    /// Returns the sequence number of the oldest event in the history; that of the next event if it is empty.
+    pub(crate) const fn oldest(&self) -> u16 {
+        self.newest.wrapping_sub(self.len).wrapping_add(1)
+    }
+
+    /// Returns the event with this sequence number; `None` if it is not in the history.
+    pub(crate) fn get(&self, sequence: u16) -> Option<&EventEntry> {
+        let age = self.newest.wrapping_sub(sequence);
+        if age >= self.len {
+            return None;
+        }
+        let back = usize::from(age).wrapping_add(1);
+        let next = usize::from(self.next);
+        // A place before the start of the ring is one at its end.
+        let place = next.checked_sub(back).unwrap_or_else(|| next.wrapping_add(self.entries.len()).wrapping_sub(back));
+        self.entries.get(place)
+    }
+
+    /// Returns the number of events that the history holds.
+    pub(crate) const fn capacity(&self) -> usize {
+        self.entries.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// EVT-2: the ring has the last events, each under its sequence number, also beyond the wrap of the numbers.
+    #[test]
+    fn history_has_the_last_events() {
+        let mut log = EventLog::<[EventEntry; 3]>::EMPTY;
+        let log: &mut EventLog = &mut log;
+        assert_eq!((log.newest(), log.oldest(), log.get(0), log.get(1)), (0, 1, None, None));
+        for id in 1..=140_000_u32 {
+            log.push(&EventEntry::new(Instant::ZERO, id, 0));
+            let kept = id.min(3);
+            let newest = u16::try_from(id & 0xFFFF).unwrap();
+            assert_eq!(log.newest(), newest);
+            assert_eq!(log.oldest(), newest.wrapping_sub(u16::try_from(kept).unwrap()).wrapping_add(1));
+            for age in 0..4_u16 {
+                let expected = (u32::from(age) < kept).then(|| id - u32::from(age));
+                assert_eq!(log.get(newest.wrapping_sub(age)).map(|event| event.id), expected, "{id} {age}");
+            }
+            assert_eq!(log.get(newest.wrapping_add(1)), None);
+        }
+    }
+
+    /// Without `events` nothing is recorded.
+    #[test]
+    fn history_of_length_0_records_nothing() {
+        let mut log = EventLog::<[EventEntry; 0]>::EMPTY;
+        let log: &mut EventLog = &mut log;
+        log.push(&EventEntry::new(Instant::ZERO, 7, 0));
+        assert_eq!((log.newest(), log.get(0), log.get(1)), (0, None, None));
+    }
+}
