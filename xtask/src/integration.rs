@@ -15,7 +15,7 @@ use clap::ValueEnum;
 use crate::emulator::{self, Emulator};
 use crate::firmware::{self, App};
 use crate::python::{self, CLIENTS};
-use crate::qemu;
+use crate::qemu::{self, Telemetry};
 use crate::system::{Result, cargo, root, run, target_dir};
 use crate::toolchain::{self, Choice};
 
@@ -76,12 +76,13 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
             "test_log.py",
             "test_far.py",
             "test_frameworks.py",
+            "test_ethernet.py",
         ],
     ),
     ("UDP", true, &["test_udp.py"]),
 ];
-/// Tests of the frameworks' firmware, which runs only in the emulator.
-const IN_QEMU: [&str; 1] = ["test_frameworks.py"];
+/// Tests of other firmwares, which run only in the emulator.
+const IN_QEMU: [&str; 2] = ["test_frameworks.py", "test_ethernet.py"];
 
 /// `cargo xtask integration`.
 pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
@@ -204,7 +205,8 @@ impl Program {
         match self {
             Self::Qemu { firmware } => {
                 let table = crate::log::table(&firmware::read(firmware)?)?;
-                let (emulator, output) = qemu::start(firmware, port, udp, Some(port + QMP), None)?;
+                let (emulator, output) =
+                    qemu::start(firmware, port, Telemetry::new(App::Loop, udp)?, Some(port + QMP), None)?;
                 thread::spawn(move || {
                     // Nobody reads it any more: no reason to stop the vehicle.
                     crate::log::read(&table, output, |line| drop(writeln!(&log, "{line}")), |_| {});

@@ -20,10 +20,14 @@ pub mod device;
 pub mod flash;
 #[cfg(feature = "faults")]
 pub mod jitter;
+#[cfg(feature = "network")]
+pub mod lan9118;
 pub mod line;
 #[cfg(all(feature = "defmt", not(feature = "panic-never")))]
 mod log;
 pub mod memory;
+#[cfg(feature = "network")]
+pub mod network;
 pub mod polled;
 #[cfg(all(feature = "faults", not(any(feature = "defmt", feature = "panic-never"))))]
 mod report;

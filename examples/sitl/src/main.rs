@@ -21,7 +21,7 @@ use mavstack::wpl::HomeRow;
 use mavstack::{Instant, LinkId};
 use mavstack_console::{Console, Tap, Tlog};
 use mavstack_demo::connect::{HowToConnect, OtherLinks};
-use mavstack_demo::{App, COMPANION, LINKS, Mavlink, SATELLITE, TELEMETRY};
+use mavstack_demo::{App, COMPANION, Mavlink, PORTS, SATELLITE, TELEMETRY};
 
 use flash::FileFlash;
 use tcp::Port;
@@ -219,7 +219,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         }
     }
     let mut device = Device::boot(arguments, &console)?;
-    const { assert!(LINKS == 3) };
+    const { assert!(PORTS == 3) };
 
     println!("The vehicle is running. Connect a ground station:\n");
     println!("{}\n", arguments.udp.map_or(HowToConnect::Tcp(base), HowToConnect::Udp));
