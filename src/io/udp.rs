@@ -24,7 +24,8 @@ pub trait DatagramSocket {
     /// its length and its sender; `None` if no datagram was received. Discards a longer one: return the length 0.
     fn receive(&mut self, buffer: &mut [u8]) -> Option<(usize, Self::Endpoint)>;
 
-    /// Whether the socket accepts a datagram of [`MAX_FRAME_LEN`](crate::frame::MAX_FRAME_LEN) bytes.
+    /// Whether the socket accepts a datagram of [`MAX_FRAME_LEN`](crate::frame::MAX_FRAME_LEN) bytes. It must not depend on
+    /// calls of [`receive`](Self::receive): while it returns false, nothing is received.
     fn is_ready(&mut self) -> bool;
 
     /// Sends a datagram, which is one frame. Returns whether it was accepted. If not, the frame is lost, and counted in
@@ -87,9 +88,9 @@ struct Station<E> {
 ///     stack.poll_udp(now, udp, socket, rover);
 /// }
 ///
-/// let mut udp = UdpLinks::new([LinkId(1), LinkId(2)]);
+/// let mut udp: UdpLinks<SocketAddr, 2> = UdpLinks::new([LinkId(1), LinkId(2)]);
 /// udp.set_broadcast(Some("192.168.1.255:14550".parse().unwrap()));
-/// # let _ = (pass, udp);
+/// # let _ = pass;
 /// ```
 ///
 /// # Stations
@@ -213,13 +214,19 @@ const fn is_heartbeat(frame: &[u8]) -> bool {
     matches!(frame, [STX_V2, _, _, _, _, _, _, 0, 0, 0, ..] | [STX_V1, _, _, _, _, 0, ..])
 }
 
+/// What is left of a link's budget in one poll.
+struct Left {
+    allowance: Allowance,
+    tx_bytes: usize,
+}
+
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Moves datagrams between the links of `udp` and their socket: receives, handles the received frames, and sends, one frame
     /// a datagram. It replaces [`poll_link`](Self::poll_link) for these links. It never waits.
     ///
-    /// Each link has the [budget](crate::Config::budget) of one `poll_link`. One call receives datagrams of `rx_bytes` in
-    /// total, and counts 28 bytes for the headers of each. Frames that exceed the budget of their link stay pending, in the link and in
-    /// the socket.
+    /// Each datagram is answered before the next one is received, and none is received while the socket accepts none. Each link has the [budget](crate::Config::budget) of one
+    /// `poll_link`. One call receives at most `rx_bytes` on all links, plus one datagram, and counts 28 bytes for the headers of
+    /// each. Frames that exceed the budget of their link stay pending, in the link and in the socket.
     pub fn poll_udp<S: DatagramSocket, const N: usize>(
         &mut self,
         now: Instant,
@@ -229,14 +236,14 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     ) {
         udp.forget_silent(now, self.config().peer_timeout);
         let budget = self.config().budget;
-        let mut allowances = [(); N].map(|()| budget.allowance());
+        let mut left = [(); N].map(|()| Left { allowance: budget.allowance(), tx_bytes: length(budget.tx_bytes) });
         // Frames of earlier polls, which wait for budget or for silence.
-        for (link, allowance) in udp.links.into_iter().zip(&mut allowances) {
-            self.receive_within(now, link, &[], vehicle, allowance);
+        for (link, left) in udp.links.into_iter().zip(&mut left) {
+            self.receive_within(now, link, &[], vehicle, &mut left.allowance);
         }
-        self.receive_datagrams(now, udp, socket, vehicle, &mut allowances);
-        for (index, allowance) in allowances.iter_mut().enumerate() {
-            self.send_datagrams(now, (udp, index), socket, vehicle, allowance);
+        self.receive_datagrams(now, udp, socket, vehicle, &mut left);
+        for (index, left) in left.iter_mut().enumerate() {
+            self.send_datagrams(now, (udp, index), socket, vehicle, left);
         }
     }
 
@@ -246,62 +253,66 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         udp: &mut UdpLinks<S::Endpoint, N>,
         socket: &mut S,
         vehicle: &mut D::Vehicle,
-        allowances: &mut [Allowance; N],
+        left: &mut [Left; N],
     ) {
-        let mut left = length(self.config().budget.rx_bytes);
-        loop {
+        let mut rx_bytes = length(self.config().budget.rx_bytes);
+        // The next requests need the memory for the answers to the last ones.
+        while socket.is_ready() {
             if udp.begin >= udp.end {
-                if left == 0 {
+                if rx_bytes == 0 {
                     return;
                 }
                 let Some((len, from)) = socket.receive(&mut udp.datagram) else { return };
-                left = left.saturating_sub(len.saturating_add(HEADERS_LEN));
+                rx_bytes = rx_bytes.saturating_sub(len.saturating_add(HEADERS_LEN));
                 if let Some(link) = udp.take(now, len, from) {
                     self.restart_link(link);
                 }
             }
-            if let (Some(&link), Some(allowance)) = (udp.links.get(udp.of), allowances.get_mut(udp.of)) {
-                let taken = self.receive_within(now, link, udp.rest(), vehicle, allowance);
+            let (index, rest) = (udp.of, udp.rest());
+            let (Some(&link), Some(left)) = (udp.links.get(index), left.get_mut(index)) else { return };
+            if !rest.is_empty() {
+                let taken = self.receive_within(now, link, rest, vehicle, &mut left.allowance);
                 // A link that the stack lacks takes nothing: drop the datagram.
                 let exists = self.counters_mut(link).is_some();
                 udp.begin = if exists { udp.begin.saturating_add(taken) } else { udp.end };
-            }
-            if udp.begin < udp.end {
-                return;
+                if !self.send_datagrams(now, (udp, index), socket, vehicle, left) || udp.begin < udp.end {
+                    return;
+                }
             }
         }
     }
 
+    /// Returns whether nothing is left to send.
     fn send_datagrams<S: DatagramSocket, const N: usize>(
         &mut self,
         now: Instant,
         (udp, index): (&UdpLinks<S::Endpoint, N>, usize),
         socket: &mut S,
         vehicle: &mut D::Vehicle,
-        allowance: &mut Allowance,
-    ) {
-        let Some(&link) = udp.links.get(index) else { return };
-        let mut left = length(self.config().budget.tx_bytes);
-        while left > 0 && allowance.may_send() {
+        left: &mut Left,
+    ) -> bool {
+        let Some(&link) = udp.links.get(index) else { return true };
+        while left.tx_bytes > 0 && left.allowance.may_send() {
             // The socket is asked first: a frame is not made before it can be sent (H-5).
             let is_ready = socket.is_ready();
             self.note_transport(link, is_ready);
             if !is_ready {
-                return;
+                return false;
             }
             let frame = self.transmit(now, link, vehicle);
             if frame.is_empty() {
-                return;
+                return true;
             }
             let len = frame.len();
-            allowance.send(cost_of_sending(frame));
+            left.allowance.send(cost_of_sending(frame));
             let is_lost = udp.destination(index, frame).is_some_and(|to| !socket.send(frame, to));
             self.transmitted(link, len);
-            left = left.saturating_sub(len);
+            left.tx_bytes = left.tx_bytes.saturating_sub(len);
             if is_lost && let Some(counters) = self.counters_mut(link) {
                 counters.write_errors = counters.write_errors.wrapping_add(1);
             }
         }
+        false
     }
 }
 

@@ -280,6 +280,29 @@ fn datagrams_with_many_frames_are_handled_within_the_budget() {
     assert_eq!((counters.checksum, counters.skipped), (0, 0));
 }
 
+/// D-3: a burst of datagrams needs more memory for answers than the stack has. Each is answered before the next one is received, also
+/// if the socket accepts few datagrams at a time.
+#[test]
+fn a_burst_of_requests_is_answered() {
+    let mut lab = Lab::with(|config| config.budget = PollBudget::for_line(10_000_000, millis(1)));
+    lab.heartbeat(A);
+    lab.step();
+    for _ in 0..100 {
+        lab.command(A, MavCmd::NAV_LAND);
+    }
+    for room in (0..4).cycle() {
+        lab.socket.room = Some(room);
+        lab.step();
+        if lab.socket.received.is_empty() {
+            break;
+        }
+    }
+    lab.socket.room = None;
+    lab.run_for(millis(5));
+    assert_eq!(lab.acks(A).len(), 100);
+    assert_eq!(lab.stack.link_counters(LinkId(1)).unwrap().no_answer_slot, 0);
+}
+
 /// H-5: while the socket accepts nothing, no frame is made that is out of date when it is sent.
 #[test]
 fn no_heartbeat_waits_for_the_socket() {

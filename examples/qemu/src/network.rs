@@ -25,18 +25,18 @@ pub const PATIENCE: mavstack::Duration = mavstack::Duration::from_secs(3);
 /// The most Ethernet frames that one call takes from the controller.
 const FRAMES: usize = 32;
 
-/// Memory of the UDP socket. Each direction holds little: received frames stay in the controller until the stack takes them, and
-/// frames to send are sent at once, unless the station's Ethernet address has to be found first.
-static RX: ConstStaticCell<[u8; MAX_DATAGRAM_LEN]> = ConstStaticCell::new([0; MAX_DATAGRAM_LEN]);
+/// Memory of the UDP socket. It is small: received frames stay in the controller until the stack takes them, and frames to send are
+/// sent at once. Only while the Ethernet address of a station has to be found, datagrams wait here.
+static RX: ConstStaticCell<[u8; 2 * MAX_DATAGRAM_LEN]> = ConstStaticCell::new([0; 2 * MAX_DATAGRAM_LEN]);
 static TX: ConstStaticCell<[u8; 4 * MAX_FRAME_LEN]> = ConstStaticCell::new([0; 4 * MAX_FRAME_LEN]);
 static QUEUES: ConstStaticCell<Queues> = ConstStaticCell::new(Queues {
-    rx: [udp::PacketMetadata::EMPTY; 2],
+    rx: [udp::PacketMetadata::EMPTY; 16],
     tx: [udp::PacketMetadata::EMPTY; 4],
     sockets: [SocketStorage::EMPTY; 2],
 });
 
 struct Queues {
-    rx: [udp::PacketMetadata; 2],
+    rx: [udp::PacketMetadata; 16],
     tx: [udp::PacketMetadata; 4],
     sockets: [SocketStorage<'static>; 2],
 }
@@ -127,10 +127,26 @@ impl Network {
 }
 
 impl Net {
+    /// Takes the next Ethernet frame from the controller. Returns false if there is none, or this call has taken enough.
+    fn take_frame(&mut self) -> bool {
+        let Self { now, device, interface, sockets, frames, .. } = self;
+        let Some(left) = frames.checked_sub(1) else { return false };
+        let is_taken = !matches!(interface.poll_ingress_single(*now, device, sockets), PollIngressSingleResult::None);
+        if is_taken {
+            *frames = left;
+        }
+        is_taken
+    }
+
     /// Sends what is pending in the sockets.
     fn send_pending(&mut self) {
         let Self { now, device, interface, sockets, .. } = self;
         interface.poll_egress(*now, device, sockets);
+    }
+
+    fn has_room(&self) -> bool {
+        let socket = self.sockets.get::<udp::Socket>(self.udp);
+        socket.can_send() && socket.payload_send_capacity() - socket.send_queue() >= 2 * MAX_FRAME_LEN
     }
 }
 
@@ -138,24 +154,26 @@ impl DatagramSocket for Net {
     type Endpoint = IpEndpoint;
 
     fn receive(&mut self, buffer: &mut [u8]) -> Option<(usize, IpEndpoint)> {
-        let Self { now, device, interface, sockets, udp, frames, .. } = self;
         loop {
             // With an MTU of 1,500 bytes, no datagram exceeds the buffer.
-            if let Ok((len, from)) = sockets.get_mut::<udp::Socket>(*udp).recv_slice(buffer) {
+            if let Ok((len, from)) = self.sockets.get_mut::<udp::Socket>(self.udp).recv_slice(buffer) {
                 return Some((len, from.endpoint));
             }
-            let has_none = *frames == 0
-                || matches!(interface.poll_ingress_single(*now, device, sockets), PollIngressSingleResult::None);
-            if has_none {
+            if !self.take_frame() {
                 return None;
             }
-            *frames -= 1;
         }
     }
 
     fn is_ready(&mut self) -> bool {
-        let socket = self.sockets.get::<udp::Socket>(self.udp);
-        socket.can_send() && socket.payload_send_capacity() - socket.send_queue() >= 2 * MAX_FRAME_LEN
+        // The answer with a station's Ethernet address may be among the received frames.
+        while !self.has_room() {
+            if !self.take_frame() {
+                return false;
+            }
+            self.send_pending();
+        }
+        true
     }
 
     fn send(&mut self, datagram: &[u8], to: IpEndpoint) -> bool {
