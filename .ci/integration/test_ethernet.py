@@ -1,4 +1,4 @@
-"""The firmware on Ethernet, over smoltcp: ground stations on its network, which are UDP ports of this machine."""
+"""The firmwares on Ethernet, over smoltcp and embassy-net: ground stations on the network, which are UDP ports of this machine."""
 
 import re
 import socket
@@ -18,17 +18,24 @@ mavlink = mavutil.mavlink
 
 # The number of stations that have a link, and the silence (s) after which a station is forgotten.
 STATIONS, TIMEOUT = 4, 5
-# The load: telemetry and pings (frames/s), and how long (s).
-RATE, DURATION = 1000, 5
+# The load: telemetry, and as many pings (frames/s).
+RATE = 1000
+# For tests that do not depend on the network stack.
+on_one = pytest.mark.parametrize("app", ["ethernet"], scope="module")
+
+
+@pytest.fixture(scope="module", params=["ethernet", "ethernet-embassy"])
+def app(request):
+    return request.param
 
 
 @pytest.fixture(scope="module")
-def ports(request, tmp_path_factory):
+def ports(app, request, tmp_path_factory):
     """The UDP port on which a ground station listens, and the one to which stations send."""
     option = request.config.getoption
     base = option("spare_port_base")
-    file = tmp_path_factory.mktemp("ethernet") / "output.txt"
-    with running(option, "ethernet", file, f"--udp=127.0.0.1:{base + 3}"):
+    file = tmp_path_factory.mktemp(app) / "output.txt"
+    with running(option, app, file, f"--udp=127.0.0.1:{base + 3}"):
         yield base + 3, base
     assert re.search(r"address 10\.0\.2\.15/24 \(DHCP\), UDP port 14550", file.read_text()), file.read_text()
 
@@ -64,9 +71,36 @@ def test_heartbeats_are_broadcast_without_a_station(ports):
         assert ids == {mavlink.MAVLINK_MSG_ID_HEARTBEAT}, "only heartbeats are broadcast"
 
 
-def test_several_stations_at_once_get_answers(call, figure):
+def test_a_thousand_frames_a_second_in_each_direction(ports, app, request, figure):
+    """Telemetry at over 1,000 frames/s, and 1,000 PINGs/s that are all answered: no frame is lost."""
+    duration = request.config.getoption("load_seconds")
+    station = Counter(ports[1])
+    try:
+        streams = [mavlink.MAVLINK_MSG_ID_ATTITUDE, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED]
+        streams.append(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+        for message in streams:
+            station.request(message, 2_500)
+        station.run(1, 0)
+        station.counts.clear()
+        sent = station.run(duration, RATE)
+        station.receive(1)
+        for message in streams:
+            station.request(message, 0)
+        station.run(0.5, 0)
+        telemetry = sum(station.counts[message] for message in streams) / duration
+        answers = station.counts[mavlink.MAVLINK_MSG_ID_PING]
+        figure(f"{app}, {duration} s: {telemetry:.0f} frames/s of telemetry, {answers} of {sent} pings answered, {station.lost} lost")
+        assert station.lost == 0
+        assert answers == sent
+        assert telemetry >= RATE
+    finally:
+        station.close()
+
+
+def test_several_stations_at_once_get_answers(call, app, figure):
     """One uploads and downloads 250 items. The others have the same ids, and still get their own answers only."""
-    pilot, twins = call(254), [call(255) for _ in range(STATIONS - 1)]
+    # The station of the last test has the fourth link.
+    pilot, twins = call(254), [call(255) for _ in range(STATIONS - 2)]
     for seq in range(10):
         for index, gcs in enumerate(twins):
             gcs.mav.ping_send(0, 100 * index + seq, 0, 0)
@@ -78,12 +112,13 @@ def test_several_stations_at_once_get_answers(call, figure):
     assert upload(pilot, items).type == ACCEPTED
     uploaded = time.monotonic()
     assert differences(items, download(pilot).items) == []
-    figure(f"pymavlink on Ethernet: 250 items up {uploaded - began:.1f} s, down {time.monotonic() - uploaded:.1f} s")
+    figure(f"{app}: pymavlink: 250 items up {uploaded - began:.1f} s, down {time.monotonic() - uploaded:.1f} s")
     for gcs in twins:
         assert gcs.wait("HEARTBEAT")
         assert not any(message.get_type() == "COMMAND_ACK" for message in gcs.take_all()), "a second answer"
 
 
+@on_one
 def test_a_station_that_dies_is_forgotten(call, ports):
     """Further stations get no answer while all links are taken. After the silence of the dead ones they do."""
     for _ in range(STATIONS):
@@ -102,31 +137,7 @@ def test_a_station_that_dies_is_forgotten(call, ports):
     assert late.wait("HEARTBEAT") and late.wait("ATTITUDE")
 
 
-def test_a_thousand_frames_a_second_in_each_direction(ports, figure):
-    """Telemetry at over 1,000 frames/s, and 1,000 PINGs/s that are all answered: no frame is lost."""
-    station = Counter(ports[1])
-    try:
-        streams = [mavlink.MAVLINK_MSG_ID_ATTITUDE, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED]
-        streams.append(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
-        for message in streams:
-            station.request(message, 2_500)
-        station.run(1, 0)
-        station.counts.clear()
-        sent = station.run(DURATION, RATE)
-        station.receive(1)
-        for message in streams:
-            station.request(message, 0)
-        station.run(0.5, 0)
-        telemetry = sum(station.counts[message] for message in streams) / DURATION
-        answers = station.counts[mavlink.MAVLINK_MSG_ID_PING]
-        figure(f"Ethernet: {telemetry:.0f} frames/s of telemetry, {answers} of {sent} pings answered, {station.lost} lost")
-        assert station.lost == 0
-        assert answers == sent
-        assert telemetry >= RATE
-    finally:
-        station.close()
-
-
+@on_one
 def test_qgroundcontrol_connects(ports):
     """QGroundControl's default: it listens on a UDP port, without any configuration."""
     gcs = Gcs(ports[0], "udpin", is_new=True)
@@ -140,12 +151,12 @@ def test_qgroundcontrol_connects(ports):
         gcs.close()
 
 
-def test_mavsdk_uploads_and_downloads_250_items(ports, figure):
+def test_mavsdk_uploads_and_downloads_250_items(ports, app, figure):
     with found_by_mavsdk(f"udpin://127.0.0.1:{ports[0]}") as system:
         missions, items = MissionRaw(system), plan(250)
         began = time.monotonic()
         missions.upload_mission([MissionItem(**item) for item in items])
         uploaded = time.monotonic()
         back = [as_dict(item) for item in missions.download_mission()]
-        figure(f"MAVSDK on Ethernet: 250 items up {uploaded - began:.1f} s, down {time.monotonic() - uploaded:.1f} s")
+        figure(f"{app}: MAVSDK: 250 items up {uploaded - began:.1f} s, down {time.monotonic() - uploaded:.1f} s")
         assert differences(items, back) == []

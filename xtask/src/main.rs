@@ -132,6 +132,12 @@ struct Integration {
     /// Where the vehicle runs.
     #[arg(long, default_value = "all")]
     target: Target,
+    /// One file of tests, such as `test_ethernet.py`; by default all.
+    #[arg(long, value_name = "NAME")]
+    file: Option<String>,
+    /// How long the tests with a high load take.
+    #[arg(long, value_name = "SECONDS", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=120))]
+    load_seconds: u32,
     /// The Rust toolchain for the firmware; by default the first that works.
     #[arg(long)]
     toolchain: Option<Choice>,
@@ -232,7 +238,9 @@ fn main() -> ExitCode {
             qemu::run(app, port_base, udp, qmp, log.as_deref(), toolchain)
         }
         Task::Pictures(arguments) => pictures::draw(&arguments),
-        Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),
+        Task::Integration(Integration { target, file, load_seconds, toolchain }) => {
+            integration::run_tests(&integration::Options { target, file, load_seconds }, toolchain)
+        }
         Task::Faults(arguments) => faults::play(arguments.scenario.as_deref(), arguments.toolchain),
         Task::Jitter(arguments) => jitter::measure(arguments.toolchain),
         Task::Fuzz(Fuzz { targets, seconds, executions, minimise }) => {

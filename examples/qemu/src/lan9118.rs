@@ -5,6 +5,7 @@
 #![allow(unsafe_code, reason = "registers of the controller")]
 
 use cortex_m::peripheral::NVIC;
+use embassy_sync::waitqueue::AtomicWaker;
 
 use crate::device::Interrupt;
 
@@ -139,14 +140,19 @@ impl Lan9118 {
     pub fn listen(&mut self) {
         self.port.write(Register::IrqConfig, IRQ_ENABLED);
         self.port.write(Register::IntEnable, RX_LEVEL);
+        self.unmask();
+    }
+
+    fn unmask(&mut self) {
         // SAFETY: no critical section here relies on masking a single interrupt.
         unsafe { NVIC::unmask(Interrupt::ETHERNET) };
     }
 
-    /// Clears the interrupt. Frames that arrive later raise it again, so receive after this call.
+    /// Clears the interrupt while it is masked, or handlers are. Frames that arrive later raise it again, so receive after this call.
     pub fn acknowledge(&mut self) {
-        self.port.write(Register::IntStatus, RX_LEVEL);
+        // In this order: the interrupt of a frame that arrives in between must not be cleared in the processor only.
         NVIC::unpend(Interrupt::ETHERNET);
+        self.port.write(Register::IntStatus, RX_LEVEL);
     }
 
     /// Returns the MAC address.
@@ -219,8 +225,8 @@ impl Lan9118 {
     }
 }
 
+/// For smoltcp.
 mod plain {
-    //! For smoltcp.
 
     use smoltcp::phy::{Device, DeviceCapabilities, Medium};
     use smoltcp::time::Instant;
@@ -256,6 +262,96 @@ mod plain {
             capabilities.medium = Medium::Ethernet;
             capabilities.max_transmission_unit = MAX_FRAME_LEN;
             capabilities
+        }
+    }
+}
+
+/// Wakes the task of embassy-net.
+static RECEIVED: AtomicWaker = AtomicWaker::new();
+
+/// Handles the interrupt for embassy-net: wakes its task, which takes the frames and unmasks the interrupt again.
+pub fn on_interrupt() {
+    NVIC::mask(Interrupt::ETHERNET);
+    RECEIVED.wake();
+}
+
+/// The most frames that embassy-net gets in a row. It receives until there are none: without a limit, other tasks would starve under
+/// a flood.
+const IN_A_ROW: u8 = 8;
+
+/// The controller as a driver of embassy-net.
+pub struct EmbassyDriver {
+    controller: Lan9118,
+    /// Frames that embassy-net got in a row.
+    frames: u8,
+}
+
+impl EmbassyDriver {
+    /// Wraps a controller whose interrupt calls [`on_interrupt`].
+    pub fn new(mut controller: Lan9118) -> Self {
+        controller.listen();
+        Self { controller, frames: 0 }
+    }
+}
+
+/// For embassy-net.
+mod embassy {
+    use core::task::Context;
+
+    use embassy_net_driver::{Capabilities, Driver, HardwareAddress, LinkState};
+
+    use super::{EmbassyDriver, IN_A_ROW, MAX_FRAME_LEN, RECEIVED, RxToken, TxToken};
+
+    impl embassy_net_driver::RxToken for RxToken<'_> {
+        fn consume<R, F: FnOnce(&mut [u8]) -> R>(self, read: F) -> R {
+            self.read(read)
+        }
+    }
+
+    impl embassy_net_driver::TxToken for TxToken<'_> {
+        fn consume<R, F: FnOnce(&mut [u8]) -> R>(self, len: usize, fill: F) -> R {
+            self.fill(len, fill)
+        }
+    }
+
+    impl Driver for EmbassyDriver {
+        type RxToken<'a> = RxToken<'a>;
+        type TxToken<'a> = TxToken<'a>;
+
+        fn receive(&mut self, context: &mut Context<'_>) -> Option<(RxToken<'_>, TxToken<'_>)> {
+            let Self { controller, frames } = self;
+            if *frames == IN_A_ROW {
+                *frames = 0;
+                context.waker().wake_by_ref();
+                return None;
+            }
+            RECEIVED.register(context.waker());
+            controller.acknowledge();
+            // Frames that arrive from here on raise the interrupt again.
+            controller.unmask();
+            let tokens = controller.tokens();
+            *frames = if tokens.is_some() { *frames + 1 } else { 0 };
+            tokens
+        }
+
+        fn transmit(&mut self, context: &mut Context<'_>) -> Option<TxToken<'_>> {
+            RECEIVED.register(context.waker());
+            self.controller.tx_token()
+        }
+
+        fn link_state(&mut self, _: &mut Context<'_>) -> LinkState {
+            // The emulated cable is always plugged in.
+            LinkState::Up
+        }
+
+        fn capabilities(&self) -> Capabilities {
+            let mut capabilities = Capabilities::default();
+            capabilities.max_transmission_unit = MAX_FRAME_LEN;
+            capabilities
+        }
+
+        fn hardware_address(&self) -> HardwareAddress {
+            HardwareAddress::Ethernet(self.controller.address())
         }
     }
 }

@@ -19,6 +19,9 @@ pub const PORT: u16 = 14_550;
 /// The address without DHCP, and its router.
 pub const FIXED: (Ipv4Cidr, Ipv4Address) =
     (Ipv4Cidr::new(Ipv4Address::new(10, 0, 2, 15), 24), Ipv4Address::new(10, 0, 2, 2));
+/// Where heartbeats are sent as long as no station is known. Not the broadcast address of the subnet: QEMU passes only this one on to
+/// the host.
+pub const BROADCAST: Ipv4Address = Ipv4Address::BROADCAST;
 /// How long to wait for DHCP.
 pub const PATIENCE: mavstack::Duration = mavstack::Duration::from_secs(3);
 
@@ -120,8 +123,7 @@ impl Network {
             let _ = routes.add_default_ipv4_route(router);
         }
         let port = board::station_port();
-        // Not the address of the subnet: QEMU passes only this one on to the host.
-        self.links.set_broadcast(Some((Ipv4Address::BROADCAST, port).into()));
+        self.links.set_broadcast(Some((BROADCAST, port).into()));
         log_address(address, origin);
     }
 }

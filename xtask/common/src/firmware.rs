@@ -20,11 +20,13 @@ pub enum App {
     Embassy,
     /// As `loop`, with telemetry over UDP on the board's Ethernet, by smoltcp.
     Ethernet,
+    /// As `embassy`, with telemetry over UDP on the board's Ethernet, by embassy-net.
+    EthernetEmbassy,
 }
 
 impl App {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Loop, Self::Rtic, Self::Embassy, Self::Ethernet];
+    pub const ALL: [Self; 5] = [Self::Loop, Self::Rtic, Self::Embassy, Self::Ethernet, Self::EthernetEmbassy];
 
     /// Returns the name of its program, which is also its name on the command line.
     pub fn name(self) -> &'static str {
@@ -33,12 +35,13 @@ impl App {
             Self::Rtic => "rtic",
             Self::Embassy => "embassy",
             Self::Ethernet => "ethernet",
+            Self::EthernetEmbassy => "ethernet-embassy",
         }
     }
 
     /// Whether telemetry is on the board's Ethernet, in place of UART0.
     pub fn has_network(self) -> bool {
-        matches!(self, Self::Ethernet)
+        matches!(self, Self::Ethernet | Self::EthernetEmbassy)
     }
 }
 
