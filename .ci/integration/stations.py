@@ -12,6 +12,8 @@ mavlink = mavutil.mavlink
 
 # Offsets in a MAVLink 2 frame: sequence number, component, message id.
 SEQ, COMPONENT, ID = 4, 6, slice(7, 10)
+# The most PINGs without an answer.
+UNANSWERED = 64
 
 
 class Counter:
@@ -57,17 +59,24 @@ class Counter:
             self.counts[int.from_bytes(datagram[ID], "little")] += 1
 
     def run(self, duration, pings):
-        """Sends `pings` PINGs a second for `duration` (s). Returns their number."""
-        began, sent, beats = time.monotonic(), 0, 0
-        while (elapsed := time.monotonic() - began) < duration:
+        """Sends `pings` PINGs a second for `duration` (s). Returns their number, and how long it took (s).
+
+        It pauses while many are unanswered: on a busy machine the emulator may not run for longer than the emulated controller
+        can buffer frames, which would be no loss by the vehicle.
+        """
+        total, sent, beats = duration * pings, 0, 0
+        answered, began = self.counts[mavlink.MAVLINK_MSG_ID_PING], time.monotonic()
+        while (elapsed := time.monotonic() - began) < duration or sent < total:
+            assert elapsed < 2 * duration, f"{sent} of {total} pings were sent"
             if elapsed >= beats:
                 self.heartbeat()
                 beats += 1
-            while sent < min(elapsed, duration) * pings:
+            unanswered = sent - (self.counts[mavlink.MAVLINK_MSG_ID_PING] - answered)
+            for _ in range(min(int(min(elapsed, duration) * pings) - sent, UNANSWERED - unanswered)):
                 self.send(self.mav.ping_encode(0, sent, 0, 0))
                 sent += 1
             self.receive(0.001)
-        return sent
+        return sent, elapsed
 
     def close(self):
         self.socket.close()

@@ -224,9 +224,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Moves datagrams between the links of `udp` and their socket: receives, handles the received frames, and sends, one frame
     /// a datagram. It replaces [`poll_link`](Self::poll_link) for these links. It never waits.
     ///
-    /// Each datagram is answered before the next one is received, and none is received while the socket accepts none. Each link has the [budget](crate::Config::budget) of one
-    /// `poll_link`. One call receives at most `rx_bytes` on all links, plus one datagram, and counts 28 bytes for the headers of
-    /// each. Frames that exceed the budget of their link stay pending, in the link and in the socket.
+    /// Each datagram is answered before the next one is received, and none is received while the socket accepts none. Each link
+    /// has the [budget](crate::Config::budget) of one `poll_link`. One call receives at most `rx_bytes` on all links, plus one
+    /// datagram, and counts 28 bytes for the headers of each. Frames that exceed the budget of their link stay pending, in the
+    /// link and in the socket.
     pub fn poll_udp<S: DatagramSocket, const N: usize>(
         &mut self,
         now: Instant,

@@ -12,6 +12,8 @@
 //! | storage runs | in the loop, which waits | in a task of the lowest priority | in a task of the lowest priority |
 //! | when flight hangs | silence | heartbeats stop, the rest continues | heartbeats stop, the rest continues |
 //!
+//! `ethernet` and `ethernet-embassy` are the first and the third with a network: telemetry over UDP, on the board's Ethernet.
+//!
 //! Heartbeats depend on the pulse, and only flight ticks it. They stop when flight hangs, even if comms still runs.
 #![no_std]
 

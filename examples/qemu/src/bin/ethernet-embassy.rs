@@ -147,7 +147,7 @@ async fn stations(app: &'static SharedApp, net: Stack<'static>) {
             STATIONS.iter().map(|link| stack.link_deadline(now, *link)).fold(mavstack::Instant::NEVER, Ord::min)
         };
         // A received frame may be forwarded.
-        [COMPANION, SATELLITE].map(|link| WAKE[usize::from(link.0)].signal(()));
+        [COMPANION, SATELLITE].iter().for_each(|link| WAKE[usize::from(link.0)].signal(()));
         // embassy-net needs a turn, even if datagrams are pending.
         yield_now().await;
         if socket.is_ready() {
