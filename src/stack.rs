@@ -270,9 +270,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             // (H-5).
             let written = match uart.write_ready() {
                 Ok(is_ready) => {
-                    if let Some(link) = self.link_mut(link) {
-                        link.port.transport = if is_ready { Transport::Ready } else { Transport::Full };
-                    }
+                    self.note_transport(link, is_ready);
                     if !is_ready {
                         return Ok(());
                     }
@@ -310,6 +308,18 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// [`next_deadline`]: Self::next_deadline
     pub fn receive(&mut self, now: Instant, link: LinkId, bytes: &[u8], vehicle: &mut D::Vehicle) -> usize {
         let mut allowance = self.shared.config.budget.allowance();
+        self.receive_within(now, link, bytes, vehicle, &mut allowance)
+    }
+
+    /// As [`receive`](Self::receive), up to the budget that is left in `allowance`.
+    pub(crate) fn receive_within(
+        &mut self,
+        now: Instant,
+        link: LinkId,
+        bytes: &[u8],
+        vehicle: &mut D::Vehicle,
+        allowance: &mut Allowance,
+    ) -> usize {
         let mut taken = 0usize;
         // One buffer at a time. More than two passes are only needed if the bytes exceed a buffer.
         loop {
@@ -318,7 +328,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             let len = if rest.is_empty() { 0 } else { decoder.push(rest, now) };
             taken = taken.saturating_add(len);
             // Also without room: the bytes that fill the buffer wait for this call's budget.
-            self.handle_received(now, link, 0, vehicle, &mut allowance);
+            self.handle_received(now, link, 0, vehicle, allowance);
             if len == 0 || taken >= bytes.len() {
                 return taken;
             }
@@ -532,8 +542,19 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         deadline.max(now)
     }
 
+    /// Returns the configuration.
+    pub(crate) fn config(&self) -> &Config {
+        &self.shared.config
+    }
+
+    /// Records whether the transport of a link accepts bytes.
+    pub(crate) fn note_transport(&mut self, link: LinkId, is_ready: bool) {
+        if let Some(link) = self.link_mut(link) {
+            link.port.transport = if is_ready { Transport::Ready } else { Transport::Full };
+        }
+    }
+
     /// Returns the counters of a link; `None` if there is no such link.
-    #[cfg(feature = "embedded-io-async")]
     pub(crate) fn counters_mut(&mut self, link: LinkId) -> Option<&mut LinkCounters> {
         self.link_mut(link).map(|link| &mut link.port.counters)
     }

@@ -24,7 +24,8 @@ FIGURES = []
 def pytest_addoption(parser):
     parser.addoption("--target", choices=CAPACITY, required=True)
     parser.addoption("--port-base", type=int, required=True, help="the vehicle's first link; the others follow")
-    parser.addoption("--spare-port-base", type=int, required=True, help="three free ports for a test to use")
+    parser.addoption("--spare-port-base", type=int, required=True, help="four free ports for a test to use")
+    parser.addoption("--load-seconds", type=int, default=4, help="how long the tests with a high load take")
     parser.addoption("--qmp-port", type=int, help="QEMU's control port, for processor resets")
     parser.addoption("--program", type=pathlib.Path, help="the program of the vehicle in sitl")
     parser.addoption("--xtask", type=pathlib.Path, help="the program that starts the vehicle in QEMU")

@@ -1,11 +1,10 @@
 """The firmware as a bare loop, with RTIC and with Embassy. All three behave the same, except when the flight loop hangs."""
 
-import signal
-import subprocess
 import time
 
 import pytest
 from conftest import Gcs, is_armed
+from firmware import running
 from plans import differences, plan
 from pymavlink import mavutil
 from test_params import REAL32, UINT8, read, to_float, write
@@ -13,8 +12,6 @@ from transfer import ACCEPTED, download, upload
 
 mavlink = mavutil.mavlink
 
-# The time to start (s). The firmware is built first, which takes a moment even if it is up to date.
-START = 120
 # Config::max_loop_gap and the heartbeat period (s).
 MAX_LOOP_GAP, PERIOD = 0.5, 1.0
 # The time to wait before a message counts as absent (s).
@@ -30,27 +27,10 @@ def app(request):
 def firmware(app, request, tmp_path_factory):
     """A client on the telemetry link of a separate vehicle, started like `cargo qemu`."""
     option = request.config.getoption
-    file, port = tmp_path_factory.mktemp(app) / "output.txt", option("spare_port_base")
-    with open(file, "w") as output:
-        process = subprocess.Popen(
-            [option("xtask"), "qemu", "--app", app, "--port-base", str(port)],
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=output,
-        )
-        try:
-            deadline = time.monotonic() + START
-            while "Press Ctrl-C to stop" not in file.read_text():
-                assert process.poll() is None, file.read_text()
-                assert time.monotonic() < deadline, "the vehicle does not start"
-                time.sleep(0.1)
-            gcs = Gcs(port)
-            yield gcs
-            gcs.close()
-        finally:
-            # The program then stops its emulator and waits for it.
-            process.send_signal(signal.SIGINT)
-            process.wait(timeout=20)
+    with running(option, app, tmp_path_factory.mktemp(app) / "output.txt"):
+        gcs = Gcs(option("spare_port_base"))
+        yield gcs
+        gcs.close()
 
 
 @pytest.fixture

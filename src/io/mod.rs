@@ -1,5 +1,6 @@
-//! UART transports: queues between an interrupt and the loop, a reader for circular DMA buffers, the ends of a link in async
+//! Transports. For UARTs: queues between an interrupt and the loop, a reader for circular DMA buffers, the ends of a link in async
 //! tasks, and adapters for HALs that do not implement the four traits that [`Stack::poll_link`](crate::Stack::poll_link) needs.
+//! For UDP: [`UdpLinks`], a link for each ground station that sends to a socket.
 //!
 //! | what the HAL provides | what to pass to the stack |
 //! |---|---|
@@ -55,6 +56,7 @@ mod old;
 mod polled;
 mod ring;
 mod serial;
+mod udp;
 
 #[cfg(feature = "embedded-io-async")]
 pub use asynch::{AsyncReceiver, AsyncTransmitter};
@@ -68,6 +70,7 @@ pub use old::Io06;
 #[cfg(feature = "embedded-io-async")]
 pub use polled::Polled;
 pub use serial::{InterruptEnd, LoopEnd, SerialCounters, SerialQueues};
+pub use udp::{DatagramSocket, MAX_DATAGRAM_LEN, UdpLinks};
 
 use crate::time::Duration;
 

@@ -8,3 +8,4 @@ mod async_ends;
 mod io;
 mod peers;
 mod transports;
+mod udp;

@@ -15,7 +15,7 @@ use clap::ValueEnum;
 use crate::emulator::{self, Emulator};
 use crate::firmware::{self, App};
 use crate::python::{self, CLIENTS};
-use crate::qemu;
+use crate::qemu::{self, Telemetry};
 use crate::system::{Result, cargo, root, run, target_dir};
 use crate::toolchain::{self, Choice};
 
@@ -28,6 +28,16 @@ pub enum Target {
     Sitl,
     /// Both, side by side.
     All,
+}
+
+/// What is tested.
+pub struct Options {
+    /// Where the vehicle runs.
+    pub target: Target,
+    /// One file of tests; all of them if `None`.
+    pub file: Option<String>,
+    /// How long the tests with a high load take.
+    pub load_seconds: u32,
 }
 
 /// Ports in a row: the vehicle's links, the emulator's QMP, and the same of a vehicle that a test
@@ -77,15 +87,21 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
             "test_log.py",
             "test_far.py",
             "test_frameworks.py",
+            "test_ethernet.py",
         ],
     ),
     ("UDP", true, &["test_udp.py"]),
 ];
-/// Tests of the frameworks' firmware, which runs only in the emulator.
-const IN_QEMU: [&str; 1] = ["test_frameworks.py"];
+/// Tests of other firmwares, which run only in the emulator.
+const IN_QEMU: [&str; 2] = ["test_frameworks.py", "test_ethernet.py"];
 
 /// `cargo xtask integration`.
-pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
+pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
+    let target = options.target;
+    let is_known = |only: &String| GROUPS.iter().any(|(_, _, files)| files.contains(&only.as_str()));
+    if let Some(file) = options.file.as_ref().filter(|file| !is_known(file)) {
+        return Err(format!("{file} is no file of tests in {CLIENTS}"));
+    }
     let stop = qemu::stop_signal()?;
     let python = python::environment()?;
     let mut programs = Vec::new();
@@ -97,6 +113,11 @@ pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
     // All groups run in parallel, each with a vehicle of its own: most of the time the tests wait.
     let mut runs = Vec::new();
     for (group, over_udp, files) in GROUPS {
+        let files: Vec<_> =
+            files.iter().filter(|file| options.file.as_ref().is_none_or(|only| only == *file)).collect();
+        if files.is_empty() {
+            continue;
+        }
         for &(target, ref program) in &programs {
             let name = format!("{target}, {group}");
             let port = free_ports()?;
@@ -112,6 +133,7 @@ pub fn run_tests(target: Target, choice: Option<Choice>) -> Result {
                 .args(["-m", "pytest", "-v", "-p", "no:cacheprovider"])
                 .args(["--target", target, "--port-base", &port.to_string()])
                 .args(["--spare-port-base", &(port + SPARE).to_string()])
+                .args(["--load-seconds", &options.load_seconds.to_string()])
                 .args(program.options(port))
                 .args(files.iter().filter(|file| target == "qemu" || !IN_QEMU.contains(file)))
                 .env("PYTHONDONTWRITEBYTECODE", "1")
@@ -205,7 +227,8 @@ impl Program {
         match self {
             Self::Qemu { firmware } => {
                 let table = crate::log::table(&firmware::read(firmware)?)?;
-                let (emulator, output) = qemu::start(firmware, port, udp, Some(port + QMP), None)?;
+                let (emulator, output) =
+                    qemu::start(firmware, port, Telemetry::new(App::Loop, udp)?, Some(port + QMP), None)?;
                 thread::spawn(move || {
                     // Nobody reads it any more: no reason to stop the vehicle.
                     crate::log::read(&table, output, |line| drop(writeln!(&log, "{line}")), |_| {});

@@ -71,6 +71,10 @@ enum Task {
 /// MAV_HL_LOSS_T seconds. STAT_HL_BYTES and STAT_HL_CREDITS count its cost. SETUP_SIGNING sets a signing key, on the companion's
 /// port only; after that, only this port accepts unsigned frames.
 ///
+/// `--app ethernet` has a network in place of UART0. The vehicle broadcasts heartbeats until a ground station answers: one that
+/// listens on UDP port 14550 of this machine finds it without any configuration. Up to three more stations send to the first port,
+/// which is then a UDP port.
+///
 /// What is missing (the compiler's target, the emulator) is installed first if that is possible; otherwise the command to install
 /// it is printed. Press Ctrl-C to stop.
 #[derive(Args)]
@@ -81,7 +85,8 @@ struct Qemu {
     /// First of the three TCP ports.
     #[arg(long, value_name = "PORT", default_value_t = 5760, value_parser = clap::value_parser!(u16).range(1..=65533))]
     port_base: u16,
-    /// Send telemetry over UDP to this address, not over TCP. QGroundControl listens on the default address.
+    /// Send telemetry over UDP to this address, not over TCP. QGroundControl listens on the default address. With `--app ethernet`,
+    /// the vehicle broadcasts to this port.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
     /// Log the links' traffic to this file in the ".tlog" format of Mission Planner and MAVProxy.
@@ -127,6 +132,12 @@ struct Integration {
     /// Where the vehicle runs.
     #[arg(long, default_value = "all")]
     target: Target,
+    /// One file of tests, such as `test_ethernet.py`; by default all.
+    #[arg(long, value_name = "NAME")]
+    file: Option<String>,
+    /// How long the tests with a high load take.
+    #[arg(long, value_name = "SECONDS", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=120))]
+    load_seconds: u32,
     /// The Rust toolchain for the firmware; by default the first that works.
     #[arg(long)]
     toolchain: Option<Choice>,
@@ -227,7 +238,9 @@ fn main() -> ExitCode {
             qemu::run(app, port_base, udp, qmp, log.as_deref(), toolchain)
         }
         Task::Pictures(arguments) => pictures::draw(&arguments),
-        Task::Integration(arguments) => integration::run_tests(arguments.target, arguments.toolchain),
+        Task::Integration(Integration { target, file, load_seconds, toolchain }) => {
+            integration::run_tests(&integration::Options { target, file, load_seconds }, toolchain)
+        }
         Task::Faults(arguments) => faults::play(arguments.scenario.as_deref(), arguments.toolchain),
         Task::Jitter(arguments) => jitter::measure(arguments.toolchain),
         Task::Fuzz(Fuzz { targets, seconds, executions, minimise }) => {

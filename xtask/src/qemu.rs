@@ -1,12 +1,12 @@
 //! `cargo qemu`: the demo vehicle on an emulated Cortex-M4.
 
-use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, UdpSocket};
 use std::path::Path;
 use std::process::{ChildStdout, Stdio};
 use std::sync::{Arc, mpsc};
 
 use mavstack_console::{Console, Tlog};
-use mavstack_demo::connect::{HowToConnect, OtherLinks};
+use mavstack_demo::connect::{FurtherStations, HowToConnect, OtherLinks};
 
 use crate::emulator::{self, BOARD, Emulator, Ended};
 use crate::firmware::App;
@@ -16,6 +16,36 @@ use crate::{bridge, firmware, log};
 
 /// Serial ports of the vehicle.
 const PORTS: u16 = 3;
+/// The vehicle's UDP port on its Ethernet.
+const VEHICLE_PORT: u16 = 14_550;
+/// Where the firmware looks for the UDP port of ground stations: `board::station_port`.
+const STATION_PORT: u32 = 0x2103_0000;
+
+/// The transport of the telemetry link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Telemetry {
+    /// UART0 is a TCP port.
+    Tcp,
+    /// Frames from UART0 are sent to this address, and back.
+    Udp(SocketAddr),
+    /// The board's Ethernet. The vehicle broadcasts to this UDP port of this machine.
+    Ethernet(u16),
+}
+
+impl Telemetry {
+    /// Returns the transport for this firmware and the option `--udp`.
+    pub fn new(app: App, udp: Option<SocketAddr>) -> Result<Self> {
+        match udp {
+            None if app.has_network() => Ok(Self::Ethernet(VEHICLE_PORT)),
+            Some(peer) if app.has_network() => match peer.ip() {
+                IpAddr::V4(Ipv4Addr::LOCALHOST) => Ok(Self::Ethernet(peer.port())),
+                other => Err(format!("the emulated Ethernet reaches this machine only: use 127.0.0.1, not {other}")),
+            },
+            None => Ok(Self::Tcp),
+            Some(peer) => Ok(Self::Udp(peer)),
+        }
+    }
+}
 
 /// `cargo qemu`.
 pub fn run(
@@ -26,8 +56,12 @@ pub fn run(
     log: Option<&Path>,
     choice: Option<Choice>,
 ) -> Result {
+    let telemetry = Telemetry::new(app, udp)?;
+    if log.is_some() && app.has_network() {
+        return Err("--log logs the UARTs, but telemetry is on Ethernet: log it in the ground station".to_owned());
+    }
     // A busy port is the most likely mistake, so it is found before the long build.
-    check_ports(port_base, udp.is_some())?;
+    check_ports(port_base, telemetry)?;
     emulator::prepare()?;
     let choice = toolchain::prepare(choice, &[toolchain::TARGET])?;
     let path = firmware::build(choice, app, true)?;
@@ -38,10 +72,16 @@ pub fn run(
     let tlog = log.map(Tlog::create).transpose()?;
     let console = Console::new();
     let stop = stop_signal()?;
-    let (mut emulator, output) = start(&path, port_base, udp, qmp, tlog)?;
+    let (mut emulator, output) = start(&path, port_base, telemetry, qmp, tlog)?;
     println!("QEMU runs the firmware ({}) on {BOARD} (Cortex-M4F). Connect a ground station:\n", app.name());
-    let telemetry = udp.map_or(HowToConnect::Tcp(port_base), HowToConnect::Udp);
-    println!("{telemetry}\n");
+    match telemetry {
+        Telemetry::Tcp => println!("{}\n", HowToConnect::Tcp(port_base)),
+        Telemetry::Udp(peer) => println!("{}\n", HowToConnect::Udp(peer)),
+        Telemetry::Ethernet(station) => {
+            println!("{}\n", HowToConnect::Udp((Ipv4Addr::LOCALHOST, station).into()));
+            println!("{}\n", FurtherStations { port: port_base });
+        }
+    }
     println!("{}\n", OtherLinks { companion: port_base + 1, satellite: port_base + 2 });
     if let Some(port) = qmp {
         println!("The emulator itself: QMP on TCP port {port}.");
@@ -73,8 +113,13 @@ pub fn stop_signal() -> Result<mpsc::Receiver<()>> {
     Ok(receiver)
 }
 
-fn check_ports(base: u16, udp: bool) -> Result {
-    for port in base + u16::from(udp)..base + PORTS {
+fn check_ports(base: u16, telemetry: Telemetry) -> Result {
+    if matches!(telemetry, Telemetry::Ethernet(_))
+        && let Err(error) = UdpSocket::bind((Ipv4Addr::LOCALHOST, base))
+    {
+        return Err(format!("UDP port {base} cannot be used ({error}); take others with --port-base"));
+    }
+    for port in base + u16::from(telemetry != Telemetry::Tcp)..base + PORTS {
         if let Err(error) = TcpListener::bind((Ipv4Addr::LOCALHOST, port)) {
             return Err(format!("TCP port {port} cannot be used ({error}); take others with --port-base"));
         }
@@ -87,7 +132,7 @@ fn check_ports(base: u16, udp: bool) -> Result {
 pub fn start(
     elf: &Path,
     port_base: u16,
-    udp: Option<SocketAddr>,
+    telemetry: Telemetry,
     qmp: Option<u16>,
     tlog: Option<Arc<Tlog>>,
 ) -> Result<(Emulator, ChildStdout)> {
@@ -101,8 +146,12 @@ pub fn start(
             let called = format!("tcp:{}", listener.local_addr().map_err(failed)?);
             Result::Ok((listener, called))
         };
-        let serial = match (udp, &tlog) {
-            (Some(peer), _) if uart == 0 => {
+        let serial = match (telemetry, &tlog) {
+            (Telemetry::Ethernet(_), _) if uart == 0 => {
+                command.args(["-serial", "null"]);
+                continue;
+            }
+            (Telemetry::Udp(peer), _) if uart == 0 => {
                 let (listener, called) = between()?;
                 bridge::start_udp(listener, peer, tlog.clone())?;
                 called
@@ -117,6 +166,11 @@ pub fn start(
         };
         // Without `nodelay` the emulator's single bytes wait for acknowledgements, 40 ms each.
         command.args(["-serial", &format!("{serial},nodelay=on")]);
+    }
+    if let Telemetry::Ethernet(station) = telemetry {
+        // The forwarded port is bound to the loopback interface. The vehicle sends from it, too, so nothing leaves this machine.
+        command.args(["-nic", &format!("user,hostfwd=udp:127.0.0.1:{port_base}-:{VEHICLE_PORT}")]);
+        command.args(["-device", &format!("loader,addr={STATION_PORT:#x},data={station},data-len=4")]);
     }
     if let Some(port) = qmp {
         command.args(["-qmp", &format!("tcp:127.0.0.1:{port},server=on,wait=off")]);

@@ -4,7 +4,7 @@ use core::ops::DerefMut;
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
-use mavstack::config::{Identity, LinkClass, StreamProfile, VehicleAddress};
+use mavstack::config::{Identity, LinkClass, PollBudget, StreamProfile, VehicleAddress};
 use mavstack::dialect::MavProtocolCapability;
 use mavstack::network::LinkError;
 use mavstack::signing::LinkSigning;
@@ -21,8 +21,17 @@ pub const TELEMETRY: LinkId = LinkId(0);
 pub const COMPANION: LinkId = LinkId(1);
 /// The link to a satellite modem: slow and expensive.
 pub const SATELLITE: LinkId = LinkId(2);
+/// The number of serial ports: one for each of the links above.
+pub const PORTS: usize = 3;
+/// With a network, the first of the links for further ground stations.
+#[cfg(feature = "network")]
+const FIRST_STATION: u8 = PORTS as u8;
+/// The links of the ground stations on a network. The first is [`TELEMETRY`], whose UART is then unused.
+#[cfg(feature = "network")]
+pub const STATIONS: [LinkId; 4] =
+    [TELEMETRY, LinkId(FIRST_STATION), LinkId(FIRST_STATION + 1), LinkId(FIRST_STATION + 2)];
 /// The number of links.
-pub const LINKS: usize = 3;
+pub const LINKS: usize = PORTS + if cfg!(feature = "network") { 3 } else { 0 };
 
 /// Maximum number of mission items, at 32 bytes each. A microcontroller has less memory for plans than a host.
 pub const MISSION: usize = if cfg!(target_os = "none") { 250 } else { 1000 };
@@ -66,7 +75,14 @@ mavstack::stack! {
 /// The flight loop of a firmware ticks it; heartbeats stop when the ticks stop.
 static PULSE: Pulse = Pulse::new();
 
-const CONFIG: Config = Config { identity: IDENTITY, ..Config::new(Address::new(1, COMPONENT), &PULSE) };
+const CONFIG: Config = Config { identity: IDENTITY, budget: BUDGET, ..Config::new(Address::new(1, COMPONENT), &PULSE) };
+
+/// The budget of each link per poll. A network brings frames faster than the UARTs: up to 4 Mbit/s, at a poll each millisecond.
+const BUDGET: PollBudget = if cfg!(feature = "network") {
+    PollBudget::for_line(4_000_000, Duration::from_millis(1))
+} else {
+    PollBudget::DEFAULT
+};
 
 /// The vehicle's component id. Its system id is a parameter.
 const COMPONENT: u8 = 1;
@@ -88,11 +104,21 @@ const IDENTITY: Identity = Identity {
 /// Once a signing key is set, frames must be signed on both radio links. The companion link stays open to unsigned frames,
 /// and only it accepts a key.
 const LINK_CONFIGS: [LinkConfig; LINKS] = [
-    LinkConfig::uart(115_200).with_signing(LinkSigning::SIGNED),
+    TELEMETRY_CONFIG,
     LinkConfig::uart(921_600).with_streams(StreamProfile::Onboard).with_signing(LinkSigning::OPEN.with_provisioning()),
     // MAVLink 1 would save one credit per report. But it cannot carry MAVLink 2 frames of other components, or signatures.
     LinkConfig::uart(2_400).with_class(LinkClass::HighLatency).with_signing(LinkSigning::SIGNED),
+    #[cfg(feature = "network")]
+    TELEMETRY_CONFIG,
+    #[cfg(feature = "network")]
+    TELEMETRY_CONFIG,
+    #[cfg(feature = "network")]
+    TELEMETRY_CONFIG,
 ];
+
+/// On a network, each station may have 100 kB/s. That bounds the cost of lists and transfers; the network could carry more.
+const TELEMETRY_CONFIG: LinkConfig =
+    LinkConfig::uart(if cfg!(feature = "network") { 1_000_000 } else { 115_200 }).with_signing(LinkSigning::SIGNED);
 
 /// The vehicle and its stack, to which `S` points.
 #[derive(Debug)]

@@ -25,6 +25,27 @@ impl fmt::Display for OtherLinks {
     }
 }
 
+/// Prints how further ground stations connect to a vehicle on a network: the first one hears the vehicle by itself.
+#[derive(Clone, Copy, Debug)]
+pub struct FurtherStations {
+    /// The vehicle's UDP port on this machine.
+    pub port: u16,
+}
+
+impl fmt::Display for FurtherStations {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { port } = self;
+        write!(
+            f,
+            "The vehicle listens on UDP port {port}, and serves four ground stations. Further ones call it:\n    \
+                 QGroundControl   Application Settings > Comm Links > Add: UDP, server 127.0.0.1:{port}\n    \
+                 MAVProxy         mavproxy.py --master=udpout:127.0.0.1:{port}\n    \
+                 MAVSDK           udpout://127.0.0.1:{port}\n    \
+                 pymavlink        mavutil.mavlink_connection('udpout:127.0.0.1:{port}')"
+        )
+    }
+}
+
 /// Prints the ways to connect to the telemetry link.
 #[derive(Clone, Copy, Debug)]
 pub enum HowToConnect {

@@ -19,7 +19,9 @@ mod telemetry;
 mod tuning;
 mod vehicle;
 
-pub use app::{App, COMPANION, FENCE, LINKS, MISSION, Mavlink, RALLY, SATELLITE, TELEMETRY};
+#[cfg(feature = "network")]
+pub use app::STATIONS;
+pub use app::{App, COMPANION, FENCE, LINKS, MISSION, Mavlink, PORTS, RALLY, SATELLITE, TELEMETRY};
 pub use battery::Battery;
 pub use body::Vector;
 pub use status::Status;

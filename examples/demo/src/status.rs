@@ -5,7 +5,7 @@ use mavstack::dialect::MissionState;
 use mavstack::{Instant, LinkId, Plans, Progress};
 use serde::{Deserialize, Serialize};
 
-use crate::app::{LINKS, Mavlink, SATELLITE};
+use crate::app::{LINKS, Mavlink, PORTS, SATELLITE, TELEMETRY};
 use crate::vehicle::{Mode, Quadrotor};
 
 /// The number of peers that are shown: the capacity of the stack's peer table.
@@ -25,8 +25,8 @@ pub struct Status {
     pub mode: Mode,
     /// The mission and its progress.
     pub mission: Mission,
-    /// The links, in order of their ids.
-    pub links: [LinkStatus; LINKS],
+    /// The links, in order of their ids. Those of further stations on a network count with telemetry.
+    pub links: [LinkStatus; PORTS],
     /// The peers that are connected. Empty slots are at the end.
     pub peers: [Option<PeerStatus>; PEERS],
     /// Drops on all links, by the reasons in [`LINK_DROPS`].
@@ -104,15 +104,17 @@ impl Status {
             is_armed: vehicle.is_armed(),
             mode: vehicle.mode(),
             mission: Mission::of(stack, vehicle),
-            links: [LinkStatus::default(); LINKS],
+            links: [LinkStatus::default(); PORTS],
             peers: [None; PEERS],
             link_drops: [0; LINK_DROPS.len()],
             other_drops: [0; OTHER_DROPS.len()],
         };
-        for (link, slot) in (0..).map(LinkId).zip(&mut status.links) {
+        for link in (0..).map(LinkId).take(LINKS) {
             let (Some(rx), Some(port)) = (stack.rx_counters(link), stack.link_counters(link)) else { continue };
+            let Some(slot) = status.links.get_mut(usize::from(shown(link).0)) else { continue };
             let forward = stack.forward_counters(link).unwrap_or_default();
-            *slot = LinkStatus { received: rx.frames.wrapping_add(rx.unchecked), sent: port.tx_frames };
+            slot.received = slot.received.wrapping_add(rx.frames).wrapping_add(rx.unchecked);
+            slot.sent = slot.sent.wrapping_add(port.tx_frames);
             let drops = [
                 rx.checksum,
                 rx.length,
@@ -152,7 +154,7 @@ impl Status {
         // The satellite link carries no heartbeats.
         let connected = stack.peers().iter().filter(|info| info.is_alive || info.peer.link == SATELLITE);
         for (slot, info) in status.peers.iter_mut().zip(connected) {
-            let (LinkId(link), address) = (info.peer.link, info.peer.address);
+            let (LinkId(link), address) = (shown(info.peer.link), info.peer.address);
             *slot = Some(PeerStatus { link, system: address.system.0, component: address.component.0 });
         }
         status
@@ -176,6 +178,11 @@ impl Status {
         }
         postcard::from_bytes(&bytes).ok()
     }
+}
+
+/// Returns the link with which `link` is shown.
+fn shown(link: LinkId) -> LinkId {
+    if usize::from(link.0) < PORTS { link } else { TELEMETRY }
 }
 
 impl Mission {
@@ -205,7 +212,7 @@ mod tests {
             is_armed: true,
             mode: Mode::Land,
             mission: Mission { current: u16::MAX, count: u16::MAX, state: 5 },
-            links: [LinkStatus { received: u32::MAX, sent: u32::MAX - 1 }; LINKS],
+            links: [LinkStatus { received: u32::MAX, sent: u32::MAX - 1 }; PORTS],
             peers: [Some(PeerStatus { link: 2, system: 255, component: 190 }); PEERS],
             link_drops: [u32::MAX; LINK_DROPS.len()],
             other_drops: [u32::MAX; OTHER_DROPS.len()],

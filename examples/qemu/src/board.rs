@@ -1,5 +1,5 @@
 //! The parts of the board mps2-an386 that the firmware uses: three UARTs, a clock, an alarm. The flash is in
-//! [`flash`](crate::flash).
+//! [`flash`](crate::flash), the Ethernet controller in `lan9118`.
 #![allow(unsafe_code, reason = "registers of the board, and its interrupts")]
 
 use core::cell::Cell;
@@ -10,6 +10,8 @@ use mavstack::Instant;
 
 use crate::device::Interrupt;
 use crate::flash::PsramFlash;
+#[cfg(feature = "network")]
+use crate::lan9118::Lan9118;
 
 /// Clock of the processor and the peripherals (Hz).
 pub const CLOCK_HZ: u32 = 25_000_000;
@@ -201,6 +203,14 @@ pub fn ticks() -> u32 {
     !clock.read(Timer::VALUE)
 }
 
+/// The UDP port of ground stations: the word behind the flash, in which the emulator may put another one; by default 14550.
+#[cfg(feature = "network")]
+pub fn station_port() -> u16 {
+    // SAFETY: PSRAM that nothing else uses. It is zero unless the emulator wrote it before the start.
+    let port = unsafe { Registers::at(crate::flash::BEHIND) }.read(0);
+    u16::try_from(port).ok().filter(|&port| port > 0).unwrap_or(14_550)
+}
+
 /// An alarm, which raises [`Interrupt::TIMER1`].
 pub struct Alarm(Timer);
 
@@ -234,6 +244,9 @@ pub struct Board {
     pub alarm: Alarm,
     /// The three partitions of the flash.
     pub flash: PsramFlash,
+    /// The Ethernet controller.
+    #[cfg(feature = "network")]
+    pub ethernet: Lan9118,
 }
 
 impl Board {
@@ -252,7 +265,14 @@ impl Board {
         free(|cs| CLOCK.borrow(cs).set(Some(Clock::start(clock))));
         #[cfg(feature = "defmt")]
         defmt::info!("the vehicle boots");
-        Some(Self { uarts, alarm: Alarm(alarm), flash: PsramFlash::new() })
+        Some(Self {
+            uarts,
+            alarm: Alarm(alarm),
+            flash: PsramFlash::new(),
+            // SAFETY: as above.
+            #[cfg(feature = "network")]
+            ethernet: unsafe { Lan9118::at(0x4020_0000) },
+        })
     }
 
     /// Resets the processor and the board. The flash keeps its contents.

@@ -38,6 +38,9 @@ impl Interrupt {
     pub const TIMER0: Self = Self(8);
     /// Timer 1 has reached zero.
     pub const TIMER1: Self = Self(9);
+    /// The Ethernet controller has received a frame.
+    #[cfg(feature = "network")]
+    pub const ETHERNET: Self = Self(13);
 }
 
 // SAFETY: each value is the constant number of one of the board's interrupts.
@@ -56,10 +59,20 @@ unsafe extern "C" {
     fn GPIO1();
     fn TIMER0();
     fn TIMER1();
+    #[cfg(feature = "network")]
+    fn ETHERNET();
 }
 
 /// The vector table of the interrupts.
+#[cfg(not(feature = "network"))]
 #[unsafe(link_section = ".vector_table.interrupts")]
 #[unsafe(no_mangle)]
 static __INTERRUPTS: [unsafe extern "C" fn(); 10] =
     [UART0, UART0, UART1, UART1, UART2, UART2, GPIO0, GPIO1, TIMER0, TIMER1];
+
+/// The same up to the interrupt of the Ethernet controller. The interrupts in between are never enabled.
+#[cfg(feature = "network")]
+#[unsafe(link_section = ".vector_table.interrupts")]
+#[unsafe(no_mangle)]
+static __INTERRUPTS: [unsafe extern "C" fn(); 14] =
+    [UART0, UART0, UART1, UART1, UART2, UART2, GPIO0, GPIO1, TIMER0, TIMER1, ETHERNET, ETHERNET, ETHERNET, ETHERNET];

@@ -9,6 +9,10 @@ use embedded_storage::nor_flash::{
 /// Start of the PSRAM. Nothing else uses it: `memory.x` does not contain it.
 const BASE: usize = 0x2100_0000;
 
+/// The first address behind the flash.
+#[cfg(feature = "network")]
+pub(crate) const BEHIND: usize = BASE + PsramFlash::LEN as usize;
+
 /// The flash: 192 KiB in erase units of 4 KiB, written in words, like serial NOR or internal flash.
 pub struct PsramFlash(());
 

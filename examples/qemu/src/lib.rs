@@ -12,6 +12,8 @@
 //! | storage runs | in the loop, which waits | in a task of the lowest priority | in a task of the lowest priority |
 //! | when flight hangs | silence | heartbeats stop, the rest continues | heartbeats stop, the rest continues |
 //!
+//! `ethernet` and `ethernet-embassy` are the first and the third with a network: telemetry over UDP, on the board's Ethernet.
+//!
 //! Heartbeats depend on the pulse, and only flight ticks it. They stop when flight hangs, even if comms still runs.
 #![no_std]
 
@@ -20,10 +22,14 @@ pub mod device;
 pub mod flash;
 #[cfg(feature = "faults")]
 pub mod jitter;
+#[cfg(feature = "network")]
+pub mod lan9118;
 pub mod line;
 #[cfg(all(feature = "defmt", not(feature = "panic-never")))]
 mod log;
 pub mod memory;
+#[cfg(feature = "network")]
+pub mod network;
 pub mod polled;
 #[cfg(all(feature = "faults", not(any(feature = "defmt", feature = "panic-never"))))]
 mod report;

@@ -8,7 +8,7 @@ use mavstack::network::LinkError;
 use mavstack::wpl::HomeRow;
 use mavstack::{Instant, LinkId, Pulse};
 use mavstack_console::{Console, Tlog};
-use mavstack_demo::{App, COMPANION, LINKS, Mavlink, SATELLITE, TELEMETRY};
+use mavstack_demo::{App, COMPANION, Mavlink, PORTS, SATELLITE, TELEMETRY};
 
 use crate::flash::FileFlash;
 use crate::tcp::Port;
@@ -42,7 +42,7 @@ pub struct Links {
 impl Links {
     /// Opens the ports of the vehicle with this index.
     pub fn open(arguments: &Arguments, index: u8, console: &Console) -> Result<Self, String> {
-        const { assert!(LINKS == 3) };
+        const { assert!(PORTS == 3) };
         let base = arguments.port(index).ok_or("there are no ports beyond 65535")?;
         let open = |port| Port::open(port, console.clone());
         let telemetry = match arguments.udp {

@@ -18,11 +18,15 @@ pub enum App {
     Rtic,
     /// Embassy: flight above comms, which awaits.
     Embassy,
+    /// As `loop`, with telemetry over UDP on the board's Ethernet, by smoltcp.
+    Ethernet,
+    /// As `embassy`, with telemetry over UDP on the board's Ethernet, by embassy-net.
+    EthernetEmbassy,
 }
 
 impl App {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Loop, Self::Rtic, Self::Embassy];
+    pub const ALL: [Self; 5] = [Self::Loop, Self::Rtic, Self::Embassy, Self::Ethernet, Self::EthernetEmbassy];
 
     /// Returns the name of its program, which is also its name on the command line.
     pub fn name(self) -> &'static str {
@@ -30,7 +34,14 @@ impl App {
             Self::Loop => "loop",
             Self::Rtic => "rtic",
             Self::Embassy => "embassy",
+            Self::Ethernet => "ethernet",
+            Self::EthernetEmbassy => "ethernet-embassy",
         }
+    }
+
+    /// Whether telemetry is on the board's Ethernet, in place of UART0.
+    pub fn has_network(self) -> bool {
+        matches!(self, Self::Ethernet | Self::EthernetEmbassy)
     }
 }
 
@@ -76,8 +87,10 @@ pub struct Size {
 /// Builds the demo vehicle's firmware, with or without its log, and returns its path.
 pub fn build(choice: Choice, app: App, log: bool) -> Result<PathBuf> {
     let features: &[&str] = if log { &[] } else { &["--no-default-features"] };
+    let network: &[&str] = if app.has_network() { &["--features", "network"] } else { &[] };
     let mut command = toolchain::cargo_build(choice, TARGET);
-    run(command.args(["--package", PACKAGE, "--profile", "firmware", "--bin", app.name()]).args(features))?;
+    command.args(["--package", PACKAGE, "--profile", "firmware", "--bin", app.name()]).args(features).args(network);
+    run(&mut command)?;
     Ok(toolchain::build_dir(choice).join(TARGET).join("firmware").join(app.name()))
 }
 

@@ -31,7 +31,7 @@ const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
 }
 
 /// All steps, short ones first.
-const STEPS: [Step; 26] = [
+const STEPS: [Step; 27] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
@@ -48,6 +48,11 @@ const STEPS: [Step; 26] = [
         &["test", "--release", "--package", "mavstack-sitl", "--test", "fleet", "--", "--ignored", "--nocapture"],
     ),
     step("boards", "the boards' firmwares; two run in QEMU under pymavlink", &["xtask", "boards", "--run"]),
+    step(
+        "ethernet",
+        "1,000 frames a second in each direction for a minute, over smoltcp and embassy-net in QEMU",
+        &["xtask", "integration", "--target", "qemu", "--file", "test_ethernet.py", "--load-seconds", "60"],
+    ),
     step(
         "storage-cuts",
         "a power cut at every byte of a save, second cuts at every write unit, and 100,000 saves",

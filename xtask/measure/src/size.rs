@@ -106,10 +106,12 @@ const ROWS: [Row; 7] = [
 ];
 
 /// The demo vehicle's firmwares, whole: the begin of the figures' keys, name, framework, and whether with log.
-const DEMOS: [(&str, &str, App, bool); 4] = [
+const DEMOS: [(&str, &str, App, bool); 6] = [
     ("demo", "the demo vehicle, without its log", App::Loop, false),
     ("demo-rtic", "the same with RTIC", App::Rtic, false),
     ("demo-embassy", "the same with Embassy", App::Embassy, false),
+    ("demo-ethernet", "the demo vehicle with UDP by smoltcp, without its log", App::Ethernet, false),
+    ("demo-ethernet-embassy", "the same with UDP by embassy-net, in Embassy", App::EthernetEmbassy, false),
     ("demo-log", "the demo vehicle", App::Loop, true),
 ];
 

@@ -1,0 +1,323 @@
+//! Links over UDP, for any network stack: each ground station that sends to a socket gets a link of its own.
+//!
+//! It implements what MAVLink's guide says of UDP: a vehicle broadcasts until a station answers, and then sends to the address
+//! and port from which the station sends. It leaves out the network itself: a [`DatagramSocket`] connects it to smoltcp,
+//! embassy-net, or `std`.
+
+use crate::frame::{STX_V1, STX_V2, cost_of_sending};
+use crate::stack::{Declares, Stack};
+use crate::time::{Duration, Instant};
+use crate::types::{Allowance, LinkId};
+
+/// The longest datagram that is received, in bytes: what fits an Ethernet frame over IPv4. A station may put several frames into one.
+pub const MAX_DATAGRAM_LEN: usize = 1_472;
+
+/// The cost of a received datagram besides its bytes: the headers of IPv4 and UDP, in bytes.
+const HEADERS_LEN: usize = 28;
+
+/// A UDP socket, bound to the vehicle's port, whose calls never wait.
+pub trait DatagramSocket {
+    /// An address and a port.
+    type Endpoint: Copy + PartialEq;
+
+    /// Removes the oldest received datagram and copies it into `buffer`, which is [`MAX_DATAGRAM_LEN`] bytes long. Returns
+    /// its length and its sender; `None` if no datagram was received. Discards a longer one: return the length 0.
+    fn receive(&mut self, buffer: &mut [u8]) -> Option<(usize, Self::Endpoint)>;
+
+    /// Whether the socket accepts a datagram of [`MAX_FRAME_LEN`](crate::frame::MAX_FRAME_LEN) bytes. It must not depend on
+    /// calls of [`receive`](Self::receive): while it returns false, nothing is received.
+    fn is_ready(&mut self) -> bool;
+
+    /// Sends a datagram, which is one frame. Returns whether it was accepted. If not, the frame is lost, and counted in
+    /// [`write_errors`](crate::network::LinkCounters::write_errors).
+    fn send(&mut self, datagram: &[u8], to: Self::Endpoint) -> bool;
+}
+
+/// A ground station behind a link.
+#[derive(Clone, Copy, Debug)]
+struct Station<E> {
+    endpoint: E,
+    heard: Instant,
+}
+
+/// The links of a UDP socket, and which station each belongs to. `E` is the [endpoint](DatagramSocket::Endpoint) of the socket.
+///
+/// [`Stack::poll_udp`] moves datagrams between a socket and the links:
+///
+/// ```
+/// # use mavstack::*;
+/// # struct Rover;
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
+/// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
+/// #     }
+/// # }
+/// # stack! { struct Mavlink for Rover { links: 3 } }
+/// use std::net::{SocketAddr, UdpSocket};
+///
+/// use mavstack::io::{DatagramSocket, UdpLinks};
+///
+/// /// A socket that is bound, permits broadcasts, and does not block.
+/// struct Socket(UdpSocket);
+///
+/// impl DatagramSocket for Socket {
+///     type Endpoint = SocketAddr;
+///
+///     fn receive(&mut self, buffer: &mut [u8]) -> Option<(usize, SocketAddr)> {
+///         self.0.recv_from(buffer).ok()
+///     }
+///
+///     fn is_ready(&mut self) -> bool {
+///         true
+///     }
+///
+///     fn send(&mut self, datagram: &[u8], to: SocketAddr) -> bool {
+///         self.0.send_to(datagram, to).is_ok()
+///     }
+/// }
+///
+/// /// One pass of the loop, after `stack.poll`. Link 0 is a UART; links 1 and 2 belong to the socket.
+/// fn pass(
+///     now: Instant,
+///     stack: &mut Mavlink,
+///     rover: &mut Rover,
+///     udp: &mut UdpLinks<SocketAddr, 2>,
+///     socket: &mut Socket,
+/// ) {
+///     stack.poll_udp(now, udp, socket, rover);
+/// }
+///
+/// let mut udp: UdpLinks<SocketAddr, 2> = UdpLinks::new([LinkId(1), LinkId(2)]);
+/// udp.set_broadcast(Some("192.168.1.255:14550".parse().unwrap()));
+/// # let _ = pass;
+/// ```
+///
+/// # Stations
+///
+/// The first datagram of a station takes a free link and [restarts](Stack::restart_link) it. From then on the link sends to
+/// the address and port of that station, one frame a datagram. After
+/// [`peer_timeout`](crate::Config::peer_timeout) without a datagram the link is free again.
+///
+/// With a link for each, stations share nothing: two copies of QGroundControl have the same ids, and still each transfer is
+/// answered on its own link. Stations hear each other if the stack declares `forwarding`.
+///
+/// | | |
+/// |---|---|
+/// | no station is known | the first link's HEARTBEATs are broadcast, nothing else |
+/// | a link is free | its other frames are discarded, so no text waits for a station that never comes |
+/// | all links are taken | datagrams of further stations are dropped, and [counted](Self::refused) |
+/// | a datagram does not begin with a frame | it is dropped and counted; its sender takes no link |
+///
+/// Stream intervals belong to the link: the next station finds those that the last one has set.
+pub struct UdpLinks<E, const N: usize> {
+    links: [LinkId; N],
+    stations: [Option<Station<E>>; N],
+    broadcast: Option<E>,
+    refused: u32,
+    /// The last datagram. The stack has not taken `datagram[begin..end]`, which belongs to the station with index `of`.
+    datagram: [u8; MAX_DATAGRAM_LEN],
+    begin: usize,
+    end: usize,
+    of: usize,
+}
+
+impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
+    /// Returns the links of a socket, without a station: at most `N` stations are served at the same time. The links are
+    /// those of the stack with these numbers, and nothing else may use them. Nothing is broadcast.
+    pub const fn new(links: [LinkId; N]) -> Self {
+        const { assert!(N > 0, "a socket needs a link for each station: `UdpLinks::new([LinkId(0)])`") };
+        Self {
+            links,
+            stations: [None; N],
+            broadcast: None,
+            refused: 0,
+            datagram: [0; MAX_DATAGRAM_LEN],
+            begin: 0,
+            end: 0,
+            of: 0,
+        }
+    }
+
+    /// Sets where HEARTBEATs are sent while no station is known: the broadcast address of the subnet, and the port of ground
+    /// stations, 14550. Call it whenever the vehicle's address changes. `None` sends nothing.
+    pub const fn set_broadcast(&mut self, to: Option<E>) {
+        self.broadcast = to;
+    }
+
+    /// Returns the stations, each with its link.
+    pub fn stations(&self) -> impl Iterator<Item = (LinkId, E)> {
+        let stations = self.links.iter().zip(&self.stations);
+        stations.filter_map(|(link, station)| station.map(|station| (*link, station.endpoint)))
+    }
+
+    /// Returns the links of the socket.
+    pub const fn links(&self) -> &[LinkId; N] {
+        &self.links
+    }
+
+    /// Returns the number of datagrams that were dropped, because all links were taken or they did not begin with a frame. Wraps.
+    pub const fn refused(&self) -> u32 {
+        self.refused
+    }
+
+    /// Frees the links of stations that were silent for `timeout`.
+    fn forget_silent(&mut self, now: Instant, timeout: Duration) {
+        for station in &mut self.stations {
+            if station.is_some_and(|station| now.since(station.heard) >= timeout) {
+                *station = None;
+            }
+        }
+    }
+
+    /// Assigns the received datagram to the station that sent it, or drops it. Returns the link if the station is new.
+    fn take(&mut self, now: Instant, len: usize, from: E) -> Option<LinkId> {
+        (self.begin, self.end) = (0, 0);
+        let known = self.stations.iter().position(|station| station.is_some_and(|station| station.endpoint == from));
+        let is_frame = len > 0 && matches!(self.datagram, [STX_V1 | STX_V2, ..]);
+        let free = || self.stations.iter().position(Option::is_none);
+        let index = known.or_else(free).filter(|_| is_frame && len <= MAX_DATAGRAM_LEN);
+        let Some((of, station)) = index.and_then(|index| Some((index, self.stations.get_mut(index)?))) else {
+            self.refused = self.refused.wrapping_add(1);
+            return None;
+        };
+        *station = Some(Station { endpoint: from, heard: now });
+        (self.of, self.end) = (of, len);
+        if known.is_some() { None } else { self.links.get(of).copied() }
+    }
+
+    /// Returns where the station with this index gets `frame`; `None` if nobody gets it.
+    fn destination(&self, index: usize, frame: &[u8]) -> Option<E> {
+        match self.stations.get(index)? {
+            Some(station) => Some(station.endpoint),
+            None if index == 0 && is_heartbeat(frame) && self.stations.iter().all(Option::is_none) => self.broadcast,
+            None => None,
+        }
+    }
+
+    fn rest(&self) -> &[u8] {
+        self.datagram.get(self.begin..self.end).unwrap_or_default()
+    }
+}
+
+/// Omits the received bytes: a key may be among them (SEC-15).
+impl<E: Copy + PartialEq + core::fmt::Debug, const N: usize> core::fmt::Debug for UdpLinks<E, N> {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let Self { links, stations, broadcast, .. } = self;
+        let mut debug = f.debug_struct("UdpLinks");
+        debug.field("links", links).field("stations", stations).field("broadcast", broadcast).finish_non_exhaustive()
+    }
+}
+
+/// Whether a frame is a HEARTBEAT: message id 0, in either version.
+const fn is_heartbeat(frame: &[u8]) -> bool {
+    matches!(frame, [STX_V2, _, _, _, _, _, _, 0, 0, 0, ..] | [STX_V1, _, _, _, _, 0, ..])
+}
+
+/// What is left of a link's budget in one poll.
+struct Left {
+    allowance: Allowance,
+    tx_bytes: usize,
+}
+
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
+    /// Moves datagrams between the links of `udp` and their socket: receives, handles the received frames, and sends, one frame
+    /// a datagram. It replaces [`poll_link`](Self::poll_link) for these links. It never waits.
+    ///
+    /// Each datagram is answered before the next one is received, and none is received while the socket accepts none. Each link
+    /// has the [budget](crate::Config::budget) of one `poll_link`. One call receives at most `rx_bytes` on all links, plus one
+    /// datagram, and counts 28 bytes for the headers of each. Frames that exceed the budget of their link stay pending, in the
+    /// link and in the socket.
+    pub fn poll_udp<S: DatagramSocket, const N: usize>(
+        &mut self,
+        now: Instant,
+        udp: &mut UdpLinks<S::Endpoint, N>,
+        socket: &mut S,
+        vehicle: &mut D::Vehicle,
+    ) {
+        udp.forget_silent(now, self.config().peer_timeout);
+        let budget = self.config().budget;
+        let mut left = [(); N].map(|()| Left { allowance: budget.allowance(), tx_bytes: length(budget.tx_bytes) });
+        // Frames of earlier polls, which wait for budget or for silence.
+        for (link, left) in udp.links.into_iter().zip(&mut left) {
+            self.receive_within(now, link, &[], vehicle, &mut left.allowance);
+        }
+        self.receive_datagrams(now, udp, socket, vehicle, &mut left);
+        for (index, left) in left.iter_mut().enumerate() {
+            self.send_datagrams(now, (udp, index), socket, vehicle, left);
+        }
+    }
+
+    fn receive_datagrams<S: DatagramSocket, const N: usize>(
+        &mut self,
+        now: Instant,
+        udp: &mut UdpLinks<S::Endpoint, N>,
+        socket: &mut S,
+        vehicle: &mut D::Vehicle,
+        left: &mut [Left; N],
+    ) {
+        let mut rx_bytes = length(self.config().budget.rx_bytes);
+        // The next requests need the memory for the answers to the last ones.
+        while socket.is_ready() {
+            if udp.begin >= udp.end {
+                if rx_bytes == 0 {
+                    return;
+                }
+                let Some((len, from)) = socket.receive(&mut udp.datagram) else { return };
+                rx_bytes = rx_bytes.saturating_sub(len.saturating_add(HEADERS_LEN));
+                if let Some(link) = udp.take(now, len, from) {
+                    self.restart_link(link);
+                }
+            }
+            let (index, rest) = (udp.of, udp.rest());
+            let (Some(&link), Some(left)) = (udp.links.get(index), left.get_mut(index)) else { return };
+            if !rest.is_empty() {
+                let taken = self.receive_within(now, link, rest, vehicle, &mut left.allowance);
+                // A link that the stack lacks takes nothing: drop the datagram.
+                let exists = self.counters_mut(link).is_some();
+                udp.begin = if exists { udp.begin.saturating_add(taken) } else { udp.end };
+                if !self.send_datagrams(now, (udp, index), socket, vehicle, left) || udp.begin < udp.end {
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Returns whether nothing is left to send.
+    fn send_datagrams<S: DatagramSocket, const N: usize>(
+        &mut self,
+        now: Instant,
+        (udp, index): (&UdpLinks<S::Endpoint, N>, usize),
+        socket: &mut S,
+        vehicle: &mut D::Vehicle,
+        left: &mut Left,
+    ) -> bool {
+        let Some(&link) = udp.links.get(index) else { return true };
+        while left.tx_bytes > 0 && left.allowance.may_send() {
+            // The socket is asked first: a frame is not made before it can be sent (H-5).
+            let is_ready = socket.is_ready();
+            self.note_transport(link, is_ready);
+            if !is_ready {
+                return false;
+            }
+            let frame = self.transmit(now, link, vehicle);
+            if frame.is_empty() {
+                return true;
+            }
+            let len = frame.len();
+            left.allowance.send(cost_of_sending(frame));
+            let is_lost = udp.destination(index, frame).is_some_and(|to| !socket.send(frame, to));
+            self.transmitted(link, len);
+            left.tx_bytes = left.tx_bytes.saturating_sub(len);
+            if is_lost && let Some(counters) = self.counters_mut(link) {
+                counters.write_errors = counters.write_errors.wrapping_add(1);
+            }
+        }
+        false
+    }
+}
+
+/// Converts a number of bytes.
+fn length(bytes: u32) -> usize {
+    usize::try_from(bytes).unwrap_or(usize::MAX)
+}

@@ -1,0 +1,357 @@
+//! Links over UDP: which station gets what. The socket is simulated. Rules D-2, H-1, H-5, M-11, SEC-2, SEC-15.
+
+use crate::support::*;
+use mavstack::__private::NoPlans;
+use mavstack::config::PollBudget;
+use mavstack::dialect::*;
+use mavstack::frame::{Decoder, Version, encode};
+use mavstack::io::{DatagramSocket, MAX_DATAGRAM_LEN, UdpLinks};
+use mavstack::message::Dialect;
+use mavstack::{Config, Instant, LinkConfig, LinkId, Message, Pulse, Stack};
+use std::collections::VecDeque;
+
+/// A station's address and port.
+type Endpoint = u16;
+const BROADCAST: Endpoint = 0;
+const A: Endpoint = 1;
+const B: Endpoint = 2;
+const C: Endpoint = 3;
+
+/// A socket that accepts `room` datagrams, and loses those to `dead`.
+#[derive(Default)]
+struct Socket {
+    received: VecDeque<(Endpoint, Vec<u8>)>,
+    sent: Vec<(Endpoint, Vec<u8>)>,
+    room: Option<usize>,
+    dead: Option<Endpoint>,
+}
+
+impl DatagramSocket for Socket {
+    type Endpoint = Endpoint;
+
+    fn receive(&mut self, buffer: &mut [u8]) -> Option<(usize, Endpoint)> {
+        assert_eq!(buffer.len(), MAX_DATAGRAM_LEN);
+        let (from, datagram) = self.received.pop_front()?;
+        buffer[..datagram.len()].copy_from_slice(&datagram);
+        Some((datagram.len(), from))
+    }
+
+    fn is_ready(&mut self) -> bool {
+        self.room != Some(0)
+    }
+
+    fn send(&mut self, datagram: &[u8], to: Endpoint) -> bool {
+        assert!(self.is_ready(), "a datagram that the socket does not accept");
+        self.room = self.room.map(|room| room - 1);
+        self.sent.push((to, datagram.to_vec()));
+        self.dead != Some(to)
+    }
+}
+
+/// A vehicle whose links 1 and 2 are those of a socket. Link 0 is a UART that is not connected.
+struct Lab {
+    stack: Box<Stack<Tested<NoPlans, 8>, 3>>,
+    vehicle: TestVehicle,
+    udp: UdpLinks<Endpoint, 2>,
+    socket: Socket,
+    pulse: &'static Pulse,
+    flies: bool,
+    now: Instant,
+    seq: u8,
+}
+
+const LINKS: [LinkId; 2] = [LinkId(1), LinkId(2)];
+
+fn long(command: MavCmd) -> CommandLong {
+    CommandLong { target_system: 1, target_component: 1, command, ..Default::default() }
+}
+
+impl Lab {
+    fn new() -> Self {
+        Self::with(|_| ())
+    }
+
+    fn with(change: impl FnOnce(&mut Config)) -> Self {
+        let pulse = Box::leak(Box::new(Pulse::new()));
+        let mut config = Config::new(VEHICLE, pulse);
+        change(&mut config);
+        let mut udp = UdpLinks::new(LINKS);
+        udp.set_broadcast(Some(BROADCAST));
+        Self {
+            stack: begun(config, [LinkConfig::uart(1_000_000); 3]),
+            vehicle: TestVehicle::new(),
+            udp,
+            socket: Socket::default(),
+            pulse,
+            flies: true,
+            now: Instant::ZERO,
+            seq: 0,
+        }
+    }
+
+    /// Runs one pass of the loop, one millisecond later.
+    fn step(&mut self) {
+        self.now = self.now.after(millis(1));
+        if self.flies {
+            self.pulse.tick();
+        }
+        self.stack.poll(self.now, &mut self.vehicle);
+        self.stack.poll_udp(self.now, &mut self.udp, &mut self.socket, &mut self.vehicle);
+    }
+
+    fn run_for(&mut self, time: mavstack::Duration) {
+        let end = self.now.after(time);
+        while self.now < end {
+            self.step();
+        }
+    }
+
+    fn frame<M: Message>(&mut self, message: &M) -> Vec<u8> {
+        let mut bytes = [0; mavstack::frame::MAX_FRAME_LEN];
+        let len = encode(message, Version::V2, STATION, self.seq, &mut bytes).unwrap();
+        self.seq = self.seq.wrapping_add(1);
+        bytes[..len].to_vec()
+    }
+
+    /// A station sends a message in a datagram of its own. All stations have the same ids.
+    fn send<M: Message>(&mut self, from: Endpoint, message: &M) {
+        let frame = self.frame(message);
+        self.socket.received.push_back((from, frame));
+    }
+
+    fn heartbeat(&mut self, from: Endpoint) {
+        self.send(from, &Gcs::heartbeat());
+    }
+
+    /// A station sends a command.
+    fn command(&mut self, from: Endpoint, command: MavCmd) {
+        self.send(from, &long(command));
+    }
+
+    /// Returns the commands whose acknowledgements were sent to an endpoint since the last call.
+    fn acks(&mut self, to: Endpoint) -> Vec<MavCmd> {
+        self.take::<CommandAck>(to).into_iter().map(|ack| ack.command).collect()
+    }
+
+    /// Removes and returns the messages that were sent to an endpoint. Each datagram is one frame.
+    fn take<M: Message>(&mut self, to: Endpoint) -> Vec<M> {
+        let mut taken = Vec::new();
+        self.socket.sent.retain(|(endpoint, datagram)| {
+            let mut decoder = Decoder::new(secs(1));
+            assert_eq!(decoder.push(datagram, Instant::ZERO), datagram.len());
+            let frame = decoder.next(Instant::ZERO, Common::MESSAGES, &mut 100_000, |_| true).expect("a frame");
+            assert_eq!(frame.raw(), datagram, "a datagram is one frame");
+            let is_wanted = *endpoint == to && frame.id() == M::ID;
+            let message = is_wanted.then(|| M::decode(frame.payload()));
+            let is_other = message.is_none();
+            taken.extend(message);
+            is_other
+        });
+        taken
+    }
+
+    fn stations(&self) -> Vec<(LinkId, Endpoint)> {
+        self.udp.stations().collect()
+    }
+}
+
+/// H-1: without a station, heartbeats are broadcast, and nothing else is. The first datagram of a station ends that.
+#[test]
+fn heartbeats_are_broadcast_until_a_station_answers() {
+    let mut lab = Lab::new();
+    lab.stack.send_text(lab.now, MavSeverity::INFO, "nobody reads this");
+    lab.run_for(millis(3_500));
+    assert_eq!(lab.socket.sent.len(), 4);
+    assert_eq!(lab.take::<Heartbeat>(BROADCAST).len(), 4);
+
+    lab.heartbeat(A);
+    lab.run_for(secs(4));
+    assert_eq!(lab.stations(), [(LinkId(1), A)]);
+    assert_eq!(lab.take::<Heartbeat>(BROADCAST).len(), 0);
+    assert!(lab.take::<Heartbeat>(A).len() >= 4);
+    assert_eq!(lab.take::<Statustext>(A).len(), 0, "the text is older than the station");
+
+    // The station was silent for the time after which a peer has timed out.
+    lab.run_for(secs(4));
+    assert_eq!(lab.stations(), []);
+    assert_eq!(lab.take::<Heartbeat>(BROADCAST).len(), 3);
+}
+
+/// Without an address to broadcast to, nothing is sent.
+#[test]
+fn nothing_is_sent_without_a_station_and_a_broadcast_address() {
+    let mut lab = Lab::new();
+    lab.udp.set_broadcast(None);
+    lab.run_for(secs(3));
+    assert_eq!(lab.socket.sent, []);
+}
+
+/// M-11: two stations have the same ids. Each gets the answers to its own commands, and the texts and heartbeats of both.
+#[test]
+fn stations_with_the_same_ids_get_their_own_answers() {
+    let mut lab = Lab::new();
+    for _ in 0..50 {
+        for (from, command) in [(A, MavCmd::NAV_TAKEOFF), (B, MavCmd::NAV_LAND)] {
+            lab.heartbeat(from);
+            lab.command(from, command);
+        }
+        lab.run_for(millis(100));
+        assert_eq!(lab.acks(A), [MavCmd::NAV_TAKEOFF]);
+        assert_eq!(lab.acks(B), [MavCmd::NAV_LAND]);
+    }
+    lab.stack.send_text(lab.now, MavSeverity::INFO, "to everyone");
+    lab.run_for(millis(100));
+    for station in [A, B] {
+        assert_eq!(lab.take::<Statustext>(station).len(), 1);
+        assert!(lab.take::<Heartbeat>(station).len() >= 5);
+    }
+    assert_eq!(lab.udp.refused(), 0);
+}
+
+/// A station that sends, even without heartbeats, keeps its link. A further one gets none until another falls silent, and then
+/// finds nothing of its predecessor.
+#[test]
+fn a_link_is_free_again_after_silence() {
+    let mut lab = Lab::new();
+    for _ in 0..30 {
+        lab.command(A, MavCmd::NAV_LAND);
+        lab.command(B, MavCmd::NAV_LAND);
+        lab.command(C, MavCmd::NAV_LAND);
+        lab.run_for(millis(500));
+    }
+    assert_eq!((lab.acks(A).len(), lab.acks(B).len(), lab.acks(C).len()), (30, 30, 0));
+    assert_eq!(lab.udp.refused(), 30);
+    assert_eq!(lab.stations(), [(LinkId(1), A), (LinkId(2), B)]);
+
+    // B falls silent within a frame.
+    let frame = lab.frame(&long(MavCmd::NAV_LAND));
+    lab.socket.received.push_back((B, frame[..20].to_vec()));
+    for _ in 0..11 {
+        lab.command(A, MavCmd::NAV_LAND);
+        lab.run_for(millis(500));
+    }
+    assert_eq!(lab.stations(), [(LinkId(1), A)]);
+    lab.command(C, MavCmd::NAV_TAKEOFF);
+    lab.run_for(millis(10));
+    assert_eq!(lab.stations(), [(LinkId(1), A), (LinkId(2), C)]);
+    assert_eq!(lab.acks(C), [MavCmd::NAV_TAKEOFF]);
+}
+
+/// SEC-2: a datagram that does not begin with a frame takes no link.
+#[test]
+fn other_datagrams_take_no_link() {
+    let mut lab = Lab::new();
+    for datagram in [&b""[..], b"GET / HTTP/1.1", &[0; 1_472]] {
+        lab.socket.received.push_back((C, datagram.to_vec()));
+    }
+    lab.run_for(millis(100));
+    assert_eq!((lab.stations(), lab.udp.refused()), (vec![], 3));
+}
+
+/// D-2, SEC-2: a poll receives and handles no more than its budget. What exceeds it stays pending, and nothing is lost. A station
+/// that floods does not delay the heartbeats of the other.
+#[test]
+fn datagrams_with_many_frames_are_handled_within_the_budget() {
+    let mut lab = Lab::with(|config| {
+        config.budget = PollBudget { rx_bytes: 300, work: 3_000, frames: 4, tx_bytes: 560 };
+    });
+    lab.heartbeat(B);
+    lab.step();
+    const COUNT: usize = 200;
+    let frame_len = lab.frame(&long(MavCmd::NAV_LAND)).len();
+    let per_datagram = MAX_DATAGRAM_LEN / frame_len;
+    for _ in 0..COUNT / per_datagram {
+        let datagram: Vec<u8> = (0..per_datagram).flat_map(|_| lab.frame(&long(MavCmd::NAV_LAND))).collect();
+        lab.socket.received.push_back((A, datagram));
+    }
+    let sent = COUNT / per_datagram * per_datagram;
+    while lab.vehicle.commands().len() < sent {
+        let (before, waiting) = (lab.vehicle.commands().len(), lab.socket.received.len());
+        lab.step();
+        assert!(lab.vehicle.commands().len() - before <= 4, "more frames than the budget");
+        assert!(waiting - lab.socket.received.len() <= 1, "more bytes than the budget");
+        assert!(lab.now < Instant::from_millis(5_000), "{} of {sent} commands", lab.vehicle.commands().len());
+    }
+    lab.run_for(millis(10));
+    assert_eq!(lab.acks(A).len(), sent);
+    assert!(lab.now < Instant::from_millis(500), "B has not timed out");
+    assert!(!lab.take::<Heartbeat>(B).is_empty());
+    let counters = lab.stack.rx_counters(LinkId(1)).unwrap();
+    assert_eq!((counters.checksum, counters.skipped), (0, 0));
+}
+
+/// D-3: a burst of datagrams needs more memory for answers than the stack has. Each is answered before the next one is received, also
+/// if the socket accepts few datagrams at a time.
+#[test]
+fn a_burst_of_requests_is_answered() {
+    let mut lab = Lab::with(|config| config.budget = PollBudget::for_line(10_000_000, millis(1)));
+    lab.heartbeat(A);
+    lab.step();
+    for _ in 0..100 {
+        lab.command(A, MavCmd::NAV_LAND);
+    }
+    for room in (0..4).cycle() {
+        lab.socket.room = Some(room);
+        lab.step();
+        if lab.socket.received.is_empty() {
+            break;
+        }
+    }
+    lab.socket.room = None;
+    lab.run_for(millis(5));
+    assert_eq!(lab.acks(A).len(), 100);
+    assert_eq!(lab.stack.link_counters(LinkId(1)).unwrap().no_answer_slot, 0);
+}
+
+/// H-5: while the socket accepts nothing, no frame is made that is out of date when it is sent.
+#[test]
+fn no_heartbeat_waits_for_the_socket() {
+    let mut lab = Lab::new();
+    lab.socket.room = Some(0);
+    lab.run_for(secs(2));
+    // Flight stops, and then the socket accepts datagrams again.
+    lab.flies = false;
+    lab.run_for(secs(1));
+    lab.socket.room = None;
+    lab.run_for(secs(3));
+    assert_eq!(lab.take::<Heartbeat>(BROADCAST).len(), 0);
+}
+
+/// A datagram that the socket loses is counted, and the other station's are sent.
+#[test]
+fn lost_datagrams_are_counted() {
+    let mut lab = Lab::new();
+    lab.heartbeat(A);
+    lab.heartbeat(B);
+    lab.socket.dead = Some(A);
+    lab.run_for(millis(4_500));
+    let errors = |link| lab.stack.link_counters(link).unwrap().write_errors;
+    assert_eq!(
+        (errors(LinkId(1)), errors(LinkId(2))),
+        (lab.socket.sent.iter().filter(|sent| sent.0 == A).count() as u32, 0)
+    );
+    assert!(lab.take::<Heartbeat>(B).len() >= 4);
+}
+
+/// The datagrams of a link that the stack lacks are dropped, and the others are handled.
+#[test]
+fn a_link_that_does_not_exist_takes_nothing() {
+    let mut lab = Lab::new();
+    lab.udp = UdpLinks::new([LinkId(7), LinkId(1)]);
+    for _ in 0..3 {
+        lab.command(A, MavCmd::NAV_LAND);
+        lab.command(B, MavCmd::NAV_LAND);
+    }
+    lab.run_for(millis(50));
+    assert_eq!((lab.acks(A).len(), lab.acks(B).len()), (0, 3));
+}
+
+/// SEC-15: received bytes, which may contain a key, are not printed.
+#[test]
+fn debug_omits_the_datagram() {
+    let mut lab = Lab::new();
+    lab.socket.received.push_back((A, vec![0xFD; 8]));
+    lab.step();
+    let text = format!("{:?}", lab.udp);
+    assert!(text.contains("stations") && !text.contains("253"), "{text}");
+}
