@@ -10,10 +10,13 @@
 //!
 //! QGroundControl and MAVSDK fetch `mftp` URIs from the vehicle itself, and `http` and `https` URIs:
 //!
-//! 1. On the host, generate the files from the parameter table and the [`events!`](crate::events!) of the firmware. Put them on a web server, or into the firmware:
-//!    as constant [`Files`](crate::Files), whose URI is `mftp:///general.json`.
+//! 1. On the host, generate the files from the parameter table and the [`events!`](crate::events!) of the firmware. Put them into the
+//!    firmware, as constant [`Files`](crate::Files), whose URI is `mftp:///general.json`; or on a web server.
 //! 2. In the firmware, declare [`ComponentMetadata`] in [`Telemetry::STREAMS`](crate::Telemetry::STREAMS) and fill in
 //!    the general file's URI.
+//!
+//! Each file may be compressed to the format ".xz", which its name must then end with: that makes it four times as short, in flash and on
+//! the link. `file_crc` is that of the compressed file. The build script of `examples/demo` does all this; by hand it is `xz -9 --check=crc32`.
 //!
 //! A firmware that does not declare it refuses the request; clients then know that there is no metadata.
 //!

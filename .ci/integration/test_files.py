@@ -1,6 +1,7 @@
 """Files by FTP with pymavlink, MAVProxy and MAVSDK: the parameters as a file, and component metadata (F-4, F-8, F-9, F-12, F-13, F-14, P-22, O-1)."""
 
 import json
+import lzma
 import pathlib
 import queue
 import struct
@@ -14,8 +15,8 @@ from pymavlink import mavftp
 from test_mavproxy import MavProxy
 from test_params import DEFAULTS, fetch, to_float
 
-DEMO = pathlib.Path(__file__).parents[2] / "examples/demo/metadata"
-GENERAL, PARAMETERS = ((DEMO / name).read_bytes() for name in ("general.json", "parameters.json"))
+# The build compresses it.
+PARAMETERS = (pathlib.Path(__file__).parents[2] / "examples/demo/metadata/parameters.json").read_bytes()
 # The types of the packed file: integers without a sign are in the next larger type.
 PACKED = {1: 2, 2: 1, 3: 3, 4: 2, 5: 3, 6: 3, 9: 4}
 
@@ -54,13 +55,13 @@ def decode(content):
 @pytest.mark.parametrize("size", [80, 239])
 def test_pymavlink_reads_files(gcs, size):
     files = Files(gcs, burst_read_size=size)
-    assert files.get("general.json") == GENERAL
-    assert files.get("/parameters.json") == PARAMETERS
+    assert lzma.decompress(files.get("/parameters.json.xz")) == PARAMETERS
+    assert json.loads(files.get("general.json"))["version"] == 1
 
 
 def test_pymavlink_reads_files_over_a_bad_line(gcs):
     files = Files(gcs, burst_read_size=239, pkt_loss_tx=10, pkt_loss_rx=10)
-    assert files.get("parameters.json", timeout=60) == PARAMETERS
+    assert lzma.decompress(files.get("parameters.json.xz", timeout=60)) == PARAMETERS
 
 
 def test_pymavlink_reads_parameters(gcs, other, figure):
@@ -101,14 +102,15 @@ def test_mavproxy_lists_and_gets(port, tmp_path):
     try:
         proxy.expect("Detected vehicle")
         proxy.say("ftp list")
-        proxy.expect_all("general.json", f"parameters.json\t{len(PARAMETERS)}", "D @PARAM", "Total size")
+        proxy.expect_all("general.json", "parameters.json.xz\t", "D @PARAM", "Total size")
         proxy.say("ftp list @PARAM")
         proxy.expect("param.pck")
-        proxy.say("ftp get parameters.json got.json")
-        proxy.expect(f"Wrote {len(PARAMETERS)} bytes", timeout=60)
-        assert (tmp_path / "got.json").read_bytes() == PARAMETERS
-        proxy.say("ftp crc general.json")
-        proxy.expect(f"crc: general.json 0x{crc(GENERAL):08x}")
+        proxy.say("ftp get parameters.json.xz got.xz")
+        proxy.expect("Wrote ", timeout=60)
+        compressed = (tmp_path / "got.xz").read_bytes()
+        assert lzma.decompress(compressed) == PARAMETERS
+        proxy.say("ftp crc parameters.json.xz")
+        proxy.expect(f"crc: parameters.json.xz 0x{crc(compressed):08x}")
         proxy.say("ftp get missing")
         proxy.expect("ftp open failed")
     finally:
@@ -154,18 +156,20 @@ def transfer(start):
 @pytest.mark.parametrize("use_burst", [False, True])
 def test_mavsdk_downloads(system, tmp_path, use_burst):
     ftp = Ftp(system)
-    for name, content in (("parameters.json", PARAMETERS), ("general.json", GENERAL)):
-        result = transfer(lambda done: ftp.download_async(name, str(tmp_path), use_burst, done))
-        assert result == FtpResult.SUCCESS
-        assert (tmp_path / name).read_bytes() == content
+    name = "parameters.json.xz"
+    result = transfer(lambda done: ftp.download_async(name, str(tmp_path), use_burst, done))
+    assert result == FtpResult.SUCCESS
+    assert lzma.decompress((tmp_path / name).read_bytes()) == PARAMETERS
 
 
-def test_mavsdk_lists_and_compares(system):
+def test_mavsdk_lists_and_compares(system, tmp_path):
     ftp = Ftp(system)
     listing = ftp.list_directory("/")
-    assert [entry.name for entry in listing.entries] == ["@PARAM", "events.json", "general.json", "parameters.json"]
-    assert ftp.are_files_identical(str(DEMO / "general.json"), "general.json")
-    assert not ftp.are_files_identical(str(DEMO / "general.json"), "parameters.json")
+    assert [entry.name for entry in listing.entries] == ["@PARAM", "events.json.xz", "general.json", "parameters.json.xz"]
+    general = tmp_path / "general.json"
+    assert transfer(lambda done: ftp.download_async(general.name, str(tmp_path), True, done)) == FtpResult.SUCCESS
+    assert ftp.are_files_identical(str(general), "general.json")
+    assert not ftp.are_files_identical(str(general), "parameters.json.xz")
     with pytest.raises(FtpError) as refusal:
         ftp.remove_file("general.json")
     assert refusal.value.result == FtpResult.FILE_PROTECTED
@@ -173,7 +177,11 @@ def test_mavsdk_lists_and_compares(system):
 
 
 def test_metadata_names_the_file(gcs):
-    """O-1: the general file's checksum is that of the file."""
+    """O-1: the general file's checksum is that of the file, and it has those of the others."""
+    files = Files(gcs)
+    general = files.get("general.json")
+    for entry in json.loads(general)["metadataTypes"]:
+        assert entry["fileCrc"] == crc(files.get(entry["uri"].removeprefix("mftp://"))), entry
     for unused in (0.0, float("nan")):
         gcs.send_command(512, 397, *[unused] * 6)
         # pymavlink does not have this message yet.
@@ -181,5 +189,4 @@ def test_metadata_names_the_file(gcs):
         assert message, f"no answer with {unused}"
         payload = bytes(message.get_msgbuf())[10:-2].ljust(108, b"\0")
         file_crc, uri = struct.unpack_from("<I100s", payload, 4)
-        assert (uri.rstrip(b"\0"), file_crc) == (b"mftp:///general.json", crc(GENERAL)), "F-15"
-    assert json.loads(GENERAL)["metadataTypes"][0]["fileCrc"] == crc(PARAMETERS)
+        assert (uri.rstrip(b"\0"), file_crc) == (b"mftp:///general.json", crc(general)), "F-15"

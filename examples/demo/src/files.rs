@@ -7,19 +7,25 @@ use mavstack::{Files, Text};
 
 use crate::vehicle::Quadrotor;
 
-/// The description of the parameters, made from the table: a test in `examples/sitl` compares it.
-pub const PARAMETERS: StaticFile = StaticFile::new("parameters.json", include_bytes!("../metadata/parameters.json"));
+macro_rules! built {
+    ($name:literal) => {
+        StaticFile::new($name, include_bytes!(concat!(env!("OUT_DIR"), "/", $name)))
+    };
+}
+
+/// The description of the parameters, made from the table: a test in `examples/sitl` compares it. The build script compresses it.
+pub const PARAMETERS: StaticFile = built!("parameters.json.xz");
 
 /// The description of the events, made from their declaration in the same way.
-pub const EVENTS: StaticFile = StaticFile::new("events.json", include_bytes!("../metadata/events.json"));
+pub const EVENTS: StaticFile = built!("events.json.xz");
 
-/// The file that names both.
-pub const GENERAL: StaticFile = StaticFile::new("general.json", include_bytes!("../metadata/general.json"));
+/// The file that names both. The build script makes it.
+pub const GENERAL: StaticFile = built!("general.json");
 
 /// Where ground stations find the files.
-pub const PARAMETERS_URI: &str = "mftp:///parameters.json";
+pub const PARAMETERS_URI: &str = "mftp:///parameters.json.xz";
 /// The same of the events.
-pub const EVENTS_URI: &str = "mftp:///events.json";
+pub const EVENTS_URI: &str = "mftp:///events.json.xz";
 const GENERAL_URI: &[u8; 20] = b"mftp:///general.json";
 
 impl Files for Quadrotor {
