@@ -353,7 +353,8 @@ pub mod __private {
     #[cfg(feature = "storage")]
     pub use crate::storage::{RecordService, Storage};
     pub use crate::types::{
-        Firmware, NoPlans, PlanBuffers, PlanMemory, RequestQueue, Requests, StatusTexts, TextEntry, Values, largest,
+        Firmware, NoPlans, PlanBuffers, PlanMemory, PlanMemoryOf, RequestQueue, Requests, StatusTexts, TextEntry,
+        Values, largest,
     };
 
     /// The peer table.

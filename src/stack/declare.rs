@@ -265,7 +265,7 @@ macro_rules! stack {
 
         impl $crate::__private::Firmware for $name {
             type Vehicle = $vehicle;
-            type Plans = $crate::__declared!(plans $($entries)*,);
+            type Plans = $crate::__declared!(plans [{ $crate::__declared!(uploads $($entries)*,) }] $($entries)*,);
             type Parameters = $crate::__declared!(parameters $($entries)*,);
             const HAS_MODES: bool = $crate::__declared!(has_modes $($entries)*,);
             const HAS_TEXTS: bool = $crate::__declared!(texts $($entries)*,) > 0;
@@ -303,6 +303,7 @@ macro_rules! stack {
             // The services that may have a virtual directory: a line for each.
             type Files = $crate::__declared!(files [$crate::__one_of!({ $crate::__declared!(uploads $($entries)*,) };
                 $crate::__declared!(param $($entries)*,),
+                $crate::__declared!(mission $($entries)*,),
             )] $($entries)*,);
             type Records = $crate::__declared!(records $($entries)*,);
             type Storage = $crate::__declared!(storage $($entries)*,);
@@ -346,8 +347,11 @@ macro_rules! __declared {
     (texts texts: $n:expr, $($rest:tt)*) => { $n };
     (texts) => { 4 };
 
-    (plans plans: { $($plans:tt)* }, $($rest:tt)*) => { $crate::plan_memory!($($plans)*) };
-    (plans) => { $crate::__private::NoPlans };
+    (plans [$uploads:block] plans: { $($plans:tt)* }, $($rest:tt)*) => {
+        <$crate::plan_memory!($($plans)*) as $crate::__private::PlanMemoryOf<$uploads>>::Memory
+    };
+    (plans [$uploads:block]) => { $crate::__private::NoPlans };
+    (plans [$uploads:block] $skipped:tt $($rest:tt)*) => { $crate::__declared!(plans [$uploads] $($rest)*) };
 
     (mission plans: { $($plans:tt)* }, $($rest:tt)*) => { $crate::__private::Missions };
     (mission) => { $crate::__private::WithoutPlans };

@@ -33,7 +33,7 @@ pub use list::Entries;
 pub use packet::Body;
 pub use session::Session;
 pub use vehicle::{FileAccess, FileChange, FileEntry, Files, OpenFile, StaticFile};
-pub use virtual_files::{HasFiles, NoFile, OneOf, VirtualFile, VirtualFiles};
+pub use virtual_files::{HasFiles, NoFile, OneOf, Part, VirtualFile, VirtualFiles};
 
 use self::requests::Stop;
 use self::work::{Upload, Work};
@@ -77,8 +77,9 @@ pub struct FileStatus {
     /// Whether any session is used: otherwise there is nothing to do.
     is_used: bool,
     counters: FileCounters,
-    /// The upload: the bytes received, and what became of it.
-    received: u16,
+    /// The upload: the bytes received, how many of them are kept, and what became of it.
+    received: u32,
+    kept: u16,
     upload: Upload,
 }
 
@@ -127,6 +128,7 @@ where
     const NEW: Self = {
         assert!(OPEN > 0 && OPEN < 100, "a client needs a session: `files: {{ sessions: 2 }}`, or leave `files` out");
         assert!(UPLOAD < 65_536, "an upload has less than 65,536 bytes");
+        assert!(!V::UPLOADS || UPLOAD >= V::UPLOAD_ROOM, "plans as files need `upload: 276` or more");
         StaticFile::check(F::Vehicle::FILES);
         Self {
             status: FileStatus {
@@ -134,6 +136,7 @@ where
                 is_used: false,
                 counters: FileCounters::ZERO,
                 received: 0,
+                kept: 0,
                 upload: Upload::Running,
             },
             work: Work::Nothing,

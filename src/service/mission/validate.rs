@@ -83,6 +83,24 @@ pub(super) enum Problem<'a> {
 }
 
 impl Problem<'_> {
+    /// Returns the problem with an item that is refused with this result. `mission`: as in [`rule`].
+    #[inline(never)]
+    pub(super) fn of_item(
+        plan: PlanType,
+        seq: u16,
+        mission: &'static [CommandRule],
+        item: &Item,
+        result: MavMissionResult,
+    ) -> Self {
+        // 0 in an integer and in a float have the same bits.
+        let is_unset = result == MavMissionResult::INVALID_PARAM5_X && (item.x, item.y) == (0, 0);
+        if is_unset && rule(plan, mission, item.command).is_ok_and(|rule| rule.is_located()) {
+            Self::NoPosition(plan, seq)
+        } else {
+            Self::Refused(plan, PlanFault { seq: Some(seq), result })
+        }
+    }
+
     /// Returns the fault in the plan; ERROR if the problem is not a fault of the plan.
     pub(super) fn fault(&self) -> PlanFault {
         match *self {
