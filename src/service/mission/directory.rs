@@ -181,10 +181,12 @@ fn read(plan: PlanType, items: &[Item], current: u16, offset: u32, out: &mut [u8
     let behind_header = offset.saturating_sub(HEADER_LEN);
     let (index, mut at) = (behind_header / ITEM_LEN, behind_header % ITEM_LEN);
     let items = items.get(index..).unwrap_or_default();
-    for (seq, item) in (u16::try_from(index).unwrap_or(NO_ITEM)..).zip(items) {
+    let mut seq = u16::try_from(index).unwrap_or(NO_ITEM);
+    for item in items {
         let mut record = [0; ITEM_LEN];
         let message = item.to_int(Address::new(0, 0), mission_type, seq, seq == current);
         let _ = message.encode(&mut record);
+        seq = seq.wrapping_add(1);
         if put(&record, core::mem::take(&mut at)) {
             break;
         }
