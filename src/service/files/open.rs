@@ -8,7 +8,7 @@ use crate::dialect::MavFtpErr;
 use crate::service::Cx;
 use crate::types::Firmware;
 
-/// Closes a file of the vehicle, or an upload.
+/// Closes a file of the vehicle, or an upload (F-26).
 pub(super) fn close<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(cx: &mut Cx<'_, F>, open: &Open<V>) {
     match open {
         Open::Hook { number, .. } => {

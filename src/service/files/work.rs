@@ -86,7 +86,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>> Server<'_, '_, F, V> {
         Ok(0)
     }
 
-    /// Takes a part of an upload, in order: a later one is dropped, and the client sends it again. Returns whether the file is
+    /// Takes a part of an upload, in order (F-23): a later one is dropped, and the client sends it again. Returns whether the file is
     /// complete.
     fn take_upload(&mut self, file: &V, request: &Request<'_>) -> Result<bool, Stop> {
         if self.status.upload == Upload::Refused {

@@ -100,8 +100,8 @@ impl Upload {
         counts: Counts::VACANT,
     };
 
-    /// The upload of a file: no client of messages owns it, so all of them are refused, and its timers do not run. The file's
-    /// session ends it.
+    /// The upload of a file: no client of messages owns it, so all of them are refused (F-24), and its timers do not run. The
+    /// file's session ends it.
     pub(super) fn of_file(plan: PlanType) -> Self {
         Self { plan, count: NO_ITEM, pace: Pace::new(Instant::NEVER), ..Self::VACANT }
     }
