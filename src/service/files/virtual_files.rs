@@ -96,7 +96,7 @@ pub enum Part {
 
 /// An open file of any virtual directory. The directories have numbers.
 pub trait VirtualFiles<F: Firmware>: Copy + Debug {
-    /// The number of directories, those without a name included.
+    /// The number of directories.
     const COUNT: u16;
     /// Whether any directory has uploads, and the stack room for one.
     const UPLOADS: bool;
@@ -214,8 +214,14 @@ pub enum OneOf<const UPLOADS: bool, A, B> {
     Rest(B),
 }
 
+/// Returns the number of a directory among those behind the first one; `None` if it is the first one. A service that is not declared
+/// has none.
+const fn number_in_rest(directory: u16, first: &[u8]) -> Option<u16> {
+    if first.is_empty() { Some(directory) } else { directory.checked_sub(1) }
+}
+
 impl<F: Firmware, const UPLOADS: bool, A: VirtualFile<F>, B: VirtualFiles<F>> VirtualFiles<F> for OneOf<UPLOADS, A, B> {
-    const COUNT: u16 = B::COUNT.saturating_add(1);
+    const COUNT: u16 = B::COUNT.saturating_add(if A::DIRECTORY.is_empty() { 0 } else { 1 });
     const UPLOADS: bool = UPLOADS && (A::UPLOADS || B::UPLOADS);
     const UPLOAD_ROOM: usize = {
         let first = if A::UPLOADS { A::UPLOAD_ROOM } else { 0 };
@@ -223,7 +229,7 @@ impl<F: Firmware, const UPLOADS: bool, A: VirtualFile<F>, B: VirtualFiles<F>> Vi
     };
 
     fn name(directory: u16) -> &'static [u8] {
-        directory.checked_sub(1).map_or(A::DIRECTORY, B::name)
+        number_in_rest(directory, A::DIRECTORY).map_or(A::DIRECTORY, B::name)
     }
 
     fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr> {
@@ -260,7 +266,7 @@ impl<F: Firmware, const UPLOADS: bool, A: VirtualFile<F>, B: VirtualFiles<F>> Vi
     }
 
     fn entry(cx: &mut Cx<'_, F>, directory: u16, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
-        match directory.checked_sub(1) {
+        match number_in_rest(directory, A::DIRECTORY) {
             None => A::entry(cx, index, name),
             Some(rest) => B::entry(cx, rest, index, name),
         }

@@ -1,4 +1,4 @@
-//! `@MISSION`: the plans as files, down and up (F-20 to F-27).
+//! `@MISSION`: the plans as files, down and up (F-20 to F-26).
 //!
 //! The format is ArduPilot's (`AP_Filesystem_Mission`), which MAVProxy reads and writes.
 //!
@@ -25,7 +25,7 @@
 use super::commit::Change;
 use super::replies::Kind;
 use super::upload::Upload;
-use super::validate::Problem;
+use super::validate::{self, Problem};
 use super::{Caller, Missions, Plans, Replies, WithoutPlans, Work, work};
 use crate::dialect::{MavFtpErr, MavMissionResult, MissionItemInt};
 use crate::frame::Version;
@@ -230,8 +230,10 @@ fn take<V: Plans>(
         }
         let item = Item::from_int(&message);
         // The id is computed when all items are staged.
-        Missions::stage_item(cx, vehicle, plan, &mut Digest::new(), item)
-            .map_err(|fault| Problem::of_item(plan, seq, V::MISSION_COMMANDS, &item, fault.result))?;
+        Missions::stage_item(cx, vehicle, plan, &mut Digest::new(), item).map_err(|fault| {
+            let rule = validate::rule(plan, V::MISSION_COMMANDS, item.command);
+            Problem::of_item(plan, seq, &item, rule, fault.result)
+        })?;
         ITEM_LEN
     };
     let staged = cx.plans.staged();
@@ -250,8 +252,8 @@ pub(super) fn is_writing_file<F: Firmware>(plans: &PlansMut<'_>) -> bool {
 impl Missions {
     /// Ends the upload as a file with this answer.
     pub(super) fn end_file(&mut self, plans: &mut PlansMut<'_>, kind: Kind) {
-        // Its client does not repeat an item.
-        self.done = None;
+        // Its client does not repeat an item, and gets no message.
+        (self.done, self.second_answer) = (None, None);
         if let Some(upload) = &mut plans.upload {
             upload.step = if kind == Kind::Accepted { UploadStep::Accepted } else { UploadStep::Refused };
         }
@@ -302,12 +304,11 @@ impl Missions {
                 }
             }
             UploadStep::Complete => {
-                cx.second_ack = false;
                 self.complete_file(cx, vehicle, &mut caller, plan, upload.first);
                 if self.committing().is_some() {
                     UploadStep::Writing
                 } else {
-                    let kind = answers.pop(true).map_or(Kind::None, |reply| reply.kind());
+                    let kind = answers.first();
                     return self.end_file(cx.plans, kind);
                 }
             }

@@ -358,13 +358,12 @@ impl Missions {
 
 /// Returns what a handler needs, and the vehicle; `None` for a firmware without plans.
 pub(crate) fn work<'a, 'p, F: Firmware>(cx: &'a mut Cx<'p, F>) -> Option<(Work<'a, 'p>, &'a mut F::Vehicle)> {
-    let plans = cx.plans.as_mut()?;
     let work = Work {
         now: cx.now,
+        plans: cx.plans.as_mut()?,
         texts: cx.texts,
         normal: cx.shared.normal,
-        second_ack: cx.shared.config.second_mission_ack && !is_writing_file::<F>(plans),
-        plans,
+        second_ack: cx.shared.config.second_mission_ack,
         requests: cx.requests,
         values: cx.parameters.values(),
     };

@@ -366,7 +366,7 @@ impl Missions {
         let item = match checked {
             Ok(item) => item,
             Err(result) => {
-                cx.report(&Problem::of_item(plan, seq, V::MISSION_COMMANDS, &item, result));
+                cx.report(&Problem::of_item(plan, seq, &item, rule, result));
                 self.finish(cx, caller, seq, result);
                 return None;
             }

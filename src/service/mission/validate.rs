@@ -83,18 +83,19 @@ pub(super) enum Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// Returns the problem with an item that is refused with this result. `mission`: as in [`rule`].
-    #[inline(never)]
+    /// Returns the problem with an item that is refused with this result. `rule`: that of its command. Inlined, because it is nothing
+    /// without texts.
+    #[inline]
     pub(super) fn of_item(
         plan: PlanType,
         seq: u16,
-        mission: &'static [CommandRule],
         item: &Item,
+        rule: Result<&CommandRule, MavMissionResult>,
         result: MavMissionResult,
     ) -> Self {
         // 0 in an integer and in a float have the same bits.
         let is_unset = result == MavMissionResult::INVALID_PARAM5_X && (item.x, item.y) == (0, 0);
-        if is_unset && rule(plan, mission, item.command).is_ok_and(|rule| rule.is_located()) {
+        if is_unset && rule.is_ok_and(CommandRule::is_located) {
             Self::NoPosition(plan, seq)
         } else {
             Self::Refused(plan, PlanFault { seq: Some(seq), result })

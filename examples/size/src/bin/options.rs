@@ -84,7 +84,13 @@ entry!($ "camera" with_camera with_ext_parameters [camera: { images: if cfg!(fea
 entry!($ "ext-parameters" with_ext_parameters with_files [ext_parameters]);
 entry!($ "files" with_files with_forwarding [files: {
     sessions: if cfg!(feature = "files-4") { 4 } else { 2 },
-    upload: if cfg!(feature = "files-upload") { 512 } else { 0 },
+    upload: if cfg!(feature = "files-upload") {
+        512
+    } else if cfg!(feature = "files-plans-upload") {
+        276
+    } else {
+        0
+    },
 }]);
 entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
 entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
