@@ -366,8 +366,8 @@ pub mod __private {
     #[cfg(feature = "storage")]
     pub use crate::storage::{RecordService, Storage};
     pub use crate::types::{
-        EventEntry, EventLog, Firmware, NoPlans, PlanBuffers, PlanMemory, RequestQueue, Requests, StatusTexts,
-        TextEntry, Values, largest,
+        EventEntry, EventLog, Firmware, NoPlans, PlanBuffers, PlanMemory, PlanMemoryOf, RequestQueue, Requests,
+        StatusTexts, TextEntry, Values, largest,
     };
 
     /// The peer table.

@@ -29,7 +29,8 @@ pub(crate) use flight::Flight;
 pub use identity::Identity;
 pub use link::{LinkClass, LinkConfig, LinkId, MAX_LINKS, Peer, StreamProfile, TxVersion};
 pub(crate) use link::{LinkFacts, LinkMask};
-pub use plans::{MAX_ITEMS, NoPlans, PlanBuffers, PlanMemory, PlanType, PlanView, PlansMut, largest};
+pub use plans::{MAX_ITEMS, NoPlans, PlanBuffers, PlanMemory, PlanMemoryOf, PlanType, PlanView, PlansMut, largest};
+pub(crate) use plans::{NO_ITEM, UploadStep};
 pub use requests::{Destination, Recipient, RequestQueue, Requests};
 pub(crate) use requests::{PENDING, Pending};
 #[cfg(feature = "signing")]

@@ -1,5 +1,7 @@
-"""Files by FTP with pymavlink, MAVProxy and MAVSDK: the parameters as a file, and component metadata (F-4, F-8, F-9, F-12, F-13, F-14, P-22, O-1)."""
+"""Files by FTP with pymavlink, MAVProxy and MAVSDK: parameters and plans as files, and component metadata (F-4, F-8, F-9, F-12, F-13,
+F-14, F-20, F-23, P-22, O-1)."""
 
+import io
 import json
 import lzma
 import pathlib
@@ -11,9 +13,11 @@ import zlib
 import pytest
 from mavsdk.plugins.ftp import Ftp
 from mavsdk.plugins.ftp.ftp import FtpError, FtpResult
-from pymavlink import mavftp
-from test_mavproxy import MavProxy
+from plans import FENCE, MISSION, PLANS, RALLY, differences, plan
+from pymavlink import mavftp, mavutil
+from test_mavproxy import FENCE_FILE, MISSION_FILE, RALLY_FILE, MavProxy, items, rows
 from test_params import DEFAULTS, fetch, to_float
+from transfer import ACCEPTED, clear_all, download, ids, plan_id, upload
 
 # The build compresses it.
 PARAMETERS = (pathlib.Path(__file__).parents[2] / "examples/demo/metadata/parameters.json").read_bytes()
@@ -40,6 +44,13 @@ class Files:
         result = self.client.process_ftp_reply("OpenFileRO", timeout=timeout)
         assert content, f"{path}: {result.error_code}"
         return content[-1]
+
+    def put(self, path, content, timeout=30):
+        """Returns the number of bytes that were sent, or None if they were refused."""
+        sent = []
+        self.client.cmd_put([path, path], fh=io.BytesIO(content), callback=sent.append)
+        self.client.process_ftp_reply("CreateFile", timeout=timeout)
+        return sent[-1]
 
 
 def decode(content):
@@ -144,6 +155,77 @@ def test_mavproxy_loads_parameters(port, other, tmp_path):
             assert other.wait("PARAM_VALUE", where=lambda value: value.param_id == name)
 
 
+PLAN_FILES = {MISSION: "@MISSION/mission.dat", FENCE: "@MISSION/fence.dat", RALLY: "@MISSION/rally.dat"}
+
+
+def to_plan_file(found, kind):
+    """Returns the file of a plan, as MAVProxy writes it."""
+    item = mavutil.mavlink.MAVLink_mission_item_int_message
+    content = struct.pack("<HHHHH", 0x763D, kind, 0, 0, len(found))
+    for fields in found:
+        fields = dict(fields, target_system=0, target_component=0, mission_type=kind)
+        content += item.unpacker.pack(*(fields[name] for name in item.ordered_fieldnames))
+    return content
+
+
+def test_pymavlink_reads_and_sends_plans(gcs, other, figure):
+    """F-20, F-23: a plan has the same items and the same id, whichever way it was sent."""
+    # A put ends after this silence.
+    files = Files(gcs, burst_read_size=239, write_size=239, idle_detection_time=1.1)
+    sent = plan(100)
+    assert upload(other, sent).type == ACCEPTED
+    content = to_plan_file(sent, MISSION)
+    begin = time.monotonic()
+    assert files.get(PLAN_FILES[MISSION]) == content
+    read = time.monotonic() - begin
+    begin = time.monotonic()
+    assert download(other).items
+    figure(f"100 items: {read:.2f} s as a file, {time.monotonic() - begin:.2f} s by messages")
+    assert files.put(PLAN_FILES[MISSION], to_plan_file(plan(100, 1), MISSION)) == len(content)
+    assert differences(plan(100, 1), download(other).items) == []
+    stored = ids(other)
+    for kind in (FENCE, RALLY):
+        assert files.put(PLAN_FILES[kind], to_plan_file(PLANS[kind](10), kind)) is not None
+        back = download(other, kind)
+        assert differences(PLANS[kind](10), back.items) == []
+        assert plan_id(upload(other, PLANS[kind](10), kind)) == back.id != 0
+    wrong = plan(10)
+    wrong[7]["command"] = 31_999
+    assert files.put(PLAN_FILES[MISSION], to_plan_file(wrong, MISSION)) is None
+    assert ids(other)[MISSION] == stored[MISSION]
+    clear_all(other)
+    assert files.get(PLAN_FILES[MISSION]) == to_plan_file([], MISSION)
+
+
+def test_mavproxy_reads_and_sends_plans(port, other, tmp_path):
+    """F-20, F-23: `wp ftpload` and `wp ftp`, and the same of fences and rally points."""
+    proxy = MavProxy(port, tmp_path, "wp,fence,rally,ftp")
+    try:
+        proxy.expect("Detected vehicle")
+        for kind, command, name, text in [
+            (MISSION, "wp", "waypoints", MISSION_FILE),
+            (FENCE, "fence", "fence items", FENCE_FILE),
+            (RALLY, "rally", "rally items", RALLY_FILE),
+        ]:
+            (tmp_path / f"{command}.txt").write_text(text)
+            count = len(rows(text))
+            proxy.say(f"{command} ftpload {command}.txt")
+            proxy.expect(f"of length {count} in")
+            assert differences(items(text), download(other, kind).items) == []
+            proxy.say(f"{command} ftp")
+            proxy.expect(f"Saved {name} to")
+            proxy.say(f"{command} save saved-{command}.txt")
+            proxy.expect(f"Saved {count} {name} to saved-{command}.txt")
+            assert differences(items(text), items((tmp_path / f"saved-{command}.txt").read_text())) == []
+        (tmp_path / "bad.txt").write_text(MISSION_FILE.replace("3	0	3	16	", "3	0	3	82	"))
+        proxy.say("wp ftpload bad.txt")
+        proxy.expect_all("Failed to send waypoints", "Mission item 3: command not supported")
+        assert differences(items(MISSION_FILE), download(other).items) == []
+    finally:
+        proxy.end()
+        clear_all(other)
+
+
 def transfer(start):
     """Waits for the end of MAVSDK's transfer."""
     results = queue.Queue()
@@ -165,7 +247,7 @@ def test_mavsdk_downloads(system, tmp_path, use_burst):
 def test_mavsdk_lists_and_compares(system, tmp_path):
     ftp = Ftp(system)
     listing = ftp.list_directory("/")
-    assert [entry.name for entry in listing.entries] == ["@PARAM", "events.json.xz", "general.json", "parameters.json.xz"]
+    assert [entry.name for entry in listing.entries] == ["@MISSION", "@PARAM", "events.json.xz", "general.json", "parameters.json.xz"]
     general = tmp_path / "general.json"
     assert transfer(lambda done: ftp.download_async(general.name, str(tmp_path), True, done)) == FtpResult.SUCCESS
     assert ftp.are_files_identical(str(general), "general.json")

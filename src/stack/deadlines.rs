@@ -74,7 +74,7 @@ macro_rules! declare {
                 gimbal_manager,
                 gimbal_device,
                 high_latency,
-                files: { sessions: 2, upload: 64 },
+                files: { sessions: 2, upload: 276 },
                 events: { history: 8, checks },
                 $($signing)?
             }

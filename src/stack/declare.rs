@@ -132,7 +132,7 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
 /// | `gimbal_manager` | a [gimbal manager](crate::gimbal::ManagerService): who points the gimbal, and where | none | [`GimbalManager`](crate::GimbalManager) |
 /// | `gimbal_device` | a [gimbal device](crate::gimbal::DeviceService): the gimbal itself | none | [`GimbalDevice`](crate::GimbalDevice) |
 /// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
-/// | `files: { sessions: N, upload: N }` | [files](crate::Files) by FTP, and all parameters in one: files open at a time, and bytes of the largest upload of parameters; without `upload` parameters are not written that way | none | [`Files`](crate::Files) |
+/// | `files: { sessions: N, upload: N }` | [files](crate::Files) by FTP, all parameters in one, and plans as files: files open at a time, and bytes of the largest upload of parameters, at least 276 with plans; without `upload` parameters and plans are not written that way | none | [`Files`](crate::Files) |
 /// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::network::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
 /// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
 /// | `storage: { records: N }` | [storage](crate::storage) for all of this (feature `storage`), and for up to 8 small records of the firmware's own; `storage` alone has none | none | `Records`, if there are any |
@@ -191,7 +191,7 @@ macro_rules! stack {
 
         impl $crate::__private::Firmware for $name {
             type Vehicle = $vehicle;
-            type Plans = $crate::__declared!(plans $($entries)*,);
+            type Plans = $crate::__declared!(plans [{ $crate::__declared!(uploads $($entries)*,) }] $($entries)*,);
             type Parameters = $crate::__declared!(parameters $($entries)*,);
             const HAS_MODES: bool = $crate::__declared!(has_modes $($entries)*,);
             const HAS_TEXTS: bool = $crate::__declared!(texts $($entries)*,) > 0;
@@ -233,6 +233,7 @@ macro_rules! stack {
             // The services that may have a virtual directory: a line for each.
             type Files = $crate::__declared!(files [$crate::__one_of!({ $crate::__declared!(uploads $($entries)*,) };
                 $crate::__declared!(param $($entries)*,),
+                $crate::__declared!(mission $($entries)*,),
             )] $($entries)*,);
             type Records = $crate::__declared!(records $($entries)*,);
             type Storage = $crate::__declared!(storage $($entries)*,);
@@ -276,8 +277,11 @@ macro_rules! __declared {
     (texts texts: $n:expr, $($rest:tt)*) => { $n };
     (texts) => { 4 };
 
-    (plans plans: { $($plans:tt)* }, $($rest:tt)*) => { $crate::plan_memory!($($plans)*) };
-    (plans) => { $crate::__private::NoPlans };
+    (plans [$uploads:block] plans: { $($plans:tt)* }, $($rest:tt)*) => {
+        <$crate::plan_memory!($($plans)*) as $crate::__private::PlanMemoryOf<$uploads>>::Memory
+    };
+    (plans [$uploads:block]) => { $crate::__private::NoPlans };
+    (plans [$uploads:block] $skipped:tt $($rest:tt)*) => { $crate::__declared!(plans [$uploads] $($rest)*) };
 
     (mission plans: { $($plans:tt)* }, $($rest:tt)*) => { $crate::__private::Missions };
     (mission) => { $crate::__private::WithoutPlans };

@@ -228,7 +228,7 @@ where
     {
         let Some((mut cx, vehicle)) = mission::work(cx) else { return };
         let answer = self.refuse_commit(&mut cx, vehicle);
-        mission::queue_result(links, answer);
+        self.queue_result::<F>(cx.plans, links, answer);
     }
 
     fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Write> {
@@ -248,7 +248,7 @@ where
     {
         let Some((mut cx, vehicle)) = mission::work(cx) else { return };
         let answer = if is_saved { self.on_saved(&mut cx, vehicle) } else { self.on_save_failed(&mut cx) };
-        mission::queue_result(links, answer);
+        self.queue_result::<F>(cx.plans, links, answer);
     }
 
     fn save_again(&mut self, _: &mut Cx<'_, F>) {

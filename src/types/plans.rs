@@ -8,8 +8,9 @@
 use heapless::Vec;
 use heapless::vec::VecView;
 
-use crate::dialect::MavMissionType;
-use crate::message::Item;
+use super::link::{LinkId, Peer};
+use crate::dialect::{MavMissionResult, MavMissionType};
+use crate::message::{Address, Item};
 
 /// A kind of plan. Each kind has its own live plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,13 +84,88 @@ impl<'a> PlanView<'a> {
 /// `plans` in [`stack!`](crate::stack). A plan of capacity 0 is not served: it is refused with UNSUPPORTED, and
 /// AUTOPILOT_VERSION does not announce it.
 ///
-/// [`plan_memory!`](crate::plan_memory) spells the type. It takes 32 bytes for each item, and at most 256 for the rest.
+/// [`plan_memory!`](crate::plan_memory) spells the type. It takes 32 bytes for each item, and at most 256 for the rest. `U` is a
+/// [`FileUpload`] in a stack that takes plans as files.
 #[derive(Clone, Debug)]
-pub struct PlanBuffers<const M: usize, const F: usize, const R: usize, const S: usize> {
+pub struct PlanBuffers<const M: usize, const F: usize, const R: usize, const S: usize, U = ()> {
     mission: Buffer<M>,
     fence: Buffer<F>,
     rally: Buffer<R>,
     staging: Vec<Item, S>,
+    upload: U,
+}
+
+/// The state of an upload as a file, or nothing.
+pub trait UploadMemory {
+    /// Whether there is one.
+    const IS_KEPT: bool;
+    /// No upload: all zero bits.
+    const NEW: Self;
+
+    /// Returns the state.
+    fn view(&mut self) -> Option<&mut FileUpload>;
+}
+
+impl UploadMemory for () {
+    const IS_KEPT: bool = false;
+    const NEW: Self = ();
+
+    fn view(&mut self) -> Option<&mut FileUpload> {
+        None
+    }
+}
+
+impl UploadMemory for FileUpload {
+    const IS_KEPT: bool = true;
+    const NEW: Self = Self {
+        step: UploadStep::Nothing,
+        plan: PlanType::Mission,
+        client: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        count: 0,
+        first: 0,
+        result: MavMissionResult(0),
+    };
+
+    fn view(&mut self) -> Option<&mut FileUpload> {
+        Some(self)
+    }
+}
+
+/// The upload of a plan as a file. Its items are staged as the file's parts are received; the plan service lends the staging area,
+/// and makes the plan live.
+#[derive(Clone, Copy, Debug)]
+pub struct FileUpload {
+    pub(crate) step: UploadStep,
+    pub(crate) plan: PlanType,
+    pub(crate) client: Peer,
+    /// The number of items; more than [`MAX_ITEMS`] before the file's header is received.
+    pub(crate) count: u16,
+    /// The first item marked as current; more than [`MAX_ITEMS`] if there is none.
+    pub(crate) first: u16,
+    /// Why it is refused.
+    pub(crate) result: MavMissionResult,
+}
+
+/// Instead of a number of items, or of an item: there is none.
+pub(crate) const NO_ITEM: u16 = u16::MAX;
+
+/// How far the upload of a plan as a file is. `client`: set by the file; `service`: set by the plan service in its poll.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum UploadStep {
+    /// There is none (client).
+    Nothing,
+    /// The client asks for the staging area (client).
+    Asked,
+    /// The file may stage items (service).
+    Permitted,
+    /// All items are staged (client).
+    Complete,
+    /// The plan is being stored (service).
+    Writing,
+    /// It is live (service).
+    Accepted,
+    /// It is refused (both).
+    Refused,
 }
 
 #[derive(Clone, Debug)]
@@ -154,7 +230,21 @@ macro_rules! plan_memory {
     };
 }
 
-impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanBuffers<M, F, R, S> {
+/// Plan memory in a stack that takes plans as files, if `UPLOADS` is true.
+pub trait PlanMemoryOf<const UPLOADS: bool> {
+    /// The memory.
+    type Memory;
+}
+
+impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanMemoryOf<false> for PlanBuffers<M, F, R, S> {
+    type Memory = Self;
+}
+
+impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanMemoryOf<true> for PlanBuffers<M, F, R, S> {
+    type Memory = PlanBuffers<M, F, R, S, FileUpload>;
+}
+
+impl<const M: usize, const F: usize, const R: usize, const S: usize, U: UploadMemory> PlanBuffers<M, F, R, S, U> {
     #[allow(clippy::arithmetic_side_effects, reason = "const-evaluated: an overflow is a compile error")]
     const CHECKED: () = {
         assert!(S == largest(M, F, R), "the staging area is as large as the largest plan: use plan_memory!");
@@ -166,11 +256,13 @@ impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanBuffers
     /// Three empty plans.
     pub const fn new() -> Self {
         const { Self::CHECKED };
-        Self { mission: Buffer::EMPTY, fence: Buffer::EMPTY, rally: Buffer::EMPTY, staging: Vec::new() }
+        Self { mission: Buffer::EMPTY, fence: Buffer::EMPTY, rally: Buffer::EMPTY, staging: Vec::new(), upload: U::NEW }
     }
 }
 
-impl<const M: usize, const F: usize, const R: usize, const S: usize> Default for PlanBuffers<M, F, R, S> {
+impl<const M: usize, const F: usize, const R: usize, const S: usize, U: UploadMemory> Default
+    for PlanBuffers<M, F, R, S, U>
+{
     fn default() -> Self {
         Self::new()
     }
@@ -183,6 +275,9 @@ pub trait PlanMemory {
     const EMPTY: Self;
     /// The maximum number of items in each plan, ordered as [`PlanType::ALL`]; 0 for a plan that is not served.
     const CAPACITIES: [u16; 3];
+    /// Whether the stack takes plans as files.
+    #[doc(hidden)]
+    const TAKES_FILES: bool = false;
 
     /// Returns a live plan. Uploaded items are not in it before the upload is complete (M-39).
     fn live(&self, plan: PlanType) -> PlanView<'_>;
@@ -192,10 +287,13 @@ pub trait PlanMemory {
     fn view(&mut self) -> Option<PlansMut<'_>>;
 }
 
-impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanMemory for PlanBuffers<M, F, R, S> {
+impl<const M: usize, const F: usize, const R: usize, const S: usize, U: UploadMemory> PlanMemory
+    for PlanBuffers<M, F, R, S, U>
+{
     const EMPTY: Self = Self::new();
     #[allow(clippy::as_conversions, reason = "const-evaluated; checked by `new` to be at most MAX_ITEMS")]
     const CAPACITIES: [u16; 3] = [M as u16, F as u16, R as u16];
+    const TAKES_FILES: bool = U::IS_KEPT;
 
     fn live(&self, plan: PlanType) -> PlanView<'_> {
         match plan {
@@ -212,6 +310,7 @@ impl<const M: usize, const F: usize, const R: usize, const S: usize> PlanMemory 
             fence: self.fence.view(),
             rally: self.rally.view(),
             staging: self.staging.as_mut_view(),
+            upload: self.upload.view(),
         })
     }
 }
@@ -236,6 +335,8 @@ pub struct PlansMut<'a> {
     rally: Live<'a>,
     /// The items of the upload that is running.
     pub(crate) staging: &'a mut VecView<Item>,
+    /// The upload as a file, in a stack that takes plans as files.
+    pub(crate) upload: Option<&'a mut FileUpload>,
 }
 
 /// A live plan that can be replaced.
@@ -288,7 +389,7 @@ impl PlansMut<'_> {
 
     /// Replaces the live plan by the staged one, in one step. The id of an empty plan is 0.
     pub(crate) fn go_live(&mut self, plan: PlanType, id: u32) {
-        let Self { mission, fence, rally, staging } = self;
+        let Self { mission, fence, rally, staging, .. } = self;
         let Live { items, id: live_id } = match plan {
             PlanType::Mission => mission,
             PlanType::Fence => fence,

@@ -368,6 +368,14 @@ fn cases() -> Vec<Case> {
             "an upload has less than 65,536 bytes",
         ),
         (
+            "files_upload_plans",
+            implements(
+                &[FILES, PLANS].concat(),
+                "links: 1, plans: { mission: 1 }, files: { sessions: 1, upload: 275 }",
+            ),
+            "plans as files need `upload: 276` or more",
+        ),
+        (
             "files_path",
             implements(&FILES.replace("a.txt", "/a.txt"), "links: 1, files: { sessions: 1 }"),
             "the path of a static file has 1 to 200 bytes",

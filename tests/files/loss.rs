@@ -5,7 +5,7 @@ use mavstack::Duration;
 use proptest::prelude::*;
 
 /// A line that loses this share of frames, and duplicates and reorders some.
-fn line(loss: f64, disorder: f64) -> LineConfig {
+pub fn line(loss: f64, disorder: f64) -> LineConfig {
     let faults = Faults {
         frame_loss: loss,
         frame_duplicate: disorder,
@@ -17,7 +17,7 @@ fn line(loss: f64, disorder: f64) -> LineConfig {
     LineConfig::both(wire)
 }
 
-fn lossy(line: LineConfig, seed: u64) -> Shelf {
+pub fn lossy(line: LineConfig, seed: u64) -> Shelf {
     let link = LinkConfig::uart(115_200).with_streams(StreamProfile::Off);
     let mut world = Shelf::of(Setup { links: [link; 2], lines: [line; 2], seed, ..Setup::new() });
     world.run_for(millis(100));
@@ -25,7 +25,7 @@ fn lossy(line: LineConfig, seed: u64) -> Shelf {
 }
 
 /// Runs transfers at the same time, each on its link, until all have ended.
-fn run(world: &mut Shelf, transfers: &mut [(usize, Transfer)]) -> Duration {
+pub fn run(world: &mut Shelf, transfers: &mut [(usize, Transfer)]) -> Duration {
     let begin = world.now();
     let mut left: Vec<usize> = (0..transfers.len()).collect();
     let ended = world.run_until(secs(900), |world| {

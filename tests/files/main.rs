@@ -1,4 +1,4 @@
-//! Files by FTP, and the parameters as a file.
+//! Files by FTP, and the parameters and the plans as files.
 
 #[path = "../support/mod.rs"]
 mod support;
@@ -7,6 +7,7 @@ mod loss;
 mod model;
 mod pace;
 mod params;
+mod plans;
 mod requests;
 mod sessions;
 
@@ -19,7 +20,7 @@ use support::*;
 mavstack::stack! {
     struct Filed for TestVehicle {
         links: 2,
-        plans: { mission: 20 },
+        plans: { mission: 60, fence: 20, rally: 6 },
         parameters: Tuning,
         streams,
         commands: { slots: 3 },

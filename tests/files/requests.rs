@@ -21,7 +21,7 @@ fn list(world: &mut Shelf, client: &mut Client, opcode: MavFtpOpcode, path: &str
     }
 }
 
-/// F-9: directories with and without times, of static files, of the vehicle's, and of the parameters.
+/// F-9: directories with and without times, of static files, of the vehicle's, of the parameters and of plans.
 #[test]
 fn directories_are_listed() {
     let (mut world, mut client) = (world(), client());
@@ -30,7 +30,7 @@ fn directories_are_listed() {
     let with_time = MavFtpOpcode::LISTDIRECTORYWITHTIME;
     for root in ["", "/", "."] {
         let entries = list(&mut world, &mut client, MavFtpOpcode::LISTDIRECTORY, root).unwrap();
-        assert_eq!(entries, ["Fgeneral.json\t13", "Ddocs", "D@PARAM", "Flog.bin\t1000", "Dlogs"]);
+        assert_eq!(entries, ["Fgeneral.json\t13", "Ddocs", "D@PARAM", "D@MISSION", "Flog.bin\t1000", "Dlogs"]);
     }
     for docs in ["docs", "/docs/"] {
         let entries = list(&mut world, &mut client, MavFtpOpcode::LISTDIRECTORY, docs).unwrap();
@@ -43,6 +43,8 @@ fn directories_are_listed() {
     let entries = list(&mut world, &mut client, with_time, "docs").unwrap();
     assert_eq!(entries[1], "Dmore\t0\t0");
     assert_eq!(list(&mut world, &mut client, MavFtpOpcode::LISTDIRECTORY, "@PARAM").unwrap(), ["Fparam.pck\t108"]);
+    let plans = list(&mut world, &mut client, MavFtpOpcode::LISTDIRECTORY, "@MISSION").unwrap();
+    assert_eq!(plans, ["Fmission.dat\t10", "Ffence.dat\t10", "Frally.dat\t10"], "F-20");
     for missing in ["nothing", "doc", "@SYS", "general.json/x", "docs/licence"] {
         let entries = list(&mut world, &mut client, MavFtpOpcode::LISTDIRECTORY, missing);
         assert_eq!(entries, Err(MavFtpErr::FILENOTFOUND), "{missing}");

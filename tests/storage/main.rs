@@ -20,6 +20,7 @@ mod lifetime;
 mod pace;
 mod pages;
 mod partition;
+mod plan_files;
 mod power_cut;
 mod records;
 #[cfg(feature = "signing")]

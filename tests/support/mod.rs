@@ -43,6 +43,7 @@ pub mod flash;
 mod gcs;
 mod network;
 pub mod pilot;
+pub mod plan_file;
 pub mod pymavlink;
 mod receiver;
 pub mod reference;

@@ -144,7 +144,7 @@ fn put_entry<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
             Err(count) => index = index.saturating_sub(count),
         }
         if path_len == 0 {
-            for name in (0..V::COUNT).map(V::name).filter(|name| !name.is_empty()) {
+            for name in (0..V::COUNT).map(V::name) {
                 let Some(rest) = index.checked_sub(1) else {
                     entries.put(name, None, 0, has_time);
                     return true;

@@ -33,7 +33,7 @@ pub use list::Entries;
 pub use packet::Body;
 pub use session::Session;
 pub use vehicle::{FileAccess, FileChange, FileEntry, Files, OpenFile, StaticFile};
-pub use virtual_files::{HasFiles, NoFile, OneOf, VirtualFile, VirtualFiles};
+pub use virtual_files::{HasFiles, NoFile, OneOf, Part, VirtualFile, VirtualFiles};
 
 use self::requests::Stop;
 use self::session::State;
@@ -81,8 +81,9 @@ pub struct FileStatus {
     /// When a session may end.
     wake: Instant,
     counters: FileCounters,
-    /// The upload: the bytes received, and what became of it.
-    received: u16,
+    /// The upload: the bytes received, how many of them are kept, and what became of it.
+    received: u32,
+    kept: u16,
     upload: Upload,
 }
 
@@ -133,6 +134,7 @@ where
         assert!(N == OPEN.saturating_add(OTHERS));
         assert!(OPEN > 0 && OPEN < 100, "a client needs a session: `files: {{ sessions: 2 }}`, or leave `files` out");
         assert!(UPLOAD < 65_536, "an upload has less than 65,536 bytes");
+        assert!(!V::UPLOADS || UPLOAD >= V::UPLOAD_ROOM, "plans as files need `upload: 276` or more");
         StaticFile::check(F::Vehicle::FILES);
         Self {
             status: FileStatus {
@@ -140,6 +142,7 @@ where
                 wake: Instant::ZERO,
                 counters: FileCounters::ZERO,
                 received: 0,
+                kept: 0,
                 upload: Upload::Running,
             },
             work: Work::Nothing,

@@ -9,11 +9,15 @@ use crate::dialect::MavFtpErr;
 use crate::service::Cx;
 use crate::types::Firmware;
 
-/// Closes a file of the vehicle.
-pub(super) fn close<F: Firmware<Vehicle: Files>, V>(cx: &mut Cx<'_, F>, open: &Open<V>) {
-    if let Open::Hook { number, .. } = *open {
-        let (vehicle, mut context) = cx.hook();
-        vehicle.close(&mut context, number);
+/// Closes a file of the vehicle, or an upload (F-26).
+pub(super) fn close<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(cx: &mut Cx<'_, F>, open: &Open<V>) {
+    match open {
+        Open::Hook { number, .. } => {
+            let (vehicle, mut context) = cx.hook();
+            vehicle.close(&mut context, *number);
+        }
+        Open::Upload(file) if V::UPLOADS => file.close(cx),
+        _ => {}
     }
 }
 

@@ -67,7 +67,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
 
     /// Closes what a session has open, and drops its data that is pending.
     #[inline(never)]
-    fn close(&mut self, place: usize) {
+    pub(super) fn close(&mut self, place: usize) {
         let Some(session) = self.sessions.get_mut(place) else { return };
         session.drop_data();
         session.opened_by = 0;
@@ -245,17 +245,21 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             self.close(victim);
         }
         if V::UPLOADS && matches!(opened, Open::Upload(_)) {
-            (self.status.received, self.status.upload) = (0, Upload::Running);
+            (self.status.received, self.status.kept, self.status.upload) = (0, 0, Upload::Running);
         }
         increment(&mut self.status.counters.opened);
         if let Some(session) = self.sessions.get_mut(place) {
             (session.open, session.opened_by, session.size) = (opened, digest, size);
             session.forget_answers();
         }
-        if let Open::Virtual(file) = opened {
-            *self.work = Work::Measure { session: short(place), file };
-            return Err(Stop::LATER);
+        match opened {
+            Open::Virtual(file) => *self.work = Work::Measure { session: short(place), file },
+            Open::Upload(file) if V::UPLOADS => {
+                let Some(session) = self.sessions.get(place) else { return Err(Stop::DROPPED) };
+                *self.work = Work::Begin { session: short(place), client: session.key.client(), file };
+            }
+            _ => return Ok(size),
         }
-        Ok(size)
+        Err(Stop::LATER)
     }
 }

@@ -55,25 +55,53 @@ pub trait VirtualFile<F: Firmware>: Copy + Debug {
     /// if that is unknown). `None` behind the last one.
     fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)>;
 
-    /// Whether an upload is complete: called after each of its parts, with what has arrived.
-    fn is_complete(&self, content: &[u8]) -> bool {
-        let _ = content;
-        true
+    /// The room that an upload needs: `upload` in [`stack!`](crate::stack).
+    const UPLOAD_ROOM: usize = 1;
+
+    /// Begins an upload, after [`open`](Self::open). `None` if that takes another call. After a refusal the file is closed.
+    fn begin(&self, cx: &mut Cx<'_, F>, from: Peer) -> Option<Result<(), MavFtpErr>> {
+        let _ = (cx, from);
+        Some(Ok(()))
     }
 
-    /// Takes up an upload that is complete, as a whole or not at all. `None` if that takes another call.
+    /// Takes the next part of an upload. `content` is all that has arrived and is still needed: this part is its end.
+    fn take(&self, cx: &mut Cx<'_, F>, content: &[u8]) -> Part {
+        let _ = (cx, content);
+        Part::Last
+    }
+
+    /// Takes up an upload that is complete, as a whole or not at all. `None` if that takes another call. A client that is gone
+    /// does not stop it.
     fn finish(&mut self, cx: &mut Cx<'_, F>, from: Peer, content: &[u8]) -> Option<Result<(), MavFtpErr>> {
         let _ = (cx, from, content);
         Some(Err(MavFtpErr::FILEPROTECTED))
     }
+
+    /// Called when an upload is closed, complete or not.
+    fn close(&self, cx: &mut Cx<'_, F>) {
+        let _ = cx;
+    }
+}
+
+/// What became of a part of an upload.
+#[derive(Debug)]
+pub enum Part {
+    /// More are to come. So many bytes of the content are not needed any more.
+    Taken(usize),
+    /// It is the last one: [`VirtualFile::finish`] is next.
+    Last,
+    /// The upload is refused.
+    Refused(MavFtpErr),
 }
 
 /// An open file of any virtual directory. The directories have numbers.
 pub trait VirtualFiles<F: Firmware>: Copy + Debug {
-    /// The number of directories, those without a name included.
+    /// The number of directories.
     const COUNT: u16;
     /// Whether any directory has uploads, and the stack room for one.
     const UPLOADS: bool;
+    /// The room that an upload to any of them needs.
+    const UPLOAD_ROOM: usize;
 
     /// Returns the name of a directory; empty if there is none with this number.
     fn name(directory: u16) -> &'static [u8];
@@ -93,11 +121,17 @@ pub trait VirtualFiles<F: Firmware>: Copy + Debug {
     /// As [`VirtualFile::entry`].
     fn entry(cx: &mut Cx<'_, F>, directory: u16, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)>;
 
-    /// As [`VirtualFile::is_complete`].
-    fn is_complete(&self, content: &[u8]) -> bool;
+    /// As [`VirtualFile::begin`].
+    fn begin(&self, cx: &mut Cx<'_, F>, from: Peer) -> Option<Result<(), MavFtpErr>>;
+
+    /// As [`VirtualFile::take`].
+    fn take(&self, cx: &mut Cx<'_, F>, content: &[u8]) -> Part;
 
     /// As [`VirtualFile::finish`].
     fn finish(&mut self, cx: &mut Cx<'_, F>, from: Peer, content: &[u8]) -> Option<Result<(), MavFtpErr>>;
+
+    /// As [`VirtualFile::close`].
+    fn close(&self, cx: &mut Cx<'_, F>);
 }
 
 /// No file: that of a service without a virtual directory, and the end of a list.
@@ -127,6 +161,7 @@ impl<F: Firmware> VirtualFile<F> for NoFile {
 impl<F: Firmware> VirtualFiles<F> for NoFile {
     const COUNT: u16 = 0;
     const UPLOADS: bool = false;
+    const UPLOAD_ROOM: usize = 0;
 
     fn name(_: u16) -> &'static [u8] {
         b""
@@ -152,11 +187,19 @@ impl<F: Firmware> VirtualFiles<F> for NoFile {
         None
     }
 
-    fn is_complete(&self, _: &[u8]) -> bool {
+    fn begin(&self, _: &mut Cx<'_, F>, _: Peer) -> Option<Result<(), MavFtpErr>> {
+        match *self {}
+    }
+
+    fn take(&self, _: &mut Cx<'_, F>, _: &[u8]) -> Part {
         match *self {}
     }
 
     fn finish(&mut self, _: &mut Cx<'_, F>, _: Peer, _: &[u8]) -> Option<Result<(), MavFtpErr>> {
+        match *self {}
+    }
+
+    fn close(&self, _: &mut Cx<'_, F>) {
         match *self {}
     }
 }
@@ -171,12 +214,22 @@ pub enum OneOf<const UPLOADS: bool, A, B> {
     Rest(B),
 }
 
+/// Returns the number of a directory among those behind the first one; `None` if it is the first one. A service that is not declared
+/// has none.
+const fn number_in_rest(directory: u16, first: &[u8]) -> Option<u16> {
+    if first.is_empty() { Some(directory) } else { directory.checked_sub(1) }
+}
+
 impl<F: Firmware, const UPLOADS: bool, A: VirtualFile<F>, B: VirtualFiles<F>> VirtualFiles<F> for OneOf<UPLOADS, A, B> {
-    const COUNT: u16 = B::COUNT.saturating_add(1);
+    const COUNT: u16 = B::COUNT.saturating_add(if A::DIRECTORY.is_empty() { 0 } else { 1 });
     const UPLOADS: bool = UPLOADS && (A::UPLOADS || B::UPLOADS);
+    const UPLOAD_ROOM: usize = {
+        let first = if A::UPLOADS { A::UPLOAD_ROOM } else { 0 };
+        if first > B::UPLOAD_ROOM { first } else { B::UPLOAD_ROOM }
+    };
 
     fn name(directory: u16) -> &'static [u8] {
-        directory.checked_sub(1).map_or(A::DIRECTORY, B::name)
+        number_in_rest(directory, A::DIRECTORY).map_or(A::DIRECTORY, B::name)
     }
 
     fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr> {
@@ -213,16 +266,23 @@ impl<F: Firmware, const UPLOADS: bool, A: VirtualFile<F>, B: VirtualFiles<F>> Vi
     }
 
     fn entry(cx: &mut Cx<'_, F>, directory: u16, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
-        match directory.checked_sub(1) {
+        match number_in_rest(directory, A::DIRECTORY) {
             None => A::entry(cx, index, name),
             Some(rest) => B::entry(cx, rest, index, name),
         }
     }
 
-    fn is_complete(&self, content: &[u8]) -> bool {
+    fn begin(&self, cx: &mut Cx<'_, F>, from: Peer) -> Option<Result<(), MavFtpErr>> {
         match self {
-            Self::First(file) => file.is_complete(content),
-            Self::Rest(file) => file.is_complete(content),
+            Self::First(file) => file.begin(cx, from),
+            Self::Rest(file) => file.begin(cx, from),
+        }
+    }
+
+    fn take(&self, cx: &mut Cx<'_, F>, content: &[u8]) -> Part {
+        match self {
+            Self::First(file) => file.take(cx, content),
+            Self::Rest(file) => file.take(cx, content),
         }
     }
 
@@ -230,6 +290,13 @@ impl<F: Firmware, const UPLOADS: bool, A: VirtualFile<F>, B: VirtualFiles<F>> Vi
         match self {
             Self::First(file) => file.finish(cx, from, content),
             Self::Rest(file) => file.finish(cx, from, content),
+        }
+    }
+
+    fn close(&self, cx: &mut Cx<'_, F>) {
+        match self {
+            Self::First(file) => file.close(cx),
+            Self::Rest(file) => file.close(cx),
         }
     }
 }
@@ -322,8 +389,8 @@ mod tests {
             None
         }
 
-        fn is_complete(&self, content: &[u8]) -> bool {
-            content.len() == 4
+        fn take(&self, _: &mut Cx<'_, Shelf>, content: &[u8]) -> Part {
+            if content.len() == 4 { Part::Last } else { Part::Taken(0) }
         }
 
         fn finish(&mut self, _: &mut Cx<'_, Shelf>, _: Peer, content: &[u8]) -> Option<Result<(), MavFtpErr>> {
@@ -393,7 +460,8 @@ mod tests {
     #[test]
     fn uploads_need_a_directory_and_room() {
         let Ok(Open::Upload(mut file)) = opened::<All>("@BIN/drop", FileAccess::Create) else { panic!("no upload") };
-        assert!(!file.is_complete(b"123") && file.is_complete(b"1234"));
+        let take = |content| with(|cx| file.take(cx, content));
+        assert!(matches!((take(b"123"), take(b"1234")), (Part::Taken(0), Part::Last)));
         let from = Peer { address: Address::new(255, 190), link: LinkId(0) };
         assert_eq!(with(|cx| file.finish(cx, from, b"1234")), Some(Ok(())));
         assert_eq!(with(|cx| file.finish(cx, from, b"\x0012")), Some(Err(MavFtpErr::FAIL)));

@@ -4,7 +4,7 @@ use super::open::{close, read};
 use super::packet::{MAX_DATA, Request};
 use super::requests::Stop;
 use super::session::{Open, State};
-use super::virtual_files::VirtualFiles;
+use super::virtual_files::{Part, VirtualFiles};
 use super::{Files, Outcome, Server, short};
 use crate::crc32::Crc32;
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
@@ -35,6 +35,12 @@ pub(super) enum Work<V> {
         open: Open<V>,
         offset: u32,
         crc: Crc32,
+    },
+    /// An upload begins.
+    Begin {
+        session: u8,
+        client: Peer,
+        file: V,
     },
     /// An upload is complete.
     Upload {
@@ -80,29 +86,49 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         Ok(0)
     }
 
-    /// Takes a part of an upload, in order: a later one is dropped, and the client sends it again. Returns whether the file is
+    /// Takes a part of an upload, in order (F-23): a later one is dropped, and the client sends it again. Returns whether the file is
     /// complete.
     fn take_upload(&mut self, file: &V, request: &Request<'_>) -> Result<bool, Stop> {
         if self.status.upload == Upload::Refused {
             return Err(MavFtpErr::FAIL.into());
         }
-        let received = usize::from(self.status.received);
-        let begin = usize::try_from(request.head.offset).unwrap_or(usize::MAX);
-        let end = begin.saturating_add(usize::from(request.head.size));
-        if end <= received {
-            return Ok(false);
-        }
-        if begin > received {
-            return Err(Stop::DROPPED);
-        }
-        let Some(to) = self.upload.get_mut(begin..end).filter(|_| self.status.upload == Upload::Running) else {
-            self.status.upload = Upload::Refused;
-            return Err(MavFtpErr::FAIL.into());
+        let Some(known) = self.status.received.checked_sub(request.head.offset) else { return Err(Stop::DROPPED) };
+        let new = match u32::from(request.head.size).checked_sub(known) {
+            None | Some(0) => return Ok(false),
+            Some(new) => new,
         };
-        to.fill(0);
-        crate::message::zero_extend(request.data, to);
-        self.status.received = u16::try_from(end).unwrap_or(u16::MAX);
-        Ok(file.is_complete(self.upload.get(..end).unwrap_or_default()))
+        let kept = usize::from(self.status.kept);
+        let end = kept.saturating_add(usize::try_from(new).unwrap_or(usize::MAX));
+        let room = self.upload.get_mut(kept..end).filter(|_| self.status.upload == Upload::Running);
+        let part = match room {
+            Some(to) => {
+                to.fill(0);
+                let data = request.data.get(usize::try_from(known).unwrap_or(usize::MAX)..);
+                crate::message::zero_extend(data.unwrap_or_default(), to);
+                file.take(self.cx, self.upload.get(..end).unwrap_or_default())
+            }
+            None => Part::Refused(MavFtpErr::FAIL),
+        };
+        let done = match part {
+            Part::Taken(done) => done.min(end),
+            Part::Last => 0,
+            Part::Refused(error) => {
+                self.status.upload = Upload::Refused;
+                return Err(error.into());
+            }
+        };
+        if done > 0 {
+            // The rest moves to the front: a few bytes, for which `copy_within` would link 1.5 kB.
+            for (to, from) in (done..end).enumerate() {
+                let byte = self.upload.get(from).copied().unwrap_or(0);
+                if let Some(to) = self.upload.get_mut(to) {
+                    *to = byte;
+                }
+            }
+        }
+        self.status.received = self.status.received.saturating_add(new);
+        self.status.kept = u16::try_from(end.saturating_sub(done)).unwrap_or(u16::MAX);
+        Ok(matches!(part, Part::Last))
     }
 
     /// Does a step of what takes more than one call.
@@ -110,7 +136,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
     pub(super) fn work(&mut self) {
         let (session, outcome) = match self.work {
             Work::Upload { session, client, file } if V::UPLOADS => {
-                let content = self.upload.get(..usize::from(self.status.received)).unwrap_or_default();
+                let content = self.upload.get(..usize::from(self.status.kept)).unwrap_or_default();
                 let Some(finished) = file.finish(self.cx, *client, content) else { return };
                 match finished {
                     Ok(()) => increment(&mut self.status.counters.uploads),
@@ -121,7 +147,21 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 }
                 (*session, finished.map(|()| 0).map_err(Stop::from))
             }
-            Work::Nothing | Work::Upload { .. } => return,
+            Work::Begin { session, client, file } if V::UPLOADS => {
+                let session = *session;
+                let open = self.sessions.get(usize::from(session)).map(|session| &session.open);
+                // A client that has closed it meanwhile does not begin again.
+                let begun = match open {
+                    Some(Open::Upload(_)) => file.begin(self.cx, *client),
+                    _ => Some(Err(MavFtpErr::FAIL)),
+                };
+                let Some(begun) = begun else { return };
+                if begun.is_err() {
+                    self.close(usize::from(session));
+                }
+                (session, begun.map(|()| 0).map_err(Stop::from))
+            }
+            Work::Nothing | Work::Begin { .. } | Work::Upload { .. } => return,
             Work::Measure { session, file } => (*session, file.size(self.cx).ok_or(Stop::LATER)),
             Work::Checksum { session, open, offset, crc } => {
                 let outcome = add_to_checksum(self.cx, open, offset, crc);

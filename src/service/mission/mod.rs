@@ -13,6 +13,7 @@
 mod arrival;
 mod commit;
 mod current;
+mod directory;
 mod distance;
 mod download;
 mod form;
@@ -36,6 +37,7 @@ pub use vehicle::{PlanChange, PlanFault, Plans, Progress};
 
 use self::commit::Commit;
 use self::current::Current;
+use self::directory::is_writing_file;
 use self::download::Sessions;
 use self::progress::Reached;
 use self::replies::Kind;
@@ -314,6 +316,21 @@ impl Missions {
         self.poll_upload(cx).or_else(|| self.poll_commit(cx)).or_else(|| self.poll_second_answer(cx.now))
     }
 
+    /// Queues a final answer on the given link, unless it is that of an upload as a file.
+    pub(crate) fn queue_result<'l, F: Firmware>(
+        &mut self,
+        plans: &mut PlansMut<'_>,
+        mut links: impl Iterator<Item = &'l mut Replies>,
+        owed: Option<(LinkId, Reply)>,
+    ) {
+        let Some((link, reply)) = owed else { return };
+        if is_writing_file::<F>(plans) && !self.is_committing() {
+            self.end_file(plans, reply.kind());
+        } else if let Some(replies) = links.nth(usize::from(link.0)) {
+            replies.set_result(reply);
+        }
+    }
+
     /// Whether a request for an item, or an answer to a download, is pending on a link.
     fn has_transfer(&self, replies: &Replies, tx: &Outbox) -> bool {
         replies.has_part() || self.upload.as_ref().is_some_and(|upload| upload.has_request_on(tx))
@@ -373,7 +390,11 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         let reached = core::mem::take(&mut cx.requests.reached);
         let Some((mut work, vehicle)) = work(cx) else { return };
         reached.iter().for_each(|&seq| self.reached(now, seq, work.normal, repeats));
-        queue_result(links, self.run_timers(&mut work, vehicle));
+        let answer = self.run_timers(&mut work, vehicle);
+        self.queue_result::<F>(work.plans, links, answer);
+        if F::Plans::TAKES_FILES {
+            self.poll_file(&mut work, vehicle);
+        }
     }
 
     fn deadline(&self) -> Instant {
@@ -480,14 +501,6 @@ const fn capabilities(capacities: &[u16; 3]) -> MavProtocolCapability {
         capabilities = capabilities.with(MavProtocolCapability::MISSION_RALLY);
     }
     capabilities
-}
-
-/// Queues a final answer on the given link.
-pub(crate) fn queue_result<'l>(mut links: impl Iterator<Item = &'l mut Replies>, owed: Option<(LinkId, Reply)>) {
-    let Some((link, reply)) = owed else { return };
-    if let Some(replies) = links.nth(usize::from(link.0)) {
-        replies.set_result(reply);
-    }
 }
 
 /// Whether a message about plans is addressed to component 190, as old ground stations do (M-10).

@@ -139,6 +139,11 @@ impl Replies {
         }
     }
 
+    /// Returns the kind of the oldest answer.
+    pub(super) fn first(&self) -> Kind {
+        self.slots.first().map_or(Kind::None, Reply::kind)
+    }
+
     /// Takes the oldest MISSION_ACK if `ack` is true, otherwise the oldest other answer.
     pub(super) fn pop(&mut self, ack: bool) -> Option<Reply> {
         take_first(&mut self.slots, |reply| reply.is_ack() == ack)

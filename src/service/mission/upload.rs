@@ -4,6 +4,7 @@
 //! This module has the message handlers of the state diagram at [`Plans`]. It decides which client may start, restart or
 //! cancel an upload. [`Pace`] decides when a request is repeated.
 
+use super::Plans;
 use super::arrival::Arrival;
 use super::commit::{Change, check_plan};
 use super::form::Form;
@@ -12,14 +13,13 @@ use super::pace::Pace;
 use super::replies::Reply;
 use super::validate::{self, Problem};
 use super::{Caller, Missions, Work};
-use super::{PlanFault, Plans};
 use crate::dialect::{MavMissionResult, MavMissionType, MissionRequest, MissionRequestInt};
 use crate::frame::Frame;
 use crate::link::Outbox;
-use crate::message::{Address, CommandRule, Digest, Item, Message};
+use crate::message::{Address, Digest, Item, Message};
 use crate::service::increment;
 use crate::time::{Duration, Instant};
-use crate::types::{LinkId, Peer, PlanType};
+use crate::types::{LinkId, NO_ITEM, Peer, PlanType};
 
 /// For this long after an upload has ended, a COUNT equal to its COUNT may be a delayed duplicate (M-22).
 const DUPLICATE_WINDOW: Duration = Duration::from_secs(1);
@@ -99,6 +99,24 @@ impl Upload {
         last: Number(LinkId(0), 0),
         counts: Counts::VACANT,
     };
+
+    /// The upload of a file: no client of messages owns it, so all of them are refused (F-24), and its timers do not run. The
+    /// file's session ends it.
+    pub(super) fn of_file(plan: PlanType) -> Self {
+        Self { plan, count: NO_ITEM, pace: Pace::new(Instant::NEVER), ..Self::VACANT }
+    }
+
+    /// Whether it is the upload of a file.
+    pub(super) fn is_of_file(&self) -> bool {
+        self.is_by(Self::VACANT.client.address)
+    }
+
+    /// Enters what the file has staged.
+    pub(super) fn enter(&mut self, items: &[Item], first: Option<u16>) {
+        self.digest = Digest::new();
+        items.iter().for_each(|item| self.digest.add(item));
+        self.first = first;
+    }
 
     fn is_by(&self, address: Address) -> bool {
         self.client.address == address
@@ -348,15 +366,7 @@ impl Missions {
         let item = match checked {
             Ok(item) => item,
             Err(result) => {
-                // 0 in an integer and in a float have the same bits.
-                let is_unset = result == MavMissionResult::INVALID_PARAM5_X && (item.x, item.y) == (0, 0);
-                let is_located = |rule: &CommandRule| rule.is_located();
-                let problem = if is_unset && rule.is_ok_and(is_located) {
-                    Problem::NoPosition(plan, seq)
-                } else {
-                    Problem::Refused(plan, PlanFault { seq: Some(seq), result })
-                };
-                cx.report(&problem);
+                cx.report(&Problem::of_item(plan, seq, &item, rule, result));
                 self.finish(cx, caller, seq, result);
                 return None;
             }
@@ -402,7 +412,13 @@ impl Missions {
     }
 
     /// Ends the upload at item `seq` with a refusal.
-    fn finish(&mut self, cx: &mut Work<'_, '_>, caller: &mut Caller<'_>, seq: u16, result: MavMissionResult) {
+    pub(super) fn finish(
+        &mut self,
+        cx: &mut Work<'_, '_>,
+        caller: &mut Caller<'_>,
+        seq: u16,
+        result: MavMissionResult,
+    ) {
         let Some(Upload { plan, last, .. }) = self.upload.take() else { return };
         cx.plans.staging.clear();
         self.record_end(cx, Done { client: caller.from.address, plan, seq, result, id: 0, last, at: cx.now });
@@ -566,7 +582,7 @@ impl Missions {
 
     /// Drops the upload in progress. Not inlined, because it has several callers.
     #[inline(never)]
-    fn abandon(&mut self, cx: &mut Work<'_, '_>) {
+    pub(super) fn abandon(&mut self, cx: &mut Work<'_, '_>) {
         if self.upload.take().is_some() {
             increment(&mut self.counters.abandoned);
         }
@@ -614,7 +630,7 @@ impl Missions {
     }
 
     /// Whether the token bucket has too few tokens for a change to `count` items; if so, queues the refusal (C-15).
-    fn is_rate_limited(
+    pub(super) fn is_rate_limited(
         &mut self,
         cx: &mut Work<'_, '_>,
         caller: &mut Caller<'_>,
@@ -634,7 +650,7 @@ impl Missions {
     }
 
     /// Asks for [permission](Self::permission), and queues the answer to a refusal (M-27, M-44).
-    fn may_change<V: Plans>(
+    pub(super) fn may_change<V: Plans>(
         &mut self,
         cx: &mut Work<'_, '_>,
         vehicle: &mut V,

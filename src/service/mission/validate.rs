@@ -83,6 +83,25 @@ pub(super) enum Problem<'a> {
 }
 
 impl Problem<'_> {
+    /// Returns the problem with an item that is refused with this result. `rule`: that of its command. Inlined, because it is nothing
+    /// without texts.
+    #[inline]
+    pub(super) fn of_item(
+        plan: PlanType,
+        seq: u16,
+        item: &Item,
+        rule: Result<&CommandRule, MavMissionResult>,
+        result: MavMissionResult,
+    ) -> Self {
+        // 0 in an integer and in a float have the same bits.
+        let is_unset = result == MavMissionResult::INVALID_PARAM5_X && (item.x, item.y) == (0, 0);
+        if is_unset && rule.is_ok_and(CommandRule::is_located) {
+            Self::NoPosition(plan, seq)
+        } else {
+            Self::Refused(plan, PlanFault { seq: Some(seq), result })
+        }
+    }
+
     /// Returns the fault in the plan; ERROR if the problem is not a fault of the plan.
     pub(super) fn fault(&self) -> PlanFault {
         match *self {

@@ -9,7 +9,7 @@ use super::table::{ParamChange, ParamTable, TableMut};
 use super::{ParamService, Parameters, Work, requests};
 use crate::dialect::{MavFtpErr, MavParamError};
 use crate::service::Cx;
-use crate::service::files::{Body, Entries, HasFiles, VirtualFile};
+use crate::service::files::{Body, Entries, HasFiles, Part, VirtualFile};
 use crate::types::{Firmware, Peer, Vehicle};
 
 const DIRECTORY: &[u8] = b"@PARAM";
@@ -58,8 +58,8 @@ where
         packed::entry(cx.parameters.table_mut().count(), index, name)
     }
 
-    fn is_complete(&self, content: &[u8]) -> bool {
-        packed::is_complete(content)
+    fn take(&self, _: &mut Cx<'_, F>, content: &[u8]) -> Part {
+        if packed::is_complete(content) { Part::Last } else { Part::Taken(0) }
     }
 
     fn finish(&mut self, cx: &mut Cx<'_, F>, from: Peer, content: &[u8]) -> Option<Result<(), MavFtpErr>> {

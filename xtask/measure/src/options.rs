@@ -130,6 +130,8 @@ const GROUPS: [(&str, &[Row]); 11] = [
             Row("files-session", "one more file at a time", "files-4", "files", 2),
             Row("files-params", "that, and 8 parameters as a file", "files,parameters", "parameters", 1),
             Row("files-upload", "uploads of parameters, of up to 512 bytes", "files-upload", "files,parameters", 1),
+            Row("files-plans", "a server of files, and a mission as a file", "files,mission", "mission", 1),
+            Row("files-plans-upload", "uploads of missions as files", "files-plans-upload", "files,mission", 1),
         ],
     ),
     (

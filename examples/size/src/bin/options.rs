@@ -87,7 +87,13 @@ entry!($ "events" with_files with_checks [events: { history: if cfg!(feature = "
 entry!($ "events-checks" with_checks with_served [events: { history: 16, checks }]);
 entry!($ "files" with_served with_forwarding [files: {
     sessions: if cfg!(feature = "files-4") { 4 } else { 2 },
-    upload: if cfg!(feature = "files-upload") { 512 } else { 0 },
+    upload: if cfg!(feature = "files-upload") {
+        512
+    } else if cfg!(feature = "files-plans-upload") {
+        276
+    } else {
+        0
+    },
 }]);
 entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
 entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);

@@ -1,0 +1,350 @@
+//! `@MISSION`: the plans as files, down and up (F-20 to F-26).
+//!
+//! The format is ArduPilot's (`AP_Filesystem_Mission`), which MAVProxy reads and writes.
+//!
+//! ```text
+//!   header   magic 0x763D, MAV_MISSION_TYPE, options, number of the first item, number of items: each u16
+//!   item     the 38 bytes of a MISSION_ITEM_INT's payload
+//! ```
+//!
+//! Left out: options, and parts of a plan, which are refused.
+//!
+//! A file is made from the live plan while it is read, so any part of it can be read again. It ends when another plan goes live,
+//! because a client must not mix two plans.
+//!
+//! An upload stages its items as they arrive. The plan service lends the staging area in its poll, as to the client of a
+//! MISSION_COUNT, and makes the plan live, or stores it first. The two tell each other by `FileUpload`:
+//!
+//! ```text
+//!              open             poll                 last part              poll
+//!   Nothing ──────────▶ Asked ──────────▶ Permitted ───────────▶ Complete ─────────▶ Accepted, or Writing first
+//!                         │                  │                       │                  │
+//!                         └──────────────────┴── a refusal ──────────┴──────────────────┴─▶ Refused
+//! ```
+
+use super::commit::Change;
+use super::replies::Kind;
+use super::upload::Upload;
+use super::validate::{self, Problem};
+use super::{Caller, Missions, Plans, Replies, WithoutPlans, Work, work};
+use crate::dialect::{MavFtpErr, MavMissionResult, MissionItemInt};
+use crate::frame::Version;
+use crate::message::{Address, Digest, Item, Message, zero_extend};
+use crate::service::Cx;
+use crate::service::command::Commands;
+use crate::service::files::{Body, Entries, HasFiles, NoFile, Part, VirtualFile};
+use crate::types::{Firmware, NO_ITEM, Peer, PlanMemory, PlanType, PlanView, PlansMut, UploadStep};
+
+const MAGIC: u16 = 0x763D;
+
+const HEADER_LEN: usize = 10;
+const ITEM_LEN: usize = MissionItemInt::MAX_LEN;
+
+/// A packet's data, and the beginning of an item before it.
+const UPLOAD_ROOM: usize = 239 + ITEM_LEN - 1;
+
+impl HasFiles for Missions {
+    type File = PlanFile;
+}
+
+impl HasFiles for WithoutPlans {
+    type File = NoFile;
+}
+
+/// The file of a plan. The plan's id when it was opened: another id is another plan.
+#[derive(Clone, Copy, Debug)]
+pub struct PlanFile {
+    plan: PlanType,
+    id: u32,
+}
+
+impl PlanFile {
+    const fn name(plan: PlanType) -> &'static [u8] {
+        match plan {
+            PlanType::Mission => b"mission.dat",
+            PlanType::Fence => b"fence.dat",
+            PlanType::Rally => b"rally.dat",
+        }
+    }
+
+    /// Returns the live plan; `None` if it is not that of the file any more (F-22).
+    fn live<'a>(&self, plans: Option<&'a PlansMut<'_>>) -> Option<PlanView<'a>> {
+        plans.map(|plans| plans.live(self.plan)).filter(|live| live.id() == self.id)
+    }
+}
+
+/// Returns the length of the file of so many items.
+fn len(count: usize) -> u32 {
+    u32::try_from(count.saturating_mul(ITEM_LEN).saturating_add(HEADER_LEN)).unwrap_or(u32::MAX)
+}
+
+impl<F: Firmware<Vehicle: Plans + Commands>> VirtualFile<F> for PlanFile {
+    const DIRECTORY: &'static [u8] = b"@MISSION";
+    const UPLOADS: bool = true;
+    const UPLOAD_ROOM: usize = UPLOAD_ROOM;
+
+    fn open(cx: &mut Cx<'_, F>, path: &[u8], _: bool) -> Result<Self, MavFtpErr> {
+        let plans = cx.plans.as_ref().ok_or(MavFtpErr::FILENOTFOUND)?;
+        let is_it = |plan: &PlanType| Self::name(*plan) == path && plans.capacity(*plan) > 0;
+        let plan = PlanType::ALL.into_iter().find(is_it).ok_or(MavFtpErr::FILENOTFOUND)?;
+        Ok(Self { plan, id: plans.live(plan).id() })
+    }
+
+    fn size(&mut self, cx: &mut Cx<'_, F>) -> Option<u32> {
+        Some(len(self.live(cx.plans.as_ref()).map_or(0, |live| live.items().len())))
+    }
+
+    fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {
+        let Some(live) = self.live(cx.plans.as_ref()) else { return Body::Refused(MavFtpErr::FAIL) };
+        let current = if self.plan == PlanType::Mission { cx.vehicle.progress().current } else { NO_ITEM };
+        Body::Data(read(self.plan, live.items(), current, offset, out))
+    }
+
+    fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
+        let plans = cx.plans.as_ref()?;
+        let mut served = PlanType::ALL.into_iter().filter(|plan| plans.capacity(*plan) > 0);
+        let plan = served.nth(usize::from(index))?;
+        name.text(Self::name(plan));
+        Some((len(plans.live(plan).items().len()), 0))
+    }
+
+    fn begin(&self, cx: &mut Cx<'_, F>, from: Peer) -> Option<Result<(), MavFtpErr>> {
+        let upload = cx.plans.as_mut()?.upload.as_mut()?;
+        match upload.step {
+            UploadStep::Nothing => {
+                (upload.step, upload.plan, upload.client) = (UploadStep::Asked, self.plan, from);
+                (upload.count, upload.first) = (NO_ITEM, NO_ITEM);
+                None
+            }
+            UploadStep::Asked => None,
+            UploadStep::Permitted => Some(Ok(())),
+            _ => Some(Err(MavFtpErr::FAIL)),
+        }
+    }
+
+    fn take(&self, cx: &mut Cx<'_, F>, content: &[u8]) -> Part {
+        let Some((mut cx, vehicle)) = work(cx) else { return Part::Refused(MavFtpErr::FAIL) };
+        let mut rest = content;
+        loop {
+            match take(&mut cx, vehicle, self.plan, rest) {
+                Ok(Some(0)) => return Part::Taken(content.len().saturating_sub(rest.len())),
+                Ok(Some(taken)) => rest = rest.get(taken..).unwrap_or_default(),
+                Ok(None) => return Part::Last,
+                Err(problem) => {
+                    cx.report(&problem);
+                    if let Some(upload) = &mut cx.plans.upload {
+                        (upload.step, upload.result) = (UploadStep::Refused, problem.fault().result);
+                    }
+                    return Part::Refused(MavFtpErr::FAIL);
+                }
+            }
+        }
+    }
+
+    fn finish(&mut self, cx: &mut Cx<'_, F>, _: Peer, _: &[u8]) -> Option<Result<(), MavFtpErr>> {
+        let upload = cx.plans.as_mut()?.upload.as_mut()?;
+        let result = match upload.step {
+            UploadStep::Complete | UploadStep::Writing => return None,
+            UploadStep::Accepted => Ok(()),
+            _ => Err(MavFtpErr::FAIL),
+        };
+        upload.step = UploadStep::Nothing;
+        Some(result)
+    }
+
+    fn close(&self, cx: &mut Cx<'_, F>) {
+        let Some(upload) = cx.plans.as_mut().and_then(|plans| plans.upload.as_mut()) else { return };
+        if !matches!(upload.step, UploadStep::Complete | UploadStep::Writing) {
+            upload.step = UploadStep::Nothing;
+            // The next poll frees the staging area.
+            cx.shared.has_acted = true;
+        }
+    }
+}
+
+/// Reads from the file of a plan. Returns the number of bytes.
+#[inline(never)]
+fn read(plan: PlanType, items: &[Item], current: u16, offset: u32, out: &mut [u8]) -> usize {
+    let offset = usize::try_from(offset).unwrap_or(usize::MAX);
+    let mut len = 0usize;
+    let mut put = |from: &[u8], at: usize| {
+        let to = out.get_mut(len..).unwrap_or_default();
+        len = len.saturating_add(zero_extend(from.get(at..).unwrap_or_default(), to));
+        len == out.len()
+    };
+    let count = u16::try_from(items.len()).unwrap_or(NO_ITEM);
+    let mission_type = plan.mission_type();
+    let ([a, b], [c, d]) = (MAGIC.to_le_bytes(), count.to_le_bytes());
+    if put(&[a, b, mission_type.0, 0, 0, 0, 0, 0, c, d], offset) {
+        return len;
+    }
+    let behind_header = offset.saturating_sub(HEADER_LEN);
+    let (index, mut at) = (behind_header / ITEM_LEN, behind_header % ITEM_LEN);
+    let items = items.get(index..).unwrap_or_default();
+    let mut seq = u16::try_from(index).unwrap_or(NO_ITEM);
+    for item in items {
+        let mut record = [0; ITEM_LEN];
+        let message = item.to_int(Address::new(0, 0), mission_type, seq, seq == current);
+        let _ = message.encode(&mut record);
+        seq = seq.wrapping_add(1);
+        if put(&record, core::mem::take(&mut at)) {
+            break;
+        }
+    }
+    len
+}
+
+/// Takes the header or an item of an upload: returns its length, 0 for too few bytes, or `None` behind the last item.
+#[inline(never)]
+fn take<V: Plans>(
+    cx: &mut Work<'_, '_>,
+    vehicle: &mut V,
+    plan: PlanType,
+    bytes: &[u8],
+) -> Result<Option<usize>, Problem<'static>> {
+    let refused = |result: MavMissionResult| Problem::Refused(plan, result.into());
+    let (seq, capacity) = (cx.plans.staged(), cx.plans.capacity(plan));
+    let upload = cx.plans.upload.as_mut().filter(|upload| upload.step == UploadStep::Permitted);
+    let upload = upload.ok_or(refused(MavMissionResult::DENIED))?;
+    let count = upload.count;
+    let taken = if count == NO_ITEM {
+        let Some([a, b, c, d, options @ .., e, f]) = bytes.first_chunk::<HEADER_LEN>() else { return Ok(Some(0)) };
+        let (magic, of) = (u16::from_le_bytes([*a, *b]), u16::from_le_bytes([*c, *d]));
+        // F-25: neither options nor a first item.
+        if (magic, of) != (MAGIC, plan.mission_type().0.into()) || *options != [0; 4] {
+            return Err(refused(MavMissionResult::INVALID));
+        }
+        upload.count = u16::from_le_bytes([*e, *f]);
+        if upload.count > capacity {
+            return Err(refused(MavMissionResult::NO_SPACE));
+        }
+        HEADER_LEN
+    } else {
+        let Some(bytes) = bytes.first_chunk::<ITEM_LEN>() else { return Ok(Some(0)) };
+        let message = MissionItemInt::decode(bytes);
+        if seq >= count || message.mission_type != plan.mission_type() || message.current > 1 {
+            return Err(refused(MavMissionResult::INVALID));
+        }
+        if message.current == 1 && upload.first == NO_ITEM {
+            upload.first = seq;
+        }
+        let item = Item::from_int(&message);
+        // The id is computed when all items are staged.
+        Missions::stage_item(cx, vehicle, plan, &mut Digest::new(), item).map_err(|fault| {
+            let rule = validate::rule(plan, V::MISSION_COMMANDS, item.command);
+            Problem::of_item(plan, seq, &item, rule, fault.result)
+        })?;
+        ITEM_LEN
+    };
+    let staged = cx.plans.staged();
+    if let Some(upload) = cx.plans.upload.as_mut().filter(|upload| upload.count == staged) {
+        upload.step = UploadStep::Complete;
+        return if bytes.len() == taken { Ok(None) } else { Err(refused(MavMissionResult::INVALID)) };
+    }
+    Ok(Some(taken))
+}
+
+/// Whether the plan that is being stored was uploaded as a file.
+pub(super) fn is_writing_file<F: Firmware>(plans: &PlansMut<'_>) -> bool {
+    F::Plans::TAKES_FILES && plans.upload.as_ref().is_some_and(|upload| upload.step == UploadStep::Writing)
+}
+
+impl Missions {
+    /// Ends the upload as a file with this answer.
+    pub(super) fn end_file(&mut self, plans: &mut PlansMut<'_>, kind: Kind) {
+        // Its client does not repeat an item, and gets no message.
+        (self.done, self.second_answer) = (None, None);
+        if let Some(upload) = &mut plans.upload {
+            upload.step = if kind == Kind::Accepted { UploadStep::Accepted } else { UploadStep::Refused };
+        }
+    }
+
+    /// Lends the staging area to an upload as a file, makes its plan live, and takes the area back (F-23, F-26).
+    #[inline(never)]
+    pub(super) fn poll_file<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V) {
+        let Some(upload) = cx.plans.upload.as_deref().copied() else { return };
+        let is_lent = self.upload.as_ref().is_some_and(Upload::is_of_file);
+        if !is_lent && matches!(upload.step, UploadStep::Nothing | UploadStep::Refused) {
+            return;
+        }
+        // The same checks as of a client of messages. The answer is for the file.
+        let mut answers = Replies::new();
+        let mut caller = Caller { from: upload.client, version: Version::V2, replies: &mut answers };
+        let (plan, mission_type) = (upload.plan, upload.plan.mission_type());
+        let step = match upload.step {
+            UploadStep::Accepted | UploadStep::Writing => return,
+            UploadStep::Permitted if is_lent => return,
+            UploadStep::Permitted => UploadStep::Refused,
+            UploadStep::Nothing => {
+                self.abandon(cx);
+                UploadStep::Nothing
+            }
+            UploadStep::Refused => {
+                let seq = cx.plans.staged();
+                self.finish(cx, &mut caller, seq, upload.result);
+                self.done = None;
+                UploadStep::Refused
+            }
+            UploadStep::Asked => {
+                if is_lent {
+                    self.abandon(cx);
+                }
+                let is_free = !self.is_receiving() && self.committing().is_none() && !self.is_loading();
+                let is_permitted = is_free
+                    && self.may_change(cx, vehicle, &mut caller, plan, mission_type)
+                    && !self.is_rate_limited(cx, &mut caller, plan, mission_type, 0);
+                if is_permitted {
+                    self.abandon(cx);
+                    self.done = None;
+                    event!("{} upload as a file by {}: started", plan, upload.client);
+                    self.upload = Some(Upload::of_file(plan));
+                    UploadStep::Permitted
+                } else {
+                    UploadStep::Refused
+                }
+            }
+            UploadStep::Complete => {
+                self.complete_file(cx, vehicle, &mut caller, plan, upload.first);
+                if self.committing().is_some() {
+                    UploadStep::Writing
+                } else {
+                    let kind = answers.first();
+                    return self.end_file(cx.plans, kind);
+                }
+            }
+        };
+        if let Some(upload) = &mut cx.plans.upload {
+            upload.step = step;
+        }
+    }
+
+    /// Completes an upload as a file, as the last item completes one by messages.
+    fn complete_file<V: Plans>(
+        &mut self,
+        cx: &mut Work<'_, '_>,
+        vehicle: &mut V,
+        caller: &mut Caller<'_>,
+        plan: PlanType,
+        first: u16,
+    ) {
+        let (count, mission_type) = (cx.plans.staged(), plan.mission_type());
+        let last = count.saturating_sub(1);
+        let may_clear = count > 0 || self.is_clear(cx, Some(plan));
+        if !(may_clear || self.may_change(cx, vehicle, caller, plan, mission_type))
+            || self.is_rate_limited(cx, caller, plan, mission_type, count)
+        {
+            return self.finish(cx, caller, last, MavMissionResult::DENIED);
+        }
+        if count == 0 {
+            self.upload = None;
+            if let Some(reply) = self.change(cx, vehicle, caller.from, mission_type, Change::Clear(Some(plan))) {
+                caller.replies.push(reply);
+            }
+            return;
+        }
+        if let Some(upload) = &mut self.upload {
+            upload.enter(cx.plans.staging.as_slice(), (first != NO_ITEM).then_some(first));
+        }
+        self.complete(cx, vehicle, caller, last);
+    }
+}
