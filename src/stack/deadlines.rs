@@ -25,13 +25,14 @@ use crate::files::StaticFile;
 use crate::frame::{Version, encode};
 use crate::gimbal::GimbalSetpoint;
 use crate::high_latency::{HighLatencyConfig, HighLatencySample};
+use crate::logs::{LogInfo, LogRead};
 use crate::manual_control::ControlSource;
 use crate::message::{Address, ComponentId, Item, Message, Secret, Text};
 use crate::service::{Cx, ForwardingGate, Service, SigningGate, TABLE, Turn, View, turns};
 use crate::time::{Duration, Instant};
 use crate::{
     Camera, Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context,
-    ExtParameters, Files, Fill, FlightMode, GimbalDevice, GimbalManager, LinkConfig, LinkId, ModeRequest, Modes,
+    ExtParameters, Files, Fill, FlightMode, GimbalDevice, GimbalManager, LinkConfig, LinkId, Logs, ModeRequest, Modes,
     Outcome, OutgoingCommand, Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry,
     Vehicle, VehicleState,
 };
@@ -74,6 +75,7 @@ macro_rules! declare {
                 gimbal_device,
                 high_latency,
                 files: { sessions: 2, upload: 64 },
+                logs,
                 $($signing)?
             }
         }
@@ -124,6 +126,25 @@ impl Components for Rover {
 
 impl Files for Rover {
     const FILES: &'static [StaticFile] = &[StaticFile::new("a", &[7; 600])];
+}
+
+impl Logs for Rover {
+    fn log_count(&self) -> u16 {
+        2
+    }
+
+    fn log_info(&self, id: u16) -> Option<LogInfo> {
+        (id < 2).then_some(LogInfo { size: 200, time_utc: 7 })
+    }
+
+    fn read_log(&mut self, _: u16, _: u32, out: &mut [u8]) -> LogRead {
+        out.fill(7);
+        LogRead::Done
+    }
+
+    fn erase_logs(&mut self, _: &mut Context<'_>, _: Peer) -> bool {
+        true
+    }
 }
 
 impl CommandClient for Rover {
@@ -371,6 +392,14 @@ fn requests() -> Vec<Request> {
             pool.push(of(FileTransferProtocol { payload, target_network: 0, target_system, target_component }));
         }
     }
+    for end in [0, u16::MAX] {
+        pool.push(of(LogRequestList { start: 0, end, target_system, target_component }));
+    }
+    for (id, ofs, count) in [(0, 0, u32::MAX), (1, 90, 90), (1, 200, 90), (2, 0, 90)] {
+        pool.push(of(LogRequestData { ofs, count, id, target_system, target_component }));
+    }
+    pool.push(of(LogRequestEnd { target_system, target_component }));
+    pool.push(of(LogErase { target_system, target_component }));
     let param_id = Text::new("TRIM");
     pool.push(of(ParamValue { param_id, ..Default::default() }));
     pool.push(of(ParamExtValue { param_id, ..Default::default() }));

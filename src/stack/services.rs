@@ -196,6 +196,7 @@ services! {
     files: D::Files,
     param: D::Param,
     ext_parameters: D::ExtParameters,
+    logs: D::Logs,
     heartbeat: Heartbeats,
     // Before the two that refuse requests for messages that they do not know.
     camera: D::Camera,

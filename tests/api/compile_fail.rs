@@ -107,6 +107,14 @@ impl ExtParameters for Rover {
 }
 ";
 
+const LOGS: &str = "
+impl Logs for Rover {
+    fn log_count(&self) -> u16 { 0 }
+    fn log_info(&self, _: u16) -> Option<mavstack::logs::LogInfo> { None }
+    fn read_log(&mut self, _: u16, _: u32, _: &mut [u8]) -> mavstack::logs::LogRead { mavstack::logs::LogRead::Failed }
+}
+";
+
 const BACKEND: &str = "
 impl ParamBackend for Rover {
     fn param_count(&self) -> u16 { 0 }
@@ -503,6 +511,11 @@ fn cases() -> Vec<Case> {
             "`ext_parameters` in `stack!` needs `impl ExtParameters for Rover`: write it, or leave `ext_parameters` out",
         ),
         (
+            "hook_logs",
+            declares("links: 1, logs"),
+            "`logs` in `stack!` needs `impl Logs for Rover`: write it, or leave `logs` out",
+        ),
+        (
             "camera_without_images",
             implements(CAMERA, "links: 1, camera: { images: 0 }"),
             "a camera remembers at least one image: `camera: { images: 16 }`",
@@ -564,6 +577,7 @@ fn cases() -> Vec<Case> {
         ("calls_operator_control", calls("stack.operator_control_mut();"), "Declares>::OperatorControl = "),
         ("calls_camera", calls("stack.camera_mut();"), "Declares>::Camera = "),
         ("calls_ext_parameters", calls("stack.ext_parameters_mut();"), "Declares>::ExtParameters = "),
+        ("calls_logs", calls("stack.logs();"), "Declares>::Logs = "),
         ("calls_gimbal_manager", calls("stack.release_gimbal();"), "Declares>::GimbalManager = "),
         ("calls_gimbal_device", calls("stack.gimbal_device();"), "Declares>::GimbalDevice = "),
         ("calls_high_latency", calls("stack.high_latency_mut();"), "Declares>::HighLatency = "),
@@ -653,13 +667,14 @@ fn invalid_configurations_do_not_compile() {
     let everything =
         "links: 2, plans: { mission: 9 }, parameters: Tuning, streams, modes, commands: { slots: 1 }, forwarding,
                       signing, time, manual_control, setpoints, operator_control, camera, ext_parameters, gimbal_manager,
-                      gimbal_device, high_latency, peers: 1, texts: 0";
+                      gimbal_device, high_latency, logs, peers: 1, texts: 0";
     let gimbal = gimbal("const DEVICE: u8 = 1;", "const ID: u8 = 1;");
     let hooks = [
         PLANS,
         PARAMETERS,
         CAMERA,
         EXT_PARAMETERS,
+        LOGS,
         &telemetry("Stream::of::<Attitude>()"),
         &modes("FlightMode::new(1, \"A\")"),
         &gimbal,
@@ -670,7 +685,7 @@ fn invalid_configurations_do_not_compile() {
                 stack.operator_control_mut(); stack.camera_mut(); stack.ext_parameters_mut();
                 stack.gimbal_manager(); stack.gimbal_device(); stack.release_gimbal();
                 stack.point_gimbal(Instant::ZERO, &Item::default(), &mut Rover);
-                stack.high_latency_mut();
+                stack.high_latency_mut(); stack.logs();
                 stack.signing_mut(); stack.mission_item_reached(Instant::ZERO, 0);";
     let once = &policies(".once()");
     let right = Firmware { policies: once, hooks: &hooks, entries: everything, main, ..Firmware::default() };

@@ -9,10 +9,11 @@ use mavstack::dialect::*;
 use mavstack::ext_parameters::ExtValue;
 use mavstack::files::StaticFile;
 use mavstack::gimbal::GimbalSetpoint;
+use mavstack::logs::{LogInfo, LogRead};
 use mavstack::param::ParamTable;
 use mavstack::{
     Address, Camera, CommandClient, CommandReply, Commands, Context, Duration, ExtParameters, Files, Fill, FlightMode,
-    Frame, GimbalDevice, GimbalManager, Instant, LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome,
+    Frame, GimbalDevice, GimbalManager, Instant, LinkConfig, LinkId, Logs, Message, ModeRequest, Modes, Outcome,
     OutgoingCommand, Stream, Telemetry, Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, VecDeque};
@@ -31,6 +32,7 @@ mavstack::stack! {
         operator_control,
         camera,
         ext_parameters,
+        logs,
         gimbal_manager,
         gimbal_device,
         modes,
@@ -137,6 +139,20 @@ impl Files for Moded {
     const FILES: &'static [StaticFile] = crate::support::files::STATIC;
 }
 
+impl Logs for Moded {
+    fn log_count(&self) -> u16 {
+        1
+    }
+
+    fn log_info(&self, _: u16) -> Option<LogInfo> {
+        None
+    }
+
+    fn read_log(&mut self, _: u16, _: u32, _: &mut [u8]) -> LogRead {
+        LogRead::Failed
+    }
+}
+
 impl Telemetry for Moded {
     const STREAMS: &'static [Stream] = TestVehicle::STREAMS;
 
@@ -222,6 +238,8 @@ fn pending_frames_are_sent_in_order() {
     let file = |opcode| crate::support::files::request(0, 0, opcode, 0, 0, &[]);
     receive(&mut world, now, 0, STATION, &file(MavFtpOpcode::LISTDIRECTORY));
     receive(&mut world, now, 0, STATION, &file(MavFtpOpcode::OPENFILERO));
+    let logs = LogRequestList { start: 0, end: u16::MAX, target_system: 1, target_component: 1 };
+    receive(&mut world, now, 0, STATION, &logs);
     world.stack.poll(now, &mut world.vehicle);
 
     let mut sent = sent(&mut world, now);
@@ -257,10 +275,12 @@ fn pending_frames_are_sent_in_order() {
         ("GimbalAttitude", vec![own(GimbalDeviceAttitudeStatus::ID)]),
         // The data was asked for just now.
         ("LateFileData", vec![]),
+        ("LateLogData", vec![]),
         ("Stream", vec![own(Attitude::ID), own(GlobalPositionInt::ID), own(SysStatus::ID)]),
         ("Forwarded", vec![(Tunnel::ID, true); 2]),
         ("ParamList", vec![own(ParamValue::ID)]),
         ("FileData", vec![own(FileTransferProtocol::ID)]),
+        ("LogData", vec![own(LogEntry::ID)]),
     ];
     assert_eq!(sent, in_order(&turns(), pending), "not the order in docs/architecture.md");
 }

@@ -46,6 +46,7 @@ where
     type Client = Absent;
     type Camera = Absent;
     type ExtParameters = Absent;
+    type Logs = Absent;
     type Stream = V::Stream;
     type Mode = V::Mode;
     type Time = O::Time;

@@ -41,6 +41,7 @@ macro_rules! declare {
                 setpoints,
                 peers: 6,
                 texts: 3,
+                logs,
                 storage,
                 $($service,)*
             }

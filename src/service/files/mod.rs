@@ -27,23 +27,18 @@ use core::marker::PhantomData;
 use self::packet::{Body, Head, MAX_DATA, Request};
 use self::session::{Answer, Open, State};
 use super::param::{Pack, PackedParams};
-use super::share::Share;
+use super::share::{COST_OF_BYTE, MAX_LATENESS, Share};
 use super::{Cx, Handled, Received, Service, Turn, View, increment};
 use crate::crc32::Crc32;
 use crate::dialect::{FileTransferProtocol, MavFtpErr, MavFtpOpcode, MavProtocolCapability};
 use crate::link::{Outbox, Port};
 use crate::message::Message;
-use crate::time::{Duration, Instant};
+use crate::time::Instant;
 use crate::types::{Firmware, Peer};
 
 /// The directory of the parameters, and the file in it.
 const PARAM_DIRECTORY: &[u8] = b"@PARAM";
 const PARAM_FILE: &[u8] = b"param.pck";
-
-/// The cost of a byte for a share of 30 % of the link (D-4).
-const COST_OF_BYTE: u32 = 3_333_333;
-/// Data that has waited this long is sent before streams and forwarded frames, which would starve it otherwise.
-const MAX_LATENESS: Duration = Duration::from_millis(20);
 
 /// How much of a file a poll adds to its checksum: so many bytes, so many times.
 const CHECKED_AT_A_TIME: usize = 32;

@@ -82,10 +82,11 @@ entry!($ "client" with_client with_components [command_client: { slots: if cfg!(
 entry!($ "components" with_components with_camera [components]);
 entry!($ "camera" with_camera with_ext_parameters [camera: { images: if cfg!(feature = "camera-64") { 64 } else { 16 } }]);
 entry!($ "ext-parameters" with_ext_parameters with_files [ext_parameters]);
-entry!($ "files" with_files with_forwarding [files: {
+entry!($ "files" with_files with_logs [files: {
     sessions: if cfg!(feature = "files-4") { 4 } else { 2 },
     upload: if cfg!(feature = "files-upload") { 512 } else { 0 },
 }]);
+entry!($ "logs" with_logs with_forwarding [logs]);
 entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
 entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
 entry!($ "time" with_time with_manual [time]);
@@ -377,6 +378,22 @@ impl Telemetry for Rover {
 
 #[cfg(feature = "files")]
 impl Files for Rover {}
+
+#[cfg(feature = "logs")]
+impl Logs for Rover {
+    fn log_count(&self) -> u16 {
+        u16::from(self.armed)
+    }
+
+    fn log_info(&self, id: u16) -> Option<logs::LogInfo> {
+        (id < self.log_count()).then_some(logs::LogInfo { size: 1_000, time_utc: 0 })
+    }
+
+    fn read_log(&mut self, _: u16, offset: u32, out: &mut [u8]) -> logs::LogRead {
+        out.fill(offset as u8);
+        logs::LogRead::Done
+    }
+}
 
 #[cfg(feature = "components")]
 impl Components for Rover {
