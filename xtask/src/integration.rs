@@ -49,6 +49,7 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
             "test_params.py",
             "test_metadata.py",
             "test_files.py",
+            "test_logs.py",
             "test_commands.py",
             "test_mavsdk.py",
             "test_mavsdk_flight.py",

@@ -4,6 +4,9 @@
 //! main loop: it connects the stack and the vehicle, as any firmware does.
 #![no_std]
 
+#[cfg(test)]
+extern crate std;
+
 mod angle;
 mod app;
 mod battery;
@@ -12,15 +15,18 @@ pub mod connect;
 mod fence;
 pub mod files;
 mod geo;
+mod logs;
 mod plan;
 pub mod status;
 mod telemetry;
 mod tuning;
+mod ulog;
 mod vehicle;
 
 pub use app::{App, COMPANION, FENCE, LINKS, MISSION, Mavlink, RALLY, SATELLITE, TELEMETRY};
 pub use battery::Battery;
 pub use body::Vector;
+pub use logs::{LOG_BYTES, LogMemory};
 pub use status::Status;
 pub use tuning::Tuning;
 pub use vehicle::{GlobalPosition, Mode, Quadrotor};

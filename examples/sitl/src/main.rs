@@ -21,7 +21,7 @@ use mavstack::wpl::HomeRow;
 use mavstack::{Instant, LinkId};
 use mavstack_console::{Console, Tap, Tlog};
 use mavstack_demo::connect::{HowToConnect, OtherLinks};
-use mavstack_demo::{App, COMPANION, LINKS, Mavlink, SATELLITE, TELEMETRY};
+use mavstack_demo::{App, COMPANION, LINKS, LogMemory, Mavlink, SATELLITE, TELEMETRY};
 
 use flash::FileFlash;
 use tcp::Port;
@@ -35,6 +35,9 @@ type Store = mavstack::storage::Store<FileFlash>;
 /// Length of the storage file, in bytes. It leaves room for larger plans, so that later versions can use the same file.
 const STORAGE_LEN: u32 = 512 * 1024;
 const _: () = assert!(STORAGE_LEN >= 4 * Store::region_len::<Mavlink>());
+
+/// The flight logs. A reboot of the vehicle keeps them.
+static LOGS: LogMemory = LogMemory::new();
 
 /// Period of the flight loop.
 const PERIOD: Duration = Duration::from_millis(1);
@@ -143,6 +146,7 @@ impl Device {
     fn boot(arguments: &Arguments, console: &Console) -> Result<Self, String> {
         let mut device = Self { app: App::new(Box::new(Mavlink::VACANT)), store: None };
         let app = &mut device.app;
+        app.keep_logs(&LOGS);
         if let Some(path) = &arguments.storage {
             let store = device.store.insert(Store::new(FileFlash::open(path, STORAGE_LEN)?, 0..STORAGE_LEN));
             if let Err(errors) = app.restore(Instant::ZERO, store) {

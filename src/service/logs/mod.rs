@@ -8,12 +8,12 @@
 //! Left out: more than one client at a time. LOG_ERASE has no answer in MAVLink, so a text tells its result.
 //!
 //! ```text
-//!               LOG_REQUEST_LIST, LOG_REQUEST_DATA
-//!    ┌──────────────────────────────────────────────────┐   the same client requests again: the new request replaces the old one
-//!    │                                                  ▼
-//!   free     LOG_REQUEST_END, 3 s without traffic     in use ──▶ LOG_ENTRY, LOG_DATA
-//!    ▲                                                  │
-//!    └──────────────────────────────────────────────────┘   at once: the vehicle is armed, the client is silent for 10 s
+//!          LOG_REQUEST_LIST, LOG_REQUEST_DATA
+//!    ┌───────────────────────────────────────────┐   the same client requests again: the new request replaces the old one
+//!    │                                           ▼
+//!   free ◀─────── all of it was sent ────────── busy ──▶ LOG_ENTRY, LOG_DATA
+//!    ▲                                           │
+//!    └───────────────────────────────────────────┘   LOG_REQUEST_END, the vehicle is armed, the client is silent for 10 s
 //! ```
 
 mod vehicle;
@@ -31,8 +31,6 @@ use crate::types::{Firmware, LinkId, Peer};
 /// What is pending ends when its client was silent for this time. MAVProxy requests a whole log at once, and then only sends
 /// heartbeats.
 const SILENCE: Duration = Duration::from_secs(10);
-/// Another client is served when nothing was requested or sent for this time.
-const TAKEOVER: Duration = Duration::from_secs(3);
 /// How soon a log is read again that had no data yet.
 const RETRY: Duration = Duration::from_millis(5);
 
@@ -88,8 +86,6 @@ pub struct LogServer {
     left: u32,
     /// When the client was last heard.
     heard: Instant,
-    /// When it last requested something, or was sent something.
-    touched: Instant,
     /// When the log is read again.
     ready_at: Instant,
     share: Share,
@@ -106,29 +102,20 @@ impl LogServer {
     fn is_pending(&self, port: &Port) -> bool {
         self.work != Work::Nothing && self.client.link == port.id
     }
-
-    /// Whether this client has to wait for another one.
-    fn is_busy(&self, now: Instant, from: Peer) -> bool {
-        let is_used = self.work != Work::Nothing || now < self.touched.after(TAKEOVER);
-        from != self.client && self.client != NOBODY && is_used
-    }
 }
-
-/// No client: all zero bits. No frame is from system 0.
-const NOBODY: Peer = Peer { address: Address::new(0, 0), link: LinkId(0) };
 
 impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
     type Link = ();
     const VACANT: () = ();
     const NEW: Self = Self {
         work: Work::Nothing,
-        client: NOBODY,
+        // No frame is from system 0.
+        client: Peer { address: Address::new(0, 0), link: LinkId(0) },
         id: 0,
         last: 0,
         offset: 0,
         left: 0,
         heard: Instant::ZERO,
-        touched: Instant::ZERO,
         ready_at: Instant::ZERO,
         share: Share::NEW,
         counters: LogCounters::ZERO,
@@ -189,7 +176,7 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
     /// The client is gone.
     fn restart(&mut self, port: &Port, (): &mut ()) {
         if self.client.link == port.id {
-            (self.work, self.client) = (Work::Nothing, NOBODY);
+            self.work = Work::Nothing;
         }
     }
 
@@ -216,7 +203,7 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
     if frame.id() == LogRequestEnd::ID {
         // MAVSDK sends it when it connects. It ends nothing of another client (LOG-5).
         if from == server.client {
-            (server.work, server.client) = (Work::Nothing, NOBODY);
+            server.work = Work::Nothing;
         }
         return;
     }
@@ -225,7 +212,7 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
         increment(&mut server.counters.armed);
         return cx.say(MavSeverity::NOTICE, b"Logs refused: disarm first");
     }
-    if server.is_busy(cx.now, from) {
+    if server.work != Work::Nothing && server.client != from {
         increment(&mut server.counters.busy);
         return cx.say(MavSeverity::NOTICE, b"Logs refused: another client reads them");
     }
@@ -242,7 +229,7 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
     if server.work == Work::Nothing {
         server.share.begin(cx.now);
     }
-    (server.client, server.heard, server.touched, server.ready_at) = (from, cx.now, cx.now, Instant::ZERO);
+    (server.client, server.heard, server.ready_at) = (from, cx.now, Instant::ZERO);
     if let Some(LogRequestList { start, end, .. }) = frame.decode() {
         // Without a log, one entry says so (LOG-2).
         let last = cx.vehicle.log_count().saturating_sub(1);
@@ -276,7 +263,6 @@ fn send<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, 
         _ => send_data(server, cx, port),
     };
     if is_sent {
-        server.touched = cx.now;
         let len = u32::try_from(port.outbox.len()).unwrap_or(0);
         server.share.spend_all(cx.now, len.saturating_mul(COST_OF_BYTE), port.config.bytes_per_second);
     }

@@ -14,6 +14,7 @@ mod offboard;
 mod params;
 mod payload;
 mod plans;
+mod recorder;
 mod satellite;
 
 use mavstack::clock::WallClock;
@@ -39,6 +40,7 @@ use mission::Mission;
 pub use modes::Mode;
 use offboard::Course;
 use payload::Payload;
+use recorder::Recorder;
 pub(crate) use satellite::{CONFIG as SATELLITE_CONFIG, GPS_ERROR};
 
 /// Time step of the simulation.
@@ -110,6 +112,8 @@ pub struct Quadrotor {
     /// Simulated time.
     time: Instant,
     armed: bool,
+    /// In the pass before.
+    was_armed: bool,
     mode: Mode,
     /// The mode that was requested last, or that followed from it. A failsafe may select another mode.
     intended: Mode,
@@ -144,6 +148,7 @@ pub struct Quadrotor {
     payload: Payload,
     camera: Photographer,
     gimbal: Gimbal,
+    recorder: Recorder,
     last: Snapshot,
     counts: Counts,
     sticks: Option<Sticks>,
@@ -165,6 +170,7 @@ impl Quadrotor {
             battery: Battery::FULL,
             time: Instant::ZERO,
             armed: false,
+            was_armed: false,
             mode: Mode::Hold,
             intended: Mode::Hold,
             maneuver: Maneuver::Stay(Vector::ZERO),
@@ -186,6 +192,7 @@ impl Quadrotor {
             payload: Payload::NONE,
             camera: Photographer::NEW,
             gimbal: Gimbal::NEW,
+            recorder: Recorder::NONE,
             last: Snapshot {
                 has_fix: false,
                 is_ready: false,
