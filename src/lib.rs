@@ -111,6 +111,7 @@
 //! | [`GimbalDevice`] | with `gimbal_device` | is the gimbal |
 //! | [`Files`] | with `files` | serves files |
 //! | [`Logs`] | with `logs` | has the flight logs |
+//! | [`LogStreaming`] | with `log_streaming` | streams the running log |
 //! | [`CommandClient`] | with `command_client` | makes its own commands to other components |
 //! | [`Camera`] | with `camera` | takes images, records video |
 //! | [`ExtParameters`] | with `ext_parameters` | has the extended parameters |
@@ -219,6 +220,7 @@ pub use service::example::Tunes;
 pub use service::ext_parameters::ExtParameters;
 pub use service::files::Files;
 pub use service::gimbal::{GimbalDevice, GimbalManager};
+pub use service::log_streaming::LogStreaming;
 pub use service::logs::Logs;
 pub use service::mission::{PlanChange, Plans, Progress};
 pub use service::mode::{CustomMode, FlightMode, ModeRequest, Modes};
@@ -327,8 +329,9 @@ pub mod files {
     };
 }
 
-/// Flight logs, downloaded by ground stations. [`Logs`] has the hooks.
+/// Flight logs, downloaded by ground stations, or streamed in flight. [`Logs`] and [`LogStreaming`] have the hooks.
 pub mod logs {
+    pub use crate::service::log_streaming::{LogStreamer, StreamingCounters};
     pub use crate::service::logs::{LogCounters, LogInfo, LogRead, LogServer};
 }
 

@@ -1,4 +1,6 @@
-"""Flight logs with pymavlink, MAVSDK and MAVProxy, read back with pyulog (LOG-1, LOG-2, LOG-3, LOG-4, LOG-6, LOG-7)."""
+"""Flight logs with pymavlink, MAVSDK and MAVProxy, read back with pyulog (LOG-1, LOG-2, LOG-3, LOG-4, LOG-6, LOG-7).
+
+A log is streamed to pymavlink too (LOG-10, LOG-11, LOG-12, LOG-13). MAVSDK 4.1 streams only from PX4 and ArduPilot."""
 
 import time
 
@@ -160,6 +162,26 @@ def test_logs_survive_a_reboot(logs, gcs):
     time.sleep(1)
     assert gcs.wait("HEARTBEAT", 10)
     assert [get(gcs, entry) for entry in entries(gcs)[:2]] == logs
+
+
+def test_log_is_streamed_to_pymavlink(gcs, tmp_path):
+    assert gcs.command(mavlink.MAV_CMD_LOGGING_START, 0) == mavlink.MAV_RESULT_ACCEPTED
+    packets, beginnings = {}, {}
+    deadline = time.monotonic() + 4
+    while time.monotonic() < deadline:
+        packet = gcs.wait(["LOGGING_DATA", "LOGGING_DATA_ACKED"], 1)
+        if packet.get_type() == "LOGGING_DATA_ACKED":
+            gcs.mav.logging_ack_send(1, 1, packet.sequence)
+        assert (packet.target_system, packet.target_component) == gcs.address
+        packets[packet.sequence] = bytes(packet.data[: packet.length])
+        beginnings[packet.sequence] = packet.first_message_offset
+    assert gcs.command(mavlink.MAV_CMD_LOGGING_STOP) == mavlink.MAV_RESULT_ACCEPTED
+    gcs.drain()
+    assert not gcs.wait(["LOGGING_DATA", "LOGGING_DATA_ACKED"], 1)
+    assert list(packets) == list(range(len(packets))) and beginnings[0] == 0
+    ulog = read(b"".join(packets.values()), tmp_path)
+    topics = {data.name: data.data for data in ulog.data_list}
+    assert ulog.msg_info_dict["sys_name"] == "mavstack" and len(topics["vehicle_attitude"]["timestamp"]) > 12
 
 
 def test_mavsdk_finds_no_log(logs, system):

@@ -32,9 +32,9 @@ use crate::service::{Cx, ForwardingGate, Service, SigningGate, TABLE, Turn, View
 use crate::time::{Duration, Instant};
 use crate::{
     Camera, Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context,
-    ExtParameters, Files, Fill, FlightMode, GimbalDevice, GimbalManager, LinkConfig, LinkId, Logs, ModeRequest, Modes,
-    Outcome, OutgoingCommand, Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry,
-    Vehicle, VehicleState,
+    ExtParameters, Files, Fill, FlightMode, GimbalDevice, GimbalManager, LinkConfig, LinkId, LogStreaming, Logs,
+    ModeRequest, Modes, Outcome, OutgoingCommand, Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse,
+    Stream, Telemetry, Vehicle, VehicleState,
 };
 
 const LINKS: usize = 3;
@@ -76,6 +76,7 @@ macro_rules! declare {
                 high_latency,
                 files: { sessions: 2, upload: 64 },
                 logs,
+                log_streaming,
                 $($signing)?
             }
         }
@@ -144,6 +145,28 @@ impl Logs for Rover {
 
     fn erase_logs(&mut self, _: &mut Context<'_>, _: Peer) -> bool {
         true
+    }
+}
+
+impl LogStreaming for Rover {
+    fn start_log_stream(&mut self, _: &mut Context<'_>, _: Peer) -> MavResult {
+        MavResult::ACCEPTED
+    }
+
+    fn stop_log_stream(&mut self, _: &mut Context<'_>) {}
+
+    fn read_log_definitions(&mut self, offset: u32, out: &mut [u8]) -> usize {
+        let len = out.len().min(300_usize.saturating_sub(offset as usize));
+        out[..len].fill(9);
+        len
+    }
+
+    fn log_data_len(&self) -> usize {
+        usize::from(self.current) * 100
+    }
+
+    fn take_log_data(&mut self, out: &mut [u8]) -> usize {
+        out.len().min(self.log_data_len())
     }
 }
 
@@ -345,6 +368,8 @@ fn requests() -> Vec<Request> {
         (MavCmd::DO_SET_MODE, [1.0, 7.0, 0.0]),
         (MavCmd::DO_SET_MISSION_CURRENT, [0.0; 3]),
         (MavCmd::MISSION_START, [0.0; 3]),
+        (MavCmd::LOGGING_START, [0.0; 3]),
+        (MavCmd::LOGGING_STOP, [0.0; 3]),
         (MavCmd::NAV_LAND, [0.0; 3]),
         (MavCmd::DO_SET_ROI_NONE, [0.0; 3]),
         (MavCmd::DO_GIMBAL_MANAGER_CONFIGURE, [-3.0, -3.0, 255.0]),
@@ -397,6 +422,9 @@ fn requests() -> Vec<Request> {
     }
     for (id, ofs, count) in [(0, 0, u32::MAX), (1, 90, 90), (1, 200, 90), (2, 0, 90)] {
         pool.push(of(LogRequestData { ofs, count, id, target_system, target_component }));
+    }
+    for sequence in 0..3 {
+        pool.push(of(LoggingAck { sequence, target_system, target_component }));
     }
     pool.push(of(LogRequestEnd { target_system, target_component }));
     pool.push(of(LogErase { target_system, target_component }));

@@ -41,6 +41,7 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type Camera: Service<Self>;
     type ExtParameters: Service<Self>;
     type Logs: Service<Self>;
+    type LogStreaming: Service<Self>;
     type Mode: Service<Self>;
     type Time: Service<Self>;
     type ManualControl: Service<Self>;
@@ -209,6 +210,7 @@ impl<const N: usize> RequestMemory for Requests<[RequestQueue; N]> {
 /// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
 /// | `files: { sessions: N, upload: N }` | [files](crate::Files) by FTP, and all parameters in one: files open at a time, and bytes of the largest upload of parameters; without `upload` parameters are not written that way | none | [`Files`](crate::Files) |
 /// | `logs` | downloads of [flight logs](crate::Logs) | none | [`Logs`](crate::Logs) |
+/// | `log_streaming` | the running log, [streamed](crate::LogStreaming) in flight | none | [`LogStreaming`](crate::LogStreaming) |
 /// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::network::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
 /// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
 /// | `storage: { records: N }` | [storage](crate::storage) for all of this (feature `storage`), and for up to 8 small records of the firmware's own; `storage` alone has none | none | `Records`, if there are any |
@@ -288,6 +290,7 @@ macro_rules! stack {
             type Camera = $crate::__declared!(camera $($entries)*,);
             type ExtParameters = $crate::__declared!(ext_parameters $($entries)*,);
             type Logs = $crate::__declared!(logs $($entries)*,);
+            type LogStreaming = $crate::__declared!(log_streaming $($entries)*,);
             type Requests = $crate::__private::Requests<[$crate::__private::RequestQueue; {
                 $crate::__declared!(message_queues [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,)
                     + $crate::__declared!(client_queues $($entries)*,)
@@ -392,6 +395,9 @@ macro_rules! __declared {
 
     (logs logs, $($rest:tt)*) => { $crate::logs::LogServer };
     (logs) => { $crate::__private::Absent };
+
+    (log_streaming log_streaming, $($rest:tt)*) => { $crate::logs::LogStreamer };
+    (log_streaming) => { $crate::__private::Absent };
 
     (client_queues command_client: $($rest:tt)*) => { 1 };
     (client_queues) => { 0 };
@@ -518,6 +524,7 @@ macro_rules! __declared {
     (check camera, $($rest:tt)*) => { $crate::__declared!(rest camera $($rest)*); };
     (check ext_parameters, $($rest:tt)*) => { $crate::__declared!(rest ext_parameters $($rest)*); };
     (check logs, $($rest:tt)*) => { $crate::__declared!(rest logs $($rest)*); };
+    (check log_streaming, $($rest:tt)*) => { $crate::__declared!(rest log_streaming $($rest)*); };
     (check time, $($rest:tt)*) => { $crate::__declared!(rest time $($rest)*); };
     (check manual_control, $($rest:tt)*) => { $crate::__declared!(rest manual_control $($rest)*); };
     (check setpoints, $($rest:tt)*) => { $crate::__declared!(rest setpoints $($rest)*); };
@@ -561,6 +568,7 @@ macro_rules! __declared {
     (once camera camera $($rest:tt)*) => { $crate::__declared!(twice camera); };
     (once ext_parameters ext_parameters, $($rest:tt)*) => { $crate::__declared!(twice ext_parameters); };
     (once logs logs, $($rest:tt)*) => { $crate::__declared!(twice logs); };
+    (once log_streaming log_streaming, $($rest:tt)*) => { $crate::__declared!(twice log_streaming); };
     (once time time, $($rest:tt)*) => { $crate::__declared!(twice time); };
     (once manual_control manual_control, $($rest:tt)*) => { $crate::__declared!(twice manual_control); };
     (once setpoints setpoints, $($rest:tt)*) => { $crate::__declared!(twice setpoints); };

@@ -197,6 +197,7 @@ services! {
     param: D::Param,
     ext_parameters: D::ExtParameters,
     logs: D::Logs,
+    log_streaming: D::LogStreaming,
     heartbeat: Heartbeats,
     // Before the two that refuse requests for messages that they do not know.
     camera: D::Camera,

@@ -14,8 +14,8 @@ use mavstack::logs::{LogInfo, LogRead};
 use mavstack::message::Dialect;
 use mavstack::{
     Camera, Command, Commands, Context, CustomMode, ExtParameters, Fill, FlightMode, GimbalDevice, GimbalManager,
-    Instant, LinkConfig, LinkId, Logs, Message, ModeRequest, Modes, Outcome, Peer, PlanType, Stream, Telemetry,
-    Vehicle, VehicleState,
+    Instant, LinkConfig, LinkId, LogStreaming, Logs, Message, ModeRequest, Modes, Outcome, Peer, PlanType, Stream,
+    Telemetry, Vehicle, VehicleState,
 };
 
 /// A vehicle with every service: [`TestVehicle`], and modes.
@@ -129,6 +129,26 @@ impl Logs for Everything {
     }
 }
 
+impl LogStreaming for Everything {
+    fn start_log_stream(&mut self, _: &mut Context<'_>, _: mavstack::Peer) -> MavResult {
+        MavResult::ACCEPTED
+    }
+
+    fn stop_log_stream(&mut self, _: &mut Context<'_>) {}
+
+    fn read_log_definitions(&mut self, offset: u32, out: &mut [u8]) -> usize {
+        out.len().min(300_usize.saturating_sub(offset as usize))
+    }
+
+    fn log_data_len(&self) -> usize {
+        90
+    }
+
+    fn take_log_data(&mut self, out: &mut [u8]) -> usize {
+        out.len().min(90)
+    }
+}
+
 impl Telemetry for Everything {
     const STREAMS: &'static [Stream] = &[
         Stream::of::<Attitude>().onboard(millis(20)),
@@ -168,6 +188,7 @@ mavstack::stack! {
         gimbal_device,
         high_latency,
         logs,
+        log_streaming,
     }
 }
 
@@ -192,6 +213,7 @@ mavstack::stack! {
         gimbal_device,
         high_latency,
         logs,
+        log_streaming,
     }
 }
 
@@ -247,8 +269,8 @@ fn any_frame(rng: &mut Rng) -> Vec<u8> {
         0, 4, 11, 117, 119, 20, 21, 23, 40, 41, 43, 44, 45, 47, 51, 66, 69, 70, 73, 75, 76, 76, 76, 76, 76, 77, 80,
         109, 111, 235, 253, 110, 256, 320, 321, 323,
     ];
-    const COMMANDS: [u16; 20] =
-        [2600, 2600, 2600, 512, 512, 512, 511, 510, 520, 519, 176, 262, 400, 22, 300, 224, 245, 183, 2000, 521];
+    const COMMANDS: [u16; 21] =
+        [2510, 2600, 2600, 2600, 512, 512, 512, 511, 510, 520, 519, 176, 262, 400, 22, 300, 224, 245, 183, 2000, 521];
     let rows = Common::MESSAGES.rows();
     let row = match rng.below(4) {
         0 => &rows[rng.below(rows.len() as u64) as usize],
@@ -262,7 +284,7 @@ fn any_frame(rng: &mut Rng) -> Vec<u8> {
             _ => [30.0, 148.0, 235.0, 234.0, 242.0, 435.0, 436.0][rng.below(7) as usize],
         };
         let command = CommandLong {
-            command: MavCmd(COMMANDS[rng.below(20) as usize]),
+            command: MavCmd(COMMANDS[rng.below(21) as usize]),
             param1: first,
             param2: [0.0, 1.0, 10_000.0, f32::NAN][rng.below(4) as usize],
             confirmation: rng.below(2) as u8,
@@ -412,7 +434,8 @@ fn only_allowed_messages_are_sent_in_a_million_events() {
         assert!(line.frames > 5_000 && line.reports > 500, "{} frames, {} reports", line.frames, line.reports);
     }
     // The normal link carried everything else: heartbeats, streams, pings, parameters, plans, texts, identity, modes, logs.
-    for id in [0, 1, 4, 22, 30, 42, 44, 46, 47, 73, 77, 111, 118, 120, 148, 234, 242, 244, 253, 300, 345, 435, 436] {
+    for id in [0, 1, 4, 22, 30, 42, 44, 46, 47, 73, 77, 111, 118, 120, 148, 234, 242, 244, 253, 267, 300, 345, 435, 436]
+    {
         assert!(lines[0].ids.contains(&id), "message {id} was never sent");
     }
 }

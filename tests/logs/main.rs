@@ -8,6 +8,7 @@ mod downloads;
 mod gates;
 mod pace;
 mod requests;
+mod streaming;
 
 use client::{Kind, LogClient};
 use mavstack::config::StreamProfile;
@@ -22,6 +23,7 @@ mavstack::stack! {
         commands: { slots: 3 },
         operator_control,
         logs,
+        log_streaming,
     }
 }
 

@@ -1,8 +1,9 @@
 //! Flight logs in memory.
 
 use super::TestVehicle;
+use mavstack::dialect::MavResult;
 use mavstack::logs::{LogInfo, LogRead};
-use mavstack::{Address, Context, Logs, Peer};
+use mavstack::{Address, Context, LogStreaming, Logs, Peer};
 
 /// Flight logs.
 #[derive(Clone, Debug, Default)]
@@ -19,6 +20,14 @@ pub struct MemoryLogs {
     pub is_broken: bool,
     /// The number of reads.
     pub reads: usize,
+    /// The running log: its definitions, and the data that was not streamed yet.
+    pub definitions: Vec<u8>,
+    pub data: Vec<u8>,
+    /// Whether it refuses to stream.
+    pub refuses_stream: bool,
+    /// The clients of streams that were started, and the number of those that have ended.
+    pub streams: Vec<Peer>,
+    pub ended: usize,
 }
 
 impl Logs for TestVehicle {
@@ -57,5 +66,42 @@ impl Logs for TestVehicle {
 
     fn may_read_logs(&self, is_armed: bool) -> bool {
         !is_armed || self.logs.is_read_in_flight
+    }
+}
+
+impl LogStreaming for TestVehicle {
+    fn start_log_stream(&mut self, _: &mut Context<'_>, from: Peer) -> MavResult {
+        if self.logs.refuses_stream {
+            return MavResult::FAILED;
+        }
+        assert_eq!(self.logs.streams.len(), self.logs.ended, "the one before has ended");
+        self.logs.streams.push(from);
+        MavResult::ACCEPTED
+    }
+
+    fn stop_log_stream(&mut self, _: &mut Context<'_>) {
+        self.logs.ended += 1;
+        assert_eq!(self.logs.streams.len(), self.logs.ended, "once each");
+    }
+
+    fn read_log_definitions(&mut self, offset: u32, out: &mut [u8]) -> usize {
+        assert!((1..=249).contains(&out.len()));
+        let rest = &self.logs.definitions[offset as usize..];
+        let len = rest.len().min(out.len());
+        out[..len].copy_from_slice(&rest[..len]);
+        len
+    }
+
+    fn log_data_len(&self) -> usize {
+        self.logs.data.len()
+    }
+
+    fn take_log_data(&mut self, out: &mut [u8]) -> usize {
+        assert_eq!(out.len(), 249);
+        let len = self.logs.data.len().min(out.len());
+        for (to, from) in out.iter_mut().zip(self.logs.data.drain(..len)) {
+            *to = from;
+        }
+        len
     }
 }

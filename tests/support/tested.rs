@@ -47,6 +47,7 @@ where
     type Camera = Absent;
     type ExtParameters = Absent;
     type Logs = Absent;
+    type LogStreaming = Absent;
     type Stream = V::Stream;
     type Mode = V::Mode;
     type Time = O::Time;

@@ -53,6 +53,7 @@ mavstack::stack! {
         gimbal_device,
         files: { sessions: 2, upload: 1024 },
         logs,
+        log_streaming,
         forwarding: { bytes: 512, seen: 256 },
         signing: { streams: 16 },
         time,

@@ -36,44 +36,43 @@ topics! {
 /// What identifies the vehicle.
 const INFORMATION: [(&str, &str); 2] = [("char[8] sys_name", "mavstack"), ("char[4] ver_hw", "DEMO")];
 
-/// The number of parts of [`definitions`].
-pub const PARTS: usize = 2 + INFORMATION.len() + 2 * TOPICS.len();
-
 /// The length of the longest message.
 const MAX_LEN: usize = 160;
 
-/// A message of a log, or its header.
+/// A message of a log that is being made. There is one, because it is large for the call stack.
+#[derive(Clone, Debug)]
 pub struct Record {
     bytes: [u8; MAX_LEN],
     len: usize,
 }
 
 impl Record {
-    /// Returns a message of this kind, without content.
-    pub fn new(kind: u8) -> Self {
-        let mut record = Self { bytes: [0; MAX_LEN], len: 2 };
-        record.put(&[kind]);
-        record
+    pub const EMPTY: Self = Self { bytes: [0; MAX_LEN], len: 0 };
+
+    /// Begins a message of this kind.
+    pub fn begin(&mut self, kind: u8) {
+        self.len = 0;
+        self.put(&[0, 0, kind]);
     }
 
-    /// Returns the values of a topic, so far only the time (µs since boot).
-    pub fn data(topic: u16, micros: u64) -> Self {
-        let mut record = Self::new(b'D');
-        record.put(&topic.to_le_bytes());
-        record.put(&micros.to_le_bytes());
-        record
+    /// Begins the values of a topic with the time (µs since boot).
+    #[inline(never)]
+    pub fn begin_data(&mut self, topic: u16, micros: u64) {
+        self.begin(b'D');
+        self.put(&topic.to_le_bytes());
+        self.put(&micros.to_le_bytes());
     }
 
-    /// Returns a text. `severity`: MAV_SEVERITY, which is the level.
-    pub fn text(micros: u64, severity: u8, text: &[u8]) -> Self {
-        let mut record = Self::new(b'L');
-        record.put(&[b'0' + (severity & 7)]);
-        record.put(&micros.to_le_bytes());
-        record.put(text);
-        record
+    /// Makes a text. `severity`: MAV_SEVERITY, which is the level.
+    pub fn make_text(&mut self, micros: u64, severity: u8, text: &[u8]) {
+        self.begin(b'L');
+        self.put(&[b'0' + (severity & 7)]);
+        self.put(&micros.to_le_bytes());
+        self.put(text);
     }
 
     /// Adds content. What has no room is cut off.
+    #[inline(never)]
     pub fn put(&mut self, content: &[u8]) {
         for (to, from) in self.bytes.iter_mut().skip(self.len).zip(content) {
             *to = *from;
@@ -95,51 +94,42 @@ impl Record {
         }
         self.bytes.get(..self.len).unwrap_or_default()
     }
-}
 
-/// Returns the header of a file.
-fn header(micros: u64) -> [u8; 16] {
-    let mut header = *b"ULog\x01\x12\x35\x01\0\0\0\0\0\0\0\0";
-    if let Some(time) = header.last_chunk_mut() {
-        *time = micros.to_le_bytes();
+    /// Makes a part of what comes before all data: 0 is the header, the others describe the data. Returns its bytes; none at the end.
+    #[inline(never)]
+    pub fn make_definition(&mut self, part: usize, micros: u64) -> &[u8] {
+        if part == 0 {
+            self.len = 0;
+            self.put(b"ULog\x01\x12\x35\x01");
+            self.put(&micros.to_le_bytes());
+            return self.bytes.get(..self.len).unwrap_or_default();
+        }
+        let Some(part) = part.checked_sub(2) else {
+            // No flags, and nothing is appended.
+            self.begin(b'B');
+            self.put(&[0; 40]);
+            return self.bytes();
+        };
+        if let Some((key, value)) = INFORMATION.get(part) {
+            self.begin(b'I');
+            self.put(&[key.len() as u8]);
+            self.put(key.as_bytes());
+            self.put(value.as_bytes());
+            return self.bytes();
+        }
+        // All formats come first, then all topics begin.
+        let part = part - INFORMATION.len();
+        if let Some(topic) = TOPICS.get(part) {
+            self.begin(b'F');
+            self.put(topic.fields.as_bytes());
+            return self.bytes();
+        }
+        let id = part - TOPICS.len();
+        let Some(topic) = TOPICS.get(id) else { return &[] };
+        self.begin(b'A');
+        self.put(&[0]);
+        self.put(&(id as u16).to_le_bytes());
+        self.put(topic.name.as_bytes());
+        self.bytes()
     }
-    header
-}
-
-/// Gives the parts of a log that come before all data to `write`: the header and what describes the data.
-pub fn definitions(micros: u64, mut write: impl FnMut(&[u8])) {
-    write(&header(micros));
-    for part in 1..PARTS {
-        write(definition(part).bytes());
-    }
-}
-
-/// Returns a part of the definitions.
-fn definition(part: usize) -> Record {
-    let Some(part) = part.checked_sub(2) else {
-        // No flags, and nothing is appended.
-        let mut record = Record::new(b'B');
-        record.put(&[0; 40]);
-        return record;
-    };
-    if let Some((key, value)) = INFORMATION.get(part) {
-        let mut record = Record::new(b'I');
-        record.put(&[key.len() as u8]);
-        record.put(key.as_bytes());
-        record.put(value.as_bytes());
-        return record;
-    }
-    let topic = part - INFORMATION.len();
-    if let Some(Topic { fields, .. }) = TOPICS.get(topic) {
-        let mut record = Record::new(b'F');
-        record.put(fields.as_bytes());
-        return record;
-    }
-    // All formats come first, then all topics begin.
-    let id = topic - TOPICS.len();
-    let mut record = Record::new(b'A');
-    record.put(&[0]);
-    record.put(&(id as u16).to_le_bytes());
-    record.put(TOPICS.get(id).map_or("", |topic| topic.name).as_bytes());
-    record
 }

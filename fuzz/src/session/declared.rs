@@ -42,6 +42,7 @@ macro_rules! declare {
                 peers: 6,
                 texts: 3,
                 logs,
+                log_streaming,
                 storage,
                 $($service,)*
             }

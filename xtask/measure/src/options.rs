@@ -128,6 +128,7 @@ const GROUPS: [(&str, &[Row]); 11] = [
             Row("files-params", "that, and 8 parameters as a file", "files,parameters", "parameters", 1),
             Row("files-upload", "uploads of parameters, of up to 512 bytes", "files-upload", "files,parameters", 1),
             Row("logs", "downloads of flight logs", "logs", SMALLEST, 1),
+            Row("log-streaming", "the running log, streamed", "log-streaming", SMALLEST, 1),
         ],
     ),
     (

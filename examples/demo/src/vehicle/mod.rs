@@ -112,8 +112,6 @@ pub struct Quadrotor {
     /// Simulated time.
     time: Instant,
     armed: bool,
-    /// In the pass before.
-    was_armed: bool,
     mode: Mode,
     /// The mode that was requested last, or that followed from it. A failsafe may select another mode.
     intended: Mode,
@@ -170,7 +168,6 @@ impl Quadrotor {
             battery: Battery::FULL,
             time: Instant::ZERO,
             armed: false,
-            was_armed: false,
             mode: Mode::Hold,
             intended: Mode::Hold,
             maneuver: Maneuver::Stay(Vector::ZERO),

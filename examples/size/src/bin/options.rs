@@ -86,7 +86,8 @@ entry!($ "files" with_files with_logs [files: {
     sessions: if cfg!(feature = "files-4") { 4 } else { 2 },
     upload: if cfg!(feature = "files-upload") { 512 } else { 0 },
 }]);
-entry!($ "logs" with_logs with_forwarding [logs]);
+entry!($ "logs" with_logs with_log_streaming [logs]);
+entry!($ "log-streaming" with_log_streaming with_forwarding [log_streaming]);
 entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
 entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
 entry!($ "time" with_time with_manual [time]);
@@ -392,6 +393,31 @@ impl Logs for Rover {
     fn read_log(&mut self, _: u16, offset: u32, out: &mut [u8]) -> logs::LogRead {
         out.fill(offset as u8);
         logs::LogRead::Done
+    }
+}
+
+#[cfg(feature = "log-streaming")]
+impl LogStreaming for Rover {
+    fn start_log_stream(&mut self, _: &mut Context<'_>, _: Peer) -> MavResult {
+        MavResult::ACCEPTED
+    }
+
+    fn stop_log_stream(&mut self, _: &mut Context<'_>) {
+        self.armed = false;
+    }
+
+    fn read_log_definitions(&mut self, offset: u32, out: &mut [u8]) -> usize {
+        out.fill(offset as u8);
+        if offset < 1_000 { out.len() } else { 0 }
+    }
+
+    fn log_data_len(&self) -> usize {
+        usize::from(self.armed)
+    }
+
+    fn take_log_data(&mut self, out: &mut [u8]) -> usize {
+        out.fill(u8::from(self.armed));
+        self.log_data_len()
     }
 }
 
