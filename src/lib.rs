@@ -351,7 +351,7 @@ pub mod __private {
     pub use crate::service::client::Client;
     pub use crate::service::command::{CommandSlots, NoSlots};
     pub use crate::service::components::ComponentService;
-    pub use crate::service::files::FileServer;
+    pub use crate::service::files::{FileServer, HasFiles, NoFile, OneOf};
     pub use crate::service::forwarding::Forwarding;
     pub use crate::service::messages::Messages;
     pub use crate::service::mission::{Missions, WithoutPlans};

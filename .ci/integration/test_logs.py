@@ -1,4 +1,4 @@
-"""Flight logs with pymavlink, MAVSDK and MAVProxy, read back with pyulog (LOG-1, LOG-2, LOG-3, LOG-4, LOG-6, LOG-7).
+"""Flight logs with pymavlink, MAVSDK and MAVProxy, read back with pyulog (LOG-1, LOG-2, LOG-3, LOG-4, LOG-6, LOG-7, LOG-15).
 
 A log is streamed to pymavlink too (LOG-10, LOG-11, LOG-12, LOG-13). MAVSDK 4.1 streams only from PX4 and ArduPilot."""
 
@@ -10,6 +10,7 @@ from mavsdk.plugins.log_files import LogFiles
 from mavsdk.plugins.log_files.log_files import LogFilesError, LogFilesResult
 from pymavlink import mavutil
 from pyulog import ULog
+from test_files import Files
 from test_mavproxy import MavProxy
 
 mavlink = mavutil.mavlink
@@ -155,6 +156,12 @@ def test_mavproxy_downloads(logs, port, tmp_path):
             assert (tmp_path / f"{number}.ulg").read_bytes() == content
     finally:
         proxy.end()
+
+
+def test_log_is_a_file(logs, gcs):
+    files = Files(gcs, burst_read_size=239)
+    for number, content in enumerate(logs):
+        assert files.get(f"@MAV_LOG/log_{number}.ulg") == content
 
 
 def test_logs_survive_a_reboot(logs, gcs):

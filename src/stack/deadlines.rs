@@ -720,7 +720,7 @@ impl World {
     fn wake(&mut self) {
         self.poll();
         // What takes several polls is due, and sends nothing.
-        while self.stack.files().is_working() {
+        while self.stack.services.files.is_working() {
             self.poll();
         }
         for _ in 0..1_000 {

@@ -306,7 +306,11 @@ macro_rules! stack {
             type GimbalDevice = $crate::__declared!(gimbal_device $($entries)*,);
             type HighLatency = $crate::__declared!(high_latency $($entries)*,);
             type Signing = $crate::__declared!(signing $($entries)*,);
-            type Files = $crate::__declared!(files [$crate::__declared!(param $($entries)*,)] $($entries)*,);
+            // The services that may have a virtual directory: a line for each.
+            type Files = $crate::__declared!(files [$crate::__one_of!({ $crate::__declared!(uploads $($entries)*,) };
+                $crate::__declared!(param $($entries)*,),
+                $crate::__declared!(logs $($entries)*,),
+            )] $($entries)*,);
             type Records = $crate::__declared!(records $($entries)*,);
             type Storage = $crate::__declared!(storage $($entries)*,);
             type Forwarding = $crate::__declared!(forwarding [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,);
@@ -484,14 +488,17 @@ macro_rules! __declared {
     (records storage: { records: $n:expr $(,)? }, $($rest:tt)*) => { $crate::__storage!($n) };
     (records) => { $crate::__private::Absent };
 
-    (files [$params:ty] files: { sessions: $n:expr, upload: $upload:expr $(,)? }, $($rest:tt)*) => {
-        $crate::__private::FileServer<{ $n }, { ($n) + 2 }, { $upload }, $params>
+    (uploads files: { sessions: $n:expr, upload: $upload:expr $(,)? }, $($rest:tt)*) => { ($upload) > 0 };
+    (uploads) => { false };
+
+    (files [$virtual:ty] files: { sessions: $n:expr, upload: $upload:expr $(,)? }, $($rest:tt)*) => {
+        $crate::__private::FileServer<{ $n }, { ($n) + 2 }, { $upload }, $virtual>
     };
-    (files [$params:ty] files: { sessions: $n:expr $(,)? }, $($rest:tt)*) => {
-        $crate::__private::FileServer<{ $n }, { ($n) + 2 }, 0, $params>
+    (files [$virtual:ty] files: { sessions: $n:expr $(,)? }, $($rest:tt)*) => {
+        $crate::__private::FileServer<{ $n }, { ($n) + 2 }, 0, $virtual>
     };
-    (files [$params:ty]) => { $crate::__private::Absent };
-    (files [$params:ty] $skipped:tt $($rest:tt)*) => { $crate::__declared!(files [$params] $($rest)*) };
+    (files [$virtual:ty]) => { $crate::__private::Absent };
+    (files [$virtual:ty] $skipped:tt $($rest:tt)*) => { $crate::__declared!(files [$virtual] $($rest)*) };
 
     (forwarding [$links:expr] forwarding: { bytes: $bytes:expr, seen: $seen:expr $(,)? }, $($rest:tt)*) => {
         $crate::__private::Forwarding<{ $links }, { $bytes }, { $seen }>
@@ -591,6 +598,20 @@ macro_rules! __declared {
     };
 
     ($key:ident $skipped:tt $($rest:tt)*) => { $crate::__declared!($key $($rest)*) };
+}
+
+/// The list of the files of services: those of [virtual directories](crate::Files).
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __one_of {
+    ($uploads:block;) => { $crate::__private::NoFile };
+    ($uploads:block; $service:ty, $($rest:ty,)*) => {
+        $crate::__private::OneOf<
+            $uploads,
+            <$service as $crate::__private::HasFiles>::File,
+            $crate::__one_of!($uploads; $($rest,)*),
+        >
+    };
 }
 
 /// Signing with this many streams at a time.

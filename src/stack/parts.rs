@@ -211,9 +211,9 @@ impl<D: Declares<HighLatency = HighLatency>, const LINKS: usize> Stack<D, LINKS>
 }
 
 /// With `files: { sessions: N, upload: N }`.
-impl<D, const LINKS: usize, const OPEN: usize, const N: usize, const UPLOAD: usize, P> Stack<D, LINKS>
+impl<D, const LINKS: usize, const OPEN: usize, const N: usize, const UPLOAD: usize, V> Stack<D, LINKS>
 where
-    D: Declares<Files = FileServer<OPEN, N, UPLOAD, P>>,
+    D: Declares<Files = FileServer<OPEN, N, UPLOAD, V>>,
 {
     /// Returns the state of the file service: its counters.
     pub fn files(&self) -> &FileStatus {

@@ -383,7 +383,7 @@ fn cases() -> Vec<Case> {
         (
             "files_upload",
             implements(FILES, "links: 1, files: { sessions: 1, upload: 70_000 }"),
-            "an upload of parameters has less than 65,536 bytes",
+            "an upload has less than 65,536 bytes",
         ),
         (
             "files_path",

@@ -4,6 +4,7 @@
 mod support;
 
 mod client;
+mod directory;
 mod downloads;
 mod gates;
 mod pace;

@@ -43,7 +43,7 @@ impl Logs for TestVehicle {
     fn read_log(&mut self, id: u16, offset: u32, out: &mut [u8]) -> LogRead {
         let logs = &mut self.logs;
         logs.reads += 1;
-        assert!((1..=90).contains(&out.len()));
+        assert!((1..=239).contains(&out.len()));
         let bytes = &logs.content[usize::from(id)][offset as usize..][..out.len()];
         if logs.is_broken {
             return LogRead::Failed;

@@ -57,7 +57,8 @@ impl<'a> Request<'a> {
 }
 
 /// What an answer contains.
-pub(super) enum Body {
+#[derive(Debug)]
+pub enum Body {
     /// So many bytes of data, which are in the packet already.
     Data(usize),
     /// It is not sent now.

@@ -3,7 +3,6 @@
 use super::packet::Request;
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
 use crate::message::Address;
-use crate::service::param::Pack;
 use crate::time::{Duration, Instant};
 use crate::types::{LinkId, Peer};
 
@@ -20,7 +19,7 @@ const ANSWERS: usize = 5;
 /// What a session has open. `Nothing` is all zero bits: with this representation no field has the discriminant in its niche.
 #[derive(Clone, Copy, Debug)]
 #[repr(u8)]
-pub(super) enum Open {
+pub(super) enum Open<V> {
     Nothing,
     /// A file of the vehicle's hooks, by number.
     Hook {
@@ -29,10 +28,10 @@ pub(super) enum Open {
     },
     /// A file that never changes, by its index.
     Static(u8),
-    /// The parameters, to be read.
-    Params(Pack),
-    /// The parameters, to be written.
-    Upload,
+    /// A file of a virtual directory, to be read.
+    Virtual(V),
+    /// A file of a virtual directory, to be uploaded: one at a time.
+    Upload(V),
 }
 
 /// The state of an answer.
@@ -104,14 +103,14 @@ pub(super) struct Burst {
 
 /// A client's session, or the answers to a client without one.
 #[derive(Clone, Copy, Debug)]
-pub struct Session {
+pub struct Session<V> {
     pub(super) is_used: bool,
     /// Its link was opened again: the next poll ends it.
     pub(super) is_gone: bool,
     /// The number that the client has given it.
     pub(super) number: u8,
     pub(super) client: Peer,
-    pub(super) open: Open,
+    pub(super) open: Open<V>,
     /// When the client was last heard, or was last sent a packet of a burst.
     pub(super) touched: Instant,
     /// The request that has opened it, and its answer: the size.
@@ -122,7 +121,7 @@ pub struct Session {
     pub(super) answers: [Answer; ANSWERS],
 }
 
-impl Session {
+impl<V> Session<V> {
     /// All zero bits.
     pub(super) const FREE: Self = Self {
         is_used: false,
@@ -261,9 +260,10 @@ impl Session {
 
 /// Returns the position of the session of a client. Without one, a place for it: one that is not used, or else the one that
 /// was idle for the longest and has nothing open. `None` if there is none: then a request is dropped.
-pub(super) fn find(sessions: &mut [Session], client: Peer, number: u8) -> Option<usize> {
-    let is_it =
-        |session: &Session| session.is_used && !session.is_gone && session.client == client && session.number == number;
+pub(super) fn find<V>(sessions: &mut [Session<V>], client: Peer, number: u8) -> Option<usize> {
+    let is_it = |session: &Session<V>| {
+        session.is_used && !session.is_gone && session.client == client && session.number == number
+    };
     if let Some(place) = sessions.iter().position(is_it) {
         return Some(place);
     }
@@ -286,7 +286,7 @@ pub(super) fn find(sessions: &mut [Session], client: Peer, number: u8) -> Option
 
 /// Returns the open session that another client takes over: the one that was idle for the longest, at least three seconds.
 /// `Err` if all are in use.
-pub(super) fn victim(sessions: &[Session], now: Instant) -> Option<usize> {
+pub(super) fn victim<V>(sessions: &[Session<V>], now: Instant) -> Option<usize> {
     let oldest = sessions.iter().filter(|session| session.is_open()).map(|session| session.touched).min()?;
     let place = sessions.iter().position(|session| session.is_open() && session.touched == oldest);
     place.filter(|_| now.since(oldest) >= TAKEOVER)

@@ -1,6 +1,6 @@
 //! Downloads of flight logs.
 //!
-//! Implements the vehicle's side of LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_REQUEST_END and LOG_ERASE, rules LOG-1 to LOG-9. The
+//! Implements the vehicle's side of LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_REQUEST_END and LOG_ERASE, rules LOG-1 to LOG-9 and LOG-15. The
 //! developer guide has no page for them, so they follow PX4 (`mavlink_log_handler.cpp`) and ArduPilot
 //! (`AP_Logger_MAVLinkLogTransfer.cpp`) as far as the two agree. They serve QGroundControl (`LogDownloadController.cc`), MAVSDK
 //! (`log_files_impl.cpp`), MAVProxy (`mavproxy_log.py`) and Mission Planner.
@@ -16,6 +16,7 @@
 //!    └───────────────────────────────────────────┘   LOG_REQUEST_END, the vehicle is armed, the client is silent for 10 s
 //! ```
 
+mod directory;
 mod vehicle;
 
 pub use vehicle::{LogInfo, LogRead, Logs};

@@ -51,13 +51,17 @@ use crate::types::{Context, Peer};
     note = "`logs` in `stack!` needs `impl Logs for {Self}`: write it, or leave `logs` out"
 )]
 pub trait Logs {
+    /// The extension of the logs' files in the virtual directory `@MAV_LOG`, if the stack has `files` too: `log_0.ulg`, `log_1.ulg` and so
+    /// on. QGroundControl lists `ulg` and `bin`.
+    const LOG_EXTENSION: &'static str = "ulg";
+
     /// Returns the number of logs. Their numbers are 0 to one less.
     fn log_count(&self) -> u16;
 
     /// Returns size and time of a log; `None` if there is no such log.
     fn log_info(&self, id: u16) -> Option<LogInfo>;
 
-    /// Reads from a log: fills all of `out`, at most 90 bytes, which are inside of the log. It should have no other effect: a client
+    /// Reads from a log: fills all of `out`, at most 239 bytes, which are inside of the log. It should have no other effect: a client
     /// may request the same part again.
     fn read_log(&mut self, id: u16, offset: u32, out: &mut [u8]) -> LogRead;
 
@@ -92,7 +96,7 @@ pub struct LogInfo {
 pub enum LogRead {
     /// All bytes were read.
     Done,
-    /// There is no data yet. The stack asks again after five milliseconds, as long as its client is heard.
+    /// There is no data yet. The stack asks again later, as long as its client is heard.
     Later,
     /// It cannot be read. The download ends without an answer, and the client may request the same part again.
     Failed,

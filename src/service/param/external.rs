@@ -4,7 +4,6 @@
 
 use super::backend::{ParamBackend, ParamUpdate, ParamWrite};
 use super::info::{MAX_PARAMS, ParamInfo};
-use super::packed::{Pack, PackedParams};
 use super::state::State;
 use super::table::{ParamMemory, Rows, Table};
 use super::{Caller, Links, List, NOTHING, Options, ParamHash, Work, capability, handles, is_armed, storage_action};
@@ -40,6 +39,13 @@ pub struct MarksMut<'a> {
     state: &'a mut State<Size>,
 }
 
+impl MarksMut<'_> {
+    /// Returns the number of parameters.
+    pub(super) const fn count(&self) -> u16 {
+        self.state.kept.count
+    }
+}
+
 /// [`ExternalParams`] of one length.
 pub trait Marks {
     fn marks(&mut self) -> MarksMut<'_>;
@@ -69,9 +75,9 @@ impl<const N: usize> ParamMemory for ExternalParams<N> {
 }
 
 /// The parameters of a backend.
-struct Backed<'a, B> {
-    backend: &'a B,
-    count: u16,
+pub(super) struct Backed<'a, B> {
+    pub(super) backend: &'a B,
+    pub(super) count: u16,
 }
 
 impl<B: ParamBackend> Rows for Backed<'_, B> {
@@ -253,28 +259,5 @@ where
         list.end();
         self.links.restart(port.id);
         self.relisted = self.relisted.without(LinkMask::of(port.id));
-    }
-}
-
-/// The file of all parameters (P-22). It cannot be written, because a backend decides and sets in one call: it could not set all
-/// or none.
-impl<F> PackedParams<F> for ExternalService
-where
-    F: Firmware<Parameters: Marks, Vehicle: Vehicle + ParamBackend>,
-{
-    const EXISTS: bool = true;
-
-    fn packed_count(cx: &mut Cx<'_, F>) -> u16 {
-        cx.parameters.marks().state.kept.count
-    }
-
-    fn read_packed(cx: &mut Cx<'_, F>, pack: &mut Pack, offset: u32, out: &mut [u8]) -> Option<usize> {
-        let count = cx.parameters.marks().state.kept.count;
-        pack.read(&Backed { backend: &*cx.vehicle, count }, offset, out)
-    }
-
-    fn measure_packed(cx: &mut Cx<'_, F>, pack: &mut Pack) -> Option<u32> {
-        let count = cx.parameters.marks().state.kept.count;
-        pack.measure(&Backed { backend: &*cx.vehicle, count })
     }
 }

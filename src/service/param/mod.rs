@@ -12,6 +12,7 @@
 //! If both declarations and values live elsewhere ([`ParamBackend`]), the stack only has the marks ([`ExternalParams`]).
 
 mod backend;
+mod directory;
 mod external;
 mod hash;
 mod info;
@@ -35,7 +36,6 @@ pub use external::ExternalParams;
 #[cfg(feature = "storage")]
 pub use external::ExternalService;
 pub use info::{MAX_PARAMS, ParamFault, ParamInfo};
-pub use packed::{Pack, PackedParams};
 pub(crate) use replies::List;
 pub use runtime::RuntimeTable;
 pub use table::{NoParams, Param, ParamChange, ParamMemory, ParamTable, ParamValues, TableMut};
@@ -543,73 +543,5 @@ impl<R: Rows> Table<'_, R> {
     ) -> bool {
         let (param_count, param_id) = (self.count(), Text::from_wire(*name));
         tx.send(&ParamValue { param_value, param_count, param_index, param_id, param_type })
-    }
-}
-
-/// The file of all parameters: of those that the stack owns, it can also be written (P-22).
-impl<F> PackedParams<F> for ParamService
-where
-    F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
-{
-    const EXISTS: bool = true;
-    const IS_WRITABLE: bool = true;
-
-    fn packed_count(cx: &mut Cx<'_, F>) -> u16 {
-        cx.parameters.table_mut().count()
-    }
-
-    fn read_packed(cx: &mut Cx<'_, F>, pack: &mut Pack, offset: u32, out: &mut [u8]) -> Option<usize> {
-        pack.read(&cx.parameters.table_mut().rows, offset, out)
-    }
-
-    fn measure_packed(cx: &mut Cx<'_, F>, pack: &mut Pack) -> Option<u32> {
-        pack.measure(&cx.parameters.table_mut().rows)
-    }
-
-    /// Checks all values first, as PARAM_SET does, then sets them. They are stored together, because changes are collected. The
-    /// service's next poll takes them up.
-    #[inline(never)]
-    fn set_packed(cx: &mut Cx<'_, F>, from: Peer, file: &[u8]) -> bool {
-        let Some(mut records) = packed::Records::new(file) else { return false };
-        while let Some(record) = records.next() {
-            let Ok(record) = record else { return false };
-            let checked = check_packed(&cx.parameters.table_mut(), &record);
-            let verdict = checked.and_then(|change| {
-                let Some((index, bits)) = change else { return Ok(()) };
-                let (vehicle, mut context) = cx.hook();
-                vehicle.may_set(&mut context, &ParamChange { index, bits, from: Some(from), table: PhantomData })
-            });
-            if let Err(error) = verdict {
-                if cfg!(feature = "plan-texts") {
-                    let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
-                    requests::warn(&mut work, from.link, error, &record.name);
-                }
-                return false;
-            }
-        }
-        let Some(mut records) = packed::Records::new(file) else { return false };
-        while let Some(Ok(record)) = records.next() {
-            let mut table = cx.parameters.table_mut();
-            let Ok(Some((index, bits))) = check_packed(&table, &record) else { continue };
-            table.put(index, bits);
-            table.mark_pending(index, cx.shared.normal);
-            let (vehicle, mut context) = cx.hook();
-            vehicle.parameter_changed(&mut context, &ParamChange { index, bits, from: Some(from), table: PhantomData });
-        }
-        true
-    }
-}
-
-/// Returns index and value of a parameter that an uploaded file changes; `None` if it has that value already.
-#[inline(never)]
-fn check_packed(table: &TableMut<'_>, record: &packed::Uploaded) -> Result<Option<(u16, u32)>, MavParamError> {
-    let found = table.find(&record.name).and_then(|index| Some((index, table.get(index)?)));
-    let Some((index, (info, old))) = found else { return Err(MavParamError::DOES_NOT_EXIST) };
-    let bits = record.value_of(info.param_type()).filter(|bits| info.has_room(*bits));
-    match bits {
-        None => Err(MavParamError::VALUE_OUT_OF_RANGE),
-        Some(bits) if bits == old => Ok(None),
-        Some(_) if info.is_read_only() => Err(MavParamError::READ_ONLY),
-        Some(bits) => Ok(Some((index, bits))),
     }
 }

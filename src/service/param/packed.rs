@@ -20,10 +20,12 @@ use core::borrow::Borrow;
 use super::info::ParamInfo;
 use super::table::Rows;
 use super::value;
-use crate::dialect::MavParamType;
+use crate::dialect::{MavFtpErr, MavParamType};
 use crate::num;
-use crate::service::{Absent, Cx};
-use crate::types::{Firmware, Peer};
+use crate::service::files::{Body, Entries};
+
+/// The name of the file.
+const NAME: &[u8] = b"param.pck";
 
 const MAGIC: u16 = 0x671B;
 const MAGIC_WITH_DEFAULTS: u16 = 0x671C;
@@ -45,40 +47,6 @@ const INT16: u8 = 2;
 const INT32: u8 = 3;
 const FLOAT: u8 = 4;
 
-/// The parameters of a firmware as a file.
-pub trait PackedParams<F: Firmware> {
-    /// Whether there is such a file.
-    const EXISTS: bool = false;
-    /// Whether it can be written.
-    const IS_WRITABLE: bool = false;
-
-    /// Returns the number of parameters.
-    fn packed_count(cx: &mut Cx<'_, F>) -> u16 {
-        let _ = cx;
-        0
-    }
-
-    /// Reads from the file: see [`Pack::read`].
-    fn read_packed(cx: &mut Cx<'_, F>, pack: &mut Pack, offset: u32, out: &mut [u8]) -> Option<usize> {
-        let _ = (cx, pack, offset, out);
-        Some(0)
-    }
-
-    /// Returns the length of the file for packets of the usual length; `None` if that takes another call.
-    fn measure_packed(cx: &mut Cx<'_, F>, pack: &mut Pack) -> Option<u32> {
-        let _ = (cx, pack);
-        Some(0)
-    }
-
-    /// Sets the parameters of an uploaded file: all, or none. Returns whether they are set.
-    fn set_packed(cx: &mut Cx<'_, F>, from: Peer, file: &[u8]) -> bool {
-        let _ = (cx, from, file);
-        false
-    }
-}
-
-impl<F: Firmware> PackedParams<F> for Absent {}
-
 /// A file that is being read.
 #[derive(Clone, Copy, Debug)]
 pub struct Pack {
@@ -96,9 +64,19 @@ pub struct Pack {
 }
 
 impl Pack {
-    /// Returns the file of a table of `total` parameters that a client asks for: `query` is what follows the name.
-    /// `None` if the query is wrong, or there is no such parameter.
-    pub(crate) fn open(query: &[u8], total: u16) -> Option<Self> {
+    /// Returns the file of a table of `total` parameters that a client asks for: `path` is its name and the query. Refused if the
+    /// query is wrong, or there is no such parameter; also any query for an upload.
+    #[inline(never)]
+    pub(super) fn open(path: &[u8], total: u16, is_upload: bool) -> Result<Self, MavFtpErr> {
+        match path.strip_prefix(NAME) {
+            Some([]) => Self::of(b"", total).ok_or(MavFtpErr::FAIL),
+            Some([b'?', ..]) if is_upload => Err(MavFtpErr::FILEPROTECTED),
+            Some([b'?', query @ ..]) => Self::of(query, total).ok_or(MavFtpErr::FAIL),
+            _ => Err(MavFtpErr::FILENOTFOUND),
+        }
+    }
+
+    fn of(query: &[u8], total: u16) -> Option<Self> {
         let mut pack = Self { first: 0, count: total, total, has_defaults: false, block: 0, index: 0, at: HEADER_LEN };
         let mut limit = 0;
         for part in query.split(|byte| *byte == b'&').filter(|part| !part.is_empty()) {
@@ -119,7 +97,7 @@ impl Pack {
     }
 
     /// Remembers the length of the client's packets, when it first reads.
-    pub(crate) fn set_block(&mut self, block: u8) {
+    pub(super) const fn set_block(&mut self, block: u8) {
         if self.block == 0 {
             (self.block, self.index, self.at) = (block, 0, HEADER_LEN);
         }
@@ -134,10 +112,9 @@ impl Pack {
         None
     }
 
-    /// Reads from any place of the file: returns the number of bytes, 0 behind the end. `None` if it takes another call to
-    /// find that place.
+    /// Reads from any place of the file. [`Body::Later`] if it takes another call to find that place.
     #[inline(never)]
-    pub(super) fn read<R: Rows>(&mut self, rows: &R, offset: u32, out: &mut [u8]) -> Option<usize> {
+    pub(super) fn read<R: Rows>(&mut self, rows: &R, offset: u32, out: &mut [u8]) -> Body {
         if offset < self.at {
             (self.index, self.at) = (0, HEADER_LEN);
         }
@@ -158,11 +135,11 @@ impl Pack {
             if copied == 0 {
                 steps = steps.saturating_sub(1);
                 if steps == 0 {
-                    return None;
+                    return Body::Later;
                 }
             }
         }
-        Some(len)
+        Body::Data(len)
     }
 
     fn advance(&mut self, len: usize) {
@@ -226,6 +203,21 @@ impl Pack {
         let left = usize::try_from(left).unwrap_or(usize::MAX);
         if left < size && usize::from(block) >= size { left } else { 0 }
     }
+}
+
+/// The file of `count` parameters as an entry of the directory.
+pub(super) fn entry(count: u16, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
+    if index > 0 {
+        return None;
+    }
+    name.text(NAME);
+    Some((u32::from(count).saturating_mul(12), 0))
+}
+
+/// Whether the content is as long as its header says.
+pub(super) fn is_complete(content: &[u8]) -> bool {
+    let Some([_, _, _, _, low, high]) = content.first_chunk() else { return false };
+    content.len() >= usize::from(u16::from_le_bytes([*low, *high]))
 }
 
 /// Copies what follows `offset` in `bytes` to `out`. Returns how much it is.

@@ -1,0 +1,147 @@
+//! `@PARAM`: the virtual directory of `param.pck` (P-22).
+
+use core::marker::PhantomData;
+
+use super::backend::ParamBackend;
+use super::external::{Backed, ExternalService, Marks};
+use super::packed::{self, Pack};
+use super::table::{ParamChange, ParamTable, TableMut};
+use super::{ParamService, Parameters, Work, requests};
+use crate::dialect::{MavFtpErr, MavParamError};
+use crate::service::Cx;
+use crate::service::files::{Body, Entries, HasFiles, VirtualFile};
+use crate::types::{Firmware, Peer, Vehicle};
+
+const DIRECTORY: &[u8] = b"@PARAM";
+
+impl HasFiles for ParamService {
+    type File = TableFile;
+}
+
+impl HasFiles for ExternalService {
+    type File = BackendFile;
+}
+
+/// The file of the parameters that the stack owns.
+#[derive(Clone, Copy, Debug)]
+pub struct TableFile(Pack);
+
+/// The file of the parameters of a backend. It cannot be uploaded, because a backend decides and sets in one call: it could not
+/// set all or none.
+#[derive(Clone, Copy, Debug)]
+pub struct BackendFile(Pack);
+
+impl<F> VirtualFile<F> for TableFile
+where
+    F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
+{
+    const DIRECTORY: &'static [u8] = DIRECTORY;
+    const UPLOADS: bool = true;
+
+    fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr> {
+        Pack::open(path, cx.parameters.table_mut().count(), is_upload).map(Self)
+    }
+
+    fn size(&mut self, cx: &mut Cx<'_, F>) -> Option<u32> {
+        self.0.measure(&cx.parameters.table_mut().rows)
+    }
+
+    fn begin_to_read(&mut self, packet: u8) {
+        self.0.set_block(packet);
+    }
+
+    fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {
+        self.0.read(&cx.parameters.table_mut().rows, offset, out)
+    }
+
+    fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
+        packed::entry(cx.parameters.table_mut().count(), index, name)
+    }
+
+    fn is_complete(&self, content: &[u8]) -> bool {
+        packed::is_complete(content)
+    }
+
+    fn finish(&mut self, cx: &mut Cx<'_, F>, from: Peer, content: &[u8]) -> Option<Result<(), MavFtpErr>> {
+        Some(if set_all(cx, from, content) { Ok(()) } else { Err(MavFtpErr::FAIL) })
+    }
+}
+
+impl<F> VirtualFile<F> for BackendFile
+where
+    F: Firmware<Parameters: Marks, Vehicle: Vehicle + ParamBackend>,
+{
+    const DIRECTORY: &'static [u8] = DIRECTORY;
+
+    fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr> {
+        Pack::open(path, cx.parameters.marks().count(), is_upload).map(Self)
+    }
+
+    fn size(&mut self, cx: &mut Cx<'_, F>) -> Option<u32> {
+        let count = cx.parameters.marks().count();
+        self.0.measure(&Backed { backend: &*cx.vehicle, count })
+    }
+
+    fn begin_to_read(&mut self, packet: u8) {
+        self.0.set_block(packet);
+    }
+
+    fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {
+        let count = cx.parameters.marks().count();
+        self.0.read(&Backed { backend: &*cx.vehicle, count }, offset, out)
+    }
+
+    fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
+        packed::entry(cx.parameters.marks().count(), index, name)
+    }
+}
+
+/// Sets the parameters of an uploaded file: all, or none. Returns whether they are set. Checks all values first, as PARAM_SET
+/// does, then sets them. They are stored together, because changes are collected. The service's next poll takes them up.
+#[inline(never)]
+fn set_all<F>(cx: &mut Cx<'_, F>, from: Peer, content: &[u8]) -> bool
+where
+    F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
+{
+    let Some(mut records) = packed::Records::new(content) else { return false };
+    while let Some(record) = records.next() {
+        let Ok(record) = record else { return false };
+        let checked = check_packed(&cx.parameters.table_mut(), &record);
+        let verdict = checked.and_then(|change| {
+            let Some((index, bits)) = change else { return Ok(()) };
+            let (vehicle, mut context) = cx.hook();
+            vehicle.may_set(&mut context, &ParamChange { index, bits, from: Some(from), table: PhantomData })
+        });
+        if let Err(error) = verdict {
+            if cfg!(feature = "plan-texts") {
+                let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
+                requests::warn(&mut work, from.link, error, &record.name);
+            }
+            return false;
+        }
+    }
+    let Some(mut records) = packed::Records::new(content) else { return false };
+    while let Some(Ok(record)) = records.next() {
+        let mut table = cx.parameters.table_mut();
+        let Ok(Some((index, bits))) = check_packed(&table, &record) else { continue };
+        table.put(index, bits);
+        table.mark_pending(index, cx.shared.normal);
+        let (vehicle, mut context) = cx.hook();
+        vehicle.parameter_changed(&mut context, &ParamChange { index, bits, from: Some(from), table: PhantomData });
+    }
+    true
+}
+
+/// Returns index and value of a parameter that an uploaded file changes; `None` if it has that value already.
+#[inline(never)]
+fn check_packed(table: &TableMut<'_>, record: &packed::Uploaded) -> Result<Option<(u16, u32)>, MavParamError> {
+    let found = table.find(&record.name).and_then(|index| Some((index, table.get(index)?)));
+    let Some((index, (info, old))) = found else { return Err(MavParamError::DOES_NOT_EXIST) };
+    let bits = record.value_of(info.param_type()).filter(|bits| info.has_room(*bits));
+    match bits {
+        None => Err(MavParamError::VALUE_OUT_OF_RANGE),
+        Some(bits) if bits == old => Ok(None),
+        Some(_) if info.is_read_only() => Err(MavParamError::READ_ONLY),
+        Some(bits) => Ok(Some((index, bits))),
+    }
+}
