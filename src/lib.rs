@@ -87,7 +87,7 @@
 //! | [`mod@frame`] | bytes to checked frames and back, MAVLink 1 and 2; usable alone |
 //! | [`mod@message`], [`mod@dialect`] | payloads: all of MAVLink's `common`, and your own messages; usable alone |
 //! | [`mod@config`], [`mod@network`] | the links, the peers on them, and forwarding between links |
-//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@operator_control`], [`mod@camera`], [`mod@ext_parameters`], [`mod@events`], [`mod@gimbal`], [`mod@files`], [`mod@high_latency`], `signing` | the services, besides the traits below |
+//! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@operator_control`], [`mod@camera`], [`mod@ext_parameters`], [`mod@events`], [`mod@gimbal`], [`mod@files`], [`mod@logs`], [`mod@high_latency`], `signing` | the services, besides the traits below |
 //! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //! | [`mod@io`], `storage` | transports between the stack and a UART; flash and FRAM |
 //!
@@ -110,6 +110,8 @@
 //! | [`GimbalManager`] | with `gimbal_manager` | points the gimbal |
 //! | [`GimbalDevice`] | with `gimbal_device` | is the gimbal |
 //! | [`Files`] | with `files` | serves files |
+//! | [`Logs`] | with `logs` | has the flight logs |
+//! | [`LogStreaming`] | with `log_streaming` | streams the running log |
 //! | [`CommandClient`] | with `command_client` | makes its own commands to other components |
 //! | [`Camera`] | with `camera` | takes images, records video |
 //! | [`HealthChecks`] | with `checks` in `events` | what prevents arming |
@@ -220,6 +222,8 @@ pub use service::example::Tunes;
 pub use service::ext_parameters::ExtParameters;
 pub use service::files::Files;
 pub use service::gimbal::{GimbalDevice, GimbalManager};
+pub use service::log_streaming::LogStreaming;
+pub use service::logs::Logs;
 pub use service::mission::{PlanChange, Plans, Progress};
 pub use service::mode::{CustomMode, FlightMode, ModeRequest, Modes};
 pub use service::param::{Param, ParamBackend, ParamChange, Parameters};
@@ -334,6 +338,12 @@ pub mod files {
     pub use crate::service::files::{
         FileAccess, FileChange, FileCounters, FileEntry, FileStatus, OpenFile, StaticFile,
     };
+}
+
+/// Flight logs, downloaded by ground stations, or streamed in flight. [`Logs`] and [`LogStreaming`] have the hooks.
+pub mod logs {
+    pub use crate::service::log_streaming::{LogStreamer, StreamingCounters};
+    pub use crate::service::logs::{LogCounters, LogInfo, LogRead, LogServer};
 }
 
 /// Clocks: those of peers, by PING and TIMESYNC, and the time of day.

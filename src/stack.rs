@@ -411,6 +411,33 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.push_text(now, severity, text.as_ref());
     }
 
+    /// Returns the oldest text of the queue that was queued after the text with this number, with its own number; 0 is before the first.
+    /// The queue keeps sent texts, its own and the vehicle's, until others need their place. For a vehicle that records them in its log:
+    ///
+    /// ```
+    /// # use mavstack::*;
+    /// # struct Rover;
+    /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+    /// # impl Commands for Rover {
+    /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
+    /// # }
+    /// stack! {
+    ///     struct Mavlink for Rover { links: 1 }
+    /// }
+    ///
+    /// /// Called in each pass, with the number of the last text.
+    /// fn record_texts(stack: &Mavlink, last: &mut u16, mut record: impl FnMut(u8, &[u8])) {
+    ///     while let Some((number, severity, text)) = stack.text_after(*last) {
+    ///         record(severity.0, text);
+    ///         *last = number;
+    ///     }
+    /// }
+    /// ```
+    pub fn text_after(&self, number: u16) -> Option<(u16, MavSeverity, &[u8])> {
+        let entry = self.texts.view().after(number)?;
+        Some((entry.number, entry.severity, entry.text.as_bytes()))
+    }
+
     /// Sends a text that `core::fmt` formats, which takes some kilobytes of flash: `stack.send_fmt(now,
     /// MavSeverity::INFO, format_args!("Wind {wind:.1} m/s"))`. A text is cut off after
     /// [`MAX_TEXT_LEN`](crate::limits::MAX_TEXT_LEN) bytes.

@@ -4,6 +4,8 @@
 
 #[path = "../../tests/support/files.rs"]
 pub mod files;
+#[path = "../../tests/support/logs.rs"]
+pub mod logs;
 #[path = "../../tests/support/receiver.rs"]
 mod receiver;
 #[path = "../../tests/support/reference.rs"]
@@ -16,6 +18,7 @@ pub mod tested;
 mod vehicle;
 
 pub use files::MemoryFiles;
+pub use logs::MemoryLogs;
 pub use receiver::Receiver;
 pub use tested::{Signed, Tested, begun};
 pub use vehicle::{Call, TestVehicle, Tuning};

@@ -25,6 +25,8 @@ pub mod gimbal;
 pub(crate) mod heartbeat;
 pub mod high_latency;
 pub(crate) mod identity;
+pub mod log_streaming;
+pub mod logs;
 pub mod manual_control;
 pub(crate) mod messages;
 pub mod mission;

@@ -11,9 +11,9 @@
 
 use super::{ControlGate, Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
 use crate::dialect::{
-    CommandAck, CommandCancel, CommandLong, ManualControl, MavCmd, MavProtocolCapability, MavResult, MissionSetCurrent,
-    RcChannelsOverride, SetActuatorControlTarget, SetAttitudeTarget, SetGpsGlobalOrigin, SetHomePosition, SetMode,
-    SetPositionTargetGlobalInt, SetPositionTargetLocalNed,
+    CommandAck, CommandCancel, CommandLong, LogErase, ManualControl, MavCmd, MavProtocolCapability, MavResult,
+    MissionSetCurrent, RcChannelsOverride, SetActuatorControlTarget, SetAttitudeTarget, SetGpsGlobalOrigin,
+    SetHomePosition, SetMode, SetPositionTargetGlobalInt, SetPositionTargetLocalNed,
 };
 use crate::frame::Frame;
 use crate::link::Port;
@@ -90,7 +90,7 @@ counters! {
 /// | others | NOT_IN_CONTROL | dropped and counted |
 ///
 /// A refused command calls no hook of the vehicle. Everyone may request control, messages, their intervals, and the vehicle's
-/// capabilities. COMMAND_CANCEL, MISSION_SET_CURRENT, SET_MODE, SET_HOME_POSITION and SET_GPS_GLOBAL_ORIGIN are treated like
+/// capabilities. COMMAND_CANCEL, LOG_ERASE, MISSION_SET_CURRENT, SET_MODE, SET_HOME_POSITION and SET_GPS_GLOBAL_ORIGIN are treated like
 /// commands, but only SET_MODE has an answer that could say so, if the vehicle has modes. SET_ACTUATOR_CONTROL_TARGET is
 /// treated like a setpoint. All other messages reach [`Vehicle::message`](crate::Vehicle::message).
 ///
@@ -314,9 +314,13 @@ impl ControlGate for OperatorControl {
             | SetPositionTargetGlobalInt::ID
             | SetAttitudeTarget::ID
             | SetActuatorControlTarget::ID => self.may_steer(own, system),
-            CommandCancel::ID | MissionSetCurrent::ID | SetMode::ID | SetHomePosition::ID | SetGpsGlobalOrigin::ID => {
-                self.may_command(own, system)
-            }
+            // Logs are erased by those who may command (LOG-7).
+            CommandCancel::ID
+            | LogErase::ID
+            | MissionSetCurrent::ID
+            | SetMode::ID
+            | SetHomePosition::ID
+            | SetGpsGlobalOrigin::ID => self.may_command(own, system),
             _ => true,
         };
         if !may {

@@ -26,15 +26,16 @@ use crate::files::StaticFile;
 use crate::frame::{Version, encode};
 use crate::gimbal::GimbalSetpoint;
 use crate::high_latency::{HighLatencyConfig, HighLatencySample};
+use crate::logs::{LogInfo, LogRead};
 use crate::manual_control::ControlSource;
 use crate::message::{Address, ComponentId, Item, Message, Secret, Text};
 use crate::service::{Cx, ForwardingGate, Service, SigningGate, TABLE, Turn, View, turns};
 use crate::time::{Duration, Instant};
 use crate::{
     Camera, Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context,
-    ExtParameters, Files, Fill, FlightMode, GimbalDevice, GimbalManager, HealthChecks, LinkConfig, LinkId, ModeRequest,
-    Modes, Outcome, OutgoingCommand, Parameters, Peer, PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry,
-    Vehicle, VehicleState,
+    ExtParameters, Files, Fill, FlightMode, GimbalDevice, GimbalManager, HealthChecks, LinkConfig, LinkId,
+    LogStreaming, Logs, ModeRequest, Modes, Outcome, OutgoingCommand, Parameters, Peer, PlanChange, PlanType, Plans,
+    Progress, Pulse, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 const LINKS: usize = 3;
@@ -76,6 +77,8 @@ macro_rules! declare {
                 high_latency,
                 files: { sessions: 2, upload: 276 },
                 events: { history: 8, checks },
+                logs,
+                log_streaming,
                 $($signing)?
             }
         }
@@ -126,6 +129,47 @@ impl Components for Rover {
 
 impl Files for Rover {
     const FILES: &'static [StaticFile] = &[StaticFile::new("a", &[7; 600])];
+}
+
+impl Logs for Rover {
+    fn log_count(&self) -> u16 {
+        2
+    }
+
+    fn log_info(&self, id: u16) -> Option<LogInfo> {
+        (id < 2).then_some(LogInfo { size: 200, time_utc: 7 })
+    }
+
+    fn read_log(&mut self, _: u16, _: u32, out: &mut [u8]) -> LogRead {
+        out.fill(7);
+        LogRead::Done
+    }
+
+    fn erase_logs(&mut self, _: &mut Context<'_>, _: Peer) -> bool {
+        true
+    }
+}
+
+impl LogStreaming for Rover {
+    fn start_log_stream(&mut self, _: &mut Context<'_>, _: Peer) -> MavResult {
+        MavResult::ACCEPTED
+    }
+
+    fn stop_log_stream(&mut self, _: &mut Context<'_>) {}
+
+    fn read_log_definitions(&mut self, offset: u32, out: &mut [u8]) -> usize {
+        let len = out.len().min(300_usize.saturating_sub(offset as usize));
+        out[..len].fill(9);
+        len
+    }
+
+    fn log_data_len(&self) -> usize {
+        usize::from(self.current) * 100
+    }
+
+    fn take_log_data(&mut self, out: &mut [u8]) -> usize {
+        out.len().min(self.log_data_len())
+    }
 }
 
 impl CommandClient for Rover {
@@ -351,6 +395,8 @@ fn requests() -> Vec<Request> {
         (MavCmd::DO_SET_MODE, [1.0, 7.0, 0.0]),
         (MavCmd::DO_SET_MISSION_CURRENT, [0.0; 3]),
         (MavCmd::MISSION_START, [0.0; 3]),
+        (MavCmd::LOGGING_START, [0.0; 3]),
+        (MavCmd::LOGGING_STOP, [0.0; 3]),
         (MavCmd::NAV_LAND, [0.0; 3]),
         (MavCmd::DO_SET_ROI_NONE, [0.0; 3]),
         (MavCmd::DO_GIMBAL_MANAGER_CONFIGURE, [-3.0, -3.0, 255.0]),
@@ -398,6 +444,17 @@ fn requests() -> Vec<Request> {
             pool.push(of(FileTransferProtocol { payload, target_network: 0, target_system, target_component }));
         }
     }
+    for end in [0, u16::MAX] {
+        pool.push(of(LogRequestList { start: 0, end, target_system, target_component }));
+    }
+    for (id, ofs, count) in [(0, 0, u32::MAX), (1, 90, 90), (1, 200, 90), (2, 0, 90)] {
+        pool.push(of(LogRequestData { ofs, count, id, target_system, target_component }));
+    }
+    for sequence in 0..3 {
+        pool.push(of(LoggingAck { sequence, target_system, target_component }));
+    }
+    pool.push(of(LogRequestEnd { target_system, target_component }));
+    pool.push(of(LogErase { target_system, target_component }));
     let param_id = Text::new("TRIM");
     pool.push(of(ParamValue { param_id, ..Default::default() }));
     pool.push(of(ParamExtValue { param_id, ..Default::default() }));

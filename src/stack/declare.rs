@@ -42,6 +42,8 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type Camera: Service<Self>;
     type ExtParameters: Service<Self>;
     type Events: Service<Self>;
+    type Logs: Service<Self>;
+    type LogStreaming: Service<Self>;
     type Mode: Service<Self>;
     type Time: Service<Self>;
     type ManualControl: Service<Self>;
@@ -133,6 +135,8 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
 /// | `gimbal_device` | a [gimbal device](crate::gimbal::DeviceService): the gimbal itself | none | [`GimbalDevice`](crate::GimbalDevice) |
 /// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
 /// | `files: { sessions: N, upload: N }` | [files](crate::Files) by FTP, all parameters in one, and plans as files: files open at a time, and bytes of the largest upload of parameters, at least 276 with plans; without `upload` parameters and plans are not written that way | none | [`Files`](crate::Files) |
+/// | `logs` | downloads of [flight logs](crate::Logs) | none | [`Logs`](crate::Logs) |
+/// | `log_streaming` | the running log, [streamed](crate::LogStreaming) in flight | none | [`LogStreaming`](crate::LogStreaming) |
 /// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::network::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
 /// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
 /// | `storage: { records: N }` | [storage](crate::storage) for all of this (feature `storage`), and for up to 8 small records of the firmware's own; `storage` alone has none | none | `Records`, if there are any |
@@ -213,6 +217,8 @@ macro_rules! stack {
             type Client = $crate::__declared!(client $($entries)*,);
             type Camera = $crate::__declared!(camera $($entries)*,);
             type ExtParameters = $crate::__declared!(ext_parameters $($entries)*,);
+            type Logs = $crate::__declared!(logs $($entries)*,);
+            type LogStreaming = $crate::__declared!(log_streaming $($entries)*,);
             type Requests = $crate::__private::Requests<[$crate::__private::RequestQueue; {
                 $crate::__declared!(message_queues [{ $crate::__declared!(links $($entries)*,) }] $($entries)*,)
                     + $crate::__declared!(client_queues $($entries)*,)
@@ -234,6 +240,7 @@ macro_rules! stack {
             type Files = $crate::__declared!(files [$crate::__one_of!({ $crate::__declared!(uploads $($entries)*,) };
                 $crate::__declared!(param $($entries)*,),
                 $crate::__declared!(mission $($entries)*,),
+                $crate::__declared!(logs $($entries)*,),
             )] $($entries)*,);
             type Records = $crate::__declared!(records $($entries)*,);
             type Storage = $crate::__declared!(storage $($entries)*,);
@@ -334,6 +341,12 @@ macro_rules! __declared {
 
     (event_history events: { history: $n:expr $(, checks)? $(,)? }, $($rest:tt)*) => { $n };
     (event_history) => { 0 };
+
+    (logs logs, $($rest:tt)*) => { $crate::logs::LogServer };
+    (logs) => { $crate::__private::Absent };
+
+    (log_streaming log_streaming, $($rest:tt)*) => { $crate::logs::LogStreamer };
+    (log_streaming) => { $crate::__private::Absent };
 
     (client_queues command_client: $($rest:tt)*) => { 1 };
     (client_queues) => { 0 };
@@ -471,6 +484,8 @@ macro_rules! __declared {
     (check events: { history: $n:expr $(, checks)? $(,)? }, $($rest:tt)*) => {
         $crate::__declared!(rest events $($rest)*);
     };
+    (check logs, $($rest:tt)*) => { $crate::__declared!(rest logs $($rest)*); };
+    (check log_streaming, $($rest:tt)*) => { $crate::__declared!(rest log_streaming $($rest)*); };
     (check time, $($rest:tt)*) => { $crate::__declared!(rest time $($rest)*); };
     (check manual_control, $($rest:tt)*) => { $crate::__declared!(rest manual_control $($rest)*); };
     (check setpoints, $($rest:tt)*) => { $crate::__declared!(rest setpoints $($rest)*); };
@@ -514,6 +529,8 @@ macro_rules! __declared {
     (once camera camera $($rest:tt)*) => { $crate::__declared!(twice camera); };
     (once ext_parameters ext_parameters, $($rest:tt)*) => { $crate::__declared!(twice ext_parameters); };
     (once events events: $($rest:tt)*) => { $crate::__declared!(twice events); };
+    (once logs logs, $($rest:tt)*) => { $crate::__declared!(twice logs); };
+    (once log_streaming log_streaming, $($rest:tt)*) => { $crate::__declared!(twice log_streaming); };
     (once time time, $($rest:tt)*) => { $crate::__declared!(twice time); };
     (once manual_control manual_control, $($rest:tt)*) => { $crate::__declared!(twice manual_control); };
     (once setpoints setpoints, $($rest:tt)*) => { $crate::__declared!(twice setpoints); };

@@ -14,6 +14,8 @@ use crate::service::files::{FileServer, FileStatus};
 use crate::service::forwarding::Forwarding;
 use crate::service::gimbal::{DeviceService, GimbalManager, ManagerService, Order, Who};
 use crate::service::high_latency::HighLatency;
+use crate::service::log_streaming::LogStreamer;
+use crate::service::logs::LogServer;
 use crate::service::manual_control::ManualInput;
 use crate::service::messages::{Messages, id_of};
 use crate::service::operator_control::OperatorControl;
@@ -217,6 +219,22 @@ where
     /// Returns the state of the file service: its counters.
     pub fn files(&self) -> &FileStatus {
         &self.services.files.status
+    }
+}
+
+/// With `logs`.
+impl<D: Declares<Logs = LogServer>, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns the state of log downloads: its counters.
+    pub fn logs(&self) -> &LogServer {
+        &self.services.logs
+    }
+}
+
+/// With `log_streaming`.
+impl<D: Declares<LogStreaming = LogStreamer>, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns the state of log streaming: whether it runs, and its counters.
+    pub fn log_streaming(&self) -> &LogStreamer {
+        &self.services.log_streaming
     }
 }
 

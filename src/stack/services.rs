@@ -196,6 +196,8 @@ services! {
     files: D::Files,
     param: D::Param,
     ext_parameters: D::ExtParameters,
+    logs: D::Logs,
+    log_streaming: D::LogStreaming,
     heartbeat: Heartbeats,
     // Before the two that refuse requests for messages that they do not know.
     camera: D::Camera,

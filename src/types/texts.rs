@@ -122,6 +122,15 @@ impl StatusTexts {
         entry.links = links;
     }
 
+    /// Returns the oldest text behind the one with this number, sent or not. 0 is before all.
+    pub(crate) fn after(&self, number: u16) -> Option<&TextEntry> {
+        let behind = |entry: &&TextEntry| {
+            entry.number != 0 && (number == 0 || entry.number.wrapping_sub(number).cast_signed() > 0)
+        };
+        let newest = self.newest;
+        self.entries.iter().filter(behind).max_by_key(|entry| newest.wrapping_sub(entry.number))
+    }
+
     /// Whether a text is pending on the link of this mask.
     pub(crate) fn is_pending(&self, link: LinkMask) -> bool {
         self.entries.iter().any(|entry| entry.pending.contains(link))

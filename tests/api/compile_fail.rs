@@ -107,6 +107,24 @@ impl ExtParameters for Rover {
 }
 ";
 
+const LOGS: &str = "
+impl Logs for Rover {
+    fn log_count(&self) -> u16 { 0 }
+    fn log_info(&self, _: u16) -> Option<mavstack::logs::LogInfo> { None }
+    fn read_log(&mut self, _: u16, _: u32, _: &mut [u8]) -> mavstack::logs::LogRead { mavstack::logs::LogRead::Failed }
+}
+";
+
+const LOG_STREAMING: &str = "
+impl LogStreaming for Rover {
+    fn start_log_stream(&mut self, _: &mut Context<'_>, _: Peer) -> MavResult { MavResult::ACCEPTED }
+    fn stop_log_stream(&mut self, _: &mut Context<'_>) {}
+    fn read_log_definitions(&mut self, _: u32, _: &mut [u8]) -> usize { 0 }
+    fn log_data_len(&self) -> usize { 0 }
+    fn take_log_data(&mut self, _: &mut [u8]) -> usize { 0 }
+}
+";
+
 const BACKEND: &str = "
 impl ParamBackend for Rover {
     fn param_count(&self) -> u16 { 0 }
@@ -541,6 +559,16 @@ fn cases() -> Vec<Case> {
             "`ext_parameters` in `stack!` needs `impl ExtParameters for Rover`: write it, or leave `ext_parameters` out",
         ),
         (
+            "hook_logs",
+            declares("links: 1, logs"),
+            "`logs` in `stack!` needs `impl Logs for Rover`: write it, or leave `logs` out",
+        ),
+        (
+            "hook_log_streaming",
+            declares("links: 1, log_streaming"),
+            "`log_streaming` in `stack!` needs `impl LogStreaming for Rover`: write it, or leave `log_streaming` out",
+        ),
+        (
             "camera_without_images",
             implements(CAMERA, "links: 1, camera: { images: 0 }"),
             "a camera remembers at least one image: `camera: { images: 16 }`",
@@ -602,6 +630,8 @@ fn cases() -> Vec<Case> {
         ("calls_operator_control", calls("stack.operator_control_mut();"), "Declares>::OperatorControl = "),
         ("calls_camera", calls("stack.camera_mut();"), "Declares>::Camera = "),
         ("calls_ext_parameters", calls("stack.ext_parameters_mut();"), "Declares>::ExtParameters = "),
+        ("calls_logs", calls("stack.logs();"), "Declares>::Logs = "),
+        ("calls_log_streaming", calls("stack.log_streaming();"), "Declares>::LogStreaming = "),
         ("calls_gimbal_manager", calls("stack.release_gimbal();"), "Declares>::GimbalManager = "),
         ("calls_gimbal_device", calls("stack.gimbal_device();"), "Declares>::GimbalDevice = "),
         ("calls_high_latency", calls("stack.high_latency_mut();"), "Declares>::HighLatency = "),
@@ -691,13 +721,16 @@ fn invalid_configurations_do_not_compile() {
     let everything =
         "links: 2, plans: { mission: 9 }, parameters: Tuning, streams, modes, commands: { slots: 1 }, forwarding,
                       signing, time, manual_control, setpoints, operator_control, camera, ext_parameters, gimbal_manager,
-                      gimbal_device, high_latency, peers: 1, texts: 0";
+                      gimbal_device, high_latency, logs, log_streaming,
+                      peers: 1, texts: 0";
     let gimbal = gimbal("const DEVICE: u8 = 1;", "const ID: u8 = 1;");
     let hooks = [
         PLANS,
         PARAMETERS,
         CAMERA,
         EXT_PARAMETERS,
+        LOGS,
+        LOG_STREAMING,
         &telemetry("Stream::of::<Attitude>()"),
         &modes("FlightMode::new(1, \"A\")"),
         &gimbal,
@@ -708,7 +741,7 @@ fn invalid_configurations_do_not_compile() {
                 stack.operator_control_mut(); stack.camera_mut(); stack.ext_parameters_mut();
                 stack.gimbal_manager(); stack.gimbal_device(); stack.release_gimbal();
                 stack.point_gimbal(Instant::ZERO, &Item::default(), &mut Rover);
-                stack.high_latency_mut();
+                stack.high_latency_mut(); stack.logs(); stack.log_streaming();
                 stack.signing_mut(); stack.mission_item_reached(Instant::ZERO, 0);";
     let once = &policies(".once()");
     let right = Firmware { policies: once, hooks: &hooks, entries: everything, main, ..Firmware::default() };

@@ -10,11 +10,12 @@ use mavstack::dialect::*;
 use mavstack::ext_parameters::ExtValue;
 use mavstack::gimbal::GimbalSetpoint;
 use mavstack::high_latency::{HighLatencyConfig, HighLatencySample};
+use mavstack::logs::{LogInfo, LogRead};
 use mavstack::message::Dialect;
 use mavstack::{
     Camera, Command, Commands, Context, CustomMode, ExtParameters, Fill, FlightMode, GimbalDevice, GimbalManager,
-    Instant, LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome, Peer, PlanType, Stream, Telemetry, Vehicle,
-    VehicleState,
+    Instant, LinkConfig, LinkId, LogStreaming, Logs, Message, ModeRequest, Modes, Outcome, Peer, PlanType, Stream,
+    Telemetry, Vehicle, VehicleState,
 };
 
 /// A vehicle with every service: [`TestVehicle`], and modes.
@@ -113,6 +114,41 @@ impl ExtParameters for Everything {
     }
 }
 
+impl Logs for Everything {
+    fn log_count(&self) -> u16 {
+        1
+    }
+
+    fn log_info(&self, _: u16) -> Option<LogInfo> {
+        Some(LogInfo { size: 200, time_utc: 0 })
+    }
+
+    fn read_log(&mut self, _: u16, _: u32, out: &mut [u8]) -> LogRead {
+        out.fill(7);
+        LogRead::Done
+    }
+}
+
+impl LogStreaming for Everything {
+    fn start_log_stream(&mut self, _: &mut Context<'_>, _: mavstack::Peer) -> MavResult {
+        MavResult::ACCEPTED
+    }
+
+    fn stop_log_stream(&mut self, _: &mut Context<'_>) {}
+
+    fn read_log_definitions(&mut self, offset: u32, out: &mut [u8]) -> usize {
+        out.len().min(300_usize.saturating_sub(offset as usize))
+    }
+
+    fn log_data_len(&self) -> usize {
+        90
+    }
+
+    fn take_log_data(&mut self, out: &mut [u8]) -> usize {
+        out.len().min(90)
+    }
+}
+
 impl Telemetry for Everything {
     const STREAMS: &'static [Stream] = &[
         Stream::of::<Attitude>().onboard(millis(20)),
@@ -151,6 +187,8 @@ mavstack::stack! {
         gimbal_manager,
         gimbal_device,
         high_latency,
+        logs,
+        log_streaming,
     }
 }
 
@@ -174,6 +212,8 @@ mavstack::stack! {
         gimbal_manager,
         gimbal_device,
         high_latency,
+        logs,
+        log_streaming,
     }
 }
 
@@ -225,12 +265,14 @@ impl Line {
 
 /// Returns a random frame: any message to any target, usually one that the stack acts on.
 fn any_frame(rng: &mut Rng) -> Vec<u8> {
-    const BUSY: [u32; 34] = [
-        0, 4, 11, 20, 21, 23, 40, 41, 43, 44, 45, 47, 51, 66, 69, 70, 73, 75, 76, 76, 76, 76, 76, 77, 80, 109, 111,
-        235, 253, 110, 256, 320, 321, 323,
+    const BUSY: [u32; 36] = [
+        0, 4, 11, 117, 119, 20, 21, 23, 40, 41, 43, 44, 45, 47, 51, 66, 69, 70, 73, 75, 76, 76, 76, 76, 76, 77, 80,
+        109, 111, 235, 253, 110, 256, 320, 321, 323,
     ];
-    const COMMANDS: [u16; 20] =
-        [2600, 2600, 2600, 512, 512, 512, 511, 510, 520, 519, 176, 262, 400, 22, 300, 224, 245, 183, 2000, 521];
+    const COMMANDS: [u16; 22] = [
+        2510, 2600, 2600, 2600, 519, 512, 512, 512, 511, 510, 520, 519, 176, 262, 400, 22, 300, 224, 245, 183, 2000,
+        521,
+    ];
     let rows = Common::MESSAGES.rows();
     let row = match rng.below(4) {
         0 => &rows[rng.below(rows.len() as u64) as usize],
@@ -241,10 +283,10 @@ fn any_frame(rng: &mut Rng) -> Vec<u8> {
         let first = match rng.below(3) {
             0 => rng.below(2) as f32,
             1 => rows[rng.below(rows.len() as u64) as usize].id() as f32,
-            _ => [30.0, 148.0, 235.0, 234.0, 242.0, 435.0, 436.0][rng.below(7) as usize],
+            _ => [30.0, 148.0, 235.0, 234.0, 242.0, 435.0, 435.0, 436.0][rng.below(8) as usize],
         };
         let command = CommandLong {
-            command: MavCmd(COMMANDS[rng.below(20) as usize]),
+            command: MavCmd(COMMANDS[rng.below(22) as usize]),
             param1: first,
             param2: [0.0, 1.0, 10_000.0, f32::NAN][rng.below(4) as usize],
             confirmation: rng.below(2) as u8,
@@ -393,8 +435,9 @@ fn only_allowed_messages_are_sent_in_a_million_events() {
         assert!(line.forwarded > 100, "{} commands of others", line.forwarded);
         assert!(line.frames > 5_000 && line.reports > 500, "{} frames, {} reports", line.frames, line.reports);
     }
-    // The normal link carried everything else: heartbeats, streams, pings, parameters, plans, texts, identity, modes.
-    for id in [0, 1, 4, 22, 30, 42, 44, 46, 47, 73, 77, 111, 148, 234, 242, 244, 253, 300, 345, 435, 436] {
+    // The normal link carried everything else: heartbeats, streams, pings, parameters, plans, texts, identity, modes, logs.
+    for id in [0, 1, 4, 22, 30, 42, 44, 46, 47, 73, 77, 111, 118, 120, 148, 234, 242, 244, 253, 267, 300, 345, 435, 436]
+    {
         assert!(lines[0].ids.contains(&id), "message {id} was never sent");
     }
 }

@@ -9,11 +9,12 @@ use mavstack::dialect::*;
 use mavstack::ext_parameters::ExtValue;
 use mavstack::files::StaticFile;
 use mavstack::gimbal::GimbalSetpoint;
+use mavstack::logs::{LogInfo, LogRead};
 use mavstack::param::ParamTable;
 use mavstack::{
     Address, Camera, CommandClient, CommandReply, Commands, Context, Duration, ExtParameters, Files, Fill, FlightMode,
-    Frame, GimbalDevice, GimbalManager, Instant, LinkConfig, LinkId, Message, ModeRequest, Modes, Outcome,
-    OutgoingCommand, Stream, Telemetry, Vehicle, VehicleState,
+    Frame, GimbalDevice, GimbalManager, Instant, LinkConfig, LinkId, LogStreaming, Logs, Message, ModeRequest, Modes,
+    Outcome, OutgoingCommand, Stream, Telemetry, Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, VecDeque};
 
@@ -31,6 +32,8 @@ mavstack::stack! {
         operator_control,
         camera,
         ext_parameters,
+        logs,
+        log_streaming,
         gimbal_manager,
         gimbal_device,
         modes,
@@ -137,6 +140,40 @@ impl Files for Moded {
     const FILES: &'static [StaticFile] = crate::support::files::STATIC;
 }
 
+impl Logs for Moded {
+    fn log_count(&self) -> u16 {
+        1
+    }
+
+    fn log_info(&self, _: u16) -> Option<LogInfo> {
+        None
+    }
+
+    fn read_log(&mut self, _: u16, _: u32, _: &mut [u8]) -> LogRead {
+        LogRead::Failed
+    }
+}
+
+impl LogStreaming for Moded {
+    fn start_log_stream(&mut self, _: &mut Context<'_>, _: mavstack::Peer) -> MavResult {
+        MavResult::ACCEPTED
+    }
+
+    fn stop_log_stream(&mut self, _: &mut Context<'_>) {}
+
+    fn read_log_definitions(&mut self, offset: u32, out: &mut [u8]) -> usize {
+        out.len().min(100_usize.saturating_sub(offset as usize))
+    }
+
+    fn log_data_len(&self) -> usize {
+        0
+    }
+
+    fn take_log_data(&mut self, _: &mut [u8]) -> usize {
+        0
+    }
+}
+
 impl Telemetry for Moded {
     const STREAMS: &'static [Stream] = TestVehicle::STREAMS;
 
@@ -175,10 +212,14 @@ fn pending_frames_are_sent_in_order() {
     let links = [LinkConfig::unlimited().with_streams(StreamProfile::Onboard), off];
     let mut world = Loaded::of(Setup { links, ..Setup::new() });
     world.run_for(secs(2));
-    // A link has room for four answers to commands, so two are sent before.
-    for id in [GimbalManagerInformation::ID, GimbalDeviceInformation::ID] {
+    // A link has room for four answers to commands, so three are sent before.
+    for (command, id) in [
+        (MavCmd::REQUEST_MESSAGE, GimbalManagerInformation::ID),
+        (MavCmd::REQUEST_MESSAGE, GimbalDeviceInformation::ID),
+        (MavCmd::LOGGING_START, 0),
+    ] {
         let now = world.now();
-        let message = world.gcs[0].long(MavCmd::REQUEST_MESSAGE, [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let message = world.gcs[0].long(command, [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         receive(&mut world, now, 0, STATION, &message);
         let answer = world.stack.transmit(now, LinkId(0), &mut world.vehicle).to_vec();
         assert_eq!(u32::from(answer[7]), CommandAck::ID);
@@ -222,6 +263,8 @@ fn pending_frames_are_sent_in_order() {
     let file = |opcode| crate::support::files::request(0, 0, opcode, 0, 0, &[]);
     receive(&mut world, now, 0, STATION, &file(MavFtpOpcode::LISTDIRECTORY));
     receive(&mut world, now, 0, STATION, &file(MavFtpOpcode::OPENFILERO));
+    let logs = LogRequestList { start: 0, end: u16::MAX, target_system: 1, target_component: 1 };
+    receive(&mut world, now, 0, STATION, &logs);
     world.stack.poll(now, &mut world.vehicle);
 
     let mut sent = sent(&mut world, now);
@@ -257,10 +300,14 @@ fn pending_frames_are_sent_in_order() {
         ("GimbalAttitude", vec![own(GimbalDeviceAttitudeStatus::ID)]),
         // The data was asked for just now.
         ("LateFileData", vec![]),
+        ("LateLogData", vec![]),
+        ("LateLogging", vec![own(LoggingDataAcked::ID)]),
         ("Stream", vec![own(Attitude::ID), own(GlobalPositionInt::ID), own(SysStatus::ID)]),
         ("Forwarded", vec![(Tunnel::ID, true); 2]),
         ("ParamList", vec![own(ParamValue::ID)]),
         ("FileData", vec![own(FileTransferProtocol::ID)]),
+        ("LogData", vec![own(LogEntry::ID)]),
+        ("Logging", vec![]),
     ];
     assert_eq!(sent, in_order(&turns(), pending), "not the order in docs/architecture.md");
 }

@@ -8,6 +8,7 @@
 //! - [`Gcs`]: the far end of a line. It sends any message from any address, and stores received frames with their times.
 //! - [`Upload`], [`Download`], [`Clear`]: plan transfers as real clients do them, with retries.
 //! - [`Transfer`]: a client of files. [`files`] has the vehicle's.
+//! - [`logs`]: the flight logs of the vehicle.
 //! - [`Receiver`], [`stream`], [`damage`] and [`reference`]: a decoder alone, telemetry for it, damaged streams, and a reference
 //!   decoder to compare with.
 //! - [`Network`]: several stacks that forward, and the lines between them.
@@ -41,6 +42,7 @@ pub mod files;
 #[cfg(feature = "storage")]
 pub mod flash;
 mod gcs;
+pub mod logs;
 mod network;
 pub mod pilot;
 pub mod plan_file;
@@ -61,6 +63,7 @@ mod world;
 pub use file_client::Transfer;
 pub use files::MemoryFiles;
 pub use gcs::{Gcs, Received};
+pub use logs::MemoryLogs;
 pub use network::Network;
 pub use receiver::{Receiver, decode};
 pub use rng::Rng;

@@ -48,6 +48,8 @@ where
     type ExtParameters = Absent;
     type Events = Absent;
     type EventLog = EventHistory<0>;
+    type Logs = Absent;
+    type LogStreaming = Absent;
     type Stream = V::Stream;
     type Mode = V::Mode;
     type Time = O::Time;

@@ -1,6 +1,6 @@
 //! A vehicle that returns configured answers and records all calls.
 
-use super::MemoryFiles;
+use super::{MemoryFiles, MemoryLogs};
 use mavstack::clock::WallClock;
 use mavstack::command::CommandPolicy;
 use mavstack::dialect::{
@@ -86,6 +86,8 @@ pub struct TestVehicle {
     pub handles: BTreeSet<u32>,
     /// Its files.
     pub files: MemoryFiles,
+    /// Its flight logs.
+    pub logs: MemoryLogs,
     /// Every call in order, except [`Vehicle::state`], [`Plans::progress`] and [`Telemetry::fill`].
     pub calls: Vec<Call>,
 }
@@ -118,6 +120,7 @@ impl TestVehicle {
             has_home: false,
             handles: BTreeSet::new(),
             files: MemoryFiles::default(),
+            logs: MemoryLogs::default(),
             calls: Vec::new(),
         }
     }

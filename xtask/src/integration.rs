@@ -60,6 +60,7 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
             "test_metadata.py",
             "test_events.py",
             "test_files.py",
+            "test_logs.py",
             "test_commands.py",
             "test_mavsdk.py",
             "test_mavsdk_flight.py",

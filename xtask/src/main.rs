@@ -17,6 +17,7 @@ mod pictures;
 mod publish;
 mod qemu;
 mod trace;
+mod ulog;
 
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
@@ -54,6 +55,7 @@ enum Task {
     Boards(Boards),
     Dialects(Dialects),
     Trace(Trace),
+    Ulog(ulog::Ulog),
     /// Check that the crates could be published.
     ///
     /// Publishes nothing. Checks contents and metadata, builds the documentation, and does Cargo's dry run.
@@ -250,6 +252,7 @@ fn main() -> ExitCode {
         Task::Boards(Boards { run }) => boards::build_all(run),
         Task::Dialects(arguments) => dialects::run(arguments.toolchain),
         Task::Trace(arguments) => trace::run(arguments.write),
+        Task::Ulog(arguments) => arguments.run(),
         Task::PublishCheck => publish::check(),
     };
     match result {

@@ -11,6 +11,7 @@ use mavstack::signing::LinkSigning;
 use mavstack::storage::{JobSlot, RestoreErrors, Store};
 use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Pulse, Vehicle};
 
+use crate::logs::LogMemory;
 use crate::status::Status;
 use crate::tuning::Tuning;
 use crate::vehicle::{Quadrotor, SATELLITE_CONFIG};
@@ -61,6 +62,8 @@ mavstack::stack! {
         gimbal_device,
         files: { sessions: 2, upload: 1024 },
         events: { history: 24, checks },
+        logs,
+        log_streaming,
         forwarding: { bytes: 512, seen: 256 },
         signing: { streams: 16 },
         time,
@@ -187,6 +190,11 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         }
     }
 
+    /// Keeps flight logs in this memory, which may hold logs from before a reset. Call it once after boot; by default there are none.
+    pub fn keep_logs(&mut self, memory: &'static LogMemory) {
+        self.vehicle.keep_logs(memory);
+    }
+
     /// Runs one pass of a single-loop firmware: [`fly`](Self::fly), then [`poll`](Self::poll). Call
     /// [`serve`](Self::serve) for each link afterwards.
     pub fn control(&mut self, now: Instant) {
@@ -212,6 +220,7 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         vehicle.report_camera(stack);
         vehicle.store_counts(stack.parameters_mut());
         vehicle.watch_satellite(stack);
+        vehicle.record(now, stack);
         vehicle.state() != before || self.has_something_due(now)
     }
 

@@ -1,10 +1,11 @@
 //! Simulates the flash for plans, parameters and the signing key. It uses a part of the board's PSRAM, which survives a reset of
-//! the processor in the emulator, and behaves like NOR flash.
+//! the processor in the emulator, and behaves like NOR flash. The flight logs are in another part of it.
 #![allow(unsafe_code, reason = "memory of the board")]
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
+use mavstack_demo::LogMemory;
 
 /// Start of the PSRAM. Nothing else uses it: `memory.x` does not contain it.
 const BASE: usize = 0x2100_0000;
@@ -29,6 +30,14 @@ impl PsramFlash {
     fn byte(offset: u32) -> *mut u8 {
         core::ptr::with_exposed_provenance_mut(BASE + offset as usize)
     }
+}
+
+/// Returns the memory of the flight logs, behind the flash. A reset keeps it too.
+pub fn logs() -> &'static LogMemory {
+    let address = BASE + PsramFlash::LEN as usize;
+    // SAFETY: a part of the PSRAM, aligned to 4 KiB, which nothing else uses. It consists of atomics, so any content is valid, and it
+    // may be shared.
+    unsafe { &*core::ptr::with_exposed_provenance(address) }
 }
 
 impl ErrorType for PsramFlash {

@@ -17,7 +17,9 @@ pub fn start() -> &'static mut App {
     static APP: StaticCell<App> = StaticCell::new();
 
     let app = STACK.try_take().and_then(|stack| APP.try_init_with(|| App::new(stack)));
-    app.unwrap_or_else(|| Board::reset())
+    let app = app.unwrap_or_else(|| Board::reset());
+    app.keep_logs(crate::flash::logs());
+    app
 }
 
 /// The storage of the signing key, the parameters and the plans, in all of the flash.

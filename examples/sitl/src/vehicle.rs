@@ -8,7 +8,7 @@ use mavstack::network::LinkError;
 use mavstack::wpl::HomeRow;
 use mavstack::{Instant, LinkId, Pulse};
 use mavstack_console::{Console, Tlog};
-use mavstack_demo::{App, COMPANION, Mavlink, PORTS, SATELLITE, TELEMETRY};
+use mavstack_demo::{App, COMPANION, LogMemory, Mavlink, PORTS, SATELLITE, TELEMETRY};
 
 use crate::flash::FileFlash;
 use crate::tcp::Port;
@@ -86,6 +86,13 @@ fn serve(app: &mut SitlApp, now: Instant, link: LinkId, port: &mut Port) {
     }
 }
 
+/// What a reboot keeps.
+#[derive(Clone, Copy)]
+struct Kept {
+    pulse: &'static Pulse,
+    logs: &'static LogMemory,
+}
+
 /// The application from one boot to the next, and its storage.
 struct Device {
     app: SitlApp,
@@ -98,10 +105,11 @@ struct Device {
 
 impl Device {
     /// Boots with the contents of the storage.
-    fn boot(arguments: &Arguments, index: u8, pulse: &'static Pulse, console: &Console) -> Result<Self, String> {
-        let app = App::in_fleet(Box::new(Mavlink::VACANT), pulse, arguments.system + index);
+    fn boot(arguments: &Arguments, index: u8, kept: Kept, console: &Console) -> Result<Self, String> {
+        let app = App::in_fleet(Box::new(Mavlink::VACANT), kept.pulse, arguments.system + index);
         let mut device = Self { app, store: None, boot: time::Instant::now(), shown: Instant::ZERO };
         let app = &mut device.app;
+        app.keep_logs(kept.logs);
         if let Some(path) = &arguments.storage {
             let path = numbered(path, index);
             let store = device.store.insert(Store::new(FileFlash::open(&path, STORAGE_LEN)?, 0..STORAGE_LEN));
@@ -138,7 +146,7 @@ fn numbered(path: &std::path::Path, index: u8) -> PathBuf {
 /// A vehicle, over all its boots.
 pub struct Vehicle {
     index: u8,
-    pulse: &'static Pulse,
+    kept: Kept,
     links: Links,
     device: Device,
 }
@@ -146,8 +154,8 @@ pub struct Vehicle {
 impl Vehicle {
     /// Boots the vehicle with this index.
     pub fn boot(arguments: &Arguments, index: u8, links: Links, console: &Console) -> Result<Self, String> {
-        let pulse = Box::leak(Box::new(Pulse::new()));
-        Ok(Self { index, pulse, links, device: Device::boot(arguments, index, pulse, console)? })
+        let kept = Kept { pulse: Box::leak(Box::new(Pulse::new())), logs: Box::leak(Box::new(LogMemory::new())) };
+        Ok(Self { index, kept, links, device: Device::boot(arguments, index, kept, console)? })
     }
 
     /// Runs one pass of its main loop, or reboots it if that was requested. A vehicle whose flight loop hangs does nothing.
@@ -156,7 +164,7 @@ impl Vehicle {
         if app.wants_reboot() {
             console.print(format_args!("The vehicle {} reboots.", app.stack().address().system.0));
             // Connections stay open, as on a UART.
-            self.device = Device::boot(arguments, self.index, self.pulse, console)?;
+            self.device = Device::boot(arguments, self.index, self.kept, console)?;
             return Ok(());
         }
         if app.simulates_hang() {

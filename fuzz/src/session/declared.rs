@@ -41,6 +41,8 @@ macro_rules! declare {
                 setpoints,
                 peers: 6,
                 texts: 3,
+                logs,
+                log_streaming,
                 storage,
                 $($service,)*
             }

@@ -38,21 +38,16 @@ pub use virtual_files::{HasFiles, NoFile, OneOf, Part, VirtualFile, VirtualFiles
 use self::requests::Stop;
 use self::session::State;
 use self::work::{Upload, Work};
-use super::share::Share;
+use super::share::{COST_OF_BYTE, MAX_LATENESS, Share};
 use super::{Cx, Handled, Received, Service, Turn, View};
 use crate::dialect::{FileTransferProtocol, MavProtocolCapability};
 use crate::link::Port;
 use crate::message::Message;
-use crate::time::{Duration, Instant};
+use crate::time::Instant;
 use crate::types::Firmware;
 
 /// Besides sessions that are open, so many are for clients that have none: for the answers to them.
 const OTHERS: usize = 2;
-
-/// The cost of a byte for a share of 30 % of the link (D-4).
-const COST_OF_BYTE: u32 = 3_333_333;
-/// Data that has waited this long is sent before streams and forwarded frames, which would starve it otherwise.
-const MAX_LATENESS: Duration = Duration::from_millis(20);
 
 counters! {
     /// Counters of the file service. They wrap.

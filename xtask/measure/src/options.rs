@@ -132,6 +132,8 @@ const GROUPS: [(&str, &[Row]); 11] = [
             Row("files-upload", "uploads of parameters, of up to 512 bytes", "files-upload", "files,parameters", 1),
             Row("files-plans", "a server of files, and a mission as a file", "files,mission", "mission", 1),
             Row("files-plans-upload", "uploads of missions as files", "files-plans-upload", "files,mission", 1),
+            Row("logs", "downloads of flight logs", "logs", SMALLEST, 1),
+            Row("log-streaming", "the running log, streamed", "log-streaming", SMALLEST, 1),
         ],
     ),
     (

@@ -15,6 +15,7 @@ mod offboard;
 mod params;
 mod payload;
 mod plans;
+mod recorder;
 mod satellite;
 
 use mavstack::clock::WallClock;
@@ -41,6 +42,7 @@ use mission::Mission;
 pub use modes::Mode;
 use offboard::Course;
 use payload::Payload;
+use recorder::Recorder;
 pub(crate) use satellite::{CONFIG as SATELLITE_CONFIG, GPS_ERROR};
 
 /// Time step of the simulation.
@@ -146,6 +148,7 @@ pub struct Quadrotor {
     payload: Payload,
     camera: Photographer,
     gimbal: Gimbal,
+    recorder: Recorder,
     last: Snapshot,
     counts: Counts,
     sticks: Option<Sticks>,
@@ -190,6 +193,7 @@ impl Quadrotor {
             payload: Payload::NONE,
             camera: Photographer::NEW,
             gimbal: Gimbal::NEW,
+            recorder: Recorder::NONE,
             last: Snapshot {
                 has_fix: false,
                 is_ready: false,

@@ -85,7 +85,7 @@ entry!($ "camera" with_camera with_ext_parameters [camera: { images: if cfg!(fea
 entry!($ "ext-parameters" with_ext_parameters with_files [ext_parameters]);
 entry!($ "events" with_files with_checks [events: { history: if cfg!(feature = "events-32") { 32 } else { 16 } }]);
 entry!($ "events-checks" with_checks with_served [events: { history: 16, checks }]);
-entry!($ "files" with_served with_forwarding [files: {
+entry!($ "files" with_served with_logs [files: {
     sessions: if cfg!(feature = "files-4") { 4 } else { 2 },
     upload: if cfg!(feature = "files-upload") {
         512
@@ -95,6 +95,8 @@ entry!($ "files" with_served with_forwarding [files: {
         0
     },
 }]);
+entry!($ "logs" with_logs with_log_streaming [logs]);
+entry!($ "log-streaming" with_log_streaming with_forwarding [log_streaming]);
 entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
 entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
 entry!($ "time" with_time with_manual [time]);
@@ -401,6 +403,47 @@ impl HealthChecks for Rover {
 
 #[cfg(feature = "files")]
 impl Files for Rover {}
+
+#[cfg(feature = "logs")]
+impl Logs for Rover {
+    fn log_count(&self) -> u16 {
+        u16::from(self.armed)
+    }
+
+    fn log_info(&self, id: u16) -> Option<logs::LogInfo> {
+        (id < self.log_count()).then_some(logs::LogInfo { size: 1_000, time_utc: 0 })
+    }
+
+    fn read_log(&mut self, _: u16, offset: u32, out: &mut [u8]) -> logs::LogRead {
+        out.fill(offset as u8);
+        logs::LogRead::Done
+    }
+}
+
+#[cfg(feature = "log-streaming")]
+impl LogStreaming for Rover {
+    fn start_log_stream(&mut self, _: &mut Context<'_>, _: Peer) -> MavResult {
+        MavResult::ACCEPTED
+    }
+
+    fn stop_log_stream(&mut self, _: &mut Context<'_>) {
+        self.armed = false;
+    }
+
+    fn read_log_definitions(&mut self, offset: u32, out: &mut [u8]) -> usize {
+        out.fill(offset as u8);
+        if offset < 1_000 { out.len() } else { 0 }
+    }
+
+    fn log_data_len(&self) -> usize {
+        usize::from(self.armed)
+    }
+
+    fn take_log_data(&mut self, out: &mut [u8]) -> usize {
+        out.fill(u8::from(self.armed));
+        self.log_data_len()
+    }
+}
 
 #[cfg(feature = "components")]
 impl Components for Rover {

@@ -1,0 +1,398 @@
+//! The running log, streamed to a ground station in flight.
+//!
+//! Implements MAV_CMD_LOGGING_START and MAV_CMD_LOGGING_STOP, LOGGING_DATA, LOGGING_DATA_ACKED and LOGGING_ACK, rules LOG-10 to
+//! LOG-14, for logs in the format ULog. The developer guide has no page for them, so they follow PX4 (`mavlink_ulog.cpp`) and serve
+//! MAVSDK (`log_streaming_impl.cpp`) and PX4's script `mavlink_ulog_streaming.py`.
+//!
+//! Left out: more than one client at a time, and other formats, which MAVLink does not define.
+
+use super::share::{COST_OF_BYTE, MAX_LATENESS, Share};
+use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use crate::dialect::{LoggingAck, LoggingData, LoggingDataAcked, MavCmd, MavResult};
+use crate::link::Port;
+use crate::message::{Address, Message};
+use crate::num;
+use crate::time::{Duration, Instant};
+use crate::types::{Context, Firmware, LinkId, Peer};
+
+/// A stream ends when its client was silent for this time.
+const SILENCE: Duration = Duration::from_secs(10);
+/// A repeated command to start within this time is a retransmission.
+const RETRANSMITTED: Duration = Duration::from_secs(3);
+/// When a packet that was not acknowledged is sent again, and how often a packet is sent.
+const RESEND: Duration = Duration::from_millis(500);
+const TRIES: u8 = 20;
+/// How long data waits for more, so that a packet is full.
+const FILL: Duration = Duration::from_millis(200);
+
+/// The number of bytes of a log in a packet.
+const BLOCK: usize = 249;
+/// The size of a packet: sequence, target, length and the first message come before the bytes.
+const PACKET: usize = 6 + BLOCK;
+/// No message begins in a packet.
+const NO_MESSAGE: u8 = u8::MAX;
+/// The length of the header of a ULog file.
+const HEADER: u32 = 16;
+
+/// The hooks of a vehicle that streams its log, for a vehicle that declares `log_streaming` in [`stack!`](crate::stack).
+///
+/// The log is in the format [ULog](https://docs.px4.io/main/en/dev_log/ulog_file_format.html): a header and definitions, which are the
+/// same for the whole log, and then data, which is streamed as it is recorded. The stack finds the beginnings of its messages.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not implement `LogStreaming`",
+    note = "`log_streaming` in `stack!` needs `impl LogStreaming for {Self}`: write it, or leave `log_streaming` out"
+)]
+pub trait LogStreaming {
+    /// Starts a stream: ACCEPTED, or a refusal. The data that is recorded from now on is streamed. A stream that runs has ended before.
+    fn start_log_stream(&mut self, cx: &mut Context<'_>, from: Peer) -> MavResult;
+
+    /// Ends the stream: its client has stopped it, or is gone.
+    fn stop_log_stream(&mut self, cx: &mut Context<'_>);
+
+    /// Reads the log's header and definitions: fills `out`, or its front if they end before, and returns the number of bytes. 0 at
+    /// their end. At most 249 bytes. The same part is read again when a packet was lost.
+    fn read_log_definitions(&mut self, offset: u32, out: &mut [u8]) -> usize;
+
+    /// Returns the number of bytes that were recorded and not streamed yet, as far as it is known.
+    fn log_data_len(&self) -> usize;
+
+    /// Takes the next bytes of data: fills `out`, or its front if there are fewer, and returns the number of bytes. At most 249
+    /// bytes. What has no room in the vehicle's buffer, because the link is too slow, is left out as whole messages; ULog has the
+    /// message `O` to say so.
+    fn take_log_data(&mut self, out: &mut [u8]) -> usize;
+}
+
+counters! {
+    /// Counters of log streaming. They wrap.
+    StreamingCounters {
+        /// Streams that were started.
+        count started,
+        /// Packets with definitions that were sent again.
+        count resent,
+        /// Streams that ended because their client was silent, or did not acknowledge the definitions.
+        drop timed_out,
+        /// Commands to start a stream that were refused because another client had one.
+        drop busy,
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Off,
+    /// The definitions, one packet at a time. Each is sent until it is acknowledged.
+    Definitions,
+    Data,
+}
+
+/// The state of log streaming: declared by `log_streaming` in [`stack!`](crate::stack), and read through
+/// [`Stack::log_streaming`](crate::Stack::log_streaming). The vehicle's part is [`LogStreaming`].
+///
+/// ```text
+///        LOGGING_START            all definitions are acknowledged
+///   off ───────────────▶ definitions ───────────────────────────▶ data
+///    ▲                        │                                     │
+///    └────────────────────────┴─────────────────────────────────────┘
+///      LOGGING_STOP, the client is silent for 10 s, or a packet is not acknowledged for 10 s
+/// ```
+#[derive(Debug)]
+pub struct LogStreamer {
+    phase: Phase,
+    /// The link of the client was opened again: the next poll ends the stream.
+    is_gone: bool,
+    /// The client of the last stream.
+    client: Peer,
+    started: Instant,
+    /// When the client was last heard.
+    heard: Instant,
+    /// When the next packet is due.
+    due: Instant,
+    share: Share,
+    sequence: u16,
+    /// The packet with definitions that is not acknowledged: where it begins, its length, its first message, and how often it was
+    /// sent.
+    offset: u32,
+    len: u8,
+    first: u8,
+    tries: u8,
+    messages: Messages,
+    counters: StreamingCounters,
+}
+
+/// Finds the beginnings of a log's messages in its bytes.
+#[derive(Clone, Copy, Debug)]
+struct Messages {
+    /// The number of bytes before the next message.
+    skip: u32,
+    /// The first byte of its size, if that was the last byte.
+    low: Option<u8>,
+}
+
+impl Messages {
+    const NEW: Self = Self { skip: 0, low: None };
+
+    /// Goes through the next bytes. Returns where the first message begins; [`NO_MESSAGE`] if none does.
+    fn pass(&mut self, bytes: &[u8]) -> u8 {
+        let (mut first, mut at, mut rest) = (NO_MESSAGE, 0u8, bytes);
+        // Each turn passes a byte.
+        while let Some((byte, behind)) = rest.split_first() {
+            if self.skip > 0 {
+                let skipped = usize::try_from(self.skip).unwrap_or(usize::MAX).min(rest.len());
+                self.skip = self.skip.saturating_sub(u32::try_from(skipped).unwrap_or(0));
+                at = at.saturating_add(u8::try_from(skipped).unwrap_or(u8::MAX));
+                rest = rest.get(skipped..).unwrap_or_default();
+                continue;
+            }
+            match self.low.take() {
+                // The size counts what follows the kind.
+                Some(low) => self.skip = u32::from(u16::from_le_bytes([low, *byte])).saturating_add(1),
+                None => (self.low, first) = (Some(*byte), first.min(at)),
+            }
+            (at, rest) = (at.saturating_add(1), behind);
+        }
+        first
+    }
+}
+
+impl LogStreamer {
+    /// Returns the counters.
+    pub const fn counters(&self) -> StreamingCounters {
+        self.counters
+    }
+
+    /// Returns whether a log is being streamed.
+    pub fn is_streaming(&self) -> bool {
+        self.phase != Phase::Off
+    }
+
+    /// Whether a stream goes to this link.
+    fn is_on(&self, port: &Port) -> bool {
+        self.is_streaming() && !self.is_gone && self.client.link == port.id
+    }
+
+    /// Returns when a packet is due in this turn.
+    fn due_in(&self, turn: Turn) -> Instant {
+        match turn {
+            Turn::LateLogging => self.due.max(self.share.due().after(MAX_LATENESS)),
+            _ => self.due,
+        }
+    }
+}
+
+impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
+    type Link = ();
+    const VACANT: () = ();
+    const NEW: Self = Self {
+        phase: Phase::Off,
+        is_gone: false,
+        client: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        started: Instant::ZERO,
+        heard: Instant::ZERO,
+        due: Instant::ZERO,
+        share: Share::NEW,
+        sequence: 0,
+        offset: 0,
+        len: 0,
+        first: 0,
+        tries: 0,
+        messages: Messages::NEW,
+        counters: StreamingCounters::ZERO,
+    };
+
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>) {
+        if self.phase != Phase::Off {
+            watch(self, cx);
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        match self.phase {
+            Phase::Off => Instant::NEVER,
+            _ if self.is_gone => Instant::ZERO,
+            Phase::Definitions if self.tries >= TRIES => self.due.min(self.heard.after(SILENCE)),
+            _ => self.heard.after(SILENCE),
+        }
+    }
+
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
+        if received.frame.id() != LoggingAck::ID {
+            return Handled::No;
+        }
+        let sequence = u16::from_le_bytes([received.frame.byte(0), received.frame.byte(1)]);
+        let is_awaited = self.phase == Phase::Definitions && self.tries > 0 && sequence == self.sequence;
+        if is_awaited && received.from == self.client {
+            self.sequence = sequence.wrapping_add(1);
+            self.offset = self.offset.saturating_add(self.len.into());
+            next_definitions(self, cx);
+        }
+        Handled::Yes
+    }
+
+    fn on_command(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), request: &Request) -> Option<Verdict> {
+        let command = &request.command;
+        let result = match command.id {
+            MavCmd::LOGGING_START => {
+                let [format, ..] = command.params;
+                let is_ulog = format.is_nan() || num::integer(format) == Some(0);
+                match is_ulog && port.outbox.takes(LoggingData::ID) {
+                    true => start(self, cx, command.from),
+                    false => MavResult::DENIED,
+                }
+            }
+            MavCmd::LOGGING_STOP if self.phase != Phase::Off && command.from != self.client => MavResult::DENIED,
+            MavCmd::LOGGING_STOP => {
+                stop(self, cx);
+                MavResult::ACCEPTED
+            }
+            _ => return None,
+        };
+        Some(Verdict::done(result))
+    }
+
+    fn on_heard(&mut self, now: Instant, from: Peer) {
+        if from == self.client {
+            self.heard = now;
+        }
+    }
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), turn: Turn) -> bool {
+        self.is_on(port) && cx.now >= self.due_in(turn) && send(self, cx, port)
+    }
+
+    fn due(&self, _: &View<'_>, port: &Port, (): &(), turn: Turn) -> Instant {
+        if self.is_on(port) { self.due_in(turn) } else { Instant::NEVER }
+    }
+
+    fn restart(&mut self, port: &Port, (): &mut ()) {
+        self.is_gone |= self.is_on(port);
+    }
+
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        self.counters.drops()
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {
+        defmt::warn!("log streaming: {}", self.counters);
+    }
+}
+
+/// Ends the stream of a client that is gone (LOG-13), and finds out whether there is data.
+#[inline(never)]
+fn watch<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>) {
+    let gives_up = streamer.phase == Phase::Definitions && streamer.tries >= TRIES && cx.now >= streamer.due;
+    if streamer.is_gone {
+        stop(streamer, cx);
+    } else if gives_up || cx.now >= streamer.heard.after(SILENCE) {
+        increment(&mut streamer.counters.timed_out);
+        stop(streamer, cx);
+    } else if streamer.phase == Phase::Data {
+        streamer.due = streamer.due.min(data_due(cx));
+    }
+}
+
+/// Returns when data is due that was recorded: a full packet now, and less than that after a while.
+fn data_due<F: Firmware<Vehicle: LogStreaming>>(cx: &Cx<'_, F>) -> Instant {
+    match cx.vehicle.log_data_len() {
+        0 => Instant::NEVER,
+        len if len >= BLOCK => cx.now,
+        _ => cx.now.after(FILL),
+    }
+}
+
+/// Starts a stream (LOG-10).
+#[inline(never)]
+fn start<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>, from: Peer) -> MavResult {
+    if streamer.phase != Phase::Off && !streamer.is_gone {
+        if from != streamer.client {
+            increment(&mut streamer.counters.busy);
+            return MavResult::TEMPORARILY_REJECTED;
+        }
+        if cx.now.since(streamer.started) < RETRANSMITTED {
+            return MavResult::ACCEPTED;
+        }
+    }
+    // A client that was restarted needs the definitions again.
+    stop(streamer, cx);
+    let (vehicle, mut context) = cx.hook();
+    let result = vehicle.start_log_stream(&mut context, from);
+    if result != MavResult::ACCEPTED {
+        return result;
+    }
+    increment(&mut streamer.counters.started);
+    (streamer.client, streamer.started, streamer.heard) = (from, cx.now, cx.now);
+    (streamer.sequence, streamer.offset, streamer.messages) = (0, 0, Messages::NEW);
+    streamer.share.begin(cx.now);
+    next_definitions(streamer, cx);
+    MavResult::ACCEPTED
+}
+
+/// Ends a stream.
+fn stop<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>) {
+    if streamer.phase != Phase::Off {
+        (streamer.phase, streamer.is_gone) = (Phase::Off, false);
+        let (vehicle, mut context) = cx.hook();
+        vehicle.stop_log_stream(&mut context);
+    }
+}
+
+/// Has the next packet with definitions sent, or the data, if there are no more.
+fn next_definitions<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>) {
+    let has_more = cx.vehicle.read_log_definitions(streamer.offset, &mut [0]) > 0;
+    (streamer.tries, streamer.due) = (0, cx.now);
+    streamer.phase = Phase::Definitions;
+    if !has_more {
+        streamer.phase = Phase::Data;
+        streamer.due = data_due(cx);
+    }
+}
+
+/// Sends a packet (LOG-11, LOG-12).
+#[inline(never)]
+fn send<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
+    let is_acked = streamer.phase == Phase::Definitions;
+    if is_acked && streamer.tries >= TRIES {
+        return false;
+    }
+    let info = if is_acked { const { &LoggingDataAcked::INFO } } else { const { &LoggingData::INFO } };
+    let is_new = !is_acked || streamer.tries == 0;
+    let is_sent = port.outbox.compose(info, |payload: &mut [u8; PACKET]| {
+        let Some(data) = payload.last_chunk_mut::<BLOCK>() else { return false };
+        data.fill(0);
+        let len = match is_acked {
+            true => cx.vehicle.read_log_definitions(streamer.offset, data),
+            false => cx.vehicle.take_log_data(data),
+        };
+        let bytes = data.get(..len).unwrap_or_default();
+        if is_new {
+            let is_begin = is_acked && streamer.offset == 0;
+            if is_begin {
+                streamer.messages.skip = HEADER;
+            }
+            let first = streamer.messages.pass(bytes);
+            streamer.first = if is_begin { 0 } else { first };
+            streamer.len = u8::try_from(bytes.len()).unwrap_or(0);
+        }
+        let [low, high] = streamer.sequence.to_le_bytes();
+        let Address { system, component } = streamer.client.address;
+        if let Some(front) = payload.first_chunk_mut() {
+            *front = [low, high, system.0, component.0, streamer.len, streamer.first];
+        }
+        len > 0
+    });
+    if is_acked {
+        if streamer.tries > 0 {
+            increment(&mut streamer.counters.resent);
+        }
+        streamer.tries = streamer.tries.saturating_add(1);
+        streamer.due = cx.now.after(RESEND);
+    } else {
+        streamer.due = data_due(cx);
+        if is_sent {
+            streamer.sequence = streamer.sequence.wrapping_add(1);
+        }
+    }
+    let len = u32::try_from(port.outbox.len()).unwrap_or(0);
+    streamer.share.spend_all(cx.now, len.saturating_mul(COST_OF_BYTE), port.config.bytes_per_second);
+    is_sent
+}

@@ -1,0 +1,79 @@
+//! `@MAV_LOG`: the virtual directory of the logs, for clients that download them by FTP (LOG-15). QGroundControl and PX4's logloader look
+//! there first.
+
+use super::{LogRead, LogServer, Logs, may_read};
+use crate::dialect::MavFtpErr;
+use crate::service::Cx;
+use crate::service::files::{Body, Entries, HasFiles, VirtualFile};
+use crate::types::Firmware;
+
+/// The name of a file is this, the number of its log, a dot, and [`Logs::LOG_EXTENSION`].
+const PREFIX: &[u8] = b"log_";
+
+impl HasFiles for LogServer {
+    type File = LogFile;
+}
+
+/// An open log.
+#[derive(Clone, Copy, Debug)]
+pub struct LogFile {
+    id: u16,
+    size: u32,
+}
+
+impl<F: Firmware<Vehicle: Logs>> VirtualFile<F> for LogFile {
+    const DIRECTORY: &'static [u8] = b"@MAV_LOG";
+
+    fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr> {
+        let info =
+            number(path, F::Vehicle::LOG_EXTENSION.as_bytes()).and_then(|id| Some((id, cx.vehicle.log_info(id)?)));
+        match info {
+            None => Err(MavFtpErr::FILENOTFOUND),
+            Some(_) if is_upload => Err(MavFtpErr::FILEPROTECTED),
+            Some(_) if !may_read(cx) => Err(MavFtpErr::FAIL),
+            Some((id, info)) => Ok(Self { id, size: info.size }),
+        }
+    }
+
+    fn size(&mut self, _: &mut Cx<'_, F>) -> Option<u32> {
+        Some(self.size)
+    }
+
+    fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {
+        if !may_read(cx) {
+            return Body::Refused(MavFtpErr::FAIL);
+        }
+        let rest = usize::try_from(self.size.saturating_sub(offset)).unwrap_or(usize::MAX);
+        let len = out.len().min(rest);
+        let out = out.get_mut(..len).unwrap_or_default();
+        if out.is_empty() {
+            return Body::Data(0);
+        }
+        match cx.vehicle.read_log(self.id, offset, out) {
+            LogRead::Done => Body::Data(len),
+            LogRead::Later => Body::Later,
+            LogRead::Failed => Body::Refused(MavFtpErr::FAIL),
+        }
+    }
+
+    /// In flight, the directory is empty.
+    fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
+        let info = cx.vehicle.log_info(index).filter(|_| may_read(cx))?;
+        name.text(PREFIX);
+        name.decimal(index.into());
+        name.text(b".");
+        name.text(F::Vehicle::LOG_EXTENSION.as_bytes());
+        Some((info.size, info.time_utc))
+    }
+}
+
+/// Returns the number of a log in the name of its file.
+fn number(name: &[u8], extension: &[u8]) -> Option<u16> {
+    let digits = name.strip_prefix(PREFIX)?.strip_suffix(extension)?.strip_suffix(b".")?;
+    let mut number = (!digits.is_empty()).then_some(0u16)?;
+    for digit in digits {
+        let digit = digit.checked_sub(b'0').filter(|digit| *digit < 10)?;
+        number = number.checked_mul(10)?.checked_add(digit.into())?;
+    }
+    Some(number)
+}

@@ -1,0 +1,315 @@
+//! Downloads of flight logs.
+//!
+//! Implements the vehicle's side of LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_REQUEST_END and LOG_ERASE, rules LOG-1 to LOG-9 and LOG-15. The
+//! developer guide has no page for them, so they follow PX4 (`mavlink_log_handler.cpp`) and ArduPilot
+//! (`AP_Logger_MAVLinkLogTransfer.cpp`) as far as the two agree. They serve QGroundControl (`LogDownloadController.cc`), MAVSDK
+//! (`log_files_impl.cpp`), MAVProxy (`mavproxy_log.py`) and Mission Planner.
+//!
+//! Left out: more than one client at a time. LOG_ERASE has no answer in MAVLink, so a text tells its result.
+//!
+//! ```text
+//!          LOG_REQUEST_LIST, LOG_REQUEST_DATA
+//!    ┌───────────────────────────────────────────┐   the same client requests again: the new request replaces the old one
+//!    │                                           ▼
+//!   free ◀─────── all of it was sent ────────── busy ──▶ LOG_ENTRY, LOG_DATA
+//!    ▲                                           │
+//!    └───────────────────────────────────────────┘   LOG_REQUEST_END, the vehicle is armed, the client is silent for 10 s
+//! ```
+
+mod directory;
+mod vehicle;
+
+pub use vehicle::{LogInfo, LogRead, Logs};
+
+use super::share::{COST_OF_BYTE, MAX_LATENESS, Share};
+use super::{Cx, Handled, Received, Service, Turn, View, increment};
+use crate::dialect::{LogData, LogEntry, LogErase, LogRequestData, LogRequestEnd, LogRequestList, MavSeverity};
+use crate::link::Port;
+use crate::message::{Address, Message};
+use crate::time::{Duration, Instant};
+use crate::types::{Firmware, LinkId, Peer};
+
+/// What is pending ends when its client was silent for this time. MAVProxy requests a whole log at once, and then only sends
+/// heartbeats.
+const SILENCE: Duration = Duration::from_secs(10);
+/// How soon a log is read again that had no data yet.
+const RETRY: Duration = Duration::from_millis(5);
+
+/// The number of bytes of a log in a LOG_DATA.
+const BLOCK: usize = 90;
+/// The size of LOG_DATA: offset, id and count come before the bytes.
+const LOG_DATA: usize = 7 + BLOCK;
+
+counters! {
+    /// Counters of log downloads. They wrap.
+    LogCounters {
+        /// Requests for data that were accepted.
+        count requests,
+        /// Requests that were refused because the vehicle was armed.
+        drop armed,
+        /// Requests that were refused because another client was being served.
+        drop busy,
+        /// Requests for a log that does not exist.
+        drop unknown,
+        /// Downloads that ended because the vehicle could not read the log.
+        drop failed,
+        /// Lists and downloads that ended because their client was silent.
+        drop timed_out,
+    }
+}
+
+/// What is pending.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Work {
+    Nothing,
+    /// The entries from `id` to `last`.
+    List,
+    /// `left` bytes from `offset` on.
+    Data,
+    /// That there is nothing at `offset` any more.
+    End,
+}
+
+/// The state of log downloads: declared by `logs` in [`stack!`](crate::stack), and read through [`Stack::logs`](crate::Stack::logs).
+/// The vehicle's part is [`Logs`].
+///
+/// It serves one client at a time. Its LOG_ENTRY and LOG_DATA use what other traffic leaves of the link, and at least 30 % of its rate.
+#[derive(Debug)]
+pub struct LogServer {
+    work: Work,
+    /// The client that was served last.
+    client: Peer,
+    /// The next log to list, or the one to read.
+    id: u16,
+    /// The last log to list.
+    last: u16,
+    offset: u32,
+    left: u32,
+    /// When the client was last heard.
+    heard: Instant,
+    /// When the log is read again.
+    ready_at: Instant,
+    share: Share,
+    counters: LogCounters,
+}
+
+impl LogServer {
+    /// Returns the counters.
+    pub const fn counters(&self) -> LogCounters {
+        self.counters
+    }
+
+    /// Whether something is pending for a client on this link.
+    fn is_pending(&self, port: &Port) -> bool {
+        self.work != Work::Nothing && self.client.link == port.id
+    }
+}
+
+impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
+    type Link = ();
+    const VACANT: () = ();
+    const NEW: Self = Self {
+        work: Work::Nothing,
+        // No frame is from system 0.
+        client: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        id: 0,
+        last: 0,
+        offset: 0,
+        left: 0,
+        heard: Instant::ZERO,
+        ready_at: Instant::ZERO,
+        share: Share::NEW,
+        counters: LogCounters::ZERO,
+    };
+
+    /// Ends what is pending: for a silent client (LOG-5), or in flight (LOG-6).
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>) {
+        if self.work == Work::Nothing {
+            return;
+        }
+        if cx.now >= self.heard.after(SILENCE) {
+            increment(&mut self.counters.timed_out);
+            self.work = Work::Nothing;
+        } else if !may_read(cx) {
+            self.work = Work::Nothing;
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        if self.work == Work::Nothing { Instant::NEVER } else { self.heard.after(SILENCE) }
+    }
+
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
+        match received.frame.id() {
+            LogRequestList::ID | LogRequestData::ID | LogRequestEnd::ID | LogErase::ID => {}
+            _ => return Handled::No,
+        }
+        if received.target.system.0 == 0 {
+            // It would erase the logs of every vehicle in range, or have all of them send.
+            return Handled::OutOfPlace;
+        }
+        handle(self, cx, received);
+        Handled::Yes
+    }
+
+    fn on_heard(&mut self, now: Instant, from: Peer) {
+        if from == self.client {
+            self.heard = now;
+        }
+    }
+
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), turn: Turn) -> bool {
+        let late_at = self.share.due().after(MAX_LATENESS);
+        if !self.is_pending(port) || cx.now < self.ready_at || (turn == Turn::LateLogData && cx.now < late_at) {
+            return false;
+        }
+        send(self, cx, port)
+    }
+
+    fn due(&self, view: &View<'_>, port: &Port, (): &(), turn: Turn) -> Instant {
+        match turn {
+            _ if !self.is_pending(port) => Instant::NEVER,
+            Turn::LateLogData => self.share.due().after(MAX_LATENESS).max(self.ready_at),
+            _ => self.ready_at.max(view.now),
+        }
+    }
+
+    /// The client is gone.
+    fn restart(&mut self, port: &Port, (): &mut ()) {
+        if self.client.link == port.id {
+            self.work = Work::Nothing;
+        }
+    }
+
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        self.counters.drops()
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {
+        defmt::warn!("logs: {}", self.counters);
+    }
+}
+
+/// Whether logs may be read now.
+fn may_read<F: Firmware<Vehicle: Logs>>(cx: &Cx<'_, F>) -> bool {
+    cx.vehicle.may_read_logs(cx.shared.flight.state.is_armed())
+}
+
+/// Handles a request.
+#[inline(never)]
+fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, received: &Received<'_>) {
+    let (frame, from) = (received.frame, received.from);
+    if frame.id() == LogRequestEnd::ID {
+        // MAVSDK sends it when it connects. It ends nothing of another client (LOG-5).
+        if from == server.client {
+            server.work = Work::Nothing;
+        }
+        return;
+    }
+    let is_erase = frame.id() == LogErase::ID;
+    if if is_erase { cx.shared.flight.state.is_armed() } else { !may_read(cx) } {
+        increment(&mut server.counters.armed);
+        return cx.say(MavSeverity::NOTICE, b"Logs refused: disarm first");
+    }
+    if server.work != Work::Nothing && server.client != from {
+        increment(&mut server.counters.busy);
+        return cx.say(MavSeverity::NOTICE, b"Logs refused: another client reads them");
+    }
+    if is_erase {
+        server.work = Work::Nothing;
+        let (vehicle, mut context) = cx.hook();
+        let (severity, text) = match vehicle.erase_logs(&mut context, from) {
+            true => (MavSeverity::INFO, b"Logs erased".as_slice()),
+            false => (MavSeverity::WARNING, b"Logs not erased".as_slice()),
+        };
+        cx.shared.has_acted = true;
+        return cx.say(severity, text);
+    }
+    if server.work == Work::Nothing {
+        server.share.begin(cx.now);
+    }
+    (server.client, server.heard, server.ready_at) = (from, cx.now, Instant::ZERO);
+    if let Some(LogRequestList { start, end, .. }) = frame.decode() {
+        // Without a log, one entry says so (LOG-2).
+        let last = cx.vehicle.log_count().saturating_sub(1);
+        server.id = start.min(last);
+        server.last = end.min(last).max(server.id);
+        server.work = Work::List;
+        return;
+    }
+    let Some(LogRequestData { ofs, count, id, .. }) = frame.decode() else { return };
+    // A count of 0 ends a download for the client, so only an offset behind the log is answered by it (LOG-4).
+    let Some(info) = cx.vehicle.log_info(id) else {
+        server.work = Work::Nothing;
+        return increment(&mut server.counters.unknown);
+    };
+    increment(&mut server.counters.requests);
+    event!("log {=u16} from {=u32}: {=u32} bytes", id, ofs, count);
+    let rest = info.size.saturating_sub(ofs);
+    (server.id, server.offset, server.left) = (id, ofs, count.min(rest));
+    server.work = match rest {
+        0 => Work::End,
+        _ if count == 0 => Work::Nothing,
+        _ => Work::Data,
+    };
+}
+
+/// Sends the next entry or the next bytes.
+#[inline(never)]
+fn send<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
+    let is_sent = match server.work {
+        Work::List => send_entry(server, cx, port),
+        _ => send_data(server, cx, port),
+    };
+    if is_sent {
+        let len = u32::try_from(port.outbox.len()).unwrap_or(0);
+        server.share.spend_all(cx.now, len.saturating_mul(COST_OF_BYTE), port.config.bytes_per_second);
+    }
+    is_sent
+}
+
+/// Sends a LOG_ENTRY.
+fn send_entry<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &Cx<'_, F>, port: &mut Port) -> bool {
+    let LogServer { id, last: last_log_num, .. } = *server;
+    let LogInfo { size, time_utc } = cx.vehicle.log_info(id).unwrap_or_default();
+    if id >= last_log_num {
+        server.work = Work::Nothing;
+    }
+    server.id = id.saturating_add(1);
+    port.outbox.send(&LogEntry { time_utc, size, id, num_logs: cx.vehicle.log_count(), last_log_num })
+}
+
+/// Sends a LOG_DATA.
+fn send_data<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
+    let LogServer { id, offset, left, .. } = *server;
+    let len = usize::try_from(left).unwrap_or(BLOCK).min(BLOCK);
+    let count = u8::try_from(len).unwrap_or(0);
+    let mut read = LogRead::Done;
+    let is_sent = port.outbox.compose(const { &LogData::INFO }, |payload: &mut [u8; LOG_DATA]| {
+        let ([a, b, c, d], [low, high]) = (offset.to_le_bytes(), id.to_le_bytes());
+        if let Some(front) = payload.first_chunk_mut() {
+            *front = [a, b, c, d, low, high, count];
+        }
+        let data = payload.last_chunk_mut::<BLOCK>().and_then(|data| data.split_at_mut_checked(len));
+        let (data, rest) = data.unwrap_or_default();
+        rest.fill(0);
+        if !data.is_empty() {
+            read = cx.vehicle.read_log(id, offset, data);
+        }
+        read == LogRead::Done
+    });
+    server.left = left.saturating_sub(count.into());
+    server.offset = offset.saturating_add(count.into());
+    match read {
+        LogRead::Done if server.left > 0 => {}
+        LogRead::Done => server.work = Work::Nothing,
+        LogRead::Later => (server.offset, server.left, server.ready_at) = (offset, left, cx.now.after(RETRY)),
+        LogRead::Failed => {
+            increment(&mut server.counters.failed);
+            server.work = Work::Nothing;
+        }
+    }
+    is_sent
+}

@@ -1,0 +1,103 @@
+//! The interface of log downloads to the vehicle: rules LOG-1, LOG-6, LOG-9.
+
+use crate::types::{Context, Peer};
+
+/// The hooks of a vehicle with flight logs, for a vehicle that declares `logs` in [`stack!`](crate::stack).
+///
+/// Logs are numbered from 0, the oldest first, as PX4 numbers them. The numbers must not change between a client's list and the
+/// end of its downloads. A vehicle that begins a log when it is armed, and then evicts the oldest, satisfies this with the default of
+/// [`may_read_logs`](Self::may_read_logs).
+///
+/// ```
+/// use mavstack::logs::{LogInfo, LogRead};
+/// use mavstack::*;
+///
+/// /// A rover whose logs are in memory.
+/// struct Rover { logs: [&'static [u8]; 2] }
+///
+/// impl Logs for Rover {
+///     fn log_count(&self) -> u16 {
+///         2
+///     }
+///
+///     fn log_info(&self, id: u16) -> Option<LogInfo> {
+///         let log = self.logs.get(usize::from(id))?;
+///         Some(LogInfo { size: log.len() as u32, time_utc: 0 })
+///     }
+///
+///     fn read_log(&mut self, id: u16, offset: u32, out: &mut [u8]) -> LogRead {
+///         let log = self.logs.get(usize::from(id)).and_then(|log| log.get(offset as usize..)?.get(..out.len()));
+///         let Some(bytes) = log else { return LogRead::Failed };
+///         out.copy_from_slice(bytes);
+///         LogRead::Done
+///     }
+/// }
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
+/// # }
+///
+/// stack! {
+///     struct Mavlink for Rover { links: 1, logs }
+/// }
+/// ```
+///
+/// # Cost
+///
+/// No hook may block. [`read_log`](Self::read_log) is called at most once for each sent packet. A slow medium, such as an SD card,
+/// should be read ahead by another task; until it has data, the hook returns [`LogRead::Later`].
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not implement `Logs`",
+    note = "`logs` in `stack!` needs `impl Logs for {Self}`: write it, or leave `logs` out"
+)]
+pub trait Logs {
+    /// The extension of the logs' files in the virtual directory `@MAV_LOG`, if the stack has `files` too: `log_0.ulg`, `log_1.ulg` and so
+    /// on. QGroundControl lists `ulg` and `bin`.
+    const LOG_EXTENSION: &'static str = "ulg";
+
+    /// Returns the number of logs. Their numbers are 0 to one less.
+    fn log_count(&self) -> u16;
+
+    /// Returns size and time of a log; `None` if there is no such log.
+    fn log_info(&self, id: u16) -> Option<LogInfo>;
+
+    /// Reads from a log: fills all of `out`, at most 239 bytes, which are inside of the log. It should have no other effect: a client
+    /// may request the same part again.
+    fn read_log(&mut self, id: u16, offset: u32, out: &mut [u8]) -> LogRead;
+
+    /// Erases all logs, or begins to; then [`log_count`](Self::log_count) returns 0. Returns false if this sender must not erase them,
+    /// or if it failed. By default no log is erased. Not called while the vehicle is armed, while another client is reading, and for
+    /// systems that are not in [control](crate::operator_control::OperatorControl).
+    fn erase_logs(&mut self, cx: &mut Context<'_>, from: Peer) -> bool {
+        let _ = (cx, from);
+        false
+    }
+
+    /// Whether logs may be read now, and be listed. By default not while the vehicle is armed, as ArduPilot does: a download takes a
+    /// third of a telemetry link and time of the log's medium. PX4 allows it. A running download ends when this becomes false.
+    fn may_read_logs(&self, is_armed: bool) -> bool {
+        !is_armed
+    }
+}
+
+/// A log, as LOG_ENTRY reports it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LogInfo {
+    /// Its size (bytes).
+    pub size: u32,
+    /// When it was begun (s since 1970, UTC); 0 is unknown.
+    pub time_utc: u32,
+}
+
+/// The result of [`Logs::read_log`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum LogRead {
+    /// All bytes were read.
+    Done,
+    /// There is no data yet. The stack asks again later, as long as its client is heard.
+    Later,
+    /// It cannot be read. The download ends without an answer, and the client may request the same part again.
+    Failed,
+}

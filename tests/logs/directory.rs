@@ -1,0 +1,78 @@
+//! Logs as files: rule LOG-15.
+
+use super::*;
+use crate::support::files::{Packet, request};
+use mavstack::dialect::{FileTransferProtocol, MavFtpErr, MavFtpOpcode};
+
+mavstack::stack! {
+    struct Filed for TestVehicle { links: 2, streams, commands: { slots: 3 }, files: { sessions: 2 }, logs }
+}
+
+type Shelf = World<2, Filed>;
+
+fn shelf(sizes: &[usize]) -> Shelf {
+    let link = LinkConfig::uart(921_600).with_streams(StreamProfile::Off);
+    let mut shelf = Shelf::of(Setup { links: [link; 2], ..Setup::new() });
+    shelf.vehicle.logs.content = sizes.iter().enumerate().map(|(number, len)| content(number, *len)).collect();
+    shelf.run_for(millis(10));
+    shelf
+}
+
+/// Sends a request with a path, and returns the answer: data, or an error.
+fn ask(shelf: &mut Shelf, seq: u16, opcode: MavFtpOpcode, path: &str) -> Result<Vec<u8>, MavFtpErr> {
+    shelf.gcs[0].forget();
+    shelf.gcs[0].send(&request(seq, 0, opcode, path.len() as u8, 0, path.as_bytes()));
+    shelf.run_for(millis(50));
+    let packets = shelf.gcs[0].all::<FileTransferProtocol>();
+    let [(_, packet)] = &packets[..] else { panic!("one answer: {packets:?}") };
+    let packet = Packet::of(packet);
+    packet.error().map_or(Ok(packet.data.clone()), Err)
+}
+
+/// LOG-15: the root shows the directory, which lists each log with its size and time.
+#[test]
+fn logs_are_listed_as_files() {
+    let mut shelf = shelf(&[100, 90_000]);
+    let root = ask(&mut shelf, 1, MavFtpOpcode::LISTDIRECTORY, "/").unwrap();
+    assert!(String::from_utf8(root).unwrap().contains("D@MAV_LOG\0"));
+    let list = ask(&mut shelf, 2, MavFtpOpcode::LISTDIRECTORY, "@MAV_LOG").unwrap();
+    assert_eq!(list, b"Flog_0.ulg\t100\0Flog_1.ulg\t90000\0");
+    let list = ask(&mut shelf, 3, MavFtpOpcode::LISTDIRECTORYWITHTIME, "/@MAV_LOG").unwrap();
+    assert_eq!(list, b"Flog_0.ulg\t100\t1000\0Flog_1.ulg\t90000\t1100\0");
+}
+
+/// LOG-15: a client downloads a log by a burst, and the content is the log's, also when it has no data for a while.
+#[test]
+fn a_log_is_downloaded_as_a_file() {
+    for (number, len) in [(0usize, 0usize), (1, 239), (2, 20_000)] {
+        let mut shelf = shelf(&[0, 239, 20_000]);
+        shelf.vehicle.logs.later = 5;
+        let mut transfer = Transfer::download(STATION, 0, 0, &format!("@MAV_LOG/log_{number}.ulg"));
+        let ended = shelf.run_until(secs(20), |shelf| {
+            let now = shelf.now();
+            transfer.poll(now, &mut shelf.gcs[0]).is_some()
+        });
+        assert!(ended && transfer.content() == content(number, len));
+    }
+}
+
+/// LOG-15, LOG-6: names that are no log's are not found, files are not written or removed, and in flight nothing is read.
+#[test]
+fn other_files_are_refused() {
+    let mut shelf = shelf(&[100]);
+    let names =
+        ["log_1.ulg", "log_.ulg", "log_0.bin", "log_0ulg", "log_0", "log_65536.ulg", "log_-1.ulg", "log_0.ulg/", "0"];
+    for (seq, name) in (1..).zip(names) {
+        let path = format!("@MAV_LOG/{name}");
+        let expected = if name == "log_0.ulg/" { Ok(100) } else { Err(MavFtpErr::FILENOTFOUND) };
+        let opened = ask(&mut shelf, seq, MavFtpOpcode::OPENFILERO, &path);
+        assert_eq!(opened.map(|size| u32::from_le_bytes(size.try_into().unwrap())), expected, "{name}");
+    }
+    for (seq, opcode) in (20..).zip([MavFtpOpcode::OPENFILEWO, MavFtpOpcode::CREATEFILE, MavFtpOpcode::REMOVEFILE]) {
+        assert_eq!(ask(&mut shelf, seq, opcode, "@MAV_LOG/log_0.ulg"), Err(MavFtpErr::FILEPROTECTED), "{opcode:?}");
+    }
+    shelf.vehicle.state = Some(mavstack::VehicleState::new(true));
+    shelf.run_for(millis(10));
+    assert_eq!(ask(&mut shelf, 30, MavFtpOpcode::LISTDIRECTORY, "@MAV_LOG"), Err(MavFtpErr::EOF));
+    assert_eq!(ask(&mut shelf, 31, MavFtpOpcode::CALCFILECRC, "@MAV_LOG/log_0.ulg"), Err(MavFtpErr::FAIL));
+}
