@@ -47,7 +47,7 @@ const STEPS: [Step; 26] = [
         "250 simulated vehicles on this machine, and what they cost",
         &["test", "--release", "--package", "mavstack-sitl", "--test", "fleet", "--", "--ignored", "--nocapture"],
     ),
-    step("boards", "the boards' firmwares; two run in QEMU under pymavlink", &["xtask", "boards", "--run"]),
+    step("boards", "the boards' firmwares; four run in emulators under pymavlink", &["xtask", "boards", "--run"]),
     step(
         "storage-cuts",
         "a power cut at every byte of a save, second cuts at every write unit, and 100,000 saves",
