@@ -40,6 +40,10 @@ class Station(Gcs):
         super().__init__(port)
         # Before the first heartbeat, the connection may have begun in the middle of a frame.
         self.link.message_hooks.append(self.check)
+        self.link.handle_eof = self.end
+
+    def end(self):
+        raise AssertionError("the emulator has ended")
 
     def check(self, _, message):
         if message.get_type() == "BAD_DATA":

@@ -1,7 +1,7 @@
 //! Runs the rover of `examples/boards` on the host, as the vehicle that the porting guide begins with.
 
 #[path = "../../examples/boards/rover/src/lib.rs"]
-#[allow(dead_code, unused_attributes, reason = "it is a crate of its own, for boards")]
+#[allow(dead_code, unexpected_cfgs, unused_attributes, reason = "it is a crate of its own, for boards")]
 mod rover;
 
 use crate::support::*;

@@ -25,7 +25,7 @@ struct Board {
     ram: [u64; 2],
 }
 
-const BOARDS: [Board; 5] = [
+const BOARDS: [Board; 6] = [
     Board {
         name: "embassy-stm32f405",
         target: "thumbv7em-none-eabihf",
@@ -41,6 +41,7 @@ const BOARDS: [Board; 5] = [
     },
     Board { name: "microbit", target: "thumbv6m-none-eabi", load: 0, ram: [0x2000_0000, 0x2000_4000] },
     Board { name: "rp2040", target: "thumbv6m-none-eabi", load: 0x1000_0000, ram: [0x2000_0000, 0x2004_2000] },
+    Board { name: "rp2040-embassy", target: "thumbv6m-none-eabi", load: 0x1000_0000, ram: [0x2000_0000, 0x2004_2000] },
     Board { name: "stm32f405", target: "thumbv7em-none-eabihf", load: 0x0800_0000, ram: [0x2000_0000, 0x2002_0000] },
 ];
 
@@ -48,7 +49,7 @@ const BOARDS: [Board; 5] = [
 const IN_QEMU: [(&str, &str, &[&str]); 2] =
     [("microbit", "microbit", &[]), ("stm32f405", "netduinoplus2", &["--features", "qemu"])];
 /// The boards with an RP2040, which have two links.
-const IN_RP2040JS: [&str; 1] = ["rp2040"];
+const IN_RP2040JS: [&str; 2] = ["rp2040", "rp2040-embassy"];
 /// The acceptance test of a port.
 const TEST: &str = ".ci/boards/acceptance.py";
 

@@ -16,11 +16,13 @@ import { parseArgs } from 'node:util';
 
 import { RP2040 } from 'rp2040js';
 
-import { PowerCut, Rom } from './rom.mjs';
+import { PowerCut, Rom, XipControl } from './rom.mjs';
 import { Uart } from './uart.mjs';
 import { UsbHost } from './usb.mjs';
 
+// Upper bits of addresses.
 const UART0 = 0x40034;
+const XIP_CTRL = 0x14000;
 // The code runs in slices of this emulated time, and the sockets between them.
 const SLICE_NANOS = 2e6;
 // An emulator that is later than this does not catch up.
@@ -114,6 +116,7 @@ class Board {
     };
     this.uart = new Uart(chip, (byte) => this.uartPort.write(Uint8Array.of(byte)));
     chip.peripherals[UART0] = this.uart;
+    chip.peripherals[XIP_CTRL] = new XipControl();
     this.usb = new UsbHost(chip, (data) => this.usbPort.write(data));
     this.usb.setOpen(this.usbPort.socket !== undefined);
     new Rom(chip, () => this.cutPower()).boot();

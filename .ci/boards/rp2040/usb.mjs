@@ -7,10 +7,14 @@ import { USBCDC } from 'rp2040js';
 const PULL_UP = 1 << 16;
 const LINE_STATE = 3 << 2;
 const LINE_STATE_J = 1 << 2;
-const IN_AVAILABLE = 1 << 10;
-const FIRST_IN_CONTROL = 0x80;
+// A register for each endpoint and direction says who owns its buffer.
+const BUFFER_CONTROL = 0x80;
+const OUT = 4;
+const AVAILABLE = 1 << 10;
+const LAST_ENDPOINT = 15;
 // A packet of 64 bytes; a frame of 1 ms carries 19 (USB 2.0, section 5.8.4).
 const PACKET_NANOS = 1e6 / 19;
+const MAX_PACKET = 64;
 
 export class UsbHost {
   constructor(chip, onData) {
@@ -40,24 +44,21 @@ export class UsbHost {
       usb.sieStatus = (usb.sieStatus & ~LINE_STATE) | LINE_STATE_J;
     };
 
-    // The device offers a packet: rp2040js would take it at once.
-    this.offer = usb.DPRAMUpdated.bind(usb);
+    // The device offers a packet, or room for one, perhaps before it is configured. rp2040js would take the packet at once, and fill
+    // the room with an empty one. Until the host does, the buffer stays available to it.
+    this.give = usb.DPRAMUpdated.bind(usb);
+    this.memory = chip.usbDPRAMView;
+    this.room = new Set();
     usb.DPRAMUpdated = (offset, value) => {
-      if (offset === FIRST_IN_CONTROL + 8 * this.cdc.inEndpoint) {
-        if (value & IN_AVAILABLE) {
-          this.offered = [offset, value];
-          this.take();
-        }
-      } else {
-        this.offer(offset, value);
+      const endpoint = (offset - BUFFER_CONTROL) >> 3;
+      if (endpoint <= 0 || endpoint > LAST_ENDPOINT) {
+        this.give(offset, value);
+      } else if (value & AVAILABLE) {
+        if (offset & OUT) this.room.add(endpoint);
+        else if (endpoint === this.cdc.inEndpoint) this.offered = [offset, value];
+        this.send();
+        this.take();
       }
-    };
-
-    // The device has room for a packet, perhaps before it is configured: rp2040js would send an empty one.
-    this.room = new Map();
-    usb.onEndpointRead = (endpoint, size) => {
-      this.room.set(endpoint, size);
-      this.send();
     };
   }
 
@@ -91,9 +92,10 @@ export class UsbHost {
     this.isSending = false;
     if (this.toSend.length === 0) return;
     const endpoint = this.cdc.outEndpoint;
-    const packet = this.toSend.splice(0, this.room.get(endpoint));
     this.room.delete(endpoint);
-    this.usb.endpointReadDone(endpoint, Uint8Array.from(packet), 0);
+    const control = BUFFER_CONTROL + 8 * endpoint + OUT;
+    this.memory.setUint32(control, this.memory.getUint32(control, true) & ~AVAILABLE, true);
+    this.usb.finishRead(endpoint, Uint8Array.from(this.toSend.splice(0, MAX_PACKET)));
   }
 
   take() {
@@ -107,6 +109,6 @@ export class UsbHost {
     if (!this.isOpen || !this.offered) return;
     const [offset, value] = this.offered;
     this.offered = undefined;
-    this.offer(offset, value);
+    this.give(offset, value);
   }
 }

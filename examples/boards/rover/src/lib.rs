@@ -104,7 +104,7 @@ impl Default for Rover {
 
 impl Rover {
     /// Runs one pass of the driving loop, and ticks the pulse.
-    pub fn drive(&mut self, now: Instant, stack: &mut Mavlink) {
+    pub fn drive(&mut self, now: Instant, stack: &mut Stack<Mavlink, LINKS>) {
         let tuning = stack.parameters();
         self.is_battery_low = self.battery.voltage < tuning.get(Tuning::BAT_V_LOW);
         // `has_controller` asks for one station, by its system id.
@@ -120,13 +120,13 @@ impl Rover {
     }
 
     /// Returns the item of the mission to drive to; `None` if the rover is to stand still.
-    pub fn target<'a>(&self, stack: &'a Mavlink) -> Option<&'a Item> {
+    pub fn target<'a>(&self, stack: &'a Stack<Mavlink, LINKS>) -> Option<&'a Item> {
         let is_driving = self.armed && self.mode == MISSION && !self.is_station_lost;
         stack.mission().items().get(usize::from(self.current)).filter(|_| is_driving)
     }
 
     /// Reports that the current item is reached, and goes on to the next. After the last one the rover holds.
-    pub fn reached(&mut self, now: Instant, stack: &mut Mavlink) {
+    pub fn reached(&mut self, now: Instant, stack: &mut Stack<Mavlink, LINKS>) {
         stack.mission_item_reached(now, self.current);
         if usize::from(self.current) + 1 < stack.mission().items().len() {
             self.current += 1;
