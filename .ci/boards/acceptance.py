@@ -205,15 +205,15 @@ def flood(gcs, figure, counter):
                     gcs.send_command(mavlink.MAV_CMD_NAV_LAND)
                     sent += 1
                 receive(counts, probe)
-        # Until a request is answered that is sent behind the flood. A ground station repeats its requests.
-        asked = -math.inf
-        while not counts["PARAM_VALUE"]:
-            now = time.monotonic()
-            assert now - began < 30, f"no answer after the commands {name}"
-            if now - asked > 1:
-                gcs.mav.param_request_read_send(1, 1, probe.encode(), -1)
-                asked = now
-            receive(counts, probe)
+            # Until a request is answered that is sent behind the flood. A ground station repeats its requests.
+            asked = -math.inf
+            while not counts["PARAM_VALUE"]:
+                now = time.monotonic()
+                assert now - began < 30, f"no answer after the commands {name}"
+                if now - asked > 1:
+                    gcs.mav.param_request_read_send(1, 1, probe.encode(), -1)
+                    asked = now
+                receive(counts, probe)
         passed = time.monotonic() - began
         figure(f"{counts['COMMAND_ACK']} of {total} answered {name} in {passed:.1f} s")
         least = {131: 0.5, 262: 0.25}.get(rate, 0) * total
