@@ -5,7 +5,7 @@
 // |---|---|
 // | `stop`, `cont`, `system_reset` | as in QEMU; a reset keeps the flash, and drops what the lines carry |
 // | `cut-in-flash` | resets in the middle of a write of a page or an erase of a sector, after `after` more of them, and continues |
-// | `query-counters` | returns `awake` and `passed`: how long the processor did not sleep, and the time, in ns since its start; and `writes`: pages written and sectors erased, since then |
+// | `query-counters` | `awake` and `passed`: how long the processor did not sleep, and the time, in ns; `writes`: of pages and sectors |
 //
 // Time passes as on the hardware, or slower if this machine is too slow. An instruction takes as long as on a Cortex-M0+ whose code
 // hits the cache.

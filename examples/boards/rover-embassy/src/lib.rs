@@ -7,6 +7,7 @@
 
 use core::cell::RefCell;
 
+use embassy_futures::join::join;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
@@ -114,20 +115,17 @@ impl Shared {
         let (mut received, mut to_send) = ([0; 32], [0; N]);
         let mut receiver = AsyncReceiver::new(rx, &mut received);
         let mut transmitter = AsyncTransmitter::new(tx, &mut to_send);
-        embassy_futures::join::join(
-            async {
-                loop {
-                    let _ = self.receive(link, &mut receiver).await;
-                }
-            },
-            async {
-                loop {
-                    let _ = self.transmit(link, &mut transmitter).await;
-                }
-            },
-        )
-        .await
-        .0
+        let receive = async {
+            loop {
+                let _ = self.receive(link, &mut receiver).await;
+            }
+        };
+        let transmit = async {
+            loop {
+                let _ = self.transmit(link, &mut transmitter).await;
+            }
+        };
+        join(receive, transmit).await.0
     }
 
     /// The two ends of a transport that was opened, until it is closed: until one of them fails.
@@ -136,10 +134,8 @@ impl Shared {
         let (mut received, mut to_send) = ([0; 128], [0; N]);
         let mut receiver = AsyncReceiver::new(rx, &mut received);
         let mut transmitter = AsyncTransmitter::new(tx, &mut to_send);
-        select(
-            async { while self.receive(link, &mut receiver).await.is_ok() {} },
-            async { while self.transmit(link, &mut transmitter).await.is_ok() {} },
-        )
-        .await;
+        let receive = async { while self.receive(link, &mut receiver).await.is_ok() {} };
+        let transmit = async { while self.transmit(link, &mut transmitter).await.is_ok() {} };
+        select(receive, transmit).await;
     }
 }

@@ -79,8 +79,7 @@ async fn main(_spawner: Spawner) {
     config.product = Some("Rover");
     config.serial_number = Some("1");
     let driver = usb::Driver::new(chip.USB, Interrupts);
-    let mut builder =
-        Builder::new(driver, config, CONFIGURATION.take(), OBJECT_STORE.take(), &mut [], CONTROL.take());
+    let mut builder = Builder::new(driver, config, CONFIGURATION.take(), OBJECT_STORE.take(), &mut [], CONTROL.take());
     let port = CdcAcmClass::new(&mut builder, PORT.init(State::new()), PACKET);
     let mut usb = builder.build();
     let (mut sender, receiver) = port.split();
