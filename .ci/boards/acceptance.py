@@ -302,7 +302,7 @@ def cuts(gcs, qmp, items, figure):
 
 
 def reopen(gcs, port, figure):
-    """Nobody reads for a while: the link is backpressured, and its backlog is short."""
+    """No program reads for a while: the link is backpressured, and its backlog is short."""
     before = gcs.wait("ATTITUDE").time_boot_ms
     gcs.close()
     time.sleep(5)
@@ -321,7 +321,7 @@ def main():
     options.add_argument("--port", type=int, required=True)
     options.add_argument("--qmp-port", type=int, required=True)
     options.add_argument("--rp2040js", action="store_true", help="the emulator counts the load, and cuts writes to flash")
-    options.add_argument("--usb", action="store_true", help="the link is backpressured while nobody reads")
+    options.add_argument("--usb", action="store_true", help="the link is backpressured while no program reads")
     options = options.parse_args()
     items, speed = waypoints(), single(math.pi)
     with step("heartbeat") as figure:
@@ -369,7 +369,7 @@ def main():
         figure(f"{gcs.frames} of the vehicle, {gcs.bad} bad, {gcs.lost} lost")
         assert gcs.bad == gcs.lost == 0
     if options.usb:
-        with step("nobody reads") as figure:
+        with step("no reader") as figure:
             reopen(gcs, options.port, figure)
     gcs.close()
 

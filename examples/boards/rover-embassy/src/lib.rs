@@ -101,7 +101,7 @@ impl Shared {
             (has_bytes, stack.link_deadline(now, link))
         };
         if has_bytes? {
-            // The HAL may miss a wake-up, and nobody may read. Nothing is lost: the transmitter continues where it was.
+            // The HAL may miss a wake-up, and a host may stop reading. Nothing is lost: the transmitter continues where it was.
             let _ = with_timeout(TIMEOUT, transmitter.send()).await;
         } else if let Some(wake) = self.wakes.get(usize::from(link.0)) {
             let next = Timer::at(embassy_time::Instant::from_micros(deadline.as_micros()));
