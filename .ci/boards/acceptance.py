@@ -1,7 +1,7 @@
 """The acceptance test of a port: a ground station uses the rover of `examples/boards` on an emulated board, through its UART.
 
-`cargo xtask boards --run` starts the board and calls this with the TCP ports of its UART and of QEMU's control port. The path of
-Python modules has `.ci/integration`.
+`cargo xtask boards --run` starts the board and calls this with the TCP ports of its link and of the emulator's control port. The path
+of Python modules has `.ci/integration`.
 """
 
 import argparse
@@ -19,7 +19,6 @@ from transfer import ACCEPTED, download, upload
 
 mavlink = mavutil.mavlink
 
-ITEMS = 100
 HOLD, MISSION = 4 << 16 | 3 << 24, 4 << 16 | 4 << 24
 PARAMETERS = {"BAT_V_LOW", "FS_GCS_ENABLE", "SPEED_MAX"}
 # The longest wait for an answer (s).
@@ -40,6 +39,10 @@ class Station(Gcs):
         super().__init__(port)
         # Before the first heartbeat, the connection may have begun in the middle of a frame.
         self.link.message_hooks.append(self.check)
+        self.link.handle_eof = self.end
+
+    def end(self):
+        raise AssertionError("the emulator has ended")
 
     def check(self, _, message):
         if message.get_type() == "BAD_DATA":
@@ -120,8 +123,8 @@ def parameter(gcs, name):
     return answer.param_value
 
 
-def waypoints():
-    items = [item for item in plan(2 * ITEMS) if item["command"] == NAV_WAYPOINT][:ITEMS]
+def waypoints(count):
+    items = [item for item in plan(2 * count) if item["command"] == NAV_WAYPOINT][:count]
     return [item | {"seq": seq, "current": int(seq == 0)} for seq, item in enumerate(items)]
 
 
@@ -151,8 +154,22 @@ def measure(gcs, seconds, rates):
     raise AssertionError(f"too few in {seconds} s: {counts}")
 
 
-def streams(gcs, figure):
-    rates = measure(gcs, 6, RATES)
+@contextlib.contextmanager
+def load(qmp, figure, name):
+    """Prints which share of the processor's time is used meanwhile, if the emulator counts it."""
+    if not qmp:
+        yield
+        return
+    before = qmp.execute("query-counters")
+    yield
+    after = qmp.execute("query-counters")
+    awake, passed = (after[key] - before[key] for key in ("awake", "passed"))
+    figure(f"{name}: {awake / passed:.1%} of the processor")
+
+
+def streams(gcs, figure, counter):
+    with load(counter, figure, "streams"):
+        rates = measure(gcs, 6, RATES)
     interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
     assert gcs.command(interval, mavlink.MAVLINK_MSG_ID_ATTITUDE, 50_000) == mavlink.MAV_RESULT_ACCEPTED
     fast = measure(gcs, 3, {"ATTITUDE": 20})
@@ -160,14 +177,16 @@ def streams(gcs, figure):
     figure(f"{rates['all']:.0f} messages/s, ATTITUDE at {fast['ATTITUDE']:.1f} of 20 Hz on request")
 
 
-def flood(gcs, figure):
+def flood(gcs, figure, counter):
     """Commands at the rate of the line, at twice that rate, and as fast as TCP takes them, which no UART could: what does not fit
     into the receive queue is lost, but the vehicle's own frames stay whole, and its heartbeats in time."""
     beats = [time.monotonic()]
 
-    def receive(counts):
+    def receive(counts, probe):
         gcs.beat()
         while message := gcs.link.recv_match(type=["COMMAND_ACK", "HEARTBEAT", "PARAM_VALUE"], blocking=False):
+            if message.get_type() == "PARAM_VALUE" and message.param_id != probe:
+                continue
             counts[message.get_type()] += 1
             if message.get_type() == "HEARTBEAT":
                 beats.append(time.monotonic())
@@ -176,22 +195,24 @@ def flood(gcs, figure):
         time.sleep(0.002)
 
     # A command has 44 bytes, and 57,600 bit/s carry 131 in a second.
-    for name, rate, total in [("at 131/s", 131, 393), ("at 262/s", 262, 786), ("at once", math.inf, 1_000)]:
+    floods = [("at 131/s", 131, 393), ("at 262/s", 262, 786), ("at once", math.inf, 1_000)]
+    for (name, rate, total), probe in zip(floods, sorted(PARAMETERS), strict=True):
         began, sent, counts = time.monotonic(), 0, Counter()
-        while sent < total:
-            while sent < total and sent <= (time.monotonic() - began) * rate:
-                gcs.send_command(mavlink.MAV_CMD_NAV_LAND)
-                sent += 1
-            receive(counts)
-        # Until a request is answered that is sent behind the flood. A ground station repeats its requests.
-        asked = -math.inf
-        while not counts["PARAM_VALUE"]:
-            now = time.monotonic()
-            assert now - began < 30, f"no answer after the commands {name}"
-            if now - asked > 1:
-                gcs.mav.param_request_read_send(1, 1, b"FS_GCS_ENABLE", -1)
-                asked = now
-            receive(counts)
+        with load(counter, figure, name):
+            while sent < total:
+                while sent < total and sent <= (time.monotonic() - began) * rate:
+                    gcs.send_command(mavlink.MAV_CMD_NAV_LAND)
+                    sent += 1
+                receive(counts, probe)
+            # Until a request is answered that is sent behind the flood. A ground station repeats its requests.
+            asked = -math.inf
+            while not counts["PARAM_VALUE"]:
+                now = time.monotonic()
+                assert now - began < 30, f"no answer after the commands {name}"
+                if now - asked > 1:
+                    gcs.mav.param_request_read_send(1, 1, probe.encode(), -1)
+                    asked = now
+                receive(counts, probe)
         passed = time.monotonic() - began
         figure(f"{counts['COMMAND_ACK']} of {total} answered {name} in {passed:.1f} s")
         least = {131: 0.5, 262: 0.25}.get(rate, 0) * total
@@ -216,33 +237,98 @@ def lose_station(gcs, figure):
     figure(f"holds after {passed:.1f} s")
 
 
-def reset(gcs, qmp, figure):
-    """Resets the processor. It boots disarmed, in Hold."""
-    qmp.execute("stop", event="STOP")
-    gcs.take_all()
-    qmp.execute("system_reset", event="RESET")
+@contextlib.contextmanager
+def restart(gcs):
+    """The block resets the processor, and lets it run. Returns when it runs again: disarmed, in Hold."""
     bad = gcs.bad
-    gcs.forget_half_a_frame()
-    gcs.sequence = None
-    began = time.monotonic()
-    qmp.execute("cont", event="RESUME")
+    yield
     beat = gcs.heartbeat(lambda _: True, 5)
-    passed = time.monotonic() - began
     # The last frame before the reset may be incomplete, and a UART may send a byte when it starts.
     gcs.bad = bad
     assert not is_armed(beat) and beat.custom_mode == HOLD, beat
     assert gcs.wait("ATTITUDE").time_boot_ms < 5_000, "the clock did not restart"
-    figure(f"first heartbeat after {passed:.1f} s")
+
+
+def reset(gcs, qmp, figure):
+    """Resets the processor."""
+    qmp.execute("stop", event="STOP")
+    gcs.take_all()
+    qmp.execute("system_reset", event="RESET")
+    with restart(gcs):
+        gcs.forget_half_a_frame()
+        gcs.sequence = None
+        began = time.monotonic()
+        qmp.execute("cont", event="RESUME")
+    figure(f"runs again after {time.monotonic() - began:.1f} s")
+
+
+def change(gcs, items, speed):
+    """Changes what is stored. While the rover is armed it stores nothing."""
+    arm(gcs, True)
+    assert set_parameter(gcs, "SPEED_MAX", speed) == speed
+    assert upload(gcs, items).type == ACCEPTED
+
+
+def cuts(gcs, qmp, items, figure):
+    """Resets in the middle of a write of the flash, while a mission and a parameter are stored. Afterwards each is the old one or the new
+    one, whole."""
+    missions = [items, [item | {"param1": 1.0} for item in items]]
+    speeds = [single(math.pi), single(math.e)]
+    # Without a reset, to count the writes.
+    change(gcs, missions[1], speeds[1])
+    begin = qmp.execute("query-counters")["writes"]
+    arm(gcs, False)
+    gcs.hear(None, PATIENCE)
+    total = qmp.execute("query-counters")["writes"] - begin
+    assert total > len(items) / 7, f"only {total} writes"
+    kept = Counter()
+    mission = speed = 1
+    for after in range(total):
+        change(gcs, missions[1 - mission], speeds[1 - speed])
+        with restart(gcs):
+            qmp.execute("cut-in-flash", after=after)
+            gcs.send_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+            qmp.wait("RESET")
+            gcs.forget_half_a_frame()
+            gcs.sequence = None
+        value, items = parameter(gcs, "SPEED_MAX"), download(gcs).items
+        assert value in speeds, value
+        found = [index for index in (0, 1) if not differences(missions[index], items)]
+        assert found, f"after {after} writes: neither mission, but {len(items)} items"
+        kept += Counter(missions=found != [mission], parameters=value != speeds[speed])
+        mission, speed = found[0], speeds.index(value)
+    figure(f"one in each of {total} writes; new afterwards: {kept['missions']} missions, {kept['parameters']} parameters")
+
+
+def reopen(gcs, port, figure):
+    """No program reads for a while: the link is backpressured, and its backlog is short."""
+    before = gcs.wait("ATTITUDE").time_boot_ms
+    gcs.close()
+    time.sleep(5)
+    again = Gcs(port, is_new=True)
+    stale, began = 0, time.monotonic()
+    while (message := again.hear("ATTITUDE", 5)).time_boot_ms < before + 5_000:
+        stale += 1
+    passed = time.monotonic() - began
+    assert stale <= 8 and passed < PATIENCE / 2, (stale, passed, message)
+    again.close()
+    figure(f"{stale} ATTITUDE of before, then up to date after {passed:.1f} s")
 
 
 def main():
     options = argparse.ArgumentParser()
     options.add_argument("--port", type=int, required=True)
     options.add_argument("--qmp-port", type=int, required=True)
+    options.add_argument("--items", type=int, default=100, help="the longest mission of the board")
+    options.add_argument("--forgets", action="store_true", help="the board has no storage")
+    options.add_argument("--rp2040js", action="store_true", help="the emulator counts the load, and cuts writes to flash")
+    options.add_argument("--usb", action="store_true", help="the link is backpressured while no program reads")
     options = options.parse_args()
-    items, speed = waypoints(), single(math.pi)
+    items, speed = waypoints(options.items), single(math.pi)
     with step("heartbeat") as figure:
         gcs = Station(options.port)
+        qmp = Qmp(options.qmp_port)
+        counter = qmp if options.rp2040js else None
         beat = gcs.heartbeat(lambda _: True)
         assert beat.type == mavlink.MAV_TYPE_GROUND_ROVER and not is_armed(beat) and beat.custom_mode == HOLD, beat
         figure("a rover, disarmed, in Hold")
@@ -254,32 +340,42 @@ def main():
         assert set_parameter(gcs, "SPEED_MAX", 11.0) == speed
         figure("one set, one refused")
     with step("streams") as figure:
-        streams(gcs, figure)
+        streams(gcs, figure, counter)
     with step("mission up") as figure:
         assert upload(gcs, items).type == ACCEPTED
-        figure(f"{ITEMS} items")
+        figure(f"{len(items)} items")
     with step("mission down") as figure:
         back = download(gcs)
         assert not differences(items, back.items)
-        figure(f"{ITEMS} items, equal")
+        figure(f"{len(items)} items, equal")
     with step("arm, disarm") as figure:
         arm(gcs, True)
         arm(gcs, False)
         figure("accepted")
     with step("flood of commands") as figure:
-        flood(gcs, figure)
+        flood(gcs, figure, counter)
     with step("failsafe") as figure:
         lose_station(gcs, figure)
     with step("reset while armed") as figure:
-        reset(gcs, Qmp(options.qmp_port), figure)
+        reset(gcs, qmp, figure)
     with step("after the reset") as figure:
-        assert parameter(gcs, "SPEED_MAX") == speed
-        again = download(gcs)
-        assert again.id == back.id and not differences(items, again.items)
-        figure("parameter and mission as stored")
+        kept, again = parameter(gcs, "SPEED_MAX"), download(gcs)
+        if options.forgets:
+            assert kept == 2.0 and not again.items
+            figure("no mission, and the default of the parameter")
+        else:
+            assert kept == speed
+            assert again.id == back.id and not differences(items, again.items)
+            figure("parameter and mission as stored")
+    if options.rp2040js:
+        with step("resets while the flash is written") as figure:
+            cuts(gcs, qmp, items, figure)
     with step("all frames") as figure:
         figure(f"{gcs.frames} of the vehicle, {gcs.bad} bad, {gcs.lost} lost")
         assert gcs.bad == gcs.lost == 0
+    if options.usb:
+        with step("no reader") as figure:
+            reopen(gcs, options.port, figure)
     gcs.close()
 
 

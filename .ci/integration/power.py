@@ -23,15 +23,23 @@ class Qmp:
     def _read(self):
         return json.loads(self.lines.readline())
 
-    def execute(self, command, event=None):
-        """Executes a command, and waits for the event that reports its completion."""
-        self.lines.write(json.dumps({"execute": command}) + "\n")
+    def execute(self, command, event=None, **arguments):
+        """Executes a command, and waits for the event that reports its completion. Returns the command's result."""
+        self.lines.write(json.dumps({"execute": command} | ({"arguments": arguments} if arguments else {})) + "\n")
         self.lines.flush()
-        wanted = {"return", event} - {None}
+        wanted, result = {"return", event} - {None}, None
         while wanted:
             message = self._read()
             assert "error" not in message, message
             wanted -= {message.get("event"), *message}
+            result = message.get("return", result)
+        return result
+
+    def wait(self, event):
+        """Waits for an event, at most 30 s."""
+        self.socket.settimeout(30)
+        while self._read().get("event") != event:
+            pass
 
     def close(self):
         self.lines.close()

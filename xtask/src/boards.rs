@@ -11,6 +11,7 @@ use object::{Endianness, Object, ObjectSection, SectionFlags, SectionKind, elf};
 use crate::emulator;
 use crate::firmware::read;
 use crate::python;
+use crate::rp2040js;
 use crate::system::{Result, cargo, root, run, target_dir};
 use crate::toolchain::{self, Choice, TARGETS};
 
@@ -24,7 +25,7 @@ struct Board {
     ram: [u64; 2],
 }
 
-const BOARDS: [Board; 5] = [
+const BOARDS: [Board; 7] = [
     Board {
         name: "embassy-stm32f405",
         target: "thumbv7em-none-eabihf",
@@ -40,12 +41,36 @@ const BOARDS: [Board; 5] = [
     },
     Board { name: "microbit", target: "thumbv6m-none-eabi", load: 0, ram: [0x2000_0000, 0x2000_4000] },
     Board { name: "rp2040", target: "thumbv6m-none-eabi", load: 0x1000_0000, ram: [0x2000_0000, 0x2004_2000] },
+    Board { name: "rp2040-embassy", target: "thumbv6m-none-eabi", load: 0x1000_0000, ram: [0x2000_0000, 0x2004_2000] },
     Board { name: "stm32f405", target: "thumbv7em-none-eabihf", load: 0x0800_0000, ram: [0x2000_0000, 0x2002_0000] },
+    Board { name: "stm32vldiscovery", target: M3, load: 0x0800_0000, ram: [0x2000_0000, 0x2000_2000] },
 ];
 
-/// The boards that QEMU emulates well enough: each with its machine in QEMU, and the options of its build.
-const EMULATED: [(&str, &str, &[&str]); 2] =
-    [("microbit", "microbit", &[]), ("stm32f405", "netduinoplus2", &["--features", "qemu"])];
+/// The target of a Cortex-M3, which only one board has.
+const M3: &str = "thumbv7m-none-eabi";
+
+/// A board that QEMU emulates well enough.
+struct Emulated {
+    name: &'static str,
+    /// The machine in QEMU.
+    machine: &'static str,
+    /// The options of its build, and of the acceptance test.
+    build: &'static [&'static str],
+    test: &'static [&'static str],
+}
+
+const IN_QEMU: [Emulated; 3] = [
+    Emulated { name: "microbit", machine: "microbit", build: &[], test: &[] },
+    Emulated { name: "stm32f405", machine: "netduinoplus2", build: &["--features", "qemu"], test: &[] },
+    Emulated {
+        name: "stm32vldiscovery",
+        machine: "stm32vldiscovery",
+        build: &["--features", "qemu"],
+        test: &["--items", "40", "--forgets"],
+    },
+];
+/// The boards with an RP2040, which have two links.
+const IN_RP2040JS: [&str; 2] = ["rp2040", "rp2040-embassy"];
 /// The acceptance test of a port.
 const TEST: &str = ".ci/boards/acceptance.py";
 
@@ -54,10 +79,15 @@ pub fn build_all(runs: bool) -> Result {
     let began = Instant::now();
     // Debian's toolchain has none of the libraries but `core`, and the HALs ask for newer compilers.
     toolchain::prepare(Some(Choice::Rustup), &TARGETS)?;
+    let has_m3 = toolchain::prepare(Some(Choice::Rustup), &[M3]).is_ok();
+    if !has_m3 {
+        println!("The target {M3} is not available here: the board with it is left out.");
+    }
+    let is_built = |name: &str| has_m3 || BOARDS.iter().any(|board| board.name == name && board.target != M3);
     // One for all, so that what they share is built once.
     let build_dir = target_dir().join("boards");
     let mut rows = Vec::new();
-    for board in &BOARDS {
+    for board in BOARDS.iter().filter(|board| is_built(board.name)) {
         println!("Building examples/boards/{}", board.name);
         let firmware = build(board, &build_dir, &[])?;
         let (flash, ram) = measure(board, &read(&firmware)?).map_err(|error| format!("{}: {error}", board.name))?;
@@ -71,8 +101,12 @@ pub fn build_all(runs: bool) -> Result {
     if runs {
         emulator::prepare()?;
         let python = python::environment()?;
-        for (name, machine, options) in EMULATED {
-            run_emulated(&build_dir, &python, name, machine, options).map_err(|error| format!("{name}: {error}"))?;
+        for board in IN_QEMU.iter().filter(|board| is_built(board.name)) {
+            run_in_qemu(&build_dir, &python, board).map_err(|error| format!("{}: {error}", board.name))?;
+        }
+        let program = rp2040js::prepare()?;
+        for name in IN_RP2040JS {
+            run_in_rp2040js(&build_dir, &python, &program, name).map_err(|error| format!("{name}: {error}"))?;
         }
     }
     Ok(())
@@ -88,11 +122,17 @@ fn build(board: &Board, build_dir: &Path, options: &[&str]) -> Result<PathBuf> {
     Ok(build_dir.join(board.target).join("release").join(format!("mavstack-{}", board.name)))
 }
 
-/// Runs a board in the emulator, under pymavlink.
-fn run_emulated(build_dir: &Path, python: &Path, name: &str, machine: &str, options: &[&str]) -> Result {
+/// Builds the firmware of the board with this name, and returns its path.
+fn build_by_name(name: &str, build_dir: &Path, options: &[&str]) -> Result<PathBuf> {
     let board = BOARDS.iter().find(|board| board.name == name).ok_or("no such board")?;
+    build(board, build_dir, options)
+}
+
+/// Runs a board in QEMU, under pymavlink.
+fn run_in_qemu(build_dir: &Path, python: &Path, board: &Emulated) -> Result {
+    let Emulated { name, machine, .. } = board;
     println!("\nRunning examples/boards/{name} in QEMU's {machine}");
-    let firmware = build(board, build_dir, options)?;
+    let firmware = build_by_name(name, build_dir, board.build)?;
     let [uart, qmp] = free_ports()?;
     let mut command = emulator::command();
     command
@@ -106,10 +146,30 @@ fn run_emulated(build_dir: &Path, python: &Path, name: &str, machine: &str, opti
         .stdout(Stdio::piped());
     // Ended when dropped, also if the test fails.
     let (_emulator, _output) = emulator::start(&mut command)?;
+    test(python, uart, qmp, board.test)
+}
+
+/// Runs a board in rp2040js, under pymavlink: a start for each of its links.
+fn run_in_rp2040js(build_dir: &Path, python: &Path, program: &Path, name: &str) -> Result {
+    let firmware = build_by_name(name, build_dir, &[])?;
+    for is_usb in [false, true] {
+        let [uart, usb, control] = free_ports()?;
+        let (link, port) = if is_usb { ("USB", usb) } else { ("UART0", uart) };
+        println!("\nRunning examples/boards/{name} in rp2040js, by its {link}");
+        // Ended when dropped, also if the test fails.
+        let _emulator = rp2040js::start(program, &firmware, [uart, usb, control])?;
+        test(python, port, control, if is_usb { &["--rp2040js", "--usb"] } else { &["--rp2040js"] })?;
+    }
+    Ok(())
+}
+
+/// Runs the acceptance test with these ports of the link and of the emulator's control.
+fn test(python: &Path, link: u16, control: u16, options: &[&str]) -> Result {
     let began = Instant::now();
     let mut test = Command::new(python);
     test.arg(root().join(TEST))
-        .args(["--port", &uart.to_string(), "--qmp-port", &qmp.to_string()])
+        .args(["--port", &link.to_string(), "--qmp-port", &control.to_string()])
+        .args(options)
         .env("PYTHONDONTWRITEBYTECODE", "1")
         .env("PYTHONPATH", root().join(python::CLIENTS))
         .env("MAVLINK20", "1")
@@ -119,11 +179,11 @@ fn run_emulated(build_dir: &Path, python: &Path, name: &str, machine: &str, opti
     Ok(())
 }
 
-/// Two free TCP ports.
-fn free_ports() -> Result<[u16; 2]> {
-    // Both are held until both are known.
-    let listeners: Vec<_> = (0..2).map(|_| TcpListener::bind((Ipv4Addr::LOCALHOST, 0))).collect();
-    let mut ports = [0; 2];
+/// Free TCP ports.
+fn free_ports<const N: usize>() -> Result<[u16; N]> {
+    // All are held until all are known.
+    let listeners: Vec<_> = (0..N).map(|_| TcpListener::bind((Ipv4Addr::LOCALHOST, 0))).collect();
+    let mut ports = [0; N];
     for (port, listener) in ports.iter_mut().zip(listeners) {
         let address = listener.and_then(|listener| listener.local_addr());
         *port = address.map_err(|error| format!("no free port: {error}"))?.port();

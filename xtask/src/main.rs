@@ -16,6 +16,7 @@ mod log;
 mod pictures;
 mod publish;
 mod qemu;
+mod rp2040js;
 mod trace;
 mod ulog;
 
@@ -113,7 +114,8 @@ struct Qemu {
 /// Checks the load address of each, and prints its size.
 #[derive(Args)]
 struct Boards {
-    /// Also run the firmwares of the micro:bit and the STM32F405 in QEMU, under pymavlink.
+    /// Also run the firmwares of the micro:bit, the STM32F405 and the STM32F100 in QEMU, and those of the RP2040 in rp2040js, under
+    /// pymavlink.
     #[arg(long)]
     run: bool,
 }
@@ -228,6 +230,7 @@ fn resolve(address: &str) -> Result<SocketAddr, String> {
 fn setup() -> system::Result {
     toolchain::prepare(None, &toolchain::TARGETS)?;
     emulator::prepare()?;
+    rp2040js::prepare()?;
     python::environment()?;
     fuzz::prepare()
 }

@@ -1,4 +1,4 @@
-//! The emulator, QEMU: starting it, reading its output, ending it.
+//! The emulator, QEMU or another: starting it, reading its output, ending it.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, ChildStdout, Command, ExitStatus};
@@ -21,15 +21,20 @@ pub fn prepare() -> Result {
     apt_install("the emulator QEMU", &[QEMU], elsewhere)
 }
 
-/// Returns the emulator's command. On Linux the emulator also ends when this program is killed.
+/// Returns QEMU's command, as [`command_of`] does.
 pub fn command() -> Command {
+    command_of(QEMU)
+}
+
+/// Returns the command of an emulator. On Linux the emulator also ends when this program is killed.
+pub fn command_of(program: &str) -> Command {
     let dies_with_us = ["--pdeathsig", "KILL"];
     let mut command = if succeeds("setpriv", &[&dies_with_us[..], &["true"]].concat()) {
         let mut command = Command::new("setpriv");
-        command.args(dies_with_us).arg(QEMU);
+        command.args(dies_with_us).arg(program);
         command
     } else {
-        Command::new(QEMU)
+        Command::new(program)
     };
     // Ctrl-C on the terminal must reach this program only, or the emulator would seem to end by itself.
     #[cfg(unix)]
@@ -64,7 +69,7 @@ impl Emulator {
 
 /// Starts the emulator by its `command`. Returns it with its output, which must be piped.
 pub fn start(command: &mut Command) -> Result<(Emulator, ChildStdout)> {
-    let mut child = command.spawn().map_err(|error| format!("{QEMU} could not be started: {error}"))?;
+    let mut child = command.spawn().map_err(|error| format!("the emulator could not be started: {error}"))?;
     let output = child.stdout.take();
     let emulator = Emulator(child);
     output.map(|output| (emulator, output)).ok_or_else(|| "the emulator has no output".to_owned())

@@ -7,8 +7,7 @@
 //! | battery, attitude, position, home | `Telemetry`, by the types of `mavstack::telemetry` |
 //! | "ready": the pre-arm check | `Rover::sys_status` |
 //! | a mission | `Plans`; a board with a driver for its flash stores it, with the parameters |
-//!
-//! It drives only while it is armed, in the mode Mission, and a ground station is alive: the failsafe is in `Rover::drive`.
+//! | a failsafe | `Rover::drive`: it drives only while it is armed, in the mode Mission, and a ground station is alive |
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -31,14 +30,14 @@ pub const CONFIG: Config = Config {
     ..Config::new(Address::new(1, 1), &PULSE)
 };
 
-/// The longest mission.
-pub const MISSION_ITEMS: usize = if cfg!(feature = "small") { 40 } else { 100 };
+/// The number of links: your board has one, or two.
+pub const LINKS: usize = if cfg!(feature = "two-links") { 2 } else { 1 };
 
 stack! {
-    /// A stack with one link. An item of the mission takes 32 bytes, and uploads need a second copy.
+    /// An item of the mission takes 32 bytes, and uploads need a second copy.
     pub struct Mavlink for Rover {
-        links: 1,
-        plans: { mission: MISSION_ITEMS },
+        links: LINKS,
+        plans: { mission: if cfg!(feature = "small") { 40 } else { 100 } },
         parameters: Tuning,
         streams,
         modes,
@@ -104,10 +103,9 @@ impl Default for Rover {
 
 impl Rover {
     /// Runs one pass of the driving loop, and ticks the pulse.
-    pub fn drive(&mut self, now: Instant, stack: &mut Stack<Mavlink, 1>) {
+    pub fn drive(&mut self, now: Instant, stack: &mut Stack<Mavlink, LINKS>) {
         let tuning = stack.parameters();
         self.is_battery_low = self.battery.voltage < tuning.get(Tuning::BAT_V_LOW);
-        // `has_controller` asks for one station, by its system id.
         let is_lost = self.armed && tuning.get(Tuning::FS_GCS_ENABLE) == 1 && !stack.has_ground_station();
         if is_lost && !self.is_station_lost {
             self.mode = HOLD;
@@ -120,13 +118,13 @@ impl Rover {
     }
 
     /// Returns the item of the mission to drive to; `None` if the rover is to stand still.
-    pub fn target<'a>(&self, stack: &'a Stack<Mavlink, 1>) -> Option<&'a Item> {
+    pub fn target<'a>(&self, stack: &'a Stack<Mavlink, LINKS>) -> Option<&'a Item> {
         let is_driving = self.armed && self.mode == MISSION && !self.is_station_lost;
         stack.mission().items().get(usize::from(self.current)).filter(|_| is_driving)
     }
 
     /// Reports that the current item is reached, and goes on to the next. After the last one the rover holds.
-    pub fn reached(&mut self, now: Instant, stack: &mut Stack<Mavlink, 1>) {
+    pub fn reached(&mut self, now: Instant, stack: &mut Stack<Mavlink, LINKS>) {
         stack.mission_item_reached(now, self.current);
         if usize::from(self.current) + 1 < stack.mission().items().len() {
             self.current += 1;
@@ -236,7 +234,6 @@ impl Telemetry for Rover {
         let now = out.now();
         match id {
             SysStatus::ID => out.put(&self.sys_status()),
-            // The rover has one battery.
             BatteryStatus::ID => out.index() == 0 && out.put(&self.battery.battery_status()),
             Attitude::ID => out.put(&self.motion.attitude(now)),
             GlobalPositionInt::ID => self.motion.global_position_int(now).is_some_and(|position| out.put(&position)),

@@ -1,21 +1,41 @@
-//! A rover on a Raspberry Pi Pico. Telemetry is on UART0, GP0 (TX) and GP1 (RX), at 57,600 bit/s.
+//! A rover on a Raspberry Pi Pico, with two links: UART0, GP0 (TX) and GP1 (RX), at 57,600 bit/s, and the USB, as a serial port (CDC).
 //!
 //! `rp2040-hal` implements the traits that the stack needs, so the UART is passed to the stack directly. Its FIFO holds 32 bytes.
-//! At 5,760 bytes per second the loop must run at least every 5 ms. This loop never sleeps.
+//! At 5,760 bytes per second the loop must run at least every 5 ms. The port of `usbd-serial` is passed by `io::Io06`.
+//!
+//! The loop runs every millisecond, and when something happens on the USB. In between the processor sleeps. Interrupts stay masked:
+//! they only wake it.
+//!
+//! The mission and the parameters are stored in the last 64 KiB of the flash, while the rover is disarmed. An erase stops the
+//! processor for 45 ms typically, and 400 ms at most. Received bytes beyond the UART's FIFO are lost meanwhile.
+//!
+//! `cargo xtask boards --run` runs this firmware in rp2040js, unchanged.
 #![no_std]
 #![no_main]
 #![deny(unsafe_code)]
 
-use mavstack::{Instant, LinkConfig, LinkId};
+mod flash;
+
+use cortex_m::peripheral::NVIC;
+use mavstack::config::PollBudget;
+use mavstack::io::Io06;
+use mavstack::storage::Store;
+use mavstack::{Config, Duration, Instant, LinkConfig, LinkId};
 use mavstack_rover::{CONFIG, Mavlink, Rover};
 // Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
 use panic_halt as _;
 use rp2040_hal::clocks::init_clocks_and_plls;
-use rp2040_hal::fugit::RateExtU32;
+use rp2040_hal::fugit::{ExtU32, RateExtU32};
 use rp2040_hal::gpio::Pins;
+use rp2040_hal::pac::{self, Interrupt};
+use rp2040_hal::timer::Alarm;
 use rp2040_hal::uart::{DataBits, StopBits, UartConfig, UartPeripheral};
-use rp2040_hal::{Clock, Sio, Timer, Watchdog, pac};
+use rp2040_hal::usb::UsbBus;
+use rp2040_hal::{Clock, Sio, Timer, Watchdog};
 use static_cell::ConstStaticCell;
+use usb_device::bus::UsbBusAllocator;
+use usb_device::device::{StringDescriptors, UsbDeviceBuilder, UsbDeviceState, UsbVidPid};
+use usbd_serial::{SerialPort, USB_CLASS_CDC};
 
 /// The second-stage boot loader for the Pico's flash chip. The boot ROM expects it at a fixed address: see `memory.x`.
 #[allow(unsafe_code, reason = "a section that contains nothing else")]
@@ -26,6 +46,14 @@ static BOOT2: [u8; 256] = rp2040_boot2::BOOT_LOADER_W25Q080;
 const CRYSTAL_HZ: u32 = 12_000_000;
 const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
+const USB: LinkId = LinkId(1);
+/// USB has no baud rate. It takes what it can carry, and holds back the rest.
+const LINKS: [LinkConfig; 2] = [LinkConfig::uart(BAUD), LinkConfig::unlimited()];
+
+const PERIOD_MS: u32 = 1;
+/// All bytes that USB full speed carries in a period.
+const BUDGET: PollBudget = PollBudget::for_line(12_000_000, Duration::from_millis(PERIOD_MS as u64));
+const _: () = assert!(Store::<flash::Sectors>::region_len::<Mavlink>() <= flash::REGION.end - flash::REGION.start);
 
 /// Static because it is too large for the call stack. It is all zero bits until it is begun, so it takes no flash.
 static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
@@ -54,16 +82,62 @@ fn main() -> ! {
         .expect("the baud rate is supported");
 
     // A 64-bit counter of microseconds since reset, as the stack needs it.
-    let timer = Timer::new(chip.TIMER, &mut chip.RESETS, &clocks);
+    let mut timer = Timer::new(chip.TIMER, &mut chip.RESETS, &clocks);
+    let mut alarm = timer.alarm_0().expect("an alarm is taken once");
+
+    // The USB. The ids are those of usb-device for tests; your product needs its own.
+    let bus = UsbBus::new(chip.USBCTRL_REGS, chip.USBCTRL_DPRAM, clocks.usb_clock, true, &mut chip.RESETS);
+    let bus = UsbBusAllocator::new(bus);
+    let mut port = Io06::new(SerialPort::new(&bus));
+    let names = StringDescriptors::default().manufacturer("mavstack").product("Rover").serial_number("1");
+    let mut usb = UsbDeviceBuilder::new(&bus, UsbVidPid(0x16C0, 0x27DD))
+        .strings(&[names])
+        .expect("strings in one language")
+        .device_class(USB_CLASS_CDC)
+        .max_packet_size_0(64)
+        .expect("64 is a valid size")
+        .build();
+    let mut was_configured = false;
+
+    alarm.enable_interrupt();
+    cortex_m::interrupt::disable();
+    // SAFETY: interrupts are masked, so no handler runs.
+    #[allow(unsafe_code, reason = "interrupts are unmasked, to wake the processor")]
+    unsafe {
+        NVIC::unmask(Interrupt::TIMER_IRQ_0);
+        NVIC::unmask(Interrupt::USBCTRL_IRQ);
+    };
 
     let mut rover = Rover::default();
     let stack = STACK.take();
-    stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
+    stack.begin(Config { budget: BUDGET, ..CONFIG }, LINKS);
+    let mut store = Store::new(flash::Sectors::new(chip.XIP_SSI), flash::REGION);
+    let now = |timer: &Timer| Instant::from_micros(timer.get_counter().ticks());
+    rover.is_restored = stack.restore(now(&timer), &mut store, &mut rover).is_ok();
     loop {
-        let now = Instant::from_micros(timer.get_counter().ticks());
+        let _ = alarm.schedule(PERIOD_MS.millis());
+        let now = now(&timer);
         rover.drive(now, stack);
         stack.poll(now, &mut rover);
         // Errors, such as overruns, are counted in `stack.link_counters(TELEM)`. The link continues.
         let _ = stack.poll_link(now, TELEM, &mut uart, &mut rover);
+
+        usb.poll(&mut [port.get_mut()]);
+        let is_configured = usb.state() == UsbDeviceState::Configured;
+        if is_configured {
+            if !was_configured {
+                // A reset of the bus has emptied the port's buffers.
+                stack.restart_link(USB);
+            }
+            let _ = stack.poll_link(now, USB, &mut port, &mut rover);
+        }
+        was_configured = is_configured;
+
+        stack.persist(now, &mut store, &mut rover);
+        cortex_m::asm::wfi();
+        alarm.clear_interrupt();
+        NVIC::unpend(Interrupt::TIMER_IRQ_0);
+        // While the USB has something to do, it raises its interrupt again.
+        NVIC::unpend(Interrupt::USBCTRL_IRQ);
     }
 }

@@ -1,0 +1,141 @@
+//! The futures of a rover on a board with Embassy. All share the stack in one task: the driving loop, and for each link an end in each
+//! direction. A `RefCell` suffices, because none of them holds a borrow over an `await`.
+//!
+//! The board has the transports, and decides what happens when one fails.
+#![no_std]
+#![forbid(unsafe_code)]
+
+use core::cell::RefCell;
+
+use embassy_futures::join::join;
+use embassy_futures::select::select;
+use embassy_sync::blocking_mutex::raw::NoopRawMutex;
+use embassy_sync::signal::Signal;
+use embassy_time::{Duration, Ticker, Timer, with_timeout};
+use embedded_io_async::{Read, Write};
+use embedded_storage::nor_flash::NorFlash;
+use mavstack::io::{AsyncReceiver, AsyncTransmitter};
+use mavstack::network::LinkError;
+use mavstack::storage::Store;
+use mavstack::{Instant, LinkId};
+use mavstack_rover::{LINKS, Mavlink, Rover};
+
+/// Period of the driving loop. Received bytes wait no longer than that.
+pub const PERIOD: Duration = Duration::from_millis(4);
+
+/// Several times as long as a buffer takes on a line.
+const TIMEOUT: Duration = Duration::from_millis(100);
+
+/// The time since boot, as the stack needs it.
+pub fn now() -> Instant {
+    Instant::from_micros(embassy_time::Instant::now().as_micros())
+}
+
+/// What the futures share.
+pub struct Shared {
+    vehicle: RefCell<(&'static mut Mavlink, Rover)>,
+    /// For each link, signals that there may be something to send.
+    wakes: [Signal<NoopRawMutex, ()>; LINKS],
+}
+
+impl Shared {
+    /// Returns what the futures share. The stack is begun, and its storage restored.
+    pub fn new(stack: &'static mut Mavlink, rover: Rover) -> Self {
+        Self { vehicle: RefCell::new((stack, rover)), wakes: [const { Signal::new() }; LINKS] }
+    }
+
+    fn wake(&self) {
+        self.wakes.iter().for_each(|wake| wake.signal(()));
+    }
+
+    /// The driving loop, which also stores what has changed.
+    pub async fn drive<F: NorFlash>(&self, mut store: Store<F>) -> ! {
+        let mut pass = Ticker::every(PERIOD);
+        loop {
+            {
+                let (stack, rover) = &mut *self.vehicle.borrow_mut();
+                rover.drive(now(), stack);
+                stack.persist(now(), &mut store, rover);
+            }
+            // The rover's state may have changed.
+            self.wake();
+            pass.next().await;
+        }
+    }
+
+    /// Waits for bytes, and handles them. Call it in a loop.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the transport failed. It is counted in `stack.link_counters(link)`.
+    pub async fn receive<R: Read>(
+        &self,
+        link: LinkId,
+        receiver: &mut AsyncReceiver<'_, R>,
+    ) -> Result<(), LinkError<R::Error>> {
+        receiver.wait().await;
+        let result = {
+            let (stack, rover) = &mut *self.vehicle.borrow_mut();
+            stack.receive_from(now(), link, receiver, rover)
+        };
+        // Answers are pending, perhaps on both links.
+        self.wake();
+        result.map(|_| ())
+    }
+
+    /// Sends what is pending, or waits until something is. Call it in a loop.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the transport failed. It is counted in `stack.link_counters(link)`.
+    pub async fn transmit<W: Write>(
+        &self,
+        link: LinkId,
+        transmitter: &mut AsyncTransmitter<'_, W>,
+    ) -> Result<(), LinkError<W::Error>> {
+        let (has_bytes, deadline) = {
+            let (stack, rover) = &mut *self.vehicle.borrow_mut();
+            let now = now();
+            stack.poll(now, rover);
+            let has_bytes = stack.transmit_to(now, link, transmitter, rover);
+            (has_bytes, stack.link_deadline(now, link))
+        };
+        if has_bytes? {
+            // The HAL may miss a wake-up, and a host may stop reading. Nothing is lost: the transmitter continues where it was.
+            let _ = with_timeout(TIMEOUT, transmitter.send()).await;
+        } else if let Some(wake) = self.wakes.get(usize::from(link.0)) {
+            let next = Timer::at(embassy_time::Instant::from_micros(deadline.as_micros()));
+            select(wake.wait(), next).await;
+        }
+        Ok(())
+    }
+
+    /// The two ends of a UART, which continues after an error.
+    pub async fn uart<const N: usize, R: Read, W: Write>(&self, link: LinkId, (rx, tx): (R, W)) -> ! {
+        let (mut received, mut to_send) = ([0; 32], [0; N]);
+        let mut receiver = AsyncReceiver::new(rx, &mut received);
+        let mut transmitter = AsyncTransmitter::new(tx, &mut to_send);
+        let receive = async {
+            loop {
+                let _ = self.receive(link, &mut receiver).await;
+            }
+        };
+        let transmit = async {
+            loop {
+                let _ = self.transmit(link, &mut transmitter).await;
+            }
+        };
+        join(receive, transmit).await.0
+    }
+
+    /// The two ends of a transport that was opened, until it is closed: until one of them fails.
+    pub async fn until_closed<const N: usize, R: Read, W: Write>(&self, link: LinkId, (rx, tx): (R, W)) {
+        self.vehicle.borrow_mut().0.restart_link(link);
+        let (mut received, mut to_send) = ([0; 128], [0; N]);
+        let mut receiver = AsyncReceiver::new(rx, &mut received);
+        let mut transmitter = AsyncTransmitter::new(tx, &mut to_send);
+        let receive = async { while self.receive(link, &mut receiver).await.is_ok() {} };
+        let transmit = async { while self.transmit(link, &mut transmitter).await.is_ok() {} };
+        select(receive, transmit).await;
+    }
+}
