@@ -39,8 +39,8 @@ use crate::service::param::ParamMemory;
 use crate::service::{Cx, Shared, SigningGate, View, increment};
 use crate::time::Instant;
 use crate::types::{
-    Allowance, Component, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PeerEvent, PlanMemory, StatusTexts,
-    Values, Vehicle, VehicleAddress,
+    Allowance, Component, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PlanMemory, StatusTexts, Values,
+    Vehicle, VehicleAddress,
 };
 
 /// The vehicle's side of MAVLink for the declaration `D`, on `LINKS` links. A struct made by [`stack!`](crate::stack)
@@ -615,11 +615,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         if let Some(own_frame) = own_frame
             && is_conflict(links, link, own_frame)
         {
-            let (vehicle, mut context) = cx.hook();
-            vehicle.peer(&mut context, PeerEvent::AddressConflict(link));
-            if D::HAS_TEXTS {
-                receive::report_conflict(&mut cx);
-            }
+            receive::report_conflict(&mut cx, link);
         }
     }
 }

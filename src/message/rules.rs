@@ -116,16 +116,17 @@ impl ParamRule {
 pub(crate) struct Value {
     /// NaN when it is not given.
     pub float: f32,
-    /// What came as an integer, which may be no float.
-    exact: Option<i32>,
+    /// What came as an integer, which may be no float; `i32::MAX` if it came as a float. Not an `Option`: seven of these are on the call
+    /// stack of a hook that decodes a command.
+    exact: i32,
 }
 
 impl Value {
     /// Not given.
-    pub const NONE: Self = Self { float: f32::NAN, exact: None };
+    pub const NONE: Self = Self { float: f32::NAN, exact: i32::MAX };
 
     pub fn of_float(float: f32) -> Self {
-        Self { float, exact: None }
+        Self { float, exact: i32::MAX }
     }
 
     /// One that was scaled like degrees.
@@ -135,12 +136,12 @@ impl Value {
 
     /// `i32::MAX` is "not given" (C-7).
     pub fn of_integer(integer: i32) -> Self {
-        Self { float: num::from_i32(integer), exact: Some(integer).filter(|integer| *integer != i32::MAX) }
+        Self { float: num::from_i32(integer), exact: integer }
     }
 
     /// The integer that it is.
     pub fn integer(self) -> Option<i32> {
-        self.exact.or_else(|| num::integer(self.float))
+        if self.exact == i32::MAX { num::integer(self.float) } else { Some(self.exact) }
     }
 }
 

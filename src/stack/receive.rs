@@ -13,7 +13,7 @@ use crate::service::{
     ControlGate, Cx, ForwardingGate, Handled, OwnCommands, Received, Request, SigningGate, Verdict, increment,
 };
 use crate::time::Instant;
-use crate::types::{Allowance, Answer, Context, MAX_TEXT_LEN, Peer, Values, Vehicle};
+use crate::types::{Allowance, Answer, Context, LinkId, MAX_TEXT_LEN, Peer, PeerEvent, Values, Vehicle};
 
 /// The sequence number and the low checksum byte of a received frame with our own address.
 pub(super) type OwnFrame = [u8; 2];
@@ -36,7 +36,8 @@ impl<D: Declares> Services<D> {
             allowance.handle();
             allowance.spend(self.signing.cost(frame));
             let id = frame.id();
-            let (copied, is_served) = self.learn(cx, port, state, frame, &mut own_frame);
+            let is_accepted = self.accepts(cx, port, state, frame);
+            let (copied, is_served) = self.learn(cx, port, frame, is_accepted, &mut own_frame);
             allowance.spend(copied);
             if is_served
                 && let Some(target) = filter(cx, port, frame)
@@ -59,6 +60,12 @@ impl<D: Declares> Services<D> {
         decoder.next_vouched(cx.now, messages, &mut allowance.work, is_known, vouches)
     }
 
+    /// Whether signing accepts a frame of others. Not inlined: a signature takes much of the call stack.
+    #[inline(never)]
+    fn accepts(&mut self, cx: &Cx<'_, D>, port: &mut Port, state: &mut States<D>, frame: &Frame<'_>) -> bool {
+        !is_ours(cx, frame.source()) && self.signing.admits(cx.now, port, &mut state.signing, frame)
+    }
+
     /// Learns from a received frame, and forwards it. Returns the cost of forwarding, in cost units, and whether the
     /// services get the frame. Not inlined, and separate from the services, which need the stack space themselves.
     #[inline(never)]
@@ -66,14 +73,14 @@ impl<D: Declares> Services<D> {
         &mut self,
         cx: &mut Cx<'_, D>,
         port: &mut Port,
-        state: &mut States<D>,
         frame: &Frame<'_>,
+        is_accepted: bool,
         own_frame: &mut Option<OwnFrame>,
     ) -> (u32, bool) {
         let own = cx.shared.config.address.get();
         // Neither used nor forwarded (S-15, R-8).
         let source = frame.source();
-        if source.system == own.system && (source.component == own.component || D::is_component(source.component)) {
+        if is_ours(cx, source) {
             increment(&mut port.counters.own_address);
             if source == own && frame.is_checked() && self.signing.believes_unsigned(port, frame.id()) {
                 let header = frame.header();
@@ -84,7 +91,6 @@ impl<D: Declares> Services<D> {
         }
         let from = Peer { address: frame.source(), link: port.id };
         // A refused frame may be forwarded to links that verify signatures themselves; it has no other effect.
-        let is_accepted = self.signing.admits(cx.now, port, &mut state.signing, frame);
         let passage = self.forwarding.examine(cx, port, frame, is_accepted);
         let has_key = self.signing.has_key();
         if !is_accepted {
@@ -268,9 +274,21 @@ fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Op
     Some(target)
 }
 
-/// Reports that another vehicle has our address (H-14). Not inlined, because it is rare.
+/// Whether an address is that of one of the firmware's components.
+fn is_ours<D: Declares>(cx: &Cx<'_, D>, source: Address) -> bool {
+    let own = cx.shared.config.address.get();
+    source.system == own.system && (source.component == own.component || D::is_component(source.component))
+}
+
+/// Reports that another vehicle on this link has our address (H-14). Not inlined, because it is rare, and its context would be on the
+/// call stack below every service.
 #[inline(never)]
-pub(super) fn report_conflict<D: Declares>(cx: &mut Cx<'_, D>) {
+pub(super) fn report_conflict<D: Declares>(cx: &mut Cx<'_, D>, link: LinkId) {
+    let (vehicle, mut context) = cx.hook();
+    vehicle.peer(&mut context, PeerEvent::AddressConflict(link));
+    if !D::HAS_TEXTS {
+        return;
+    }
     let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
     text.push_str("Another vehicle has system id ");
     text.push_number(u32::from(cx.shared.config.address.get().system.0));

@@ -148,10 +148,12 @@ impl Loading {
     /// Takes the row of an item. Returns false if there is no plan for it.
     fn item<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, row: &Row) -> bool {
         let Some((plan, ..)) = self.plan() else { return false };
-        if self.fault == NO_FAULT
-            && let Err(fault) = Missions::stage_item(cx, vehicle, plan, &mut self.digest, item_of(row))
-        {
-            self.fault = fault;
+        if self.fault == NO_FAULT {
+            let item = item_of(row);
+            self.digest.add(&item);
+            if let Err(fault) = Missions::stage_item(cx, vehicle, plan, item) {
+                self.fault = fault;
+            }
         }
         self.items = self.items.saturating_add(1);
         true

@@ -62,8 +62,12 @@ impl Command {
     pub fn decode_by<T: TypedCommand>(&self, rule: &CommandRule) -> Result<T, MavResult> {
         let mut params = CommandParams::NEW;
         self.read(&mut params, rule)?;
-        let command = T::take(&mut params);
-        if params.failed == 0 { Ok(command) } else { Err(MavResult::DENIED) }
+        // In place: a second copy would be on the call stack of the hook.
+        let mut command = Ok(T::take(&mut params));
+        if params.failed != 0 {
+            command = Err(MavResult::DENIED);
+        }
+        command
     }
 
     // In place, so that nothing is copied; not inlined, so that all commands share it.

@@ -189,8 +189,10 @@ impl Quadrotor {
     }
 
     fn global_position_int(&self, now: Instant) -> Option<GlobalPositionInt> {
-        let position = self.global_position().map(LatLon::from);
-        Motion { position, ..self.motion() }.global_position_int(now)
+        // In place: it is large.
+        let mut motion = self.motion();
+        motion.position = self.global_position().map(LatLon::from);
+        motion.global_position_int(now)
     }
 
     fn attitude_quaternion(&self, now: Instant) -> AttitudeQuaternion {

@@ -142,6 +142,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 Open::Nothing => Err(MavFtpErr::INVALIDSESSION.into()),
             },
             MavFtpOpcode::WRITEFILE => self.write(place, &request),
+            // Not by `on_path`, whose frame would be on the call stack too.
+            _ if opens => self.open(place, &request),
             _ => self.on_path(place, &request),
         };
         let (is_refused, value) = match outcome {
@@ -165,18 +167,14 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         Handled::Yes
     }
 
-    /// Handles a request with a path.
+    /// Handles a request with a path, except those that open a file.
     #[inline(never)]
     fn on_path(&mut self, place: usize, request: &Request<'_>) -> Outcome {
         let Some(path) = path::of(request.data) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
-        let digest = request.digest;
         let change = match request.head.opcode {
             MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME => {
                 return directory::<F, V>(self.cx, path);
             }
-            MavFtpOpcode::OPENFILERO => return self.open(place, FileAccess::Read, path, digest),
-            MavFtpOpcode::OPENFILEWO => return self.open(place, FileAccess::Write, path, digest),
-            MavFtpOpcode::CREATEFILE => return self.open(place, FileAccess::Create, path, digest),
             MavFtpOpcode::CALCFILECRC => {
                 if self.work.is_running() {
                     return Err(Stop::DROPPED);
@@ -218,7 +216,13 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
 
     /// Opens a file in a session (F-6).
     #[inline(never)]
-    fn open(&mut self, place: usize, access: FileAccess, path: &[u8], digest: u32) -> Outcome {
+    fn open(&mut self, place: usize, request: &Request<'_>) -> Outcome {
+        let Some(path) = path::of(request.data) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
+        let access = match request.head.opcode {
+            MavFtpOpcode::OPENFILERO => FileAccess::Read,
+            MavFtpOpcode::OPENFILEWO => FileAccess::Write,
+            _ => FileAccess::Create,
+        };
         // A client that opens another file does not close the one before, or its request to do so was lost.
         self.close(place);
         let mut not_open = 0usize;
@@ -249,7 +253,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         }
         increment(&mut self.status.counters.opened);
         if let Some(session) = self.sessions.get_mut(place) {
-            (session.open, session.opened_by, session.size) = (opened, digest, size);
+            (session.open, session.opened_by, session.size) = (opened, request.digest, size);
             session.forget_answers();
         }
         match opened {

@@ -255,7 +255,10 @@ impl Missions {
         cx.plans.staging.clear();
         let mut digest = Digest::new();
         let mut items = items;
-        let staged = items.try_for_each(|item| Self::stage_item(cx, vehicle, plan, &mut digest, item));
+        let staged = items.try_for_each(|item| {
+            digest.add(&item);
+            Self::stage_item(cx, vehicle, plan, item)
+        });
         let loaded = staged.and_then(|()| self.make_loaded(cx, vehicle, plan, None, digest));
         cx.plans.staging.clear();
         loaded
@@ -268,7 +271,6 @@ impl Missions {
         cx: &mut Work<'_, '_>,
         vehicle: &mut V,
         plan: PlanType,
-        digest: &mut Digest,
         item: Item,
     ) -> Result<(), PlanFault> {
         let seq = cx.plans.staged();
@@ -278,7 +280,6 @@ impl Missions {
         let checked = validate::check_item(plan, V::MISSION_COMMANDS, &item)
             .and_then(|()| vehicle.check_item(&mut cx.hook(), plan, seq, &item));
         checked.map_err(|result| PlanFault { seq: Some(seq), result })?;
-        digest.add(&item);
         let _ = cx.plans.staging.push(item);
         Ok(())
     }

@@ -29,7 +29,7 @@ use super::validate::{self, Problem};
 use super::{Caller, Missions, Plans, Replies, WithoutPlans, Work, work};
 use crate::dialect::{MavFtpErr, MavMissionResult, MissionItemInt};
 use crate::frame::Version;
-use crate::message::{Address, Digest, Item, Message, zero_extend};
+use crate::message::{Address, Item, Message, zero_extend};
 use crate::service::Cx;
 use crate::service::command::Commands;
 use crate::service::files::{Body, Entries, HasFiles, NoFile, Part, VirtualFile};
@@ -229,8 +229,7 @@ fn take<V: Plans>(
             upload.first = seq;
         }
         let item = Item::from_int(&message);
-        // The id is computed when all items are staged.
-        Missions::stage_item(cx, vehicle, plan, &mut Digest::new(), item).map_err(|fault| {
+        Missions::stage_item(cx, vehicle, plan, item).map_err(|fault| {
             let rule = validate::rule(plan, V::MISSION_COMMANDS, item.command);
             Problem::of_item(plan, seq, &item, rule, fault.result)
         })?;

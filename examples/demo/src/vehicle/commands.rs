@@ -206,10 +206,8 @@ impl Quadrotor {
 
     #[inline(never)]
     fn take_off(&mut self, cx: &mut Context<'_>, command: &Command) -> Result<MavResult, MavResult> {
-        let command = command.decode::<NavTakeoff>();
-        // By reference: it is large.
-        let command = command.as_ref().map_err(|result| *result)?;
-        let location = &command.location;
+        let NavTakeoff { location, yaw, .. } = command.decode()?;
+        let location = &location;
         // Some clients send 0 for the default altitude (C-8).
         let to = match location.altitude.filter(|&altitude| altitude != 0.0) {
             Some(altitude) => self.destination(location, location.frame.unwrap_or(ABOVE_HOME), Some(altitude)),
@@ -217,16 +215,14 @@ impl Quadrotor {
         };
         let to = to.map_err(|result| refuse(cx, result, "Takeoff refused: below ground"))?;
         let result = self.start(cx, Mode::Takeoff, Maneuver::Climb(to));
-        Ok(self.point(result, command.yaw.map(f32::to_radians)))
+        Ok(self.point(result, yaw.map(f32::to_radians)))
     }
 
     #[inline(never)]
     fn land(&mut self, cx: &mut Context<'_>, command: &Command) -> Result<MavResult, MavResult> {
-        let command = command.decode::<NavLand>();
-        // By reference: it is large.
-        let NavLand { location, yaw_angle, .. } = command.as_ref().map_err(|result| *result)?;
+        let NavLand { location, yaw_angle, .. } = command.decode()?;
         // The altitude is ignored: the vehicle descends until it touches the ground.
-        let to = self.destination(location, ABOVE_HOME, None)?;
+        let to = self.destination(&location, ABOVE_HOME, None)?;
         let result = self.start(cx, Mode::Land, Maneuver::Land(to));
         Ok(self.point(result, yaw_angle.map(f32::to_radians)))
     }

@@ -201,7 +201,10 @@ impl Bench {
             missions.set_loading(cx, true);
             let mut digest = Digest::new();
             let mut items = items.iter();
-            let staged = items.try_for_each(|item| Missions::stage_item(cx, vehicle, plan, &mut digest, *item));
+            let staged = items.try_for_each(|item| {
+                digest.add(item);
+                Missions::stage_item(cx, vehicle, plan, *item)
+            });
             let loaded = staged.and_then(|()| missions.make_loaded(cx, vehicle, plan, Some(expected), digest));
             missions.set_loading(cx, false);
             loaded
