@@ -251,6 +251,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         result
     }
 
+    /// Not inlined: its locals would be on the call stack below the services that handle received frames.
+    #[inline(never)]
     fn poll_write<U: Write + WriteReady>(
         &mut self,
         now: Instant,

@@ -98,6 +98,9 @@ impl Missions {
 
     /// Handles MISSION_SET_CURRENT. It has no acknowledgement: MISSION_CURRENT shows success and failure, and a text reports a
     /// failure (M-93).
+    ///
+    /// Not inlined, because it needs a context for a hook, which would be on the call stack below the other handlers.
+    #[inline(never)]
     pub(super) fn on_set_current<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, seq: u16) {
         let is_there = seq < cx.plans.count(PlanType::Mission);
         if is_there && vehicle.set_current(&mut cx.hook(), seq, false) == MavResult::ACCEPTED {

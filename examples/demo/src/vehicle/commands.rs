@@ -230,25 +230,22 @@ impl Quadrotor {
     /// MAV_CMD_DO_REPOSITION: flies to a position and holds there. Position, altitude and speed are optional.
     #[inline(never)]
     fn reposition(&mut self, cx: &mut Context<'_>, command: &Command) -> Result<MavResult, MavResult> {
-        let command = command.decode::<DoReposition>();
-        // By reference: it is large.
-        let command = command.as_ref().map_err(|result| *result)?;
-        let location = &command.location;
-        let to = self.destination(location, location.frame.unwrap_or(MavFrame::GLOBAL), location.altitude);
+        let DoReposition { speed, bitmask, yaw, location, .. } = command.decode()?;
+        let to = self.destination(&location, location.frame.unwrap_or(MavFrame::GLOBAL), location.altitude);
         let to = to.map_err(|result| refuse(cx, result, "Goto refused: below ground"))?;
         if self.armed && self.is_landed() {
             return Err(refuse(cx, MavResult::TEMPORARILY_REJECTED, "Goto refused: on the ground"));
         }
-        if self.mode != Mode::Hold && !command.bitmask.contains(MavDoRepositionFlags::CHANGE_MODE) {
+        if self.mode != Mode::Hold && !bitmask.contains(MavDoRepositionFlags::CHANGE_MODE) {
             return Err(refuse(cx, MavResult::TEMPORARILY_REJECTED, "Goto refused: not in Hold mode"));
         }
         let radius = cx.parameter(Tuning::NAV_ACC_RAD);
         let result = self.start(cx, Mode::Hold, Maneuver::Reach { to, radius });
         if result == MavResult::ACCEPTED {
             // 0 or less keeps the speed.
-            self.speed = command.speed.filter(|&speed| speed > 0.0).or(self.speed);
+            self.speed = speed.filter(|&speed| speed > 0.0).or(self.speed);
         }
-        Ok(self.point(result, command.yaw))
+        Ok(self.point(result, yaw))
     }
 
     /// MAV_CMD_DO_CHANGE_SPEED: sets the speed until landing or the next mission.
