@@ -22,7 +22,7 @@ type Position = u16;
 const IDLE: Duration = Duration::from_millis(20);
 
 /// The cost of examining a header: on a microcontroller it takes as long as the checksum of this many bytes.
-const HEADER_COST: u32 = 16;
+const HEADER_COST: u32 = 17;
 
 counters! {
     /// Counts of the frames that a decoder returned and of the candidates that it dropped. They wrap.
@@ -323,7 +323,7 @@ impl Decoder {
 
     /// Returns the next frame; `None` when it needs more bytes or more budget.
     ///
-    /// `budget` bounds the time of the call, in cost units: 16 for each header examined, 32 for one with an unknown id,
+    /// `budget` bounds the time of the call, in cost units: 17 for each header examined, 34 for one with an unknown id,
     /// and 1 for each byte of a checksum. The cost is subtracted from it. When it does not suffice, the next call
     /// continues at the same byte. Give at least [`MIN_BUDGET`](Self::MIN_BUDGET) per poll.
     ///

@@ -80,7 +80,7 @@ impl<D: Declares> Services<D> {
         let own = cx.shared.config.address.get();
         // Neither used nor forwarded (S-15, R-8).
         let source = frame.source();
-        if is_ours(cx, source) {
+        if !is_accepted && is_ours(cx, source) {
             increment(&mut port.counters.own_address);
             if source == own && frame.is_checked() && self.signing.believes_unsigned(port, frame.id()) {
                 let header = frame.header();
