@@ -3,6 +3,9 @@
 use core::sync::atomic::{AtomicU8, Ordering};
 
 use super::SerialError;
+use crate::stack::{Declares, Stack};
+use crate::time::Instant;
+use crate::types::LinkId;
 
 /// The number of bytes that are copied from the buffer at a time: on the call stack.
 const PIECE: usize = 64;
@@ -34,7 +37,7 @@ const PIECE: usize = 64;
 /// ) -> Result<(), SerialError> {
 ///     let laps = LAPS.load(Ordering::Acquire); // before the position
 ///     let position = BUFFER.len() - remaining(); // NDTR of an STM32
-///     reader.poll(&BUFFER, laps, position, |bytes| stack.receive(now, LinkId(0), bytes, vehicle))
+///     reader.poll(&BUFFER, laps, position, stack.receiver(now, LinkId(0), vehicle))
 /// }
 /// ```
 ///
@@ -98,9 +101,9 @@ impl CircularReader {
         self.overruns
     }
 
-    /// Passes the bytes that were written since the last poll to `receive`, which returns how many it took.
+    /// Passes the bytes that were written since the last poll to `receive`, at most 64 at a time. It returns how many it took.
     ///
-    /// The stack takes fewer when its budget is spent; the rest is passed again in the next poll. If there are no new
+    /// [`Stack::receiver`] takes fewer when its budget is spent; the rest is passed again in the next poll. If there are no new
     /// bytes, `receive` is called once with an empty slice, so that the stack handles its backlog.
     ///
     /// `position` is the DMA's write position in `buffer`, and `laps` counts its passes through the buffer. Read `laps`
@@ -160,6 +163,25 @@ impl CircularReader {
             self.position = self.position.saturating_add(taken);
             taken == bytes.len()
         })
+    }
+}
+
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns a closure that takes received bytes in several pieces, for [`CircularReader::poll`], and handles the frames in them.
+    /// It returns how many bytes it took.
+    ///
+    /// All pieces share the [budget](crate::Config::budget) of one poll: `rx_bytes`, `work` and `frames`. With
+    /// [`receive`](Self::receive), each piece would have a budget of its own (D-2).
+    pub fn receiver(&mut self, now: Instant, link: LinkId, vehicle: &mut D::Vehicle) -> impl FnMut(&[u8]) -> usize {
+        let budget = self.config().budget;
+        let mut allowance = budget.allowance();
+        let mut left = usize::try_from(budget.rx_bytes).unwrap_or(usize::MAX);
+        move |bytes| {
+            let bytes = bytes.get(..left).unwrap_or(bytes);
+            let taken = self.receive_within(now, link, bytes, vehicle, &mut allowance);
+            left = left.saturating_sub(taken);
+            taken
+        }
     }
 }
 

@@ -6,7 +6,7 @@
 //! |---|---|
 //! | `Read + Write + ReadReady + WriteReady` of `embedded-io` 0.7, and a FIFO for the bytes between two polls | the HAL's UART |
 //! | interrupts, in any form | a [`LoopEnd`] of [`SerialQueues`] |
-//! | circular DMA | the bytes from a [`CircularReader`]; or a [`LoopEnd`], with the DMA's interrupt filling [`SerialQueues`] |
+//! | circular DMA | the bytes from a [`CircularReader`], to [`Stack::receiver`](crate::Stack::receiver); or a [`LoopEnd`], with the DMA's interrupt filling [`SerialQueues`] |
 //! | the traits of `embedded-hal-nb` | `NbSerial`, feature `embedded-hal-nb` |
 //! | all four traits of `embedded-io` 0.6 | `Io06`, feature `embedded-io-06` |
 //! | `Read` and `Write` of `embedded-io-async`, in a task that awaits them | an `AsyncReceiver` and an `AsyncTransmitter`, feature `embedded-io-async` |

@@ -12,6 +12,9 @@ use crate::types::{Allowance, LinkId};
 /// The longest datagram that is received, in bytes: what fits an Ethernet frame over IPv4. A station may put several frames into one.
 pub const MAX_DATAGRAM_LEN: usize = 1_472;
 
+/// How long datagrams may exceed the budget before the surplus is dropped. A burst is handled completely within this time.
+const PATIENCE: Duration = Duration::from_millis(100);
+
 /// The cost of a received datagram besides its bytes: the headers of IPv4 and UDP, in bytes.
 const HEADERS_LEN: usize = 28;
 
@@ -38,6 +41,8 @@ pub trait DatagramSocket {
 struct Station<E> {
     endpoint: E,
     heard: Instant,
+    /// Whether the link has accepted a frame of it. Until then another sender may take its link, and it gets nothing.
+    is_accepted: bool,
 }
 
 /// The links of a UDP socket, and which station each belongs to. `E` is the [endpoint](DatagramSocket::Endpoint) of the socket.
@@ -95,9 +100,13 @@ struct Station<E> {
 ///
 /// # Stations
 ///
-/// The first datagram of a station takes a free link and [restarts](Stack::restart_link) it. From then on the link sends to
-/// the address and port of that station, one frame a datagram. After
-/// [`peer_timeout`](crate::Config::peer_timeout) without a datagram the link is free again.
+/// The first datagram of a sender takes a free link and [restarts](Stack::restart_link) it. When the link has accepted a frame of it,
+/// with a correct checksum and, if the link requires it, a signature, the sender is a station. From then on the link sends to
+/// its address and port, one frame a datagram. After [`peer_timeout`](crate::Config::peer_timeout) without a datagram the link
+/// is free again.
+///
+/// Until then nothing is sent to the sender, heartbeats are still broadcast, and if no link is free, the next new sender takes its
+/// link.
 ///
 /// With a link for each, stations share nothing: two copies of QGroundControl have the same ids, and still each transfer is
 /// answered on its own link. Stations hear each other if the stack declares `forwarding`.
@@ -105,9 +114,10 @@ struct Station<E> {
 /// | | |
 /// |---|---|
 /// | no station is known | the first link's HEARTBEATs are broadcast, nothing else |
-/// | a link is free | its other frames are discarded, so no text waits for a station that never comes |
-/// | all links are taken | datagrams of further stations are dropped, and [counted](Self::refused) |
+/// | a link has no station | its other frames are discarded, so no text waits for a station that never comes |
+/// | all links have stations | datagrams of further senders are dropped, and [counted](Self::refused) |
 /// | a datagram does not begin with a frame | it is dropped and counted; its sender takes no link |
+/// | a station sends more than the budget of its link | the surplus stays pending; after 100 ms it is dropped and counted, until the station sends less |
 ///
 /// Stream intervals belong to the link: the next station finds those that the last one has set.
 pub struct UdpLinks<E, const N: usize> {
@@ -120,6 +130,8 @@ pub struct UdpLinks<E, const N: usize> {
     begin: usize,
     end: usize,
     of: usize,
+    /// Since when datagrams have exceeded the budget in every poll.
+    behind: Option<Instant>,
 }
 
 impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
@@ -136,6 +148,7 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
             begin: 0,
             end: 0,
             of: 0,
+            behind: None,
         }
     }
 
@@ -147,8 +160,7 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
 
     /// Returns the stations, each with its link.
     pub fn stations(&self) -> impl Iterator<Item = (LinkId, E)> {
-        let stations = self.links.iter().zip(&self.stations);
-        stations.filter_map(|(link, station)| station.map(|station| (*link, station.endpoint)))
+        self.links.iter().enumerate().filter_map(|(index, link)| Some((*link, self.station(index)?)))
     }
 
     /// Returns the links of the socket.
@@ -156,7 +168,8 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
         &self.links
     }
 
-    /// Returns the number of datagrams that were dropped, because all links were taken or they did not begin with a frame. Wraps.
+    /// Returns the number of datagrams that were dropped, in whole or in part: all links had stations, it did not begin with a
+    /// frame, or its station sent more than the budget of its link for over 100 ms. Wraps.
     pub const fn refused(&self) -> u32 {
         self.refused
     }
@@ -170,27 +183,55 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
         }
     }
 
-    /// Assigns the received datagram to the station that sent it, or drops it. Returns the link if the station is new.
+    /// Assigns the received datagram to the link of its sender, or drops it. Returns the link if the sender is new.
     fn take(&mut self, now: Instant, len: usize, from: E) -> Option<LinkId> {
         (self.begin, self.end) = (0, 0);
         let known = self.stations.iter().position(|station| station.is_some_and(|station| station.endpoint == from));
         let is_frame = len > 0 && matches!(self.datagram, [STX_V1 | STX_V2, ..]);
         let free = || self.stations.iter().position(Option::is_none);
-        let index = known.or_else(free).filter(|_| is_frame && len <= MAX_DATAGRAM_LEN);
+        let index = known.or_else(free).or_else(|| self.replaceable()).filter(|_| is_frame && len <= MAX_DATAGRAM_LEN);
         let Some((of, station)) = index.and_then(|index| Some((index, self.stations.get_mut(index)?))) else {
-            self.refused = self.refused.wrapping_add(1);
+            self.count_refused();
             return None;
         };
-        *station = Some(Station { endpoint: from, heard: now });
+        let is_accepted = known.is_some() && station.is_some_and(|station| station.is_accepted);
+        *station = Some(Station { endpoint: from, heard: now, is_accepted });
         (self.of, self.end) = (of, len);
         if known.is_some() { None } else { self.links.get(of).copied() }
     }
 
+    /// Returns a link without a station. The sender of the last datagram loses its link last: its frame may wait for budget.
+    fn replaceable(&self) -> Option<usize> {
+        let next = self.of.saturating_add(1);
+        (next..N).chain(0..next).find(|index| self.station(*index).is_none())
+    }
+
+    /// Returns the station with this index; `None` if the link has none.
+    fn station(&self, index: usize) -> Option<E> {
+        self.stations.get(index)?.filter(|station| station.is_accepted).map(|station| station.endpoint)
+    }
+
+    /// Notes that the link with this index has accepted a frame of its sender.
+    fn accept(&mut self, index: usize) {
+        if let Some(Some(station)) = self.stations.get_mut(index) {
+            station.is_accepted = true;
+        }
+    }
+
+    const fn count_refused(&mut self) {
+        self.refused = self.refused.wrapping_add(1);
+    }
+
+    /// Whether datagrams have exceeded the budget for so long that the surplus is dropped.
+    fn is_flooded(&mut self, now: Instant) -> bool {
+        now.since(*self.behind.get_or_insert(now)) >= PATIENCE
+    }
+
     /// Returns where the station with this index gets `frame`; `None` if nobody gets it.
     fn destination(&self, index: usize, frame: &[u8]) -> Option<E> {
-        match self.stations.get(index)? {
-            Some(station) => Some(station.endpoint),
-            None if index == 0 && is_heartbeat(frame) && self.stations.iter().all(Option::is_none) => self.broadcast,
+        match self.station(index) {
+            Some(station) => Some(station),
+            None if index == 0 && is_heartbeat(frame) && self.stations().next().is_none() => self.broadcast,
             None => None,
         }
     }
@@ -227,7 +268,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Each datagram is answered before the next one is received, and none is received while the socket accepts none. Each link
     /// has the [budget](crate::Config::budget) of one `poll_link`. One call receives at most `rx_bytes` on all links, plus one
     /// datagram, and counts 28 bytes for the headers of each. Frames that exceed the budget of their link stay pending, in the
-    /// link and in the socket.
+    /// link and in the socket. If every call for 100 ms leaves some, a station floods: the surplus is dropped, so that other
+    /// stations are received.
     pub fn poll_udp<S: DatagramSocket, const N: usize>(
         &mut self,
         now: Instant,
@@ -239,8 +281,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let budget = self.config().budget;
         let mut left = [(); N].map(|()| Left { allowance: budget.allowance(), tx_bytes: length(budget.tx_bytes) });
         // Frames of earlier polls, which wait for budget or for silence.
-        for (link, left) in udp.links.into_iter().zip(&mut left) {
+        for (index, (link, left)) in udp.links.into_iter().zip(&mut left).enumerate() {
             self.receive_within(now, link, &[], vehicle, &mut left.allowance);
+            self.note_accepted(udp, index);
         }
         self.receive_datagrams(now, udp, socket, vehicle, &mut left);
         for (index, left) in left.iter_mut().enumerate() {
@@ -257,29 +300,59 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         left: &mut [Left; N],
     ) {
         let mut rx_bytes = length(self.config().budget.rx_bytes);
+        let mut is_behind = false;
         // The next requests need the memory for the answers to the last ones.
         while socket.is_ready() {
             if udp.begin >= udp.end {
                 if rx_bytes == 0 {
-                    return;
+                    break;
                 }
-                let Some((len, from)) = socket.receive(&mut udp.datagram) else { return };
+                let Some((len, from)) = socket.receive(&mut udp.datagram) else { break };
                 rx_bytes = rx_bytes.saturating_sub(len.saturating_add(HEADERS_LEN));
                 if let Some(link) = udp.take(now, len, from) {
                     self.restart_link(link);
                 }
             }
             let (index, rest) = (udp.of, udp.rest());
-            let (Some(&link), Some(left)) = (udp.links.get(index), left.get_mut(index)) else { return };
-            if !rest.is_empty() {
+            let (Some(&link), Some(left)) = (udp.links.get(index), left.get_mut(index)) else { break };
+            // A link that the stack lacks takes nothing: drop the datagram.
+            if rest.is_empty() || self.counters_mut(link).is_none() {
+                udp.begin = udp.end;
+                continue;
+            }
+            // The first frame of a new sender waits in the decoder, not here, where it would delay others.
+            if left.allowance.may_handle() || udp.station(index).is_none() {
                 let taken = self.receive_within(now, link, rest, vehicle, &mut left.allowance);
-                // A link that the stack lacks takes nothing: drop the datagram.
-                let exists = self.counters_mut(link).is_some();
-                udp.begin = if exists { udp.begin.saturating_add(taken) } else { udp.end };
-                if !self.send_datagrams(now, (udp, index), socket, vehicle, left) || udp.begin < udp.end {
-                    return;
+                udp.begin = udp.begin.saturating_add(taken);
+                self.note_accepted(udp, index);
+                if !self.send_datagrams(now, (udp, index), socket, vehicle, left) {
+                    // Its next requests wait until these are answered; those of other links do not.
+                    left.allowance.frames = 0;
                 }
             }
+            // A socket that accepts nothing is not the station's fault.
+            if udp.begin < udp.end && socket.is_ready() {
+                if udp.station(index).is_some() {
+                    is_behind = true;
+                    if !udp.is_flooded(now) {
+                        // No deadline says that a datagram is pending.
+                        self.poll_again();
+                        break;
+                    }
+                }
+                udp.count_refused();
+                udp.begin = udp.end;
+            }
+        }
+        if !is_behind {
+            udp.behind = None;
+        }
+    }
+
+    /// Makes the sender with this index a station if its link has accepted a frame.
+    fn note_accepted<E: Copy + PartialEq, const N: usize>(&self, udp: &mut UdpLinks<E, N>, index: usize) {
+        if udp.links.get(index).is_some_and(|link| self.has_accepted(*link)) {
+            udp.accept(index);
         }
     }
 

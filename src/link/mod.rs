@@ -99,6 +99,8 @@ pub struct Port {
     /// The number of frames with our address that are not echoes. At [`CONFLICT`](Self::CONFLICT) the vehicle reports a
     /// conflict (H-14).
     strangers: u8,
+    /// Whether a frame of a sender that the link's policy trusts was accepted since the link was restarted.
+    pub(crate) has_accepted: bool,
     /// What the services on the link tell each other.
     pub(crate) facts: LinkFacts,
     /// The state of the transport when it was last asked.
@@ -131,6 +133,7 @@ impl Link {
             bucket: Bucket::VACANT,
             counters: LinkCounters::ZERO,
             strangers: 0,
+            has_accepted: false,
             facts: LinkFacts::NONE,
             transport: Transport::Unknown,
             #[cfg(feature = "defmt")]

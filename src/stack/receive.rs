@@ -2,7 +2,7 @@
 //! decoder (D-2).
 
 use super::services::{Services, States};
-use super::{Declares, report};
+use super::{Declares, Stack, report};
 use crate::dialect::{MavCmd, MavResult, MavSeverity};
 use crate::frame::{Decoder, Frame};
 use crate::link::{Link, Port};
@@ -17,6 +17,18 @@ use crate::types::{Allowance, Answer, Context, LinkId, MAX_TEXT_LEN, Peer, PeerE
 
 /// The sequence number and the low checksum byte of a received frame with our own address.
 pub(super) type OwnFrame = [u8; 2];
+
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
+    /// Whether the link has accepted a frame since it was restarted: a checked one, signed if the link requires it.
+    pub(crate) fn has_accepted(&self, link: LinkId) -> bool {
+        self.links.get(usize::from(link.0)).is_some_and(|link| link.port.has_accepted)
+    }
+
+    /// Makes the next deadline the present: received bytes are pending outside the decoders.
+    pub(crate) const fn poll_again(&mut self) {
+        self.shared.has_acted = true;
+    }
+}
 
 impl<D: Declares> Services<D> {
     /// Handles the frames that the decoder finds. Returns the last frame with our own address, which may be an echo.
@@ -108,6 +120,7 @@ impl<D: Declares> Services<D> {
         }
         port.heard(frame.header().version);
         let is_verified = self.signing.knows_sender(port, frame);
+        port.has_accepted |= is_verified;
         let by = Reception { now: cx.now, link: port.id, class: port.config.class, is_verified };
         let booking = network::record(cx.peers, by, own.system, frame, report!(cx));
         match booking {

@@ -46,6 +46,13 @@ impl Watch {
         self.next += events;
     }
 
+    /// From now on, loses this part of the frames to the ground stations.
+    fn lose(&self, part: f64) {
+        for line in &self.site.lines {
+            line.set_down(|wire| wire.faults.frame_loss = part);
+        }
+    }
+
     /// Returns the numbers that each receiver has.
     fn numbers(&self) -> [Vec<u32>; 2] {
         let all = |receiver: &Receiver| {
@@ -89,20 +96,17 @@ fn last_event_is_recovered() {
     let mut watch = Watch::new(radio(0.0, 0.0), 1);
     watch.record(1);
     watch.run(1_000);
-    for line in &watch.site.lines {
-        line.set_down(|wire| wire.faults.frame_loss = 1.0);
-    }
+    watch.lose(1.0);
     watch.record(1);
     watch.run(200);
-    for line in &watch.site.lines {
-        line.set_down(|wire| wire.faults.frame_loss = 0.0);
-    }
+    watch.lose(0.0);
     assert_eq!(watch.numbers(), [vec![0], vec![0]]);
     watch.run(4_000);
     watch.check();
 }
 
-/// EVT-2: the sequence numbers wrap, with loss around the wrap.
+/// EVT-2, EVT-4: the sequence numbers wrap. All events from 65,533 to 3 are lost and sent again on request, while a fifth of all frames
+/// is lost.
 #[test]
 fn sequence_numbers_wrap() {
     let mut watch = Watch::new(LineConfig::default(), 1);
@@ -110,14 +114,36 @@ fn sequence_numbers_wrap() {
     watch.site = Site::of(Setup { links: [fast; 2], ..Setup::new() });
     watch.receivers = [Receiver::new(STATION), Receiver::new(OTHER_STATION)];
     watch.run(5);
-    while watch.next < 70_000 {
-        watch.record(7);
-        watch.run(1);
-        for (receiver, gcs) in watch.receivers.iter_mut().zip(&mut watch.site.gcs) {
-            gcs.forget();
-            receiver.forgot();
+    let fly = |watch: &mut Watch, to: u32| {
+        while watch.next < to {
+            watch.record(7.min(to - watch.next));
+            watch.run(1);
+            for (receiver, gcs) in watch.receivers.iter_mut().zip(&mut watch.site.gcs) {
+                gcs.forget();
+                receiver.forgot();
+            }
         }
+    };
+    let last = |watch: &Watch| watch.receivers.each_ref().map(|receiver| receiver.events.last().unwrap().sequence);
+    fly(&mut watch, 65_530);
+    watch.run(100);
+    watch.record(u32::from(65_532 - last(&watch)[0]));
+    watch.run(100);
+    assert_eq!((last(&watch), watch.receivers.each_ref().map(|receiver| receiver.requests)), ([65_532; 2], [0; 2]));
+
+    watch.lose(1.0);
+    watch.record(7);
+    watch.run(1_000);
+    assert_eq!(last(&watch), [65_532; 2]);
+    watch.lose(0.2);
+    watch.run(15_000);
+    watch.lose(0.0);
+    watch.run(4_000);
+    assert_eq!(last(&watch), [3; 2]);
+    for receiver in &watch.receivers {
+        assert!(receiver.requests >= 7, "each was requested: {}", receiver.requests);
     }
+    fly(&mut watch, 70_000);
     watch.run(100);
     watch.check();
 }

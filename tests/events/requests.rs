@@ -51,6 +51,22 @@ fn events_are_sent_again_on_request() {
     assert_eq!(ask(&mut site, STATION, 29, 28), (vec![29, 30], vec![]), "from 29 around to 28, up to the newest");
 }
 
+/// EVT-4: requests on both sides of the wrap of the sequence numbers, and across it, are answered like others.
+#[test]
+fn requests_are_answered_across_the_wrap() {
+    let mut site = site();
+    // With two reports of the checks, the newest is 65,536 + 9. The history has 20.
+    count(&mut site, 0..65_543);
+    site.run_for(secs(1));
+    assert_eq!(ask(&mut site, STATION, 65_535, 0), (vec![65_535, 0], vec![]));
+    assert_eq!(ask(&mut site, STATION, 65_530, 3), ((65_530..=65_535).chain(0..=3).collect(), vec![]));
+    assert_eq!(ask(&mut site, STATION, 65_526, 9), ((65_526..=65_535).chain(0..=9).collect(), vec![]));
+    assert_eq!(ask(&mut site, STATION, 9, 10), (vec![9], vec![]));
+    assert_eq!(ask(&mut site, STATION, 10, 10), (vec![], vec![]), "not recorded yet");
+    assert_eq!(ask(&mut site, STATION, 65_525, 65_525), (vec![], vec![error(STATION, 65_525, 65_526)]));
+    assert_eq!(ask(&mut site, STATION, 65_500, 0).1, [error(STATION, 65_500, 65_526)]);
+}
+
 /// EVT-4: an event that was not recorded yet gets no answer; an error would make libevents' receiver request the history again.
 #[test]
 fn future_events_get_no_answer() {

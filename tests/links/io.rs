@@ -262,7 +262,7 @@ fn circular_dma_works_through_the_byte_level_calls() {
             let now = rig.clock.now();
             let (stack, vehicle) = (&mut rig.stack, &mut rig.vehicle);
             let laps = (written / LEN) as u32;
-            let result = reader.poll(&buffer, laps, written % LEN, |bytes| stack.receive(now, LINK, bytes, vehicle));
+            let result = reader.poll(&buffer, laps, written % LEN, stack.receiver(now, LINK, vehicle));
             errors.extend(result.err());
             if sending.is_empty() {
                 sending.extend(stack.transmit(now, LINK, vehicle));
@@ -278,6 +278,54 @@ fn circular_dma_works_through_the_byte_level_calls() {
     assert_eq!(commands.iter().filter(|command| command.params[0] == 3.0).count(), 1);
     assert_eq!(rig.gcs.count_of::<CommandAck>(), commands.len());
     assert_eq!((rig.gcs.counters().checksum, rig.gcs.counters().skipped), (0, 0));
+}
+
+/// D-2: all that one poll of a circular buffer passes to the stack has the budget of one poll, also across the buffer's end. What
+/// exceeds the budget stays in the buffer, and no byte is lost.
+#[test]
+fn poll_of_circular_dma_has_one_budget() {
+    const LEN: usize = 1_024;
+    // Where the reader begins, and the budget that ends a poll: of frames, of bytes, of work.
+    for (begin, frames, rx_bytes, work) in
+        [(0, 3, 4_000, 9_000), (900, 3, 4_000, 9_000), (900, 100, 90, 90_000), (0, 100, 4_000, 1_700)]
+    {
+        let mut setup = Setup { links: [LinkConfig::uart(921_600)], ..Setup::<1>::new() };
+        setup.config.budget = PollBudget { rx_bytes, work, frames, tx_bytes: 280 };
+        let mut stack: Box<Stack<Tested, 1>> = begun(setup.config, setup.links);
+        let mut vehicle = TestVehicle::default();
+        let buffer = [const { AtomicU8::new(0) }; LEN];
+        let mut reader = CircularReader::new();
+        assert_eq!(reader.poll(&buffer, 0, begin, <[u8]>::len), Ok(()));
+
+        let command = CommandLong { command: MavCmd::NAV_LAND, target_system: 1, ..Default::default() };
+        let mut written = begin;
+        let mut sent = 0;
+        while written - begin < 950 {
+            let mut frame = [0; MAX_FRAME_LEN];
+            let len = encode(&command, Version::V2, Address::new(255, 190), sent, &mut frame).unwrap();
+            for (at, byte) in (written..).zip(&frame[..len]) {
+                buffer[at % LEN].store(*byte, Ordering::Relaxed);
+            }
+            (written, sent) = (written + len, sent + 1);
+        }
+        let (laps, position, len) = ((written / LEN) as u32, written % LEN, (written - begin) / usize::from(sent));
+        let most = (frames as usize).min(rx_bytes as usize / len + 1).min(work as usize / 500 + 1);
+        for poll in 0.. {
+            let before = vehicle.commands().len();
+            if before == usize::from(sent) {
+                break;
+            }
+            let now = Instant::from_millis(poll);
+            assert_eq!(reader.poll(&buffer, laps, position, stack.receiver(now, LINK, &mut vehicle)), Ok(()));
+            let handled = vehicle.commands().len() - before;
+            assert!(handled <= most, "{handled} frames in a poll, {most} are the budget");
+            assert!(poll < 40, "{before} of {sent} frames");
+            while !stack.transmit(now, LINK, &mut vehicle).is_empty() {
+                stack.transmitted(LINK, MAX_FRAME_LEN);
+            }
+        }
+        assert_eq!(stack.rx_counters(LINK).unwrap().frames, u32::from(sent));
+    }
 }
 
 /// A queue that an interrupt fills; bytes are lost while it is full.

@@ -17,13 +17,22 @@ const A: Endpoint = 1;
 const B: Endpoint = 2;
 const C: Endpoint = 3;
 
-/// A socket that accepts `room` datagrams, and loses those to `dead`.
+/// A socket that accepts `room` datagrams, and loses those to `dead`. Of received datagrams it keeps 16, if `is_short`.
 #[derive(Default)]
 struct Socket {
     received: VecDeque<(Endpoint, Vec<u8>)>,
     sent: Vec<(Endpoint, Vec<u8>)>,
     room: Option<usize>,
     dead: Option<Endpoint>,
+    is_short: bool,
+}
+
+impl Socket {
+    fn arrive(&mut self, from: Endpoint, datagram: &[u8]) {
+        if !self.is_short || self.received.len() < 16 {
+            self.received.push_back((from, datagram.to_vec()));
+        }
+    }
 }
 
 impl DatagramSocket for Socket {
@@ -116,7 +125,7 @@ impl Lab {
     /// A station sends a message in a datagram of its own. All stations have the same ids.
     fn send<M: Message>(&mut self, from: Endpoint, message: &M) {
         let frame = self.frame(message);
-        self.socket.received.push_back((from, frame));
+        self.socket.arrive(from, &frame);
     }
 
     fn heartbeat(&mut self, from: Endpoint) {
@@ -248,6 +257,118 @@ fn other_datagrams_take_no_link() {
     assert_eq!((lab.stations(), lab.udp.refused()), (vec![], 3));
 }
 
+/// What begins with a start byte and is no frame: one byte, a frame with a wrong checksum, and the beginning of one.
+fn junk(lab: &mut Lab) -> [Vec<u8>; 4] {
+    let mut damaged = lab.frame(&Gcs::heartbeat());
+    *damaged.last_mut().unwrap() ^= 1;
+    let begun = lab.frame(&long(MavCmd::NAV_LAND))[..20].to_vec();
+    [vec![0xFD], damaged, begun, vec![0xFD; MAX_DATAGRAM_LEN]]
+}
+
+/// H-1, SEC-2: senders of anything but frames are no stations, however many ports they use. Heartbeats are still broadcast, and a
+/// station that comes gets a link and its answers.
+#[test]
+fn junk_from_many_ports_locks_nobody_out() {
+    let mut lab = Lab::new();
+    for second in 0..20 {
+        for port in 0..40 {
+            let junk = junk(&mut lab);
+            lab.socket.arrive(100 + port, &junk[usize::from(port) % junk.len()]);
+            lab.run_for(millis(25));
+        }
+        assert_eq!(lab.stations(), [], "second {second}");
+    }
+    assert!((19..=21).contains(&lab.take::<Heartbeat>(BROADCAST).len()));
+    assert_eq!(lab.socket.sent, [], "nothing is sent to them");
+
+    for _ in 0..20 {
+        for port in 0..10 {
+            let junk = junk(&mut lab);
+            lab.socket.arrive(100 + port, &junk[usize::from(port) % junk.len()]);
+            if port == 7 {
+                // Behind a long datagram of the others.
+                lab.command(A, MavCmd::NAV_LAND);
+                lab.run_for(millis(3));
+                assert_eq!(lab.acks(A), [MavCmd::NAV_LAND]);
+            } else if port == 8 {
+                lab.command(B, MavCmd::NAV_TAKEOFF);
+            }
+            lab.run_for(millis(25));
+        }
+    }
+    assert_eq!(lab.acks(B).len(), 20);
+    let mut stations: Vec<Endpoint> = lab.stations().iter().map(|(_, station)| *station).collect();
+    stations.sort_unstable();
+    assert_eq!(stations, [A, B]);
+    lab.take::<Heartbeat>(BROADCAST);
+    lab.run_for(secs(2));
+    assert_eq!(lab.take::<Heartbeat>(BROADCAST).len(), 0);
+    assert!(lab.socket.sent.iter().all(|(to, _)| [A, B].contains(to)), "nothing is sent to the others");
+}
+
+/// SEC-2: on links that require signatures, unsigned frames make no station.
+#[cfg(feature = "signing")]
+#[test]
+fn unsigned_frames_make_no_station_where_signatures_are_required() {
+    let mut lab = Lab::new();
+    let config = Config::new(VEHICLE, lab.pulse);
+    lab.stack = begun(config, [LinkConfig::uart(1_000_000).with_signing(mavstack::signing::LinkSigning::REQUIRED); 3]);
+    for port in 0..50 {
+        lab.heartbeat(100 + port);
+        lab.run_for(millis(100));
+        assert_eq!(lab.stations(), []);
+    }
+    assert!(lab.take::<Heartbeat>(BROADCAST).len() >= 5);
+    assert_eq!(lab.socket.sent, []);
+}
+
+/// D-2, SEC-2: a station that floods neither takes the link of another nor delays its commands: what exceeds the budget of its link is
+/// dropped and counted. A poll still handles no more than the budget.
+#[test]
+fn flooding_station_does_not_stop_a_quiet_one() {
+    for (datagrams, frames) in [(8, 1), (1, 12)] {
+        let mut lab = Lab::with(|config| {
+            config.budget = PollBudget { rx_bytes: 1_000, work: 3_000, frames: 4, tx_bytes: 280 };
+        });
+        lab.socket.is_short = true;
+        lab.heartbeat(B);
+        lab.heartbeat(A);
+        lab.step();
+        assert_eq!(lab.stations().len(), 2);
+        let (mut asked, mut answered) = (0, 0);
+        for pass in 0..10_000 {
+            for _ in 0..datagrams {
+                let datagram: Vec<u8> = (0..frames).flat_map(|_| lab.frame(&long(MavCmd::NAV_TAKEOFF))).collect();
+                lab.socket.arrive(A, &datagram);
+            }
+            if pass % 500 == 250 {
+                lab.command(B, MavCmd::NAV_LAND);
+                asked += 1;
+            }
+            let before = lab.vehicle.commands().len();
+            lab.step();
+            assert!(lab.vehicle.commands().len() - before <= 8, "the budgets of two links");
+            answered += lab.acks(B).len();
+            lab.acks(A);
+        }
+        assert_eq!((asked, answered), (20, 20), "{datagrams} datagrams of {frames} frames");
+        assert_eq!(lab.stations().len(), 2);
+        assert!(lab.udp.refused() > 1_000);
+
+        // When the flood ends, nothing of it remains.
+        lab.run_for(millis(200));
+        lab.take::<Heartbeat>(A);
+        let refused = lab.udp.refused();
+        for _ in 0..20 {
+            lab.acks(A);
+            lab.command(A, MavCmd::NAV_LAND);
+            lab.run_for(millis(50));
+            assert_eq!(lab.acks(A), [MavCmd::NAV_LAND]);
+        }
+        assert_eq!(lab.udp.refused(), refused);
+    }
+}
+
 /// D-2, SEC-2: a poll receives and handles no more than its budget. What exceeds it stays pending, and nothing is lost. A station
 /// that floods does not delay the heartbeats of the other.
 #[test]
@@ -262,7 +383,7 @@ fn datagrams_with_many_frames_are_handled_within_the_budget() {
     let per_datagram = MAX_DATAGRAM_LEN / frame_len;
     for _ in 0..COUNT / per_datagram {
         let datagram: Vec<u8> = (0..per_datagram).flat_map(|_| lab.frame(&long(MavCmd::NAV_LAND))).collect();
-        lab.socket.received.push_back((A, datagram));
+        lab.socket.arrive(A, &datagram);
     }
     let sent = COUNT / per_datagram * per_datagram;
     while lab.vehicle.commands().len() < sent {
