@@ -269,18 +269,50 @@ def change(gcs, items, speed):
     assert upload(gcs, items).type == ACCEPTED
 
 
-def cuts(gcs, qmp, items, figure):
-    """Resets in the middle of a write of the flash, while a mission and a parameter are stored. Afterwards each is the old one or the new
-    one, whole."""
-    missions = [items, [item | {"param1": 1.0} for item in items]]
-    speeds = [single(math.pi), single(math.e)]
-    # Without a reset, to count the writes.
+def others(items):
+    """Two missions, and two values of the parameter, to store in turn."""
+    return [items, [item | {"param1": 1.0} for item in items]], [single(math.pi), single(math.e)]
+
+
+def store(gcs, qmp, items, is_lossless, figure):
+    """How long the loop stands still while a mission and a parameter are stored, and which commands are lost meanwhile. Returns how many
+    pages and sectors were written."""
+    missions, speeds = others(items)
     change(gcs, missions[1], speeds[1])
+    interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+    assert gcs.command(interval, mavlink.MAVLINK_MSG_ID_ATTITUDE, 20_000) == mavlink.MAV_RESULT_ACCEPTED
     begin = qmp.execute("query-counters")["writes"]
-    arm(gcs, False)
-    gcs.hear(None, PATIENCE)
+    began, sent, answered, times = time.monotonic(), 0, 0, []
+    gcs.send_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+    while (passed := time.monotonic() - began) < PATIENCE:
+        gcs.beat()
+        # In bursts, which are longer than a UART's FIFO when an erase begins. The last answers arrive in the last second.
+        if sent <= 100 * passed and passed < PATIENCE - 1:
+            for _ in range(10):
+                gcs.send_command(mavlink.MAV_CMD_NAV_LAND)
+            sent += 10
+        while message := gcs.link.recv_match(type=["ATTITUDE", "COMMAND_ACK"], blocking=False):
+            if message.get_type() == "ATTITUDE":
+                times.append(message.time_boot_ms)
+            elif message.command == mavlink.MAV_CMD_NAV_LAND:
+                answered += 1
+        time.sleep(0.002)
+    assert gcs.command(interval, mavlink.MAVLINK_MSG_ID_ATTITUDE, 0) == mavlink.MAV_RESULT_ACCEPTED
+    gcs.heartbeat(lambda beat: not is_armed(beat))
     total = qmp.execute("query-counters")["writes"] - begin
+    gap = max(late - early for early, late in zip(times, times[1:]))
+    figure(f"{total} writes, ATTITUDE at 50 Hz at most {gap} ms apart, {answered} of {sent} commands answered")
     assert total > len(items) / 7, f"only {total} writes"
+    # The emulator erases in 45 ms. The loop runs between two erases.
+    assert gap < 90, f"the loop stood still for {gap} ms"
+    assert answered == sent or not is_lossless, "commands were lost"
+    return total
+
+
+def cuts(gcs, qmp, items, total, figure):
+    """Resets in the middle of each write of the flash, while a mission and a parameter are stored. Afterwards each is the old one or the
+    new one, whole."""
+    missions, speeds = others(items)
     kept = Counter()
     mission = speed = 1
     for after in range(total):
@@ -322,6 +354,7 @@ def main():
     options.add_argument("--items", type=int, default=100, help="the longest mission of the board")
     options.add_argument("--forgets", action="store_true", help="the board has no storage")
     options.add_argument("--rp2040js", action="store_true", help="the emulator counts the load, and cuts writes to flash")
+    options.add_argument("--dma", action="store_true", help="no received byte is lost while the flash is erased")
     options.add_argument("--usb", action="store_true", help="the link is backpressured while no program reads")
     options = options.parse_args()
     items, speed = waypoints(options.items), single(math.pi)
@@ -368,8 +401,10 @@ def main():
             assert again.id == back.id and not differences(items, again.items)
             figure("parameter and mission as stored")
     if options.rp2040js:
+        with step("while the flash is written") as figure:
+            total = store(gcs, qmp, items, options.dma or options.usb, figure)
         with step("resets while the flash is written") as figure:
-            cuts(gcs, qmp, items, figure)
+            cuts(gcs, qmp, items, total, figure)
     with step("all frames") as figure:
         figure(f"{gcs.frames} of the vehicle, {gcs.bad} bad, {gcs.lost} lost")
         assert gcs.bad == gcs.lost == 0
