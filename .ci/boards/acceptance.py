@@ -275,36 +275,33 @@ def others(items):
 
 
 def store(gcs, qmp, items, is_lossless, figure):
-    """How long the loop stands still while a mission and a parameter are stored, and which commands are lost meanwhile. Returns how many
-    pages and sectors were written."""
+    """How long a pass of the loop takes while a mission and a parameter are stored, and how many commands are lost meanwhile. Returns the
+    number of pages and sectors that were written."""
     missions, speeds = others(items)
     change(gcs, missions[1], speeds[1])
-    interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-    assert gcs.command(interval, mavlink.MAVLINK_MSG_ID_ATTITUDE, 20_000) == mavlink.MAV_RESULT_ACCEPTED
-    begin = qmp.execute("query-counters")["writes"]
-    began, sent, answered, times = time.monotonic(), 0, 0, []
+    before = qmp.execute("query-counters")
+    sent = answered = 0
+    began = last = time.monotonic()
     gcs.send_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
-    while (passed := time.monotonic() - began) < PATIENCE:
+    # The last answers may be late, on a busy machine.
+    while (now := time.monotonic()) - began < PATIENCE or (answered < sent and now - last < 2):
         gcs.beat()
-        # In bursts, which are longer than a UART's FIFO when an erase begins. The last answers arrive in the last second.
-        if sent <= 100 * passed and passed < PATIENCE - 1:
+        # In bursts, which are longer than a UART's FIFO when an erase begins.
+        if sent < 900 and sent <= 100 * (now - began):
             for _ in range(10):
                 gcs.send_command(mavlink.MAV_CMD_NAV_LAND)
             sent += 10
-        while message := gcs.link.recv_match(type=["ATTITUDE", "COMMAND_ACK"], blocking=False):
-            if message.get_type() == "ATTITUDE":
-                times.append(message.time_boot_ms)
-            elif message.command == mavlink.MAV_CMD_NAV_LAND:
-                answered += 1
+        while message := gcs.link.recv_match(type="COMMAND_ACK", blocking=False):
+            if message.command == mavlink.MAV_CMD_NAV_LAND:
+                answered, last = answered + 1, now
         time.sleep(0.002)
-    assert gcs.command(interval, mavlink.MAVLINK_MSG_ID_ATTITUDE, 0) == mavlink.MAV_RESULT_ACCEPTED
     gcs.heartbeat(lambda beat: not is_armed(beat))
-    total = qmp.execute("query-counters")["writes"] - begin
-    gap = max(late - early for early, late in zip(times, times[1:]))
-    figure(f"{total} writes, ATTITUDE at 50 Hz at most {gap} ms apart, {answered} of {sent} commands answered")
+    after = qmp.execute("query-counters")
+    total, stall = after["writes"] - before["writes"], after["longest"] / 1e6
+    figure(f"{total} writes, a pass of the loop takes up to {stall:.1f} ms, {answered} of {sent} commands answered")
     assert total > len(items) / 7, f"only {total} writes"
     # The emulator erases in 45 ms. The loop runs between two erases.
-    assert gap < 90, f"the loop stood still for {gap} ms"
+    assert 45 <= stall < 90, f"the loop stood still for {stall} ms"
     assert answered == sent or not is_lossless, "commands were lost"
     return total
 
@@ -402,7 +399,7 @@ def main():
             figure("parameter and mission as stored")
     if options.rp2040js:
         with step("while the flash is written") as figure:
-            total = store(gcs, qmp, items, options.dma or options.usb, figure)
+            total = store(gcs, qmp, items, options.dma, figure)
         with step("resets while the flash is written") as figure:
             cuts(gcs, qmp, items, total, figure)
     with step("all frames") as figure:
