@@ -27,6 +27,7 @@ mod records;
 mod signing_key;
 mod spi;
 mod stall;
+mod stm32f4;
 
 use embedded_storage::nor_flash::NorFlash;
 use mavstack::__private::{Declares, Storage};

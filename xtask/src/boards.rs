@@ -25,7 +25,7 @@ struct Board {
     ram: [u64; 2],
 }
 
-const BOARDS: [Board; 7] = [
+const BOARDS: [Board; 8] = [
     Board {
         name: "embassy-stm32f405",
         target: "thumbv7em-none-eabihf",
@@ -41,6 +41,7 @@ const BOARDS: [Board; 7] = [
     },
     Board { name: "microbit", target: "thumbv6m-none-eabi", load: 0, ram: [0x2000_0000, 0x2000_4000] },
     Board { name: "rp2040", target: "thumbv6m-none-eabi", load: 0x1000_0000, ram: [0x2000_0000, 0x2004_2000] },
+    Board { name: "rp2040-dma", target: "thumbv6m-none-eabi", load: 0x1000_0000, ram: [0x2000_0000, 0x2004_2000] },
     Board { name: "rp2040-embassy", target: "thumbv6m-none-eabi", load: 0x1000_0000, ram: [0x2000_0000, 0x2004_2000] },
     Board { name: "stm32f405", target: "thumbv7em-none-eabihf", load: 0x0800_0000, ram: [0x2000_0000, 0x2002_0000] },
     Board { name: "stm32vldiscovery", target: M3, load: 0x0800_0000, ram: [0x2000_0000, 0x2000_2000] },
@@ -69,8 +70,9 @@ const IN_QEMU: [Emulated; 3] = [
         test: &["--items", "40", "--forgets"],
     },
 ];
-/// The boards with an RP2040, which have two links.
-const IN_RP2040JS: [&str; 2] = ["rp2040", "rp2040-embassy"];
+/// The boards with an RP2040, and the options of the acceptance test for each of their links.
+const IN_RP2040JS: [(&str, &[&[&str]]); 3] =
+    [("rp2040", &[&[], &["--usb"]]), ("rp2040-dma", &[&["--dma"]]), ("rp2040-embassy", &[&[], &["--usb"]])];
 /// The acceptance test of a port.
 const TEST: &str = ".ci/boards/acceptance.py";
 
@@ -105,8 +107,8 @@ pub fn build_all(runs: bool) -> Result {
             run_in_qemu(&build_dir, &python, board).map_err(|error| format!("{}: {error}", board.name))?;
         }
         let program = rp2040js::prepare()?;
-        for name in IN_RP2040JS {
-            run_in_rp2040js(&build_dir, &python, &program, name).map_err(|error| format!("{name}: {error}"))?;
+        for (name, links) in IN_RP2040JS {
+            run_in_rp2040js(&build_dir, &python, &program, name, links).map_err(|error| format!("{name}: {error}"))?;
         }
     }
     Ok(())
@@ -150,15 +152,15 @@ fn run_in_qemu(build_dir: &Path, python: &Path, board: &Emulated) -> Result {
 }
 
 /// Runs a board in rp2040js, under pymavlink: a start for each of its links.
-fn run_in_rp2040js(build_dir: &Path, python: &Path, program: &Path, name: &str) -> Result {
+fn run_in_rp2040js(build_dir: &Path, python: &Path, program: &Path, name: &str, links: &[&[&str]]) -> Result {
     let firmware = build_by_name(name, build_dir, &[])?;
-    for is_usb in [false, true] {
+    for options in links {
         let [uart, usb, control] = free_ports()?;
-        let (link, port) = if is_usb { ("USB", usb) } else { ("UART0", uart) };
+        let (link, port) = if options.contains(&"--usb") { ("USB", usb) } else { ("UART0", uart) };
         println!("\nRunning examples/boards/{name} in rp2040js, by its {link}");
         // Ended when dropped, also if the test fails.
         let _emulator = rp2040js::start(program, &firmware, [uart, usb, control])?;
-        test(python, port, control, if is_usb { &["--rp2040js", "--usb"] } else { &["--rp2040js"] })?;
+        test(python, port, control, &[&["--rp2040js"], *options].concat())?;
     }
     Ok(())
 }

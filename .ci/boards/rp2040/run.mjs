@@ -5,7 +5,8 @@
 // |---|---|
 // | `stop`, `cont`, `system_reset` | as in QEMU; a reset keeps the flash, and drops what the lines carry |
 // | `cut-in-flash` | resets in the middle of a write of a page or an erase of a sector, after `after` more of them, and continues |
-// | `query-counters` | `awake` and `passed`: how long the processor did not sleep, and the time, in ns; `writes`: of pages and sectors |
+// | `query-counters` | in ns: `awake`, how long the processor did not sleep; `passed`, the time; `longest`, between two sleeps since the last query |
+// | | `writes`: of pages and sectors |
 //
 // Time passes as on the hardware, or slower if this machine is too slow. An instruction takes as long as on a Cortex-M0+ whose code
 // hits the cache.
@@ -121,7 +122,7 @@ class Board {
     this.usb.setOpen(this.usbPort.socket !== undefined);
     new Rom(chip, () => this.cutPower()).boot();
     this.chip = chip;
-    this.asleep = this.writes = 0;
+    this.asleep = this.writes = this.longest = this.passBegan = 0;
     this.ahead = undefined;
   }
 
@@ -143,7 +144,10 @@ class Board {
     while (clock.nanos < until) {
       if (!core.waiting) {
         clock.tick((core.executeInstruction() * 1e9) / chip.clkSys);
-      } else if (core.pendingInterrupts & core.enabledInterrupts || core.pendingPendSV || core.pendingSystick) {
+        continue;
+      }
+      this.longest = Math.max(this.longest, clock.nanos - this.passBegan);
+      if (core.pendingInterrupts & core.enabledInterrupts || core.pendingPendSV || core.pendingSystick) {
         core.waiting = false;
       } else {
         const alarm = clock.nextAlarm ? clock.nextAlarm.nanos : until;
@@ -151,6 +155,7 @@ class Board {
         this.asleep += nanos;
         clock.tick(nanos);
       }
+      this.passBegan = clock.nanos;
     }
   }
 
@@ -211,7 +216,9 @@ class Board {
         return;
       case 'query-counters': {
         const passed = this.chip.clock.nanos;
-        return { awake: passed - this.asleep, passed, writes: this.writes };
+        const counters = { awake: passed - this.asleep, passed, longest: this.longest, writes: this.writes };
+        this.longest = 0;
+        return counters;
       }
       default:
         throw new Error(`unknown command ${command}`);

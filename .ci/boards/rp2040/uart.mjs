@@ -1,9 +1,9 @@
 // A UART as the RP2040 has it (Arm's PL011), at the speed of its line. The one of rp2040js sends at once, and interrupts too often.
 //
-// Left out: flow control, breaks, parity errors, DMA, and the modem's signals.
+// Left out: flow control, breaks, parity errors, and the modem's signals.
 
-const [DR, RSR, FR, IBRD, FBRD, LCR_H, CR, IFLS, IMSC, RIS, MIS, ICR] = [
-  0x00, 0x04, 0x18, 0x24, 0x28, 0x2c, 0x30, 0x34, 0x38, 0x3c, 0x40, 0x44,
+const [DR, RSR, FR, IBRD, FBRD, LCR_H, CR, IFLS, IMSC, RIS, MIS, ICR, DMACR] = [
+  0x00, 0x04, 0x18, 0x24, 0x28, 0x2c, 0x30, 0x34, 0x38, 0x3c, 0x40, 0x44, 0x48,
 ];
 const FLAG = { BUSY: 1 << 3, RX_EMPTY: 1 << 4, TX_FULL: 1 << 5, RX_FULL: 1 << 6, TX_EMPTY: 1 << 7 };
 const INTERRUPT = { RX: 1 << 4, TX: 1 << 5, TIMEOUT: 1 << 6, OVERRUN: 1 << 10 };
@@ -16,6 +16,9 @@ const BITS = 10;
 // The FIFO's levels by which it interrupts, by the field of UARTIFLS.
 const LEVELS = [4, 8, 16, 24, 28];
 const IRQ = 20;
+// Requests to the DMA: their numbers, and the bits that enable them.
+const REQUEST = { TX: 20, RX: 21 };
+const REQUESTS_ENABLED = { RX: 1, TX: 2 };
 
 export class Uart {
   constructor(chip, onByte) {
@@ -27,7 +30,7 @@ export class Uart {
     this.isSending = false;
     this.isOverrun = false;
     // UARTCR enables both directions after a reset; UARTIFLS is at half of the FIFO.
-    this.registers = { [CR]: 0x300, [IFLS]: 0x12, [IBRD]: 0, [FBRD]: 0, [LCR_H]: 0, [IMSC]: 0 };
+    this.registers = { [CR]: 0x300, [IFLS]: 0x12, [IBRD]: 0, [FBRD]: 0, [LCR_H]: 0, [IMSC]: 0, [DMACR]: 0 };
     this.raw = 0;
     this.sendAlarm = chip.clock.createAlarm(() => this.sent());
     this.receiveAlarm = chip.clock.createAlarm(() => this.receive());
@@ -57,6 +60,15 @@ export class Uart {
 
   update() {
     this.chip.setInterrupt(IRQ, (this.raw & this.registers[IMSC]) !== 0);
+    this.request('RX', this.received.length > 0);
+    this.request('TX', this.toSend.length < this.depth);
+  }
+
+  /** Asks the DMA for transfers as long as the FIFO has a byte, or room for one. */
+  request(direction, isReady) {
+    const { dma } = this.chip;
+    if (isReady && this.registers[DMACR] & REQUESTS_ENABLED[direction]) dma.setDREQ(REQUEST[direction]);
+    else dma.clearDREQ(REQUEST[direction]);
   }
 
   /** Puts bytes onto the line, behind those that are still on it. */
@@ -105,7 +117,8 @@ export class Uart {
     this.isSending = this.sending !== undefined;
     if (!this.isSending) return;
     // The interrupt is raised by a transition through the level.
-    if (this.toSend.length === this.txLevel) this.raise(INTERRUPT.TX);
+    if (this.toSend.length === this.txLevel) this.raw |= INTERRUPT.TX;
+    this.update();
     this.sendAlarm.schedule(BITS * this.bitNanos);
   }
 

@@ -47,7 +47,7 @@ const STEPS: [Step; 27] = [
         "250 simulated vehicles on this machine, and what they cost",
         &["test", "--release", "--package", "mavstack-sitl", "--test", "fleet", "--", "--ignored", "--nocapture"],
     ),
-    step("boards", "the boards' firmwares; four run in emulators under pymavlink", &["xtask", "boards", "--run"]),
+    step("boards", "the boards' firmwares; six run in emulators under pymavlink", &["xtask", "boards", "--run"]),
     step(
         "ethernet",
         "1,000 frames a second in each direction for a minute, over smoltcp and embassy-net in QEMU",

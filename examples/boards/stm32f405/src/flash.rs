@@ -1,49 +1,39 @@
 //! The last two sectors of the flash, for the mission and the parameters. `memory.x` keeps the firmware out of them.
 
-use core::ops::Range;
+mod driver;
 
-use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
-use stm32f4xx_hal::flash::{Error, FlashExt, LockedFlash};
+use driver::{Driver, Hardware, Register};
 use stm32f4xx_hal::pac::FLASH;
 
-/// Sectors 10 and 11, as offsets in the flash.
-pub const REGION: Range<u32> = 0xC_0000..0x10_0000;
+pub use driver::REGION;
 
-/// Owns the flash, and unlocks it for each call: the HAL implements `NorFlash` for a borrow.
-pub struct Sectors(LockedFlash);
+/// The sectors of [`REGION`].
+pub type Sectors = Driver<FLASH>;
 
-impl Sectors {
-    /// Takes the flash.
-    pub fn new(flash: FLASH) -> Self {
-        Self(LockedFlash::new(flash))
-    }
-}
+/// Where the flash is in memory.
+const BASE: u32 = 0x0800_0000;
 
-impl ErrorType for Sectors {
-    type Error = Error;
-}
-
-impl ReadNorFlash for Sectors {
-    const READ_SIZE: usize = 1;
-
-    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Error> {
-        ReadNorFlash::read(&mut self.0, offset, bytes)
+#[allow(unsafe_code, reason = "registers by their number, and memory that the linker does not know")]
+impl Hardware for FLASH {
+    fn read(&mut self, register: Register) -> u32 {
+        // SAFETY: the registers can be read, and the reference to the peripheral is exclusive.
+        unsafe { FLASH::ptr().cast::<u32>().byte_add(register as usize).read_volatile() }
     }
 
-    fn capacity(&self) -> usize {
-        self.0.capacity()
-    }
-}
-
-impl NorFlash for Sectors {
-    const WRITE_SIZE: usize = 1;
-    const ERASE_SIZE: usize = 128 * 1024;
-
-    fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
-        NorFlash::erase(&mut self.0.unlocked(), from, to)
+    fn write(&mut self, register: Register, value: u32) {
+        // SAFETY: as above. The driver writes only what erases or programs the region, in which there is no code.
+        unsafe { FLASH::ptr().cast::<u32>().cast_mut().byte_add(register as usize).write_volatile(value) }
     }
 
-    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
-        self.0.unlocked().write(offset, bytes)
+    fn load(&mut self, offset: u32) -> u8 {
+        // SAFETY: the address is in the region, which is readable and not part of the firmware.
+        unsafe { ((BASE + offset) as *const u8).read_volatile() }
+    }
+
+    fn store(&mut self, offset: u32, byte: u8) {
+        // SAFETY: as above.
+        unsafe { ((BASE + offset) as *mut u8).write_volatile(byte) }
+        // The byte reaches the flash before the status is read, which is on another bus.
+        cortex_m::asm::dsb();
     }
 }

@@ -1,0 +1,5 @@
+//! Links again when the memory layout changes.
+
+fn main() {
+    println!("cargo:rerun-if-changed=memory.x");
+}
