@@ -390,8 +390,9 @@ fn a_mission_survives_power_cuts_in_each_erase_and_program() {
     for (x, before, end) in saves {
         let (mut old, mut new) = (0, 0);
         let near = |place: u64, at: u64| place.abs_diff(at) < 5;
-        let is_chosen =
-            |at: &u64| near(before.steps, *at) || near(end, *at) || (at - before.steps) % 256 < 3 || at % 61 == 0;
+        let is_chosen = |at: &u64| {
+            near(before.steps, *at) || near(end, *at) || (at - before.steps) % 256 < 3 || at.is_multiple_of(61)
+        };
         for at in (before.steps + 1..end).filter(is_chosen) {
             let chip = RefCell::new(Chip { cut: Some(at), ..before.clone() });
             assert_eq!(run(&chip, x..x + 1, |_| ()), x - 1);
