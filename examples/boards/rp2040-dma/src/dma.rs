@@ -25,10 +25,6 @@ struct Ring([AtomicU8; RING]);
 #[unsafe(link_section = ".ring")]
 static RECEIVED: Ring = Ring([const { AtomicU8::new(0) }; RING]);
 
-/// Bytes that the loop takes in a pass: at least those that arrive in a period. It takes no more after an erase, because the line must
-/// carry the answers, too.
-const TAKEN: usize = queue_len(BAUD, PERIOD) / 2;
-
 /// The channel cannot transfer forever. After so many bytes, another channel starts it again. Any multiple of the ring's length works,
 /// if the loop runs before so many bytes are received: within 2.8 s. A short run ends often, so tests see it end.
 const RUN: u32 = 4 * RING as u32;
@@ -85,8 +81,8 @@ impl<R: ReadTarget<ReceivedWord = u8>> Receiver<R> {
         Self { _uart: uart, channel, _restart: restart, reader: CircularReader::new(), left: RUN, laps: 0 }
     }
 
-    /// Passes up to [`TAKEN`] received bytes to `receive`, which returns how many it took.
-    pub fn poll(&mut self, mut receive: impl FnMut(&[u8]) -> usize) -> Result<(), SerialError> {
+    /// Passes the received bytes to `receive`, which returns how many it took.
+    pub fn poll(&mut self, receive: impl FnMut(&[u8]) -> usize) -> Result<(), SerialError> {
         // One counter has the laps and the position, so neither can be older than the other.
         let left = self.channel.ch().ch_trans_count().read().bits();
         // The bytes were written before they were counted.
@@ -97,12 +93,7 @@ impl<R: ReadTarget<ReceivedWord = u8>> Receiver<R> {
         self.left = left;
         let written = RUN - left;
         let laps = self.laps.wrapping_add(written / RING as u32);
-        let mut left = TAKEN;
-        self.reader.poll(&RECEIVED.0, laps, written as usize % RING, |bytes| {
-            let taken = receive(&bytes[..bytes.len().min(left)]);
-            left -= taken;
-            taken
-        })
+        self.reader.poll(&RECEIVED.0, laps, written as usize % RING, receive)
     }
 }
 
