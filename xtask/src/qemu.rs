@@ -18,8 +18,8 @@ use crate::{bridge, firmware, log};
 const PORTS: u16 = 3;
 /// The vehicle's UDP port on its Ethernet.
 const VEHICLE_PORT: u16 = 14_550;
-/// Where the firmware looks for the UDP port of ground stations: `board::station_port`.
-const STATION_PORT: u32 = 0x2103_0000;
+/// Where the firmware looks for the UDP port of ground stations: `STATION_PORT` in `examples/qemu/src/flash.rs`, behind the logs.
+const STATION_PORT: u32 = 0x2110_0000;
 
 /// The transport of the telemetry link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
