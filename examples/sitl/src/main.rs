@@ -197,18 +197,43 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     })
 }
 
-/// Runs some of the vehicles until the program is stopped.
+/// Stops the program when dropped: also when a vehicle panics.
+struct StopAtEnd<'a>(&'a AtomicBool);
+
+impl Drop for StopAtEnd<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Runs some of the vehicles until the program is stopped, or one of them fails: then the others stop too.
 fn fly(vehicles: &mut [Vehicle], arguments: &Arguments, stop: &AtomicBool, console: &Console) -> Result<(), String> {
+    let _stop = StopAtEnd(stop);
     let mut failed = Ok(());
-    while !stop.load(Ordering::Relaxed) {
+    while failed.is_ok() && !stop.load(Ordering::Relaxed) {
         let began = Instant::now();
         for vehicle in &mut *vehicles {
             failed = failed.and_then(|()| vehicle.step(arguments, console));
         }
-        if failed.is_err() {
-            stop.store(true, Ordering::Relaxed);
-        }
         thread::sleep(PERIOD.saturating_sub(began.elapsed()));
     }
     failed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_of_one_vehicle_stops_the_others() {
+        let stop = AtomicBool::new(false);
+        let result = thread::scope(|scope| {
+            let worker = scope.spawn(|| {
+                let _stop = StopAtEnd(&stop);
+                panic!("a vehicle");
+            });
+            worker.join()
+        });
+        assert!(result.is_err() && stop.into_inner());
+    }
 }
