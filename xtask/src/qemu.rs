@@ -82,7 +82,7 @@ pub fn run(
             println!("{}\n", FurtherStations { port: port_base });
         }
     }
-    println!("{}\n", OtherLinks { companion: port_base + 1, satellite: port_base + 2 });
+    println!("{}\n", OtherLinks { system: 1, companion: port_base + 1, satellite: port_base + 2 });
     if let Some(port) = qmp {
         println!("The emulator itself: QMP on TCP port {port}.");
     }
