@@ -1,10 +1,10 @@
 //! The vehicle under real ground-station software: pymavlink, MAVSDK and MAVProxy, driven by pytest.
 
 use std::ffi::OsString;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::mpsc;
 use std::thread;
@@ -123,7 +123,8 @@ pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
             let name = format!("{target}, {group}");
             let port = free_ports()?;
             let udp = over_udp.then_some(SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
-            let log = target_dir().join(format!("integration-{target}-{}.log", group.replace(' ', "-")));
+            let folder = target_dir().join(format!("integration-{target}-{}", group.replace(' ', "-")));
+            let log = folder.with_extension("log");
             println!("The vehicle's log ({name}): {}", log.display());
             let log = File::create(&log).map_err(|error| format!("{}: {error}", log.display()))?;
             let vehicle = program.start(port, udp, log)?;
@@ -150,6 +151,7 @@ pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
             runs.push((name, Process(clients), printer, vehicle));
         }
     }
+                .envs(home(&folder)?)
     let mut failed = Vec::new();
     for (name, clients, printer, _vehicle) in runs {
         let succeeds = wait(clients, &stop)?;
@@ -175,6 +177,23 @@ fn print(name: &str, output: ChildStdout) {
 struct Process(Child);
 
 impl Drop for Process {
+/// Returns the environment of clients with an empty home of their own in `folder`: MAVSDK caches files there, which groups must not share,
+/// and MAVProxy reads the user's settings. Cargo and rustup stay in the user's home.
+fn home(folder: &Path) -> Result<Vec<(&'static str, PathBuf)>> {
+    let fails = |error| format!("{}: {error}", folder.display());
+    if folder.exists() {
+        fs::remove_dir_all(folder).map_err(fails)?;
+    }
+    fs::create_dir_all(folder).map_err(fails)?;
+    let mut variables = vec![("HOME", std::path::absolute(folder).map_err(fails)?)];
+    if let Some(home) = std::env::home_dir() {
+        let is_unset = |(name, _): &(&str, _)| std::env::var_os(name).is_none();
+        let tools = [("CARGO_HOME", home.join(".cargo")), ("RUSTUP_HOME", home.join(".rustup"))];
+        variables.extend(tools.into_iter().filter(is_unset));
+    }
+    Ok(variables)
+}
+
     fn drop(&mut self) {
         // Both fail only when it has ended already.
         let _ = self.0.kill();
