@@ -44,7 +44,7 @@ enum Task {
     /// Install everything that the other commands would install on demand.
     ///
     /// That is: compiler targets, QEMU, the ground stations' libraries, a nightly toolchain, cargo-fuzz. Run this before you run
-    /// several commands at the same time.
+    /// several commands at the same time. Only `boards --run` needs more: Node.js and rp2040js, which it installs itself.
     Setup,
     Qemu(Qemu),
     Integration(Integration),
@@ -115,7 +115,7 @@ struct Qemu {
 #[derive(Args)]
 struct Boards {
     /// Also run the firmwares of the micro:bit, the STM32F405 and the STM32F100 in QEMU, and those of the RP2040 in rp2040js, under
-    /// pymavlink.
+    /// pymavlink. This needs Node.js 18 or later, and rp2040js from the npm registry.
     #[arg(long)]
     run: bool,
 }
@@ -230,7 +230,6 @@ fn resolve(address: &str) -> Result<SocketAddr, String> {
 fn setup() -> system::Result {
     toolchain::prepare(None, &toolchain::TARGETS)?;
     emulator::prepare()?;
-    rp2040js::prepare()?;
     python::environment()?;
     fuzz::prepare()
 }
