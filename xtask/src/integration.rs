@@ -16,7 +16,7 @@ use crate::emulator::{self, Emulator};
 use crate::firmware::{self, App};
 use crate::python::{self, CLIENTS};
 use crate::qemu::{self, Telemetry};
-use crate::system::{Result, cargo, root, run, target_dir};
+use crate::system::{Result, cargo, is_ci, root, run, target_dir};
 use crate::toolchain::{self, Choice};
 
 /// Where the vehicle runs.
@@ -94,7 +94,9 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
     ("UDP", true, &["test_udp.py"]),
 ];
 /// Tests of other firmwares, which run only in the emulator.
-const IN_QEMU: [&str; 2] = ["test_frameworks.py", "test_ethernet.py"];
+const IN_QEMU: [&str; 2] = ["test_frameworks.py", ETHERNET];
+/// The tests of the firmwares with a network, which need a later compiler than everything else.
+const ETHERNET: &str = "test_ethernet.py";
 
 /// `cargo xtask integration`.
 pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
@@ -108,7 +110,12 @@ pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
     let mut programs = Vec::new();
     for (this, name) in [(Target::Sitl, "sitl"), (Target::Qemu, "qemu")] {
         if target == Target::All || target == this {
-            programs.push((name, if this == Target::Qemu { Program::for_qemu(choice)? } else { Program::for_sitl()? }));
+            let program = if this == Target::Qemu {
+                Program::for_qemu(choice, is_ci() || options.file.as_deref() == Some(ETHERNET))?
+            } else {
+                Program::for_sitl()?
+            };
+            programs.push((name, program));
         }
     }
     // All groups run in parallel, each with a vehicle of its own: most of the time the tests wait.
@@ -116,10 +123,11 @@ pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
     for (group, over_udp, files) in GROUPS {
         let files: Vec<_> =
             files.iter().filter(|file| options.file.as_ref().is_none_or(|only| only == *file)).collect();
-        if files.is_empty() {
-            continue;
-        }
         for &(target, ref program) in &programs {
+            let files: Vec<_> = files.iter().filter(|file| program.runs(file)).collect();
+            if files.is_empty() {
+                continue;
+            }
             let name = format!("{target}, {group}");
             let port = free_ports()?;
             let udp = over_udp.then_some(SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
@@ -137,12 +145,13 @@ pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
                 .args(["--spare-port-base", &(port + SPARE).to_string()])
                 .args(["--load-seconds", &options.load_seconds.to_string()])
                 .args(program.options(port))
-                .args(files.iter().filter(|file| target == "qemu" || !IN_QEMU.contains(file)))
+                .args(files)
                 .env("PYTHONDONTWRITEBYTECODE", "1")
                 .env("PYTHONUNBUFFERED", "1")
                 // pymavlink's message definitions: MAVLink 2 of common.
                 .env("MAVLINK20", "1")
                 .env("MAVLINK_DIALECT", "common")
+                .envs(home(&folder)?)
                 .current_dir(root().join(CLIENTS))
                 .stdout(Stdio::piped());
             let mut clients = clients.spawn().map_err(|error| format!("{}: {error}", python.display()))?;
@@ -151,7 +160,9 @@ pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
             runs.push((name, Process(clients), printer, vehicle));
         }
     }
-                .envs(home(&folder)?)
+    if runs.is_empty() {
+        return Err("these tests do not run on this target".to_owned());
+    }
     let mut failed = Vec::new();
     for (name, clients, printer, _vehicle) in runs {
         let succeeds = wait(clients, &stop)?;
@@ -166,17 +177,6 @@ pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
     if failed.is_empty() { Ok(()) } else { Err(format!("tests failed: {}", failed.join("; "))) }
 }
 
-/// Prints what the tests say, with their name before each line.
-fn print(name: &str, output: ChildStdout) {
-    for line in BufReader::new(output).lines().map_while(std::result::Result::ok) {
-        println!("{name}: {line}");
-    }
-}
-
-/// A child that does not outlive us.
-struct Process(Child);
-
-impl Drop for Process {
 /// Returns the environment of clients with an empty home of their own in `folder`: MAVSDK caches files there, which groups must not share,
 /// and MAVProxy reads the user's settings. Cargo and rustup stay in the user's home.
 fn home(folder: &Path) -> Result<Vec<(&'static str, PathBuf)>> {
@@ -194,6 +194,17 @@ fn home(folder: &Path) -> Result<Vec<(&'static str, PathBuf)>> {
     Ok(variables)
 }
 
+/// Prints what the tests say, with their name before each line.
+fn print(name: &str, output: ChildStdout) {
+    for line in BufReader::new(output).lines().map_while(std::result::Result::ok) {
+        println!("{name}: {line}");
+    }
+}
+
+/// A child that does not outlive us.
+struct Process(Child);
+
+impl Drop for Process {
     fn drop(&mut self) {
         // Both fail only when it has ended already.
         let _ = self.0.kill();
@@ -215,8 +226,14 @@ fn wait(mut process: Process, stop: &mpsc::Receiver<()>) -> Result<bool> {
 
 /// A vehicle that can be started.
 enum Program {
-    Qemu { firmware: PathBuf },
-    Sitl { program: PathBuf },
+    Qemu {
+        firmware: PathBuf,
+        /// Whether the firmwares with a network are built too.
+        has_network: bool,
+    },
+    Sitl {
+        program: PathBuf,
+    },
 }
 
 /// A running vehicle, ended when dropped.
@@ -226,15 +243,34 @@ enum Vehicle {
 }
 
 impl Program {
-    fn for_qemu(choice: Option<Choice>) -> Result<Self> {
+    /// Builds all firmwares. Those with a network are left out if the compiler is too old, unless they `must` be tested.
+    fn for_qemu(choice: Option<Choice>, must: bool) -> Result<Self> {
         emulator::prepare()?;
         let choice = toolchain::prepare(choice, &[toolchain::TARGET])?;
+        let mut has_network = true;
         // The others are for the tests that start them.
         for app in App::ALL {
+            match app.check_rust(choice) {
+                Ok(()) => {}
+                Err(error) if must => return Err(error),
+                Err(error) => {
+                    println!("Skipped: {error}.");
+                    has_network = false;
+                    continue;
+                }
+            }
             let path = firmware::build(choice, app, true)?;
             firmware::print_size(&format!("Firmware ({})", app.name()), &firmware::read(&path)?)?;
         }
-        Ok(Self::Qemu { firmware: firmware::build(choice, App::Loop, true)? })
+        Ok(Self::Qemu { firmware: firmware::build(choice, App::Loop, true)?, has_network })
+    }
+
+    /// Whether it has what the tests in this file use.
+    fn runs(&self, file: &str) -> bool {
+        match self {
+            Self::Qemu { has_network, .. } => *has_network || file != ETHERNET,
+            Self::Sitl { .. } => !IN_QEMU.contains(&file),
+        }
     }
 
     fn for_sitl() -> Result<Self> {
@@ -245,7 +281,7 @@ impl Program {
 
     fn start(&self, port: u16, udp: Option<SocketAddr>, log: File) -> Result<Vehicle> {
         match self {
-            Self::Qemu { firmware } => {
+            Self::Qemu { firmware, .. } => {
                 let table = crate::log::table(&firmware::read(firmware)?)?;
                 let (emulator, output) =
                     qemu::start(firmware, port, Telemetry::new(App::Loop, udp)?, Some(port + QMP), None)?;
