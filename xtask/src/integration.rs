@@ -89,14 +89,15 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
             "test_far.py",
             "test_frameworks.py",
             "test_ethernet.py",
+            "test_lan.py",
         ],
     ),
     ("UDP", true, &["test_udp.py"]),
 ];
 /// Tests of other firmwares, which run only in the emulator.
-const IN_QEMU: [&str; 2] = ["test_frameworks.py", ETHERNET];
+const IN_QEMU: [&str; 3] = ["test_frameworks.py", ETHERNET[0], ETHERNET[1]];
 /// The tests of the firmwares with a network, which need a later compiler than everything else.
-const ETHERNET: &str = "test_ethernet.py";
+const ETHERNET: [&str; 2] = ["test_ethernet.py", "test_lan.py"];
 
 /// `cargo xtask integration`.
 pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
@@ -111,7 +112,10 @@ pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
     for (this, name) in [(Target::Sitl, "sitl"), (Target::Qemu, "qemu")] {
         if target == Target::All || target == this {
             let program = if this == Target::Qemu {
-                Program::for_qemu(choice, is_ci() || options.file.as_deref() == Some(ETHERNET))?
+                Program::for_qemu(
+                    choice,
+                    is_ci() || options.file.as_deref().is_some_and(|file| ETHERNET.contains(&file)),
+                )?
             } else {
                 Program::for_sitl()?
             };
@@ -268,7 +272,7 @@ impl Program {
     /// Whether it has what the tests in this file use.
     fn runs(&self, file: &str) -> bool {
         match self {
-            Self::Qemu { has_network, .. } => *has_network || file != ETHERNET,
+            Self::Qemu { has_network, .. } => *has_network || !ETHERNET.contains(&file),
             Self::Sitl { .. } => !IN_QEMU.contains(&file),
         }
     }
@@ -284,7 +288,7 @@ impl Program {
             Self::Qemu { firmware, .. } => {
                 let table = crate::log::table(&firmware::read(firmware)?)?;
                 let (emulator, output) =
-                    qemu::start(firmware, port, Telemetry::new(App::Loop, udp)?, Some(port + QMP), None)?;
+                    qemu::start(firmware, port, Telemetry::new(App::Loop, udp)?, None, Some(port + QMP), None)?;
                 thread::spawn(move || {
                     // Nobody reads it any more: no reason to stop the vehicle.
                     crate::log::read(&table, output, |line| drop(writeln!(&log, "{line}")), |_| {});

@@ -101,6 +101,10 @@ struct Qemu {
     /// overwritten with zeros. An existing log of that name is replaced; any other file is refused.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
+    /// Connect the board's Ethernet as this option `-nic` of QEMU says, such as `tap,ifname=tap0,script=no`. By default it reaches this
+    /// machine only. With `--app ethernet`.
+    #[arg(long, value_name = "OPTION")]
+    nic: Option<String>,
     /// Accept QMP commands for the emulator on this TCP port: `system_reset` is the vehicle's reset button.
     #[arg(long, value_name = "PORT", value_parser = clap::value_parser!(u16).range(1..))]
     qmp: Option<u16>,
@@ -239,8 +243,8 @@ fn main() -> ExitCode {
     let result = match Arguments::parse().task {
         Task::Setup => setup(),
         Task::Qemu(arguments) => {
-            let Qemu { app, port_base, udp, log, qmp, toolchain } = arguments;
-            qemu::run(app, port_base, udp, qmp, log.as_deref(), toolchain)
+            let Qemu { app, port_base, udp, log, nic, qmp, toolchain } = arguments;
+            qemu::run(app, port_base, udp, qmp, log.as_deref(), nic.as_deref(), toolchain)
         }
         Task::Pictures(arguments) => pictures::draw(&arguments),
         Task::Integration(Integration { target, file, load_seconds, toolchain }) => {
