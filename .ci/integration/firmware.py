@@ -29,4 +29,10 @@ def running(option, app, file, *options):
         finally:
             # The program then stops its emulator and waits for it.
             process.send_signal(signal.SIGINT)
-            process.wait(timeout=20)
+            try:
+                process.wait(timeout=20)
+            except subprocess.TimeoutExpired:
+                # On Linux this ends the emulator too: its ports must be free for the next test.
+                process.kill()
+                process.wait()
+                raise

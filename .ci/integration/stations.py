@@ -3,6 +3,7 @@
 import collections
 import select
 import socket
+import statistics
 import time
 
 from pymavlink import mavutil
@@ -10,8 +11,14 @@ from pymavlink.dialects.v20 import common
 
 mavlink = mavutil.mavlink
 
-# Offsets in a MAVLink 2 frame: sequence number, component, message id.
-SEQ, COMPONENT, ID = 4, 6, slice(7, 10)
+# Where the fields are in a MAVLink 2 frame: sequence number, component, message id, payload (zeros at its end are left out).
+SEQ, COMPONENT, ID, PAYLOAD = 4, 6, slice(7, 10), slice(10, -2)
+# Telemetry whose payload begins with the vehicle's time (ms since boot).
+TIMED = [
+    mavlink.MAVLINK_MSG_ID_ATTITUDE,
+    mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+    mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+]
 # The most PINGs without an answer.
 UNANSWERED = 64
 
@@ -28,6 +35,8 @@ class Counter:
         self.mav.seq = 0
         self.seqs = {}
         self.counts = collections.Counter()
+        # Frames of telemetry, by the vehicle's quarter of a second.
+        self.quarters = collections.Counter()
         self.lost = 0
 
     def send(self, message):
@@ -56,7 +65,15 @@ class Counter:
             expected = self.seqs.get(component, datagram[SEQ])
             self.lost += (datagram[SEQ] - expected) % 256
             self.seqs[component] = (datagram[SEQ] + 1) % 256
-            self.counts[int.from_bytes(datagram[ID], "little")] += 1
+            message = int.from_bytes(datagram[ID], "little")
+            self.counts[message] += 1
+            if message in TIMED:
+                self.quarters[int.from_bytes(datagram[PAYLOAD][:4], "little") // 250] += 1
+
+    def rate(self):
+        """Returns the rate of the telemetry (frames/s) by the vehicle's own time. It is the median of the whole quarters of a second: on a
+        busy machine, this program and the emulator may not run for a moment."""
+        return 4 * statistics.median(count for _, count in sorted(self.quarters.items())[1:-1])
 
     def run(self, duration, pings):
         """Sends `pings` PINGs a second for `duration` (s). Returns their number, and how long it took (s).

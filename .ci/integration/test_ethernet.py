@@ -11,7 +11,7 @@ from mavsdk.plugins.mission_raw import MissionItem, MissionRaw
 from plans import differences, plan
 from pymavlink import mavutil
 from qgc import Qgc
-from stations import Counter
+from stations import TIMED, Counter
 from transfer import ACCEPTED, as_dict, download, upload
 
 mavlink = mavutil.mavlink
@@ -76,16 +76,15 @@ def test_a_thousand_frames_a_second_in_each_direction(ports, app, request, figur
     duration = request.config.getoption("load_seconds")
     station = Counter(ports[1])
     try:
-        streams = [mavlink.MAVLINK_MSG_ID_ATTITUDE, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED]
-        streams.append(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
-        for message in streams:
+        for message in TIMED:
             station.request(message, 2_500)
         station.run(1, 0)
         station.counts.clear()
+        station.quarters.clear()
         sent, elapsed = station.run(duration, RATE)
-        telemetry = sum(station.counts[message] for message in streams) / elapsed
+        telemetry = station.rate()
         station.receive(1)
-        for message in streams:
+        for message in TIMED:
             station.request(message, 0)
         station.run(0.5, 0)
         answers = station.counts[mavlink.MAVLINK_MSG_ID_PING]
@@ -142,7 +141,7 @@ def test_qgroundcontrol_connects(ports):
     """QGroundControl's default: it listens on a UDP port, without any configuration."""
     gcs = Gcs(ports[0], "udpin", is_new=True)
     try:
-        assert gcs.wait("HEARTBEAT", TIMEOUT + 2), "the vehicle does not broadcast"
+        assert gcs.wait("HEARTBEAT", 2 * TIMEOUT), "the vehicle does not broadcast"
         qgc = Qgc(gcs)
         qgc.connect()
         assert qgc.is_ready and all(step.is_answered for step in qgc.steps), qgc.steps

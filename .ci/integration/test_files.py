@@ -247,7 +247,8 @@ def test_mavsdk_downloads(system, tmp_path, use_burst):
 def test_mavsdk_lists_and_compares(system, tmp_path):
     ftp = Ftp(system)
     listing = ftp.list_directory("/")
-    assert [entry.name for entry in listing.entries] == ["@MISSION", "@PARAM", "events.json.xz", "general.json", "parameters.json.xz"]
+    names = ["@MAV_LOG", "@MISSION", "@PARAM", "events.json.xz", "general.json", "parameters.json.xz"]
+    assert [entry.name for entry in listing.entries] == names
     general = tmp_path / "general.json"
     assert transfer(lambda done: ftp.download_async(general.name, str(tmp_path), True, done)) == FtpResult.SUCCESS
     assert ftp.are_files_identical(str(general), "general.json")

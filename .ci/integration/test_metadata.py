@@ -31,7 +31,7 @@ FILES = 3
 
 def cache_metadata(port, files=FILES):
     """MAVSDK 4.1 hangs when it has to fetch several files at once. Each try leaves at least one more of them in its cache. What earlier
-    runs have left there is removed: the vehicle serves the files."""
+    tests have left there is removed: the vehicle serves the files. The cache is in the home folder of this run of the tests."""
     cache = pathlib.Path.home() / ".cache/mavsdk/component_metadata"
     for cached in cache.glob("compid-001_*"):
         cached.unlink()

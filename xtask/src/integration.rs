@@ -1,10 +1,10 @@
 //! The vehicle under real ground-station software: pymavlink, MAVSDK and MAVProxy, driven by pytest.
 
 use std::ffi::OsString;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{BufRead, BufReader, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::mpsc;
 use std::thread;
@@ -16,7 +16,7 @@ use crate::emulator::{self, Emulator};
 use crate::firmware::{self, App};
 use crate::python::{self, CLIENTS};
 use crate::qemu::{self, Telemetry};
-use crate::system::{Result, cargo, root, run, target_dir};
+use crate::system::{Result, cargo, is_ci, root, run, target_dir};
 use crate::toolchain::{self, Choice};
 
 /// Where the vehicle runs.
@@ -89,12 +89,15 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
             "test_far.py",
             "test_frameworks.py",
             "test_ethernet.py",
+            "test_lan.py",
         ],
     ),
     ("UDP", true, &["test_udp.py"]),
 ];
 /// Tests of other firmwares, which run only in the emulator.
-const IN_QEMU: [&str; 2] = ["test_frameworks.py", "test_ethernet.py"];
+const IN_QEMU: [&str; 3] = ["test_frameworks.py", ETHERNET[0], ETHERNET[1]];
+/// The tests of the firmwares with a network, which need a later compiler than everything else.
+const ETHERNET: [&str; 2] = ["test_ethernet.py", "test_lan.py"];
 
 /// `cargo xtask integration`.
 pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
@@ -108,7 +111,15 @@ pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
     let mut programs = Vec::new();
     for (this, name) in [(Target::Sitl, "sitl"), (Target::Qemu, "qemu")] {
         if target == Target::All || target == this {
-            programs.push((name, if this == Target::Qemu { Program::for_qemu(choice)? } else { Program::for_sitl()? }));
+            let program = if this == Target::Qemu {
+                Program::for_qemu(
+                    choice,
+                    is_ci() || options.file.as_deref().is_some_and(|file| ETHERNET.contains(&file)),
+                )?
+            } else {
+                Program::for_sitl()?
+            };
+            programs.push((name, program));
         }
     }
     // All groups run in parallel, each with a vehicle of its own: most of the time the tests wait.
@@ -116,14 +127,16 @@ pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
     for (group, over_udp, files) in GROUPS {
         let files: Vec<_> =
             files.iter().filter(|file| options.file.as_ref().is_none_or(|only| only == *file)).collect();
-        if files.is_empty() {
-            continue;
-        }
         for &(target, ref program) in &programs {
+            let files: Vec<_> = files.iter().filter(|file| program.runs(file)).collect();
+            if files.is_empty() {
+                continue;
+            }
             let name = format!("{target}, {group}");
             let port = free_ports()?;
             let udp = over_udp.then_some(SocketAddr::from((Ipv4Addr::LOCALHOST, port)));
-            let log = target_dir().join(format!("integration-{target}-{}.log", group.replace(' ', "-")));
+            let folder = target_dir().join(format!("integration-{target}-{}", group.replace(' ', "-")));
+            let log = folder.with_extension("log");
             println!("The vehicle's log ({name}): {}", log.display());
             let log = File::create(&log).map_err(|error| format!("{}: {error}", log.display()))?;
             let vehicle = program.start(port, udp, log)?;
@@ -136,12 +149,13 @@ pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
                 .args(["--spare-port-base", &(port + SPARE).to_string()])
                 .args(["--load-seconds", &options.load_seconds.to_string()])
                 .args(program.options(port))
-                .args(files.iter().filter(|file| target == "qemu" || !IN_QEMU.contains(file)))
+                .args(files)
                 .env("PYTHONDONTWRITEBYTECODE", "1")
                 .env("PYTHONUNBUFFERED", "1")
                 // pymavlink's message definitions: MAVLink 2 of common.
                 .env("MAVLINK20", "1")
                 .env("MAVLINK_DIALECT", "common")
+                .envs(home(&folder)?)
                 .current_dir(root().join(CLIENTS))
                 .stdout(Stdio::piped());
             let mut clients = clients.spawn().map_err(|error| format!("{}: {error}", python.display()))?;
@@ -149,6 +163,9 @@ pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
             let printer = clients.stdout.take().map(|output| thread::spawn(move || print(&label, output)));
             runs.push((name, Process(clients), printer, vehicle));
         }
+    }
+    if runs.is_empty() {
+        return Err("these tests do not run on this target".to_owned());
     }
     let mut failed = Vec::new();
     for (name, clients, printer, _vehicle) in runs {
@@ -162,6 +179,23 @@ pub fn run_tests(options: &Options, choice: Option<Choice>) -> Result {
         }
     }
     if failed.is_empty() { Ok(()) } else { Err(format!("tests failed: {}", failed.join("; "))) }
+}
+
+/// Returns the environment of clients with an empty home of their own in `folder`: MAVSDK caches files there, which groups must not share,
+/// and MAVProxy reads the user's settings. Cargo and rustup stay in the user's home.
+fn home(folder: &Path) -> Result<Vec<(&'static str, PathBuf)>> {
+    let fails = |error| format!("{}: {error}", folder.display());
+    if folder.exists() {
+        fs::remove_dir_all(folder).map_err(fails)?;
+    }
+    fs::create_dir_all(folder).map_err(fails)?;
+    let mut variables = vec![("HOME", std::path::absolute(folder).map_err(fails)?)];
+    if let Some(home) = std::env::home_dir() {
+        let is_unset = |(name, _): &(&str, _)| std::env::var_os(name).is_none();
+        let tools = [("CARGO_HOME", home.join(".cargo")), ("RUSTUP_HOME", home.join(".rustup"))];
+        variables.extend(tools.into_iter().filter(is_unset));
+    }
+    Ok(variables)
 }
 
 /// Prints what the tests say, with their name before each line.
@@ -196,8 +230,14 @@ fn wait(mut process: Process, stop: &mpsc::Receiver<()>) -> Result<bool> {
 
 /// A vehicle that can be started.
 enum Program {
-    Qemu { firmware: PathBuf },
-    Sitl { program: PathBuf },
+    Qemu {
+        firmware: PathBuf,
+        /// Whether the firmwares with a network are built too.
+        has_network: bool,
+    },
+    Sitl {
+        program: PathBuf,
+    },
 }
 
 /// A running vehicle, ended when dropped.
@@ -207,15 +247,34 @@ enum Vehicle {
 }
 
 impl Program {
-    fn for_qemu(choice: Option<Choice>) -> Result<Self> {
+    /// Builds all firmwares. Those with a network are left out if the compiler is too old, unless they `must` be tested.
+    fn for_qemu(choice: Option<Choice>, must: bool) -> Result<Self> {
         emulator::prepare()?;
         let choice = toolchain::prepare(choice, &[toolchain::TARGET])?;
+        let mut has_network = true;
         // The others are for the tests that start them.
         for app in App::ALL {
+            match app.check_rust(choice) {
+                Ok(()) => {}
+                Err(error) if must => return Err(error),
+                Err(error) => {
+                    println!("Skipped: {error}.");
+                    has_network = false;
+                    continue;
+                }
+            }
             let path = firmware::build(choice, app, true)?;
             firmware::print_size(&format!("Firmware ({})", app.name()), &firmware::read(&path)?)?;
         }
-        Ok(Self::Qemu { firmware: firmware::build(choice, App::Loop, true)? })
+        Ok(Self::Qemu { firmware: firmware::build(choice, App::Loop, true)?, has_network })
+    }
+
+    /// Whether it has what the tests in this file use.
+    fn runs(&self, file: &str) -> bool {
+        match self {
+            Self::Qemu { has_network, .. } => *has_network || !ETHERNET.contains(&file),
+            Self::Sitl { .. } => !IN_QEMU.contains(&file),
+        }
     }
 
     fn for_sitl() -> Result<Self> {
@@ -226,10 +285,10 @@ impl Program {
 
     fn start(&self, port: u16, udp: Option<SocketAddr>, log: File) -> Result<Vehicle> {
         match self {
-            Self::Qemu { firmware } => {
+            Self::Qemu { firmware, .. } => {
                 let table = crate::log::table(&firmware::read(firmware)?)?;
                 let (emulator, output) =
-                    qemu::start(firmware, port, Telemetry::new(App::Loop, udp)?, Some(port + QMP), None)?;
+                    qemu::start(firmware, port, Telemetry::new(App::Loop, udp)?, None, Some(port + QMP), None)?;
                 thread::spawn(move || {
                     // Nobody reads it any more: no reason to stop the vehicle.
                     crate::log::read(&table, output, |line| drop(writeln!(&log, "{line}")), |_| {});

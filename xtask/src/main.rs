@@ -44,7 +44,7 @@ enum Task {
     /// Install everything that the other commands would install on demand.
     ///
     /// That is: compiler targets, QEMU, the ground stations' libraries, a nightly toolchain, cargo-fuzz. Run this before you run
-    /// several commands at the same time.
+    /// several commands at the same time. Only `boards --run` needs more: Node.js and rp2040js, which it installs itself.
     Setup,
     Qemu(Qemu),
     Integration(Integration),
@@ -76,7 +76,7 @@ enum Task {
 ///
 /// `--app ethernet` has a network in place of UART0. The vehicle broadcasts heartbeats until a ground station answers: one that
 /// listens on UDP port 14550 of this machine finds it without any configuration. Up to three more stations send to the first port,
-/// which is then a UDP port.
+/// which is then a UDP port. The apps with a network need Rust 1.91 or later.
 ///
 /// What is missing (the compiler's target, the emulator) is installed first if that is possible; otherwise the command to install
 /// it is printed. Press Ctrl-C to stop.
@@ -101,6 +101,10 @@ struct Qemu {
     /// overwritten with zeros. An existing log of that name is replaced; any other file is refused.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
+    /// Connect the board's Ethernet as this option `-nic` of QEMU says, such as `tap,ifname=tap0,script=no`. By default it reaches this
+    /// machine only. With `--app ethernet`.
+    #[arg(long, value_name = "OPTION")]
+    nic: Option<String>,
     /// Accept QMP commands for the emulator on this TCP port: `system_reset` is the vehicle's reset button.
     #[arg(long, value_name = "PORT", value_parser = clap::value_parser!(u16).range(1..))]
     qmp: Option<u16>,
@@ -115,7 +119,7 @@ struct Qemu {
 #[derive(Args)]
 struct Boards {
     /// Also run the firmwares of the micro:bit, the STM32F405 and the STM32F100 in QEMU, and those of the RP2040 in rp2040js, under
-    /// pymavlink.
+    /// pymavlink. This needs Node.js 18 or later, and rp2040js from the npm registry.
     #[arg(long)]
     run: bool,
 }
@@ -130,7 +134,8 @@ struct Cross {
 
 /// Test the demo vehicle with real ground stations: pymavlink, MAVSDK and MAVProxy.
 ///
-/// They are installed from PyPI, in pinned versions, into a Python environment in the target directory.
+/// They are installed from PyPI, in pinned versions, into a Python environment in the target directory. With a compiler before Rust
+/// 1.91, the tests of the firmwares with a network are skipped; with `CI` set they fail.
 #[derive(Args)]
 struct Integration {
     /// Where the vehicle runs.
@@ -230,7 +235,6 @@ fn resolve(address: &str) -> Result<SocketAddr, String> {
 fn setup() -> system::Result {
     toolchain::prepare(None, &toolchain::TARGETS)?;
     emulator::prepare()?;
-    rp2040js::prepare()?;
     python::environment()?;
     fuzz::prepare()
 }
@@ -239,8 +243,8 @@ fn main() -> ExitCode {
     let result = match Arguments::parse().task {
         Task::Setup => setup(),
         Task::Qemu(arguments) => {
-            let Qemu { app, port_base, udp, log, qmp, toolchain } = arguments;
-            qemu::run(app, port_base, udp, qmp, log.as_deref(), toolchain)
+            let Qemu { app, port_base, udp, log, nic, qmp, toolchain } = arguments;
+            qemu::run(app, port_base, udp, qmp, log.as_deref(), nic.as_deref(), toolchain)
         }
         Task::Pictures(arguments) => pictures::draw(&arguments),
         Task::Integration(Integration { target, file, load_seconds, toolchain }) => {

@@ -18,8 +18,8 @@ use crate::{bridge, firmware, log};
 const PORTS: u16 = 3;
 /// The vehicle's UDP port on its Ethernet.
 const VEHICLE_PORT: u16 = 14_550;
-/// Where the firmware looks for the UDP port of ground stations: `board::station_port`.
-const STATION_PORT: u32 = 0x2103_0000;
+/// Where the firmware looks for the UDP port of ground stations: `STATION_PORT` in `examples/qemu/src/flash.rs`, behind the logs.
+const STATION_PORT: u32 = 0x2110_0000;
 
 /// The transport of the telemetry link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,9 +54,13 @@ pub fn run(
     udp: Option<SocketAddr>,
     qmp: Option<u16>,
     log: Option<&Path>,
+    nic: Option<&str>,
     choice: Option<Choice>,
 ) -> Result {
     let telemetry = Telemetry::new(app, udp)?;
+    if nic.is_some() && !app.has_network() {
+        return Err(format!("`{}` has no network: use --nic with --app ethernet", app.name()));
+    }
     if log.is_some() && app.has_network() {
         return Err("--log logs the UARTs, but telemetry is on Ethernet: log it in the ground station".to_owned());
     }
@@ -72,17 +76,20 @@ pub fn run(
     let tlog = log.map(Tlog::create).transpose()?;
     let console = Console::new();
     let stop = stop_signal()?;
-    let (mut emulator, output) = start(&path, port_base, telemetry, qmp, tlog)?;
+    let (mut emulator, output) = start(&path, port_base, telemetry, nic, qmp, tlog)?;
     println!("QEMU runs the firmware ({}) on {BOARD} (Cortex-M4F). Connect a ground station:\n", app.name());
     match telemetry {
         Telemetry::Tcp => println!("{}\n", HowToConnect::Tcp(port_base)),
         Telemetry::Udp(peer) => println!("{}\n", HowToConnect::Udp(peer)),
+        Telemetry::Ethernet(station) if nic.is_some() => {
+            println!("UDP port {station} of any machine on the network of the board.\n");
+        }
         Telemetry::Ethernet(station) => {
             println!("{}\n", HowToConnect::Udp((Ipv4Addr::LOCALHOST, station).into()));
             println!("{}\n", FurtherStations { port: port_base });
         }
     }
-    println!("{}\n", OtherLinks { companion: port_base + 1, satellite: port_base + 2 });
+    println!("{}\n", OtherLinks { system: 1, companion: port_base + 1, satellite: port_base + 2 });
     if let Some(port) = qmp {
         println!("The emulator itself: QMP on TCP port {port}.");
     }
@@ -128,11 +135,13 @@ fn check_ports(base: u16, telemetry: Telemetry) -> Result {
 }
 
 /// Starts the firmware at `elf`, and returns the emulator with the firmware's log, encoded. The emulator takes QMP commands on TCP
-/// port `qmp`, a reset of the processor among them. The links' traffic is logged to `tlog`.
+/// port `qmp`, a reset of the processor among them. The links' traffic is logged to `tlog`. The board's Ethernet is connected to the
+/// emulator's network `nic`, by default to this machine only.
 pub fn start(
     elf: &Path,
     port_base: u16,
     telemetry: Telemetry,
+    nic: Option<&str>,
     qmp: Option<u16>,
     tlog: Option<Arc<Tlog>>,
 ) -> Result<(Emulator, ChildStdout)> {
@@ -169,7 +178,8 @@ pub fn start(
     }
     if let Telemetry::Ethernet(station) = telemetry {
         // The forwarded port is bound to the loopback interface. The vehicle sends from it, too, so nothing leaves this machine.
-        command.args(["-nic", &format!("user,hostfwd=udp:127.0.0.1:{port_base}-:{VEHICLE_PORT}")]);
+        let this_machine = format!("user,hostfwd=udp:127.0.0.1:{port_base}-:{VEHICLE_PORT}");
+        command.args(["-nic", nic.unwrap_or(&this_machine)]);
         command.args(["-device", &format!("loader,addr={STATION_PORT:#x},data={station},data-len=4")]);
     }
     if let Some(port) = qmp {

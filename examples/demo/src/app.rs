@@ -165,8 +165,20 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         let parameters = app.stack.parameters_mut();
         let start = parameters.get(Tuning::SIH_LOC_LON0).saturating_add(i32::from(others).saturating_mul(SPACING));
         parameters.set(Tuning::SIH_LOC_LON0, start);
-        parameters.set(Tuning::MAV_SYS_ID, system.into());
+        app.set_system(system);
         app
+    }
+
+    /// Sets the system id, from 1 to 254, in place of the one that [`restore`](Self::restore) has found. It is stored when a ground
+    /// station changes a parameter. Call it before the vehicle communicates.
+    pub fn set_system(&mut self, system: u8) {
+        self.stack.parameters_mut().set(Tuning::MAV_SYS_ID, system.into());
+        self.take_address();
+    }
+
+    /// Returns the system id of the parameter, which takes effect at the next boot.
+    pub fn next_system(&self) -> Option<u8> {
+        u8::try_from(self.stack.parameters().get(Tuning::MAV_SYS_ID)).ok()
     }
 
     fn begin(mut stack: S, config: Config, pulse: &'static Pulse) -> Self {
@@ -184,8 +196,7 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
 
     /// Takes the system id of the parameter.
     fn take_address(&mut self) {
-        let id = u8::try_from(self.stack.parameters().get(Tuning::MAV_SYS_ID));
-        if let Some(address) = id.ok().and_then(|id| VehicleAddress::new(Address::new(id, COMPONENT))) {
+        if let Some(address) = self.next_system().and_then(|id| VehicleAddress::new(Address::new(id, COMPONENT))) {
             self.stack.set_address(address);
         }
     }

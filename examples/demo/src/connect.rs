@@ -6,6 +6,8 @@ use core::net::SocketAddr;
 /// Prints how to use the other two links, which are TCP ports of this machine.
 #[derive(Clone, Copy, Debug)]
 pub struct OtherLinks {
+    /// The vehicle's system id.
+    pub system: u8,
     /// The port for a companion computer.
     pub companion: u16,
     /// The port for a satellite modem.
@@ -14,11 +16,11 @@ pub struct OtherLinks {
 
 impl fmt::Display for OtherLinks {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { companion, satellite } = self;
+        let Self { system, companion, satellite } = self;
         write!(
             f,
             "Companion computer: TCP port {companion}. The vehicle forwards between it and the ground station. Use \
-             system 1,\ncomponent 191, for example.\n\
+             system {system},\ncomponent 191, for example.\n\
              Satellite modem: TCP port {satellite}. Carries commands and their answers, no heartbeats. \
              MAV_CMD_CONTROL_HIGH_LATENCY\nstarts HIGH_LATENCY2 reports there (in MAVProxy: `link hl on`)."
         )

@@ -203,11 +203,11 @@ pub fn ticks() -> u32 {
     !clock.read(Timer::VALUE)
 }
 
-/// The UDP port of ground stations: the word behind the flash, in which the emulator may put another one; by default 14550.
+/// The UDP port of ground stations: a word of the PSRAM, in which the emulator may put another one; by default 14550.
 #[cfg(feature = "network")]
 pub fn station_port() -> u16 {
     // SAFETY: PSRAM that nothing else uses. It is zero unless the emulator wrote it before the start.
-    let port = unsafe { Registers::at(crate::flash::BEHIND) }.read(0);
+    let port = unsafe { Registers::at(crate::flash::STATION_PORT) }.read(0);
     u16::try_from(port).ok().filter(|&port| port > 0).unwrap_or(14_550)
 }
 

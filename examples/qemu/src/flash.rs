@@ -10,9 +10,18 @@ use mavstack_demo::LogMemory;
 /// Start of the PSRAM. Nothing else uses it: `memory.x` does not contain it.
 const BASE: usize = 0x2100_0000;
 
-/// The first address behind the flash.
+/// The address of the flight logs, behind the flash.
+const LOGS: usize = BASE + PsramFlash::LEN as usize;
+
+/// The address of the word with the UDP port of ground stations, at a distance from the start that does not depend on the length of the
+/// logs: `xtask/src/qemu.rs` has it too.
 #[cfg(feature = "network")]
-pub(crate) const BEHIND: usize = BASE + PsramFlash::LEN as usize;
+pub(crate) const STATION_PORT: usize = BASE + 0x10_0000;
+#[cfg(feature = "network")]
+const _: () = assert!(
+    LOGS + size_of::<LogMemory>() <= STATION_PORT,
+    "the flight logs overlap the station port: move STATION_PORT here and in xtask/src/qemu.rs"
+);
 
 /// The flash: 192 KiB in erase units of 4 KiB, written in words, like serial NOR or internal flash.
 pub struct PsramFlash(());
@@ -34,10 +43,9 @@ impl PsramFlash {
 
 /// Returns the memory of the flight logs, behind the flash. A reset keeps it too.
 pub fn logs() -> &'static LogMemory {
-    let address = BASE + PsramFlash::LEN as usize;
     // SAFETY: a part of the PSRAM, aligned to 4 KiB, which nothing else uses. It consists of atomics, so any content is valid, and it
     // may be shared.
-    unsafe { &*core::ptr::with_exposed_provenance(address) }
+    unsafe { &*core::ptr::with_exposed_provenance(LOGS) }
 }
 
 impl ErrorType for PsramFlash {

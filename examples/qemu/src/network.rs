@@ -24,6 +24,9 @@ pub const FIXED: (Ipv4Cidr, Ipv4Address) =
 pub const BROADCAST: Ipv4Address = Ipv4Address::BROADCAST;
 /// How long to wait for DHCP.
 pub const PATIENCE: mavstack::Duration = mavstack::Duration::from_secs(3);
+/// How long the send queue may stay full before it is discarded. smoltcp never drops a datagram to a host that does not answer ARP, and
+/// sends nothing behind it.
+pub const STALL: mavstack::Duration = mavstack::Duration::from_secs(3);
 
 /// The most Ethernet frames that one call takes from the controller.
 const FRAMES: usize = 32;
@@ -62,6 +65,8 @@ struct Net {
     dhcp: SocketHandle,
     /// How many Ethernet frames this call may still take.
     frames: usize,
+    /// When the send queue becomes stalled, if it stays full.
+    stalled_at: Option<smoltcp::time::Instant>,
 }
 
 impl Network {
@@ -80,7 +85,7 @@ impl Network {
         let mut sockets = SocketSet::new(&mut sockets[..]);
         let (udp, dhcp) = (sockets.add(socket), sockets.add(dhcpv4::Socket::new()));
         device.listen();
-        let net = Net { now, device, interface, sockets, udp, dhcp, frames: 0 };
+        let net = Net { now, device, interface, sockets, udp, dhcp, frames: 0, stalled_at: None };
         NETWORK.try_init(Self { net, links: UdpLinks::new(STATIONS), fixed_due: None })
     }
 
@@ -146,6 +151,18 @@ impl Net {
         interface.poll_egress(*now, device, sockets);
     }
 
+    /// Empties the socket, which is full, if that has lasted for [`STALL`]. Returns whether it is empty now.
+    fn discard_stalled(&mut self) -> bool {
+        let now = self.now;
+        if now < *self.stalled_at.get_or_insert(now + smoltcp::time::Duration::from_micros(STALL.as_micros())) {
+            return false;
+        }
+        self.stalled_at = None;
+        let socket = self.sockets.get_mut::<udp::Socket>(self.udp);
+        socket.close();
+        socket.bind(PORT).is_ok()
+    }
+
     fn has_room(&self) -> bool {
         let socket = self.sockets.get::<udp::Socket>(self.udp);
         socket.can_send() && socket.payload_send_capacity() - socket.send_queue() >= 2 * MAX_FRAME_LEN
@@ -171,10 +188,11 @@ impl DatagramSocket for Net {
         // The answer with a station's Ethernet address may be among the received frames.
         while !self.has_room() {
             if !self.take_frame() {
-                return false;
+                return self.discard_stalled();
             }
             self.send_pending();
         }
+        self.stalled_at = None;
         true
     }
 

@@ -48,9 +48,10 @@ struct Arguments {
     /// Run this many vehicles.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=254))]
     count: u8,
-    /// System id of the first vehicle. The others have the ids after it.
-    #[arg(long, value_name = "ID", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=254))]
-    system: u8,
+    /// System id of the first vehicle, by default 1. The others have the ids after it. This option and --count replace the stored
+    /// MAV_SYS_ID; a single vehicle without this option keeps it.
+    #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u8).range(1..=254))]
+    system: Option<u8>,
     /// First of three consecutive TCP ports. The ports of each further vehicle are ten above those of the one before.
     #[arg(long, value_name = "PORT", default_value_t = 5770, value_parser = clap::value_parser!(u16).range(1..=65533))]
     port_base: u16,
@@ -83,12 +84,10 @@ struct Arguments {
 impl Arguments {
     /// Checks what concerns several arguments.
     fn check(&self) -> Result<(), String> {
-        let (count, last) = (self.count, u16::from(self.system) + u16::from(self.count) - 1);
+        let (count, first) = (self.count, self.first());
+        let last = u16::from(first) + u16::from(count) - 1;
         if last > 254 {
-            return Err(format!(
-                "{count} vehicles from system id {} need ids up to {last}; the last one is 254",
-                self.system
-            ));
+            return Err(format!("{count} vehicles from system id {first} need ids up to {last}; the last one is 254"));
         }
         if self.port(self.count - 1).is_none() {
             return Err(format!("{count} vehicles need ports beyond 65535; choose lower ones with --port-base"));
@@ -96,24 +95,32 @@ impl Arguments {
         Ok(())
     }
 
+    /// Returns the system id of the first vehicle. A stored one may take precedence.
+    fn first(&self) -> u8 {
+        self.system.unwrap_or(1)
+    }
+
+    /// Whether the arguments, and not the storage, have the system ids: in a fleet they would otherwise not be in a row.
+    fn prescribes_systems(&self) -> bool {
+        self.system.is_some() || self.count > 1
+    }
+
     /// Returns the first port of a vehicle, by its index.
     fn port(&self, index: u8) -> Option<u16> {
         self.port_base.checked_add(10 * u16::from(index)).filter(|port| *port <= 65_533)
     }
 
-    fn print_how_to_connect(&self) {
+    /// Prints how to connect to the vehicles, of which the first has this system id.
+    fn print_how_to_connect(&self, system: u8) {
         let base = self.port_base;
         if self.count == 1 {
             println!("The vehicle is running. Connect a ground station:\n");
         } else {
-            let last = self.system + (self.count - 1);
-            println!(
-                "{} vehicles are running, systems {} to {last}. Connect a ground station:\n",
-                self.count, self.system
-            );
+            let last = system + (self.count - 1);
+            println!("{} vehicles are running, systems {system} to {last}. Connect a ground station:\n", self.count);
         }
         println!("{}\n", self.udp.map_or(HowToConnect::Tcp(base), HowToConnect::Udp));
-        println!("{}\n", OtherLinks { companion: base + 1, satellite: base + 2 });
+        println!("{}\n", OtherLinks { system, companion: base + 1, satellite: base + 2 });
         if self.count > 1 {
             println!("The ports of each further vehicle are ten above those of the one before.\n");
         }
@@ -179,7 +186,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         }
         fleet.push(Vehicle::boot(arguments, index, links, &console)?);
     }
-    arguments.print_how_to_connect();
+    arguments.print_how_to_connect(fleet.first().map_or(arguments.first(), Vehicle::system));
 
     // Vehicles next to each other share a thread; there is a thread for each core.
     let threads = thread::available_parallelism().map_or(1, usize::from);
@@ -197,18 +204,43 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     })
 }
 
-/// Runs some of the vehicles until the program is stopped.
+/// Stops the program when dropped: also when a vehicle panics.
+struct StopAtEnd<'a>(&'a AtomicBool);
+
+impl Drop for StopAtEnd<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Runs some of the vehicles until the program is stopped, or one of them fails: then the others stop too.
 fn fly(vehicles: &mut [Vehicle], arguments: &Arguments, stop: &AtomicBool, console: &Console) -> Result<(), String> {
+    let _stop = StopAtEnd(stop);
     let mut failed = Ok(());
-    while !stop.load(Ordering::Relaxed) {
+    while failed.is_ok() && !stop.load(Ordering::Relaxed) {
         let began = Instant::now();
         for vehicle in &mut *vehicles {
             failed = failed.and_then(|()| vehicle.step(arguments, console));
         }
-        if failed.is_err() {
-            stop.store(true, Ordering::Relaxed);
-        }
         thread::sleep(PERIOD.saturating_sub(began.elapsed()));
     }
     failed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_of_one_vehicle_stops_the_others() {
+        let stop = AtomicBool::new(false);
+        let result = thread::scope(|scope| {
+            let worker = scope.spawn(|| {
+                let _stop = StopAtEnd(&stop);
+                panic!("a vehicle");
+            });
+            worker.join()
+        });
+        assert!(result.is_err() && stop.into_inner());
+    }
 }

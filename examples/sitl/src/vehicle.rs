@@ -104,9 +104,15 @@ struct Device {
 }
 
 impl Device {
-    /// Boots with the contents of the storage.
-    fn boot(arguments: &Arguments, index: u8, kept: Kept, console: &Console) -> Result<Self, String> {
-        let app = App::in_fleet(Box::new(Mavlink::VACANT), kept.pulse, arguments.system + index);
+    /// Boots with the contents of the storage, but with the system id `system` if there is one.
+    fn boot(
+        arguments: &Arguments,
+        index: u8,
+        kept: Kept,
+        system: Option<u8>,
+        console: &Console,
+    ) -> Result<Self, String> {
+        let app = App::in_fleet(Box::new(Mavlink::VACANT), kept.pulse, arguments.first() + index);
         let mut device = Self { app, store: None, boot: time::Instant::now(), shown: Instant::ZERO };
         let app = &mut device.app;
         app.keep_logs(kept.logs);
@@ -116,6 +122,9 @@ impl Device {
             if let Err(errors) = app.restore(Instant::ZERO, store) {
                 console.print_error(format_args!("{}: not all could be read: {errors}", path.display()));
             }
+        }
+        if let Some(system) = system {
+            app.set_system(system);
         }
         if let Some(path) = &arguments.plan {
             let home_row = if arguments.no_home { HomeRow::None } else { HomeRow::First };
@@ -155,7 +164,13 @@ impl Vehicle {
     /// Boots the vehicle with this index.
     pub fn boot(arguments: &Arguments, index: u8, links: Links, console: &Console) -> Result<Self, String> {
         let kept = Kept { pulse: Box::leak(Box::new(Pulse::new())), logs: Box::leak(Box::new(LogMemory::new())) };
-        Ok(Self { index, kept, links, device: Device::boot(arguments, index, kept, console)? })
+        let system = arguments.prescribes_systems().then_some(arguments.first() + index);
+        Ok(Self { index, kept, links, device: Device::boot(arguments, index, kept, system, console)? })
+    }
+
+    /// Returns its system id.
+    pub fn system(&self) -> u8 {
+        self.device.app.stack().address().system.0
     }
 
     /// Runs one pass of its main loop, or reboots it if that was requested. A vehicle whose flight loop hangs does nothing.
@@ -163,8 +178,10 @@ impl Vehicle {
         let Device { app, store, boot, shown } = &mut self.device;
         if app.wants_reboot() {
             console.print(format_args!("The vehicle {} reboots.", app.stack().address().system.0));
+            // The parameter may have been changed since the start, and not yet stored.
+            let system = app.next_system().filter(|_| arguments.prescribes_systems());
             // Connections stay open, as on a UART.
-            self.device = Device::boot(arguments, self.index, self.kept, console)?;
+            self.device = Device::boot(arguments, self.index, self.kept, system, console)?;
             return Ok(());
         }
         if app.simulates_hang() {

@@ -1,15 +1,15 @@
 //! A fleet of vehicles in one program, over sockets.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::{Duration, Instant};
 
-use mavstack::dialect::{AutopilotVersion, CommandLong, GlobalPositionInt, Heartbeat, MavCmd};
+use mavstack::dialect::{AutopilotVersion, CommandLong, GlobalPositionInt, Heartbeat, MavCmd, MavParamType, ParamSet};
 use mavstack::frame::{Version, encode};
-use mavstack::{Address, Message};
+use mavstack::{Address, Message, Text};
 
 /// A running program, which ends with the test.
 struct Fleet {
@@ -28,9 +28,15 @@ impl Drop for Fleet {
 impl Fleet {
     /// Starts vehicles with the system ids from `first` on, and waits until they run.
     fn start(count: u8, first: u8, telemetry: SocketAddr) -> Self {
+        let arguments = ["--count", &count.to_string(), "--system", &first.to_string()];
+        Self::start_with(count, telemetry, &arguments).0
+    }
+
+    /// Starts vehicles with these arguments, and waits until they run. Returns what they print until then, too.
+    fn start_with(count: u8, telemetry: SocketAddr, arguments: &[&str]) -> (Self, String) {
         let base = free_ports(count);
         let mut program = Command::new(env!("CARGO_BIN_EXE_mavstack-sitl"))
-            .args(["--count", &count.to_string(), "--system", &first.to_string()])
+            .args(arguments)
             .args(["--port-base", &base.to_string(), &format!("--udp={telemetry}")])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -39,10 +45,25 @@ impl Fleet {
         let output = BufReader::new(program.stdout.take().expect("its output"));
         let fleet = Self { program, base };
         let mut lines = output.lines().map_while(Result::ok);
-        assert!(lines.any(|line| line.contains("Press Ctrl-C to stop")), "the program has ended");
+        let mut printed = String::new();
+        let is_running = lines.any(|line| {
+            printed.push_str(&line);
+            line.contains("Press Ctrl-C to stop")
+        });
+        assert!(is_running, "the program has ended: {printed}");
         // It goes on printing.
         std::thread::spawn(move || lines.for_each(drop));
-        fleet
+        (fleet, printed)
+    }
+
+    /// Sends a message to the vehicle with this index, on its companion's port.
+    fn send(&self, index: u16, message: &impl Message) -> TcpStream {
+        let mut companion = TcpStream::connect((Ipv4Addr::LOCALHOST, self.base + 10 * index + 1)).expect("a client");
+        companion.set_read_timeout(Some(Duration::from_millis(100))).expect("a timeout");
+        let mut frame = [0; 280];
+        let len = encode(message, Version::V2, Address::new(255, 190), 0, &mut frame).expect("a frame");
+        companion.write_all(&frame[..len]).expect("the port takes it");
+        companion
     }
 
     /// The processor time that it has used.
@@ -136,8 +157,6 @@ fn a_command_on_a_vehicles_port_reaches_this_vehicle() {
     let fleet = Fleet::start(3, 7, socket.local_addr().expect("an address"));
     let mut ids = Vec::new();
     for index in 0..3 {
-        let mut companion = TcpStream::connect((Ipv4Addr::LOCALHOST, fleet.base + 10 * index + 1)).expect("a client");
-        companion.set_read_timeout(Some(Duration::from_millis(100))).expect("a timeout");
         let system = 7 + u8::try_from(index).expect("a small number");
         let request = CommandLong {
             command: MavCmd::REQUEST_MESSAGE,
@@ -146,9 +165,7 @@ fn a_command_on_a_vehicles_port_reaches_this_vehicle() {
             target_component: 1,
             ..CommandLong::UNKNOWN
         };
-        let mut frame = [0; 280];
-        let len = encode(&request, Version::V2, Address::new(255, 190), 0, &mut frame).expect("a frame");
-        companion.write_all(&frame[..len]).expect("the port takes it");
+        let mut companion = fleet.send(index, &request);
         let (began, mut received) = (Instant::now(), Vec::new());
         let version = loop {
             assert!(began.elapsed() < Duration::from_secs(30), "no answer of system {system}");
@@ -165,6 +182,57 @@ fn a_command_on_a_vehicles_port_reaches_this_vehicle() {
     }
     ids.dedup();
     assert_eq!(ids.len(), 3, "each vehicle has a hardware id of its own");
+}
+
+/// The command line takes precedence over stored system ids, also after a reboot. Without it a vehicle keeps its own.
+#[test]
+fn system_ids_are_those_of_the_command_line_and_then_the_stored_ones() {
+    let file = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("fleet-storage.bin");
+    for file in [&file, &file.with_extension("bin.2")] {
+        // There is none, or it is left by an earlier run.
+        let _ = std::fs::remove_file(file);
+    }
+    let storage = file.to_str().expect("a name");
+    let cases: [(&[&str], &[u8]); 4] = [
+        (&["--system", "3", "--count", "2"], &[3, 4]),
+        (&["--system", "10", "--count", "2"], &[10, 11]),
+        (&[], &[10]),
+        (&["--count", "2"], &[1, 2]),
+    ];
+    for ((arguments, expected), speed) in cases.into_iter().zip([3.0, 4.0, 5.0, 6.0]) {
+        let socket = socket();
+        let address = socket.local_addr().expect("an address");
+        let count = u8::try_from(expected.len()).expect("a small number");
+        let (fleet, printed) = Fleet::start_with(count, address, &[arguments, &["--storage", storage]].concat());
+        assert!(printed.contains(&format!("Use system {},", expected[0])), "{arguments:?}: {printed}");
+        let heard = || {
+            let mut systems = BTreeSet::new();
+            receive(&socket, Duration::from_millis(2_500), |id, system, component, _| {
+                if (id, component) == (Heartbeat::ID, 1) {
+                    systems.insert(system);
+                }
+                false
+            });
+            systems.into_iter().collect::<Vec<_>>()
+        };
+        assert_eq!(heard(), expected, "{arguments:?}");
+        for (&target_system, index) in expected.iter().zip(0..) {
+            let command = MavCmd::PREFLIGHT_REBOOT_SHUTDOWN;
+            let reboot =
+                CommandLong { command, param1: 1.0, target_system, target_component: 1, ..CommandLong::UNKNOWN };
+            fleet.send(index, &reboot);
+        }
+        assert_eq!(heard(), expected, "{arguments:?}, after a reboot");
+        // With a change all parameters are stored.
+        for (&target_system, index) in expected.iter().zip(0..) {
+            let (param_id, param_type) = (Text::new("MPC_XY_CRUISE"), MavParamType::REAL32);
+            fleet.send(
+                index,
+                &ParamSet { param_value: speed, target_system, target_component: 1, param_id, param_type },
+            );
+        }
+        assert_eq!(heard(), expected, "{arguments:?}, once stored");
+    }
 }
 
 /// What 250 vehicles cost: `cargo test --release -p mavstack-sitl --test fleet -- --ignored --nocapture`.

@@ -43,6 +43,33 @@ impl App {
     pub fn has_network(self) -> bool {
         matches!(self, Self::Ethernet | Self::EthernetEmbassy)
     }
+
+    /// Checks that the compiler is new enough for this firmware.
+    ///
+    /// # Errors
+    ///
+    /// It needs a later version, which the error names.
+    pub fn check_rust(self, choice: Choice) -> Result {
+        let release = toolchain::release(choice);
+        if !self.has_network() || is_at_least(&release, NETWORK_RUST) {
+            return Ok(());
+        }
+        let [major, minor] = NETWORK_RUST;
+        let name = self.name();
+        Err(format!(
+            "`{name}` needs Rust {major}.{minor} or later, as smoltcp does; this is {release}: run `rustup update`"
+        ))
+    }
+}
+
+/// The minimum version of Rust for a network: smoltcp's.
+const NETWORK_RUST: [u32; 2] = [1, 91];
+
+/// Returns whether a compiler's version, such as "1.95.0", is not before this one. An unknown version is left to Cargo to judge.
+fn is_at_least(release: &str, minimum: [u32; 2]) -> bool {
+    let mut parts = release.split('.').map_while(|part| part.parse().ok());
+    let (Some(major), Some(minor)) = (parts.next(), parts.next()) else { return true };
+    [major, minor] >= minimum
 }
 
 const PACKAGE: &str = "mavstack-qemu";
@@ -86,6 +113,7 @@ pub struct Size {
 
 /// Builds the demo vehicle's firmware, with or without its log, and returns its path.
 pub fn build(choice: Choice, app: App, log: bool) -> Result<PathBuf> {
+    app.check_rust(choice)?;
     let features: &[&str] = if log { &[] } else { &["--no-default-features"] };
     let network: &[&str] = if app.has_network() { &["--features", "network"] } else { &[] };
     let mut command = toolchain::cargo_build(choice, TARGET);
@@ -194,4 +222,17 @@ pub fn measure(bytes: &[u8]) -> Result<Size> {
         }
     }
     Ok(size)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn versions_are_compared_by_number() {
+        assert!(
+            ["1.91.0", "1.100.0", "2.0.0", "1.92.0-nightly", ""].iter().all(|release| is_at_least(release, [1, 91]))
+        );
+        assert!(!["1.90.2", "1.88.0", "0.99.0"].iter().any(|release| is_at_least(release, [1, 91])));
+    }
 }

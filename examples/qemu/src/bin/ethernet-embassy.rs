@@ -19,7 +19,7 @@ use core::task::{Context, Poll, Waker};
 
 use cortex_m_rt::entry;
 use embassy_executor::Spawner;
-use embassy_futures::select::{select, select3};
+use embassy_futures::select::{Either, select, select3};
 use embassy_futures::yield_now;
 use embassy_net::udp::{PacketMetadata, UdpSocket};
 use embassy_net::{ConfigV4, IpEndpoint, Stack, StackResources, StaticConfigV4};
@@ -32,7 +32,7 @@ use mavstack_qemu::board::{self, Board};
 use mavstack_qemu::device::interrupt;
 use mavstack_qemu::lan9118::{self, EmbassyDriver};
 use mavstack_qemu::memory::{self, FlashStore};
-use mavstack_qemu::network::{BROADCAST, FIXED, PATIENCE, PORT, log_address};
+use mavstack_qemu::network::{BROADCAST, FIXED, PATIENCE, PORT, STALL, log_address};
 use static_cell::{ConstStaticCell, StaticCell};
 use tasks::{SharedApp, SharedStore, WAKE, exchange, flight, receive, run, transmit};
 use uart::Uart;
@@ -155,7 +155,12 @@ async fn stations(app: &'static SharedApp, net: Stack<'static>) {
             select3(socket.0.wait_recv_ready(), WAKE[usize::from(TELEMETRY.0)].wait(), next).await;
         } else {
             // Nothing is received meanwhile.
-            socket.0.wait_send_ready().await;
+            let stall = Timer::after(embassy_time::Duration::from_micros(STALL.as_micros()));
+            if let Either::Second(()) = select(socket.0.wait_send_ready(), stall).await {
+                // This empties it.
+                socket.0.close();
+                socket.0.bind(PORT).unwrap();
+            }
         }
     }
 }

@@ -1,0 +1,43 @@
+"""The firmwares on Ethernet, on a network with other hosts."""
+
+import time
+
+import pytest
+from firmware import running
+from lan import PORT, Lan
+from pymavlink import mavutil
+
+mavlink = mavutil.mavlink
+
+
+@pytest.mark.parametrize("app", ["ethernet", "ethernet-embassy"])
+def test_a_station_that_answers_no_arp_does_not_stop_the_others(app, request, tmp_path):
+    """Two stations on the network. The vehicle cannot resolve the address of one, whose datagrams fill the queue of the socket."""
+    option = request.config.getoption
+    base = option("spare_port_base")
+    lan = Lan(base + 3, base)
+    heartbeat = lan.mav.heartbeat_encode(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+    pilot, silent = 50, 66
+    lan.answering.add(pilot)
+
+    def hears(hosts, timeout, silence=0):
+        """Whether the pilot gets a frame within `timeout` (s) but not within `silence` (s). These hosts send a heartbeat each second."""
+        began, due = time.monotonic(), 0
+        while (elapsed := time.monotonic() - began) < timeout:
+            if elapsed >= due:
+                due += 1
+                for host in hosts:
+                    lan.send(host, heartbeat)
+            received = lan.receive(0.1)
+            if received and received[0] == pilot and elapsed >= silence:
+                return True
+        return False
+
+    try:
+        with running(option, app, tmp_path / "output.txt", f"--udp=127.0.0.1:{PORT}", f"--nic={lan.nic}"):
+            assert lan.receive(15), "the vehicle does not broadcast"
+            assert hears([pilot], 10), "the vehicle does not answer"
+            hears([pilot, silent], 3, silence=3)
+            assert hears([pilot], 15, silence=2), "the silent station stops the other one"
+    finally:
+        lan.close()
