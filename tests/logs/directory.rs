@@ -56,6 +56,35 @@ fn a_log_is_downloaded_as_a_file() {
     }
 }
 
+/// LOG-9, LOG-15: a log that has no data yet is read every five milliseconds, so that a sleeping loop sleeps. Files of other clients
+/// on the link do not wait for it.
+#[test]
+fn a_slow_log_delays_no_other_file() {
+    let mut shelf = shelf(&[5_000]);
+    shelf.vehicle.logs.later = usize::MAX;
+    let idle = shelf.sleep_for(secs(1));
+    for opcode in [MavFtpOpcode::READFILE, MavFtpOpcode::BURSTREADFILE] {
+        assert_eq!(ask(&mut shelf, 1, MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg").unwrap(), 5_000u32.to_le_bytes());
+        shelf.gcs[0].send(&request(2, 0, opcode, 239, 0, b""));
+        shelf.run_for(millis(20));
+        shelf.vehicle.logs.reads = 0;
+        let passes = shelf.sleep_for(secs(1));
+        assert!((190..=210).contains(&shelf.vehicle.logs.reads), "{}", shelf.vehicle.logs.reads);
+        assert!(passes < idle + 420, "{passes} passes, {idle} without a client");
+
+        let mut transfer = Transfer::download(OTHER_STATION, 0, 1, "docs/licence.txt");
+        let ended = shelf.run_until(millis(100), |shelf| {
+            let now = shelf.now();
+            transfer.poll(now, &mut shelf.gcs[0]).is_some()
+        });
+        assert!(ended && transfer.content() == *b"MIT", "{opcode:?}");
+        shelf.run_for(millis(20));
+        assert_eq!(ask(&mut shelf, 3, MavFtpOpcode::RESETSESSION, ""), Ok(vec![]));
+    }
+    shelf.vehicle.logs.later = 0;
+    assert!(ask(&mut shelf, 4, MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg").is_ok());
+}
+
 /// LOG-15, LOG-6: names that are no log's are not found, files are not written or removed, and in flight nothing is read.
 #[test]
 fn other_files_are_refused() {

@@ -21,7 +21,7 @@ mod vehicle;
 
 pub use vehicle::{LogInfo, LogRead, Logs};
 
-use super::share::{COST_OF_BYTE, MAX_LATENESS, Share};
+use super::share::{COST_OF_BYTE, MAX_LATENESS, RETRY, Share};
 use super::{Cx, Handled, Received, Service, Turn, View, increment};
 use crate::dialect::{LogData, LogEntry, LogErase, LogRequestData, LogRequestEnd, LogRequestList, MavSeverity};
 use crate::link::Port;
@@ -32,8 +32,6 @@ use crate::types::{Firmware, LinkId, Peer};
 /// What is pending ends when its client was silent for this time. MAVProxy requests a whole log at once, and then only sends
 /// heartbeats.
 const SILENCE: Duration = Duration::from_secs(10);
-/// How soon a log is read again that had no data yet.
-const RETRY: Duration = Duration::from_millis(5);
 
 /// The number of bytes of a log in a LOG_DATA.
 const BLOCK: usize = 90;
