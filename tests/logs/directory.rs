@@ -85,6 +85,34 @@ fn a_slow_log_delays_no_other_file() {
     assert!(ask(&mut shelf, 4, MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg").is_ok());
 }
 
+/// LOG-16: an open file ends with Fail when its number may belong to another log: after a flight, an erasure, or if the vehicle has
+/// another log there of itself.
+#[test]
+fn a_file_is_never_of_two_logs() {
+    let flight: fn(&mut Shelf) = |shelf| {
+        for is_armed in [true, false] {
+            shelf.vehicle.state = Some(mavstack::VehicleState::new(is_armed));
+            shelf.run_for(millis(10));
+        }
+    };
+    let erasure: fn(&mut Shelf) = |shelf| {
+        shelf.gcs[1].send(&ERASE);
+        shelf.run_for(millis(50));
+        shelf.vehicle.logs.content = vec![content(7, 5_000)];
+    };
+    let eviction: fn(&mut Shelf) = |shelf| shelf.vehicle.logs.evicted = 1;
+    for change in [flight, erasure, eviction] {
+        let mut shelf = shelf(&[5_000]);
+        assert!(ask(&mut shelf, 1, MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg").is_ok());
+        assert_eq!(ask(&mut shelf, 2, MavFtpOpcode::READFILE, "xxx"), Ok(content(0, 3)));
+        shelf.run_for(secs(4));
+        change(&mut shelf);
+        assert_eq!(ask(&mut shelf, 3, MavFtpOpcode::READFILE, "xxx"), Err(MavFtpErr::FAIL));
+        assert!(ask(&mut shelf, 4, MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg").is_ok());
+        assert!(ask(&mut shelf, 5, MavFtpOpcode::READFILE, "xxx").is_ok());
+    }
+}
+
 /// LOG-15, LOG-6: names that are no log's are not found, files are not written or removed, and in flight nothing is read.
 #[test]
 fn other_files_are_refused() {
