@@ -224,6 +224,8 @@ pub struct Shared {
     pub(crate) answerer: ComponentId,
     /// Changes when the numbers of the flight logs may have changed. It wraps.
     pub(crate) log_numbers: u16,
+    /// Until when a client is reading the file of a flight log.
+    pub(crate) logs_read_until: Instant,
 }
 
 impl Shared {
@@ -237,6 +239,7 @@ impl Shared {
         is_storage_busy: false,
         answerer: ComponentId(0),
         log_numbers: 0,
+        logs_read_until: Instant::ZERO,
     };
 
     /// Samples the pulse, and returns whether heartbeats may be sent (H-5).

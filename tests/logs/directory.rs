@@ -85,6 +85,35 @@ fn a_slow_log_delays_no_other_file() {
     assert!(ask(&mut shelf, 4, MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg").is_ok());
 }
 
+/// LOG-7: logs are not erased while a client reads the file of one: until it has read its end, or nothing for three seconds.
+#[test]
+fn a_file_that_is_read_is_not_erased() {
+    let erase = |shelf: &mut Shelf| {
+        shelf.gcs[1].send(&ERASE);
+        shelf.run_for(millis(50));
+        let text = shelf.gcs[1].all::<Statustext>().pop().expect("a text").1.text.as_str().unwrap().to_string();
+        (text, shelf.vehicle.logs.content.len())
+    };
+    for reads_end in [false, true] {
+        let mut shelf = shelf(&[5_000]);
+        assert!(ask(&mut shelf, 1, MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg").is_ok());
+        for seq in 2..4 {
+            assert!(ask(&mut shelf, seq, MavFtpOpcode::READFILE, "xxx").is_ok());
+            shelf.run_for(millis(2_800));
+            assert_eq!(erase(&mut shelf), ("Logs not erased: a client reads one".to_string(), 1));
+        }
+        assert_eq!(shelf.stack.logs().counters().busy, 2);
+        if reads_end {
+            assert!(ask(&mut shelf, 4, MavFtpOpcode::READFILE, "xxx").is_ok());
+            shelf.gcs[0].send(&request(5, 0, MavFtpOpcode::READFILE, 3, 5_000, b""));
+            shelf.run_for(millis(50));
+        } else {
+            shelf.run_for(millis(300));
+        }
+        assert_eq!(erase(&mut shelf), ("Logs erased".to_string(), 0));
+    }
+}
+
 /// LOG-16: an open file ends with Fail when its number may belong to another log: after a flight, an erasure, or if the vehicle has
 /// another log there of itself.
 #[test]

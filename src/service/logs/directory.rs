@@ -5,10 +5,15 @@ use super::{LogInfo, LogRead, LogServer, Logs, may_read};
 use crate::dialect::MavFtpErr;
 use crate::service::Cx;
 use crate::service::files::{Body, Entries, HasFiles, VirtualFile};
+use crate::time::{Duration, Instant};
 use crate::types::Firmware;
 
 /// The name of a file is this, the number of its log, a dot, and [`Logs::LOG_EXTENSION`].
 const PREFIX: &[u8] = b"log_";
+
+/// A client that has read nothing of a log for this time does not read it any more, and the logs may be erased. It is the time
+/// after which another client takes over its session.
+const IDLE: Duration = Duration::from_secs(3);
 
 impl HasFiles for LogServer {
     type File = LogFile;
@@ -57,8 +62,11 @@ impl<F: Firmware<Vehicle: Logs>> VirtualFile<F> for LogFile {
         let len = out.len().min(rest);
         let out = out.get_mut(..len).unwrap_or_default();
         if out.is_empty() {
+            // At its end.
+            cx.shared.logs_read_until = Instant::ZERO;
             return Body::Data(0);
         }
+        cx.shared.logs_read_until = cx.now.after(IDLE);
         match cx.vehicle.read_log(self.id, offset, out) {
             LogRead::Done => Body::Data(len),
             LogRead::Later => Body::Later,

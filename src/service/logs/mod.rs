@@ -54,7 +54,7 @@ counters! {
         count requests,
         /// Requests that were refused because the vehicle was armed.
         drop armed,
-        /// Requests that were refused because another client was being served.
+        /// Requests that were refused because another client was being served, and erasures while a file was being read.
         drop busy,
         /// Requests for a log that does not exist.
         drop unknown,
@@ -264,6 +264,10 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
         return cx.say(MavSeverity::NOTICE, b"Logs refused: another client reads them");
     }
     if is_erase {
+        if cx.now < cx.shared.logs_read_until {
+            increment(&mut server.counters.busy);
+            return cx.say(MavSeverity::NOTICE, b"Logs not erased: a client reads one");
+        }
         server.work = Work::Nothing;
         let (vehicle, mut context) = cx.hook();
         let is_erased = vehicle.erase_logs(&mut context, from);
