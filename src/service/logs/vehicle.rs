@@ -67,8 +67,9 @@ pub trait Logs {
     fn read_log(&mut self, id: u16, offset: u32, out: &mut [u8]) -> LogRead;
 
     /// Erases all logs, or begins to; then [`log_count`](Self::log_count) returns 0. Returns false if this sender must not erase them,
-    /// or if it failed. By default no log is erased. Not called while the vehicle is armed, while another client is downloading, 3 s after
-    /// the file of a log was read by any client before its end, and for systems that are not in [control](crate::operator_control::OperatorControl).
+    /// or if it failed. By default no log is erased. Not called while the vehicle is armed, and while another client is downloading; not
+    /// in the 3 s after the file of a log was read, unless that was its end; and not for systems that are not in
+    /// [control](crate::operator_control::OperatorControl).
     fn erase_logs(&mut self, cx: &mut Context<'_>, from: Peer) -> bool {
         let _ = (cx, from);
         false
