@@ -222,6 +222,10 @@ pub struct Shared {
     pub(crate) is_storage_busy: bool,
     /// The component of the firmware that answers a command to all of them; 0 is the autopilot.
     pub(crate) answerer: ComponentId,
+    /// Changes when the numbers of the flight logs may have changed. It wraps.
+    pub(crate) log_numbers: u16,
+    /// Until when a client is reading the file of a flight log.
+    pub(crate) logs_read_until: Instant,
 }
 
 impl Shared {
@@ -234,6 +238,8 @@ impl Shared {
         has_acted: false,
         is_storage_busy: false,
         answerer: ComponentId(0),
+        log_numbers: 0,
+        logs_read_until: Instant::ZERO,
     };
 
     /// Samples the pulse, and returns whether heartbeats may be sent (H-5).

@@ -11,6 +11,9 @@ pub(crate) const COST_OF_BYTE: u32 = 3_333_333;
 /// What has waited this long for its share is sent before streams and forwarded frames, which would starve it otherwise.
 pub(crate) const MAX_LATENESS: Duration = Duration::from_millis(20);
 
+/// How soon a medium is read again that had no data yet.
+pub(crate) const RETRY: Duration = Duration::from_millis(5);
+
 /// The share of a link. Initially all zero bits.
 #[derive(Clone, Debug)]
 pub struct Share {

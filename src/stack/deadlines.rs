@@ -3,9 +3,10 @@
 //! A deadline that is too early makes a sleeping firmware spin; one that is too late makes it late. Each turn is checked by
 //! itself too: [`Service::due`] is now exactly when [`Service::next`] sends a frame.
 //!
-//! This holds after [`poll`](Stack::poll): before it the vehicle may have acted, and a file may have to be read. Four things
+//! This holds after [`poll`](Stack::poll): before it the vehicle may have acted, and a file may have to be read. Five things
 //! are due once and send nothing: a forwarded frame that has waited for too long, the heartbeat of a component in a fault, a
-//! message that the vehicle cannot fill, and a step of the hash of many parameters.
+//! message that the vehicle cannot fill, a step of the hash of many parameters, and a log that has no data yet. It is not due
+//! again at once.
 
 use std::boxed::Box;
 use std::vec::Vec;
@@ -94,6 +95,9 @@ declare! {}
 struct Rover {
     state: Option<VehicleState>,
     current: u16,
+    /// Whether logs have no data yet, and how many reads found none.
+    is_slow: bool,
+    later: u32,
 }
 
 impl Vehicle for Rover {
@@ -141,6 +145,10 @@ impl Logs for Rover {
     }
 
     fn read_log(&mut self, _: u16, _: u32, out: &mut [u8]) -> LogRead {
+        if self.is_slow {
+            self.later += 1;
+            return LogRead::Later;
+        }
         out.fill(7);
         LogRead::Done
     }
@@ -338,6 +346,15 @@ fn command(command: MavCmd, params: [f32; 3]) -> Request {
     of(CommandLong { param1, param2, param3, command, target_system: 1, target_component: 1, ..Default::default() })
 }
 
+fn file_request(session: u8, opcode: MavFtpOpcode, path: &str) -> Request {
+    let mut payload = [0; 251];
+    payload[2] = session;
+    payload[3] = opcode.0;
+    payload[4] = u8::try_from(path.len()).expect("a short path");
+    payload[12..12 + path.len()].copy_from_slice(path.as_bytes());
+    of(FileTransferProtocol { payload, target_network: 0, target_system: 1, target_component: 1 })
+}
+
 /// What peers may send.
 fn requests() -> Vec<Request> {
     let (target_system, target_component) = (1, 1);
@@ -435,14 +452,7 @@ fn requests() -> Vec<Request> {
         (MavFtpOpcode::TERMINATESESSION, ""),
         (MavFtpOpcode::RESETSESSION, ""),
     ] {
-        for session in [0, 1] {
-            let mut payload = [0; 251];
-            payload[2] = session;
-            payload[3] = opcode.0;
-            payload[4] = u8::try_from(path.len()).expect("a short path");
-            payload[12..12 + path.len()].copy_from_slice(path.as_bytes());
-            pool.push(of(FileTransferProtocol { payload, target_network: 0, target_system, target_component }));
-        }
+        pool.extend([0, 1].map(|session| file_request(session, opcode, path)));
     }
     for end in [0, u16::MAX] {
         pool.push(of(LogRequestList { start: 0, end, target_system, target_component }));
@@ -565,7 +575,7 @@ fn event() -> impl Strategy<Value = Event> {
 }
 
 /// So many things the firmware may do of itself.
-const FIRMWARE: u8 = 29;
+const FIRMWARE: u8 = 30;
 
 struct World {
     stack: Everything,
@@ -605,7 +615,7 @@ impl World {
         };
         Self {
             stack,
-            rover: Rover { state: Some(state), current: 0 },
+            rover: Rover { state: Some(state), current: 0, is_slow: false, later: 0 },
             pulse,
             is_standing: false,
             now: Instant::from_millis(10),
@@ -712,6 +722,15 @@ impl World {
             26 => stack.event(now, &Turned { angle: 0.5 }),
             27 => stack.with_context(now, |cx| (0..12).for_each(|_| cx.event(&Turned { angle: 0.5 }))),
             28 => self.rover.current = u16::from(link) * 4,
+            29 => {
+                self.rover.is_slow = !self.rover.is_slow;
+                for (opcode, path) in
+                    [(MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg"), (MavFtpOpcode::BURSTREADFILE, "")]
+                {
+                    let frame = file_request(0, opcode, path)(Version::V2, STATION, self.seq);
+                    self.receive(link, &frame);
+                }
+            }
             25 => stack.ext_parameters_mut().finish(u16::from(link), ParamAck::ACCEPTED),
             _ => {
                 self.rover.current = u16::from(link);
@@ -749,6 +768,11 @@ impl World {
         (0..3).filter_map(|link| self.stack.forward_counters(LinkId(link))).map(|counters| counters.stale).sum()
     }
 
+    /// The same, and the number of reads of logs that had no data yet.
+    fn dropped_or_later(&self) -> (u32, u32) {
+        (self.stale(), self.rover.later)
+    }
+
     /// Wakes and sends as long as there is something to send.
     fn wake(&mut self) {
         self.poll();
@@ -757,15 +781,16 @@ impl World {
             self.poll();
         }
         for _ in 0..1_000 {
-            let (is_due, stale) = (self.stack.next_deadline(self.now) <= self.now, self.stale());
+            let (is_due, stale) = (self.stack.next_deadline(self.now) <= self.now, self.dropped_or_later());
             let mut is_sent = false;
             for link in 0..LINKS {
                 let id = LinkId(u8::try_from(link).expect("a link"));
                 self.stack.transmit(self.now, id, &mut self.rover);
                 is_sent |= self.take(link);
             }
-            assert_eq!(is_due, is_sent || self.stale() != stale, "a frame is due, and one is sent");
-            if !is_sent {
+            let is_stale = self.dropped_or_later() != stale;
+            assert_eq!(is_due, is_sent || is_stale, "a frame is due, and one is sent");
+            if !is_due {
                 return;
             }
         }
@@ -786,7 +811,7 @@ impl World {
 
     /// Asks the turns of a link in their order.
     fn turn(&mut self, link: usize, skipped: Option<Turn>) -> bool {
-        let stale = self.stale();
+        let (stale, later) = self.dropped_or_later();
         let mut wrong = Vec::new();
         let is_sent = self.stack.ask(self.now, link, skipped, &mut self.rover, &mut |turn, due, is_sent| {
             if (due <= self.now) != is_sent {
@@ -798,6 +823,10 @@ impl World {
         });
         if self.stale() != stale {
             wrong.retain(|(turn, ..)| !matches!(turn, Turn::Forwarded | Turn::ForwardedFirst));
+        }
+        if self.rover.later != later {
+            use Turn::{FileData, LateFileData, LateLogData, LogData};
+            wrong.retain(|(turn, ..)| !matches!(turn, FileData | LateFileData | LogData | LateLogData));
         }
         assert!(wrong.is_empty(), "link {link} at {:?}: {wrong:?}", self.now);
         assert_eq!(self.take(link), is_sent);

@@ -56,6 +56,92 @@ fn a_log_is_downloaded_as_a_file() {
     }
 }
 
+/// LOG-9, LOG-15: a log that has no data yet is read every five milliseconds, so that a sleeping loop sleeps. Files of other clients
+/// on the link do not wait for it.
+#[test]
+fn a_slow_log_delays_no_other_file() {
+    let mut shelf = shelf(&[5_000]);
+    shelf.vehicle.logs.later = usize::MAX;
+    let idle = shelf.sleep_for(secs(1));
+    for opcode in [MavFtpOpcode::READFILE, MavFtpOpcode::BURSTREADFILE] {
+        assert_eq!(ask(&mut shelf, 1, MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg").unwrap(), 5_000u32.to_le_bytes());
+        shelf.gcs[0].send(&request(2, 0, opcode, 239, 0, b""));
+        shelf.run_for(millis(20));
+        shelf.vehicle.logs.reads = 0;
+        let passes = shelf.sleep_for(secs(1));
+        assert!((190..=210).contains(&shelf.vehicle.logs.reads), "{}", shelf.vehicle.logs.reads);
+        assert!(passes < idle + 420, "{passes} passes, {idle} without a client");
+
+        let mut transfer = Transfer::download(OTHER_STATION, 0, 1, "docs/licence.txt");
+        let ended = shelf.run_until(millis(100), |shelf| {
+            let now = shelf.now();
+            transfer.poll(now, &mut shelf.gcs[0]).is_some()
+        });
+        assert!(ended && transfer.content() == *b"MIT", "{opcode:?}");
+        shelf.run_for(millis(20));
+        assert_eq!(ask(&mut shelf, 3, MavFtpOpcode::RESETSESSION, ""), Ok(vec![]));
+    }
+    shelf.vehicle.logs.later = 0;
+    assert!(ask(&mut shelf, 4, MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg").is_ok());
+}
+
+/// LOG-7: logs are not erased while a client reads the file of one: until it has read its end, or nothing for three seconds.
+#[test]
+fn a_file_that_is_read_is_not_erased() {
+    let erase = |shelf: &mut Shelf| {
+        shelf.gcs[1].send(&ERASE);
+        shelf.run_for(millis(50));
+        let text = shelf.gcs[1].all::<Statustext>().pop().expect("a text").1.text.as_str().unwrap().to_string();
+        (text, shelf.vehicle.logs.content.len())
+    };
+    for reads_end in [false, true] {
+        let mut shelf = shelf(&[5_000]);
+        assert!(ask(&mut shelf, 1, MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg").is_ok());
+        for seq in 2..4 {
+            assert!(ask(&mut shelf, seq, MavFtpOpcode::READFILE, "xxx").is_ok());
+            shelf.run_for(millis(2_800));
+            assert_eq!(erase(&mut shelf), ("Logs not erased: a client reads one".to_string(), 1));
+        }
+        assert_eq!(shelf.stack.logs().counters().busy, 2);
+        if reads_end {
+            assert!(ask(&mut shelf, 4, MavFtpOpcode::READFILE, "xxx").is_ok());
+            shelf.gcs[0].send(&request(5, 0, MavFtpOpcode::READFILE, 3, 5_000, b""));
+            shelf.run_for(millis(50));
+        } else {
+            shelf.run_for(millis(300));
+        }
+        assert_eq!(erase(&mut shelf), ("Logs erased".to_string(), 0));
+    }
+}
+
+/// LOG-16: an open file ends with Fail when its number may belong to another log: after a flight, an erasure, or if the vehicle has
+/// another log there of itself.
+#[test]
+fn a_file_is_never_of_two_logs() {
+    let flight: fn(&mut Shelf) = |shelf| {
+        for is_armed in [true, false] {
+            shelf.vehicle.state = Some(mavstack::VehicleState::new(is_armed));
+            shelf.run_for(millis(10));
+        }
+    };
+    let erasure: fn(&mut Shelf) = |shelf| {
+        shelf.gcs[1].send(&ERASE);
+        shelf.run_for(millis(50));
+        shelf.vehicle.logs.content = vec![content(7, 5_000)];
+    };
+    let eviction: fn(&mut Shelf) = |shelf| shelf.vehicle.logs.evicted = 1;
+    for change in [flight, erasure, eviction] {
+        let mut shelf = shelf(&[5_000]);
+        assert!(ask(&mut shelf, 1, MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg").is_ok());
+        assert_eq!(ask(&mut shelf, 2, MavFtpOpcode::READFILE, "xxx"), Ok(content(0, 3)));
+        shelf.run_for(secs(4));
+        change(&mut shelf);
+        assert_eq!(ask(&mut shelf, 3, MavFtpOpcode::READFILE, "xxx"), Err(MavFtpErr::FAIL));
+        assert!(ask(&mut shelf, 4, MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg").is_ok());
+        assert!(ask(&mut shelf, 5, MavFtpOpcode::READFILE, "xxx").is_ok());
+    }
+}
+
 /// LOG-15, LOG-6: names that are no log's are not found, files are not written or removed, and in flight nothing is read.
 #[test]
 fn other_files_are_refused() {

@@ -41,6 +41,89 @@ fn arming_ends_a_download() {
     }
 }
 
+/// Flies, and the new log evicts the oldest one.
+fn fly(field: &mut Field) {
+    set_armed(field, true);
+    field.vehicle.logs.content.remove(0);
+    field.vehicle.logs.content.push(content(9, 9_000));
+    field.run_for(secs(1));
+    set_armed(field, false);
+}
+
+/// LOG-16, LOG-6: a client that repeats its requests through a flight gets nothing of the log that has its number now, until it has
+/// listed the logs again. Each flight has one text for it, and one after it.
+#[test]
+fn a_flight_ends_what_was_listed() {
+    for kind in [Kind::Mavsdk, Kind::Qgc, Kind::MavProxy] {
+        let mut field = field(&[60_000, 60_000]);
+        let mut client = LogClient::new(kind, STATION, 0);
+        let mut run = |field: &mut Field, duration| {
+            let end = field.now().after(duration);
+            field.run_until(secs(60), |field| {
+                let now = field.now();
+                client.poll(now, &mut field.gcs[0]) || now >= end
+            });
+            client.is_done()
+        };
+        assert!(!run(&mut field, millis(300)));
+        for _ in 0..2 {
+            set_armed(&mut field, true);
+            field.gcs[0].forget();
+            field.vehicle.logs.content.remove(0);
+            field.vehicle.logs.content.push(content(9, 60_000));
+            run(&mut field, secs(20));
+            set_armed(&mut field, false);
+            run(&mut field, secs(20));
+            assert_eq!(parts(&all(&field, 0)), [], "{kind:?}");
+            let expected = ["Logs refused: disarm first", "Logs refused: list them again first"];
+            assert_eq!(texts(&field, 0), expected, "{kind:?}");
+        }
+        assert!(field.stack.logs().counters().outdated > 40);
+        assert_eq!(answers::<_, LogEntry>(&mut field, &ALL).len(), 2);
+        let sent: Vec<LogData> = answers(&mut field, &data(1, 0, 90));
+        assert_eq!(sent[0].data[..], content(9, 60_000)[..90]);
+    }
+}
+
+/// LOG-16: before the first flight nothing has to be listed. After one, each client lists for itself, and they do not disturb each
+/// other; nor does a refused one disturb a client that is served.
+#[test]
+fn each_client_lists_for_itself() {
+    let mut field = field(&[9_000, 9_000]);
+    assert_eq!(parts(&answers(&mut field, &data(0, 0, 90))), [(0, 90)]);
+    fly(&mut field);
+    let others = [(1, STATION), (0, OTHER_STATION), (1, OTHER_STATION), (1, Address::new(253, 190))];
+    for (link, from) in others {
+        send(&mut field, link, from, &ALL);
+        field.run_for(millis(50));
+    }
+    assert_eq!(answers::<_, LogData>(&mut field, &data(0, 0, 90)), []);
+    for (link, from) in others {
+        field.gcs[link].forget();
+        send(&mut field, link, from, &data(0, 0, 180));
+        send(&mut field, 0, STATION, &data(0, 0, 90));
+        field.run_for(millis(50));
+        assert_eq!(parts(&all(&field, link)), [(0, 90), (90, 90)], "{link} {from:?}");
+    }
+    assert_eq!(field.stack.logs().counters().outdated, 5);
+}
+
+/// LOG-16, LOG-7: the same after an erasure by another client, when a new log has the number. One that was refused changes nothing.
+#[test]
+fn an_erasure_ends_what_was_listed() {
+    let mut field = field(&[9_000]);
+    assert_eq!(answers::<_, LogEntry>(&mut field, &ALL).len(), 1);
+    field.vehicle.logs.owner = Some(STATION);
+    send(&mut field, 1, OTHER_STATION, &ERASE);
+    assert_eq!(parts(&answers(&mut field, &data(0, 0, 90))), [(0, 90)]);
+    field.vehicle.logs.owner = None;
+    send(&mut field, 1, OTHER_STATION, &ERASE);
+    field.vehicle.logs.content = vec![content(7, 9_000)];
+    assert_eq!(answers::<_, LogData>(&mut field, &data(0, 90, 90)), []);
+    assert_eq!(answers::<_, LogEntry>(&mut field, &ALL).len(), 1);
+    assert_eq!(parts(&answers(&mut field, &data(0, 90, 90))), [(90, 90)]);
+}
+
 /// LOG-7: an authorised client erases all logs. A text has the result, and the next list is empty.
 #[test]
 fn logs_are_erased() {

@@ -8,8 +8,9 @@ use mavstack::{Address, Context, LogStreaming, Logs, Peer};
 /// Flight logs.
 #[derive(Clone, Debug, Default)]
 pub struct MemoryLogs {
-    /// The content of each log, the oldest first. Its time is its number times 100, plus 1,000.
+    /// The content of each log, the oldest first. Its time is its number times 100, plus 1,000. So many were evicted before.
     pub content: Vec<Vec<u8>>,
+    pub evicted: u32,
     /// The only sender that may erase; `None` permits every sender.
     pub owner: Option<Address>,
     /// Whether logs may be read while armed.
@@ -37,7 +38,7 @@ impl Logs for TestVehicle {
 
     fn log_info(&self, id: u16) -> Option<LogInfo> {
         let log = self.logs.content.get(usize::from(id))?;
-        Some(LogInfo { size: log.len() as u32, time_utc: 1_000 + 100 * u32::from(id) })
+        Some(LogInfo { size: log.len() as u32, time_utc: 1_000 + 100 * (self.logs.evicted + u32::from(id)) })
     }
 
     fn read_log(&mut self, id: u16, offset: u32, out: &mut [u8]) -> LogRead {

@@ -4,7 +4,7 @@
 //! task at a time. A vehicle with an SD card has files instead.
 
 use core::fmt;
-use core::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed};
+use core::sync::atomic::{AtomicU8, AtomicU32, Ordering::Relaxed, Ordering::SeqCst, compiler_fence};
 
 use mavstack::logs::LogInfo;
 
@@ -14,75 +14,115 @@ pub const LOGS: usize = 8;
 pub const LOG_BYTES: usize = if cfg!(target_os = "none") { 64 * 1024 } else { 256 * 1024 };
 
 const LEN: u32 = LOG_BYTES as u32;
-const MAGIC: u32 = 0x6C6F_6731;
+const MAGIC: u32 = 0x6C6F_6732;
 
-/// Size (bytes) and time (s since 1970) of a log.
+/// Where a log begins in the ring, its size (bytes) and time (s since 1970).
 struct Entry {
+    start: AtomicU32,
     size: AtomicU32,
     time: AtomicU32,
 }
 
 /// The logs: each begins where the one before it ends.
+///
+/// A reset may come between any two writes, so each change becomes valid by a single one: that of `state`, or of a size. What is written
+/// before it belongs to no log yet, and what is evicted belongs to none any more when it is overwritten.
 #[repr(C)]
 pub struct LogMemory {
     /// [`MAGIC`] if the rest is valid.
     magic: AtomicU32,
-    count: AtomicU32,
-    /// Where the oldest log begins in `bytes`.
-    start: AtomicU32,
-    /// The oldest first.
+    /// The place of the oldest log in `entries`, times 256, plus the number of logs.
+    state: AtomicU32,
+    /// A ring too.
     entries: [Entry; LOGS],
     bytes: [AtomicU8; LOG_BYTES],
+}
+
+/// Writes a word. Neither this nor the writes before and after it change their order.
+fn set(word: &AtomicU32, value: u32) {
+    #[cfg(test)]
+    tests::step();
+    compiler_fence(SeqCst);
+    word.store(value, Relaxed);
+    compiler_fence(SeqCst);
 }
 
 impl LogMemory {
     /// Returns memory without a log.
     pub const fn new() -> Self {
+        const ZERO: AtomicU32 = AtomicU32::new(0);
         Self {
-            magic: AtomicU32::new(0),
-            count: AtomicU32::new(0),
-            start: AtomicU32::new(0),
-            entries: [const { Entry { size: AtomicU32::new(0), time: AtomicU32::new(0) } }; LOGS],
+            magic: ZERO,
+            state: ZERO,
+            entries: [const { Entry { start: ZERO, size: ZERO, time: ZERO } }; LOGS],
             bytes: [const { AtomicU8::new(0) }; LOG_BYTES],
         }
     }
 
     /// Erases memory that holds no valid logs. Call it once after boot.
     pub(crate) fn check(&self) {
+        let (first, count) = self.state();
+        let mut used = 0u32;
+        let mut follows = |entry: &Entry| {
+            let (start, size) = (entry.start.load(Relaxed), entry.size.load(Relaxed));
+            let is_next = start < LEN && start == (self.start().wrapping_add(used)) % LEN;
+            used = used.saturating_add(size);
+            is_next && used <= LEN
+        };
         let is_valid = self.magic.load(Relaxed) == MAGIC
-            && self.count.load(Relaxed) <= LOGS as u32
-            && self.start.load(Relaxed) < LEN
-            && self.sizes().try_fold(0u32, u32::checked_add).is_some_and(|sum| sum <= LEN);
+            && first < LOGS
+            && count <= LOGS
+            && self.entries().all(|entry| follows(entry));
         if !is_valid {
             self.erase();
+            set(&self.magic, MAGIC);
         }
     }
 
     /// Erases all logs.
     pub(crate) fn erase(&self) {
-        self.count.store(0, Relaxed);
-        self.start.store(0, Relaxed);
-        self.magic.store(MAGIC, Relaxed);
+        set(&self.state, 0);
+    }
+
+    /// Returns the place of the oldest log, and the number of logs.
+    fn state(&self) -> (usize, usize) {
+        let state = self.state.load(Relaxed);
+        ((state >> 8) as usize, (state & 0xFF) as usize)
+    }
+
+    fn set_state(&self, first: usize, count: usize) {
+        set(&self.state, ((first % LOGS) << 8 | count) as u32);
     }
 
     /// Returns the number of logs.
     pub(crate) fn count(&self) -> u16 {
-        self.count.load(Relaxed) as u16
+        self.state().1 as u16
+    }
+
+    /// Returns the entries of the logs, the oldest first.
+    fn entries(&self) -> impl Iterator<Item = &Entry> {
+        let (first, count) = self.state();
+        self.entries.iter().skip(first).chain(&self.entries).take(count.min(LOGS))
     }
 
     fn sizes(&self) -> impl Iterator<Item = u32> {
-        self.entries.iter().take(usize::from(self.count())).map(|entry| entry.size.load(Relaxed))
+        self.entries().map(|entry| entry.size.load(Relaxed))
+    }
+
+    /// Returns where the oldest log begins.
+    fn start(&self) -> u32 {
+        self.entries().next().map_or(0, |entry| entry.start.load(Relaxed))
     }
 
     /// Returns size and time of a log.
     pub(crate) fn info(&self, id: u16) -> Option<LogInfo> {
-        let entry = self.entries.get(usize::from(id)).filter(|_| id < self.count())?;
+        let entry = self.entries().nth(usize::from(id))?;
         Some(LogInfo { size: entry.size.load(Relaxed), time_utc: entry.time.load(Relaxed) })
     }
 
     /// Returns the bytes of the ring from a place on, which is counted from the beginning of the oldest log.
     fn ring(&self, at: u32) -> impl Iterator<Item = &AtomicU8> {
-        let first = (self.start.load(Relaxed).wrapping_add(at) % LEN) as usize;
+        let first = (self.start().wrapping_add(at) % LEN) as usize;
         self.bytes.iter().skip(first).chain(&self.bytes)
     }
 
@@ -104,15 +144,17 @@ impl LogMemory {
         if usize::from(self.count()) == LOGS {
             self.evict();
         }
-        let count = self.count();
-        if let Some(entry) = self.entries.get(usize::from(count)) {
-            entry.size.store(0, Relaxed);
-            entry.time.store(time, Relaxed);
-            self.count.store(u32::from(count) + 1, Relaxed);
+        let (first, count) = self.state();
+        let used: u32 = self.sizes().sum();
+        if let Some(entry) = self.entries.get((first + count) % LOGS) {
+            set(&entry.start, self.start().wrapping_add(used) % LEN);
+            set(&entry.size, 0);
+            set(&entry.time, time);
+            self.set_state(first, count + 1);
         }
     }
 
-    /// Adds bytes to the newest log. Returns false, and adds nothing, if it alone fills the memory.
+    /// Adds bytes to the newest log. Returns false, and adds nothing, if there is none, or if it alone fills the memory.
     pub(crate) fn append(&self, bytes: &[u8]) -> bool {
         let len = bytes.len() as u32;
         let mut used: u32 = self.sizes().sum();
@@ -123,25 +165,20 @@ impl LogMemory {
             self.evict();
             used = self.sizes().sum();
         }
+        let Some(newest) = self.entries().last() else { return false };
         for (from, to) in bytes.iter().zip(self.ring(used)) {
+            #[cfg(test)]
+            tests::step();
             to.store(*from, Relaxed);
         }
-        // The bytes come first: a reset in between loses them, and nothing else.
-        if let Some(newest) = usize::from(self.count()).checked_sub(1).and_then(|newest| self.entries.get(newest)) {
-            newest.size.store(newest.size.load(Relaxed) + len, Relaxed);
-        }
+        set(&newest.size, newest.size.load(Relaxed) + len);
         true
     }
 
     /// Removes the oldest log.
     fn evict(&self) {
-        let size = self.sizes().next().unwrap_or(0);
-        self.start.store((self.start.load(Relaxed) + size) % LEN, Relaxed);
-        for (to, from) in self.entries.iter().zip(self.entries.iter().skip(1)) {
-            to.size.store(from.size.load(Relaxed), Relaxed);
-            to.time.store(from.time.load(Relaxed), Relaxed);
-        }
-        self.count.store(u32::from(self.count()).saturating_sub(1), Relaxed);
+        let (first, count) = self.state();
+        self.set_state(first + 1, count.saturating_sub(1));
     }
 }
 
@@ -159,10 +196,73 @@ impl fmt::Debug for LogMemory {
 
 #[cfg(test)]
 mod tests {
+    use core::cell::Cell;
+    use core::panic::AssertUnwindSafe;
     use std::boxed::Box;
     use std::vec::Vec;
 
     use super::*;
+
+    std::thread_local! {
+        /// So many writes come before a reset.
+        static STEPS: Cell<usize> = const { Cell::new(usize::MAX) };
+    }
+
+    /// Called before each write.
+    pub(super) fn step() {
+        match STEPS.get().checked_sub(1) {
+            Some(left) => STEPS.set(left),
+            None => std::panic::resume_unwind(Box::new("reset")),
+        }
+    }
+
+    /// Returns the bytes of a log from `offset` on.
+    fn content(time: u32, offset: usize, len: usize) -> Vec<u8> {
+        (offset..offset + len).map(|at| (at / 7) as u8 ^ (at as u8).wrapping_mul(3) ^ time as u8).collect()
+    }
+
+    /// LOG-1: a reset at any write, of a log that is begun and then evicts the oldest ones, loses no other log, and no log has bytes of
+    /// another one.
+    #[test]
+    fn a_reset_at_any_write_keeps_whole_logs() {
+        let size = LOG_BYTES / LOGS;
+        for steps in 0.. {
+            let memory = Box::new(LogMemory::new());
+            memory.check();
+            // The ring is full, and the oldest log is not in the first place.
+            for time in 0..LOGS as u32 + 3 {
+                memory.begin(time);
+                assert!(memory.append(&content(time, 0, size)));
+            }
+            STEPS.set(steps);
+            let ended = std::panic::catch_unwind(AssertUnwindSafe(|| {
+                memory.begin(77);
+                for offset in [0, 60] {
+                    assert!(memory.append(&content(77, offset, 60)));
+                }
+                memory.begin(78);
+            }));
+            STEPS.set(usize::MAX);
+            memory.check();
+            let infos: Vec<LogInfo> = (0..memory.count()).map_while(|id| memory.info(id)).collect();
+            let old: Vec<u32> = infos.iter().map(|info| info.time_utc).filter(|time| *time < 77).collect();
+            assert!((LOGS - 2..=LOGS).contains(&old.len()), "{steps}: {infos:?}");
+            assert!(old.iter().copied().eq(LOGS as u32 + 3 - old.len() as u32..LOGS as u32 + 3), "{steps}: {infos:?}");
+            for (id, info) in (0..).zip(&infos) {
+                let len = info.size as usize;
+                assert!(if info.time_utc < 77 { len == size } else { len.is_multiple_of(60) }, "{steps}: {infos:?}");
+                let mut read = std::vec![0; len];
+                assert!(memory.read(id, 0, &mut read) && read == content(info.time_utc, 0, len), "{steps}: log {id}");
+            }
+            // It goes on.
+            memory.begin(79);
+            assert!(memory.append(&content(79, 0, 500)));
+            if ended.is_ok() {
+                assert!(steps > 120, "{steps} writes");
+                break;
+            }
+        }
+    }
 
     /// LOG-1: however many logs are written, of whatever sizes, those that there are have the bytes that were written last.
     #[test]

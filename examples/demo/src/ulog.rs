@@ -39,6 +39,15 @@ const INFORMATION: [(&str, &str); 2] = [("char[8] sys_name", "mavstack"), ("char
 /// The length of the longest message.
 const MAX_LEN: usize = 160;
 
+/// The length of the message that tells of a dropout.
+pub const DROPOUT_LEN: usize = 5;
+
+/// Returns the message that tells for how long records were left out (ms, at most 65,535).
+pub fn dropout(millis: u64) -> [u8; DROPOUT_LEN] {
+    let [low, high] = u16::try_from(millis).unwrap_or(u16::MAX).to_le_bytes();
+    [2, 0, b'O', low, high]
+}
+
 /// A message of a log that is being made. There is one, because it is large for the call stack.
 #[derive(Clone, Debug)]
 pub struct Record {

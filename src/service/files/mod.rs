@@ -38,7 +38,7 @@ pub use virtual_files::{HasFiles, NoFile, OneOf, Part, VirtualFile, VirtualFiles
 use self::requests::Stop;
 use self::session::State;
 use self::work::{Upload, Work};
-use super::share::{COST_OF_BYTE, MAX_LATENESS, Share};
+use super::share::{COST_OF_BYTE, MAX_LATENESS, RETRY, Share};
 use super::{Cx, Handled, Received, Service, Turn, View};
 use crate::dialect::{FileTransferProtocol, MavProtocolCapability};
 use crate::link::Port;
@@ -105,6 +105,8 @@ pub struct FileLink {
     share: Share,
     /// The session that is asked first.
     first: usize,
+    /// When files are read again that had no data yet.
+    retry_at: Instant,
 }
 
 /// The service at work. A firmware has one, so that its code is compiled once: with the number of sessions it takes 300 bytes less
@@ -123,7 +125,7 @@ where
     V: VirtualFiles<F>,
 {
     type Link = FileLink;
-    const VACANT: FileLink = FileLink { share: Share::NEW, first: 0 };
+    const VACANT: FileLink = FileLink { share: Share::NEW, first: 0, retry_at: Instant::ZERO };
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::FTP;
     const NEW: Self = {
         assert!(N == OPEN.saturating_add(OTHERS));
@@ -172,6 +174,8 @@ where
         if received.target.system.0 == 0 {
             return Handled::OutOfPlace;
         }
+        // A file that is opened or read now does not wait for others.
+        link.retry_at = Instant::ZERO;
         if session::next(&self.sessions, port.id, link.first, State::Data).is_none() {
             // What is pending from now on is not late yet.
             link.share.begin(cx.now);
@@ -193,8 +197,9 @@ where
         match session::next(&self.sessions, port.id, link.first, send::state_of(turn)) {
             _ if !self.status.is_used => Instant::NEVER,
             None => Instant::NEVER,
-            Some(_) if turn == Turn::LateFileData => link.share.due().after(MAX_LATENESS),
-            Some(_) => view.now,
+            Some(_) if turn == Turn::LateFileData => link.share.due().after(MAX_LATENESS).max(link.retry_at),
+            Some(_) if turn == Turn::FileAnswer => view.now,
+            Some(_) => link.retry_at.max(view.now),
         }
     }
 

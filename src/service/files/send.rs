@@ -6,7 +6,7 @@ use super::packet;
 use super::requests::Stop;
 use super::session::{self, LONGEST_BURST, Session, State};
 use super::virtual_files::VirtualFiles;
-use super::{COST_OF_BYTE, FileLink, Files, MAX_LATENESS, Server};
+use super::{COST_OF_BYTE, FileLink, Files, MAX_LATENESS, RETRY, Server};
 use crate::dialect::{FileTransferProtocol, MavFtpOpcode};
 use crate::link::{Outbox, Port};
 use crate::message::Message;
@@ -15,24 +15,33 @@ use crate::types::Firmware;
 
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
     /// Sends an answer with or without data. Data is sent by the link's sessions by turns, what was read or listed before the
-    /// packets of bursts.
+    /// packets of bursts. A session whose file has no data yet leaves its turn to the next one.
     #[inline(never)]
     pub(super) fn send(&mut self, port: &mut Port, link: &mut FileLink, turn: Turn) -> bool {
         let state = state_of(turn);
         let now = self.cx.now;
-        let found = session::next(self.sessions, port.id, link.first, state);
-        let found = found.and_then(|place| Some((place, self.sessions.get_mut(place)?)));
-        let Some((place, session)) = found else { return false };
-        if turn == Turn::LateFileData && now < link.share.due().after(MAX_LATENESS) {
+        let is_data = state == State::Data;
+        if is_data && now < link.retry_at || turn == Turn::LateFileData && now < link.share.due().after(MAX_LATENESS) {
             return false;
         }
-        let is_sent = send(self.cx, &mut port.outbox, session, state);
-        if is_sent && state == State::Data {
+        let mut asked = None;
+        for _ in 0..N {
+            let Some(place) = session::next(self.sessions, port.id, link.first, state) else { return false };
+            let Some(session) = self.sessions.get_mut(place).filter(|_| asked != Some(place)) else { break };
+            let is_sent = send(self.cx, &mut port.outbox, session, state);
+            if !is_data {
+                return is_sent;
+            }
             link.first = place.wrapping_add(1);
-            let len = u32::try_from(port.outbox.len()).unwrap_or(0);
-            link.share.spend_all(now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+            if is_sent {
+                let len = u32::try_from(port.outbox.len()).unwrap_or(0);
+                link.share.spend_all(now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+                return true;
+            }
+            asked = asked.or(Some(place));
         }
-        is_sent
+        link.retry_at = now.after(RETRY);
+        false
     }
 }
 

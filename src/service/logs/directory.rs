@@ -1,24 +1,39 @@
 //! `@MAV_LOG`: the virtual directory of the logs, for clients that download them by FTP (LOG-15). QGroundControl and PX4's logloader look
 //! there first.
 
-use super::{LogRead, LogServer, Logs, may_read};
+use super::{LogInfo, LogRead, LogServer, Logs, may_read};
 use crate::dialect::MavFtpErr;
 use crate::service::Cx;
 use crate::service::files::{Body, Entries, HasFiles, VirtualFile};
+use crate::time::{Duration, Instant};
 use crate::types::Firmware;
 
 /// The name of a file is this, the number of its log, a dot, and [`Logs::LOG_EXTENSION`].
 const PREFIX: &[u8] = b"log_";
 
+/// A client that has read nothing of a log for this time does not read it any more, and the logs may be erased. It is the time
+/// after which another client takes over its session.
+const IDLE: Duration = Duration::from_secs(3);
+
 impl HasFiles for LogServer {
     type File = LogFile;
 }
 
-/// An open log.
+/// An open log. It ends when its number may belong to another log (LOG-16): after a flight or an erasure, or if the time differs.
 #[derive(Clone, Copy, Debug)]
 pub struct LogFile {
     id: u16,
-    size: u32,
+    numbers: u16,
+    info: LogInfo,
+}
+
+impl LogFile {
+    /// Whether it may be read, and its number still belongs to it.
+    fn is_valid<F: Firmware<Vehicle: Logs>>(&self, cx: &Cx<'_, F>) -> bool {
+        may_read(cx)
+            && cx.shared.log_numbers == self.numbers
+            && cx.vehicle.log_info(self.id).is_some_and(|info| info.time_utc == self.info.time_utc)
+    }
 }
 
 impl<F: Firmware<Vehicle: Logs>> VirtualFile<F> for LogFile {
@@ -31,24 +46,27 @@ impl<F: Firmware<Vehicle: Logs>> VirtualFile<F> for LogFile {
             None => Err(MavFtpErr::FILENOTFOUND),
             Some(_) if is_upload => Err(MavFtpErr::FILEPROTECTED),
             Some(_) if !may_read(cx) => Err(MavFtpErr::FAIL),
-            Some((id, info)) => Ok(Self { id, size: info.size }),
+            Some((id, info)) => Ok(Self { id, numbers: cx.shared.log_numbers, info }),
         }
     }
 
     fn size(&mut self, _: &mut Cx<'_, F>) -> Option<u32> {
-        Some(self.size)
+        Some(self.info.size)
     }
 
     fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {
-        if !may_read(cx) {
+        if !self.is_valid(cx) {
             return Body::Refused(MavFtpErr::FAIL);
         }
-        let rest = usize::try_from(self.size.saturating_sub(offset)).unwrap_or(usize::MAX);
+        let rest = usize::try_from(self.info.size.saturating_sub(offset)).unwrap_or(usize::MAX);
         let len = out.len().min(rest);
         let out = out.get_mut(..len).unwrap_or_default();
         if out.is_empty() {
+            // At its end.
+            cx.shared.logs_read_until = Instant::ZERO;
             return Body::Data(0);
         }
+        cx.shared.logs_read_until = cx.now.after(IDLE);
         match cx.vehicle.read_log(self.id, offset, out) {
             LogRead::Done => Body::Data(len),
             LogRead::Later => Body::Later,

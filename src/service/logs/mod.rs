@@ -15,14 +15,18 @@
 //!    ▲                                           │
 //!    └───────────────────────────────────────────┘   LOG_REQUEST_END, the vehicle is armed, the client is silent for 10 s
 //! ```
+//!
+//! A flight or an erasure may give a number to another log, and a client repeats its requests through a flight. So afterwards a client
+//! gets data only once it has listed the logs again (LOG-16). Only a text can tell it: LOG_DATA has no error, and clients take one
+//! without bytes for a part of the log.
 
 mod directory;
 mod vehicle;
 
 pub use vehicle::{LogInfo, LogRead, Logs};
 
-use super::share::{COST_OF_BYTE, MAX_LATENESS, Share};
-use super::{Cx, Handled, Received, Service, Turn, View, increment};
+use super::share::{COST_OF_BYTE, MAX_LATENESS, RETRY, Share};
+use super::{Cx, Handled, Received, Service, Shared, Turn, View, increment};
 use crate::dialect::{LogData, LogEntry, LogErase, LogRequestData, LogRequestEnd, LogRequestList, MavSeverity};
 use crate::link::Port;
 use crate::message::{Address, Message};
@@ -32,11 +36,14 @@ use crate::types::{Firmware, LinkId, Peer};
 /// What is pending ends when its client was silent for this time. MAVProxy requests a whole log at once, and then only sends
 /// heartbeats.
 const SILENCE: Duration = Duration::from_secs(10);
-/// How soon a log is read again that had no data yet.
-const RETRY: Duration = Duration::from_millis(5);
 
 /// The number of bytes of a log in a LOG_DATA.
 const BLOCK: usize = 90;
+/// So many clients may have listed the logs. The one that has listed them first is forgotten.
+const LISTED: usize = 4;
+/// No frame is from system 0.
+const NO_CLIENT: Peer = Peer { address: Address::new(0, 0), link: LinkId(0) };
+
 /// The size of LOG_DATA: offset, id and count come before the bytes.
 const LOG_DATA: usize = 7 + BLOCK;
 
@@ -47,10 +54,12 @@ counters! {
         count requests,
         /// Requests that were refused because the vehicle was armed.
         drop armed,
-        /// Requests that were refused because another client was being served.
+        /// Requests that were refused because another client was being served, and erasures while a file was being read.
         drop busy,
         /// Requests for a log that does not exist.
         drop unknown,
+        /// Requests with a number from before a flight or an erasure.
+        drop outdated,
         /// Downloads that ended because the vehicle could not read the log.
         drop failed,
         /// Lists and downloads that ended because their client was silent.
@@ -89,6 +98,11 @@ pub struct LogServer {
     heard: Instant,
     /// When the log is read again.
     ready_at: Instant,
+    /// Those that have listed the logs since their numbers may have changed; `None` if they did not change since startup.
+    listed: Option<[Peer; LISTED]>,
+    /// Whether logs could not be read when this was last looked at, and whether a text has told so, or that they changed.
+    is_refusing: bool,
+    has_told: bool,
     share: Share,
     counters: LogCounters,
 }
@@ -97,6 +111,12 @@ impl LogServer {
     /// Returns the counters.
     pub const fn counters(&self) -> LogCounters {
         self.counters
+    }
+
+    /// Records that the numbers of the logs may have changed (LOG-16).
+    fn forget_lists(&mut self, shared: &mut Shared) {
+        shared.log_numbers = shared.log_numbers.wrapping_add(1);
+        (self.listed, self.has_told) = (Some([NO_CLIENT; LISTED]), false);
     }
 
     /// Whether something is pending for a client on this link.
@@ -110,27 +130,27 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
     const VACANT: () = ();
     const NEW: Self = Self {
         work: Work::Nothing,
-        // No frame is from system 0.
-        client: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        client: NO_CLIENT,
         id: 0,
         last: 0,
         offset: 0,
         left: 0,
         heard: Instant::ZERO,
         ready_at: Instant::ZERO,
+        listed: None,
+        is_refusing: false,
+        has_told: false,
         share: Share::NEW,
         counters: LogCounters::ZERO,
     };
 
     /// Ends what is pending: for a silent client (LOG-5), or in flight (LOG-6).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>) {
-        if self.work == Work::Nothing {
-            return;
-        }
-        if cx.now >= self.heard.after(SILENCE) {
-            increment(&mut self.counters.timed_out);
+        if !watch(self, cx) {
             self.work = Work::Nothing;
-        } else if !may_read(cx) {
+        }
+        if self.work != Work::Nothing && cx.now >= self.heard.after(SILENCE) {
+            increment(&mut self.counters.timed_out);
             self.work = Work::Nothing;
         }
     }
@@ -197,6 +217,18 @@ fn may_read<F: Firmware<Vehicle: Logs>>(cx: &Cx<'_, F>) -> bool {
     cx.vehicle.may_read_logs(cx.shared.flight.state.is_armed())
 }
 
+/// Returns whether logs may be read now. Their numbers may change when this becomes false: a vehicle begins a log then.
+fn watch<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>) -> bool {
+    let is_refusing = !may_read(cx);
+    if is_refusing != server.is_refusing {
+        (server.is_refusing, server.has_told) = (is_refusing, false);
+        if is_refusing {
+            server.forget_lists(cx.shared);
+        }
+    }
+    !is_refusing
+}
+
 /// Handles a request.
 #[inline(never)]
 fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, received: &Received<'_>) {
@@ -209,21 +241,43 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
         return;
     }
     let is_erase = frame.id() == LogErase::ID;
-    if if is_erase { cx.shared.flight.state.is_armed() } else { !may_read(cx) } {
+    let may_read = watch(server, cx);
+    let is_outdated = frame.id() == LogRequestData::ID && server.listed.is_some_and(|listed| !listed.contains(&from));
+    let refusal = if if is_erase { cx.shared.flight.state.is_armed() } else { !may_read } {
         increment(&mut server.counters.armed);
-        return cx.say(MavSeverity::NOTICE, b"Logs refused: disarm first");
+        b"Logs refused: disarm first".as_slice()
+    } else if is_outdated {
+        increment(&mut server.counters.outdated);
+        b"Logs refused: list them again first".as_slice()
+    } else {
+        b""
+    };
+    if !refusal.is_empty() {
+        // A client may repeat its request through the whole flight, and one text is enough. An erasure has no other answer.
+        if is_erase || !core::mem::replace(&mut server.has_told, true) {
+            cx.say(MavSeverity::NOTICE, refusal);
+        }
+        return;
     }
     if server.work != Work::Nothing && server.client != from {
         increment(&mut server.counters.busy);
         return cx.say(MavSeverity::NOTICE, b"Logs refused: another client reads them");
     }
     if is_erase {
+        if cx.now < cx.shared.logs_read_until {
+            increment(&mut server.counters.busy);
+            return cx.say(MavSeverity::NOTICE, b"Logs not erased: a client reads one");
+        }
         server.work = Work::Nothing;
         let (vehicle, mut context) = cx.hook();
-        let (severity, text) = match vehicle.erase_logs(&mut context, from) {
+        let is_erased = vehicle.erase_logs(&mut context, from);
+        let (severity, text) = match is_erased {
             true => (MavSeverity::INFO, b"Logs erased".as_slice()),
             false => (MavSeverity::WARNING, b"Logs not erased".as_slice()),
         };
+        if is_erased {
+            server.forget_lists(cx.shared);
+        }
         cx.shared.has_acted = true;
         return cx.say(severity, text);
     }
@@ -237,6 +291,12 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
         server.id = start.min(last);
         server.last = end.min(last).max(server.id);
         server.work = Work::List;
+        if let Some(listed) = &mut server.listed
+            && !listed.contains(&from)
+        {
+            let [first, second, third, _] = *listed;
+            *listed = [from, first, second, third];
+        }
         return;
     }
     let Some(LogRequestData { ofs, count, id, .. }) = frame.decode() else { return };

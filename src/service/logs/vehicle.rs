@@ -4,9 +4,10 @@ use crate::types::{Context, Peer};
 
 /// The hooks of a vehicle with flight logs, for a vehicle that declares `logs` in [`stack!`](crate::stack).
 ///
-/// Logs are numbered from 0, the oldest first, as PX4 numbers them. The numbers must not change between a client's list and the
-/// end of its downloads. A vehicle that begins a log when it is armed, and then evicts the oldest, satisfies this with the default of
-/// [`may_read_logs`](Self::may_read_logs).
+/// Logs are numbered from 0, the oldest first, as PX4 numbers them. The numbers may change only while
+/// [`may_read_logs`](Self::may_read_logs) returns false, and in [`erase_logs`](Self::erase_logs). Afterwards a client has to list the
+/// logs again, so that no download mixes two logs. A vehicle that begins a log when it is armed, and then evicts the oldest, satisfies
+/// this with the default. One that permits reads in flight must not evict a log there.
 ///
 /// ```
 /// use mavstack::logs::{LogInfo, LogRead};
@@ -66,15 +67,17 @@ pub trait Logs {
     fn read_log(&mut self, id: u16, offset: u32, out: &mut [u8]) -> LogRead;
 
     /// Erases all logs, or begins to; then [`log_count`](Self::log_count) returns 0. Returns false if this sender must not erase them,
-    /// or if it failed. By default no log is erased. Not called while the vehicle is armed, while another client is reading, and for
-    /// systems that are not in [control](crate::operator_control::OperatorControl).
+    /// or if it failed. By default no log is erased. Not called while the vehicle is armed, and while another client is downloading; not
+    /// in the 3 s after the file of a log was read, unless that was its end; and not for systems that are not in
+    /// [control](crate::operator_control::OperatorControl).
     fn erase_logs(&mut self, cx: &mut Context<'_>, from: Peer) -> bool {
         let _ = (cx, from);
         false
     }
 
     /// Whether logs may be read now, and be listed. By default not while the vehicle is armed, as ArduPilot does: a download takes a
-    /// third of a telemetry link and time of the log's medium. PX4 allows it. A running download ends when this becomes false.
+    /// third of a telemetry link and time of the log's medium. PX4 allows it. When this becomes false, running downloads end and the
+    /// files of logs are closed; the stack calls it in each poll.
     fn may_read_logs(&self, is_armed: bool) -> bool {
         !is_armed
     }
@@ -86,7 +89,7 @@ pub trait Logs {
 pub struct LogInfo {
     /// Its size (bytes).
     pub size: u32,
-    /// When it was begun (s since 1970, UTC); 0 is unknown.
+    /// When it was begun (s since 1970, UTC); 0 is unknown. It must not change: a file whose time differs is another log.
     pub time_utc: u32,
 }
 

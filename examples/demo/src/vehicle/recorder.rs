@@ -1,5 +1,6 @@
-//! The flight logs: from arming to disarming, and while a client streams the log, the vehicle records its attitude, position, battery
-//! and state, and all texts.
+//! The flight logs: from arming to disarming, the vehicle records its attitude, position, battery and state, and all texts.
+//!
+//! A client that streams the log gets the same records, on the ground too, where none are stored: a stream evicts no log of a flight.
 
 use mavstack::dialect::MavResult;
 use mavstack::logs::{LogInfo, LogRead};
@@ -14,18 +15,67 @@ use crate::ulog::{self, Record};
 /// The period of the attitude. The other topics have a multiple of it.
 const PERIOD: Duration = Duration::from_millis(200);
 
+/// The room for records that a client has not got yet: those of two seconds.
+const QUEUE_LEN: usize = 1_024;
+
+/// The records for a client, oldest first. One without room is dropped, and the next one that has room comes behind a record of how
+/// long nothing was queued.
+#[derive(Clone, Debug)]
+struct Queue {
+    bytes: [u8; QUEUE_LEN],
+    first: usize,
+    len: usize,
+    /// When the first record was dropped.
+    dropped: Option<Instant>,
+}
+
+impl Queue {
+    const EMPTY: Self = Self { bytes: [0; QUEUE_LEN], first: 0, len: 0, dropped: None };
+
+    /// Adds a record, or drops it.
+    #[inline(never)]
+    fn push(&mut self, now: Instant, record: &[u8]) {
+        let mut dropout = [0; ulog::DROPOUT_LEN];
+        if let Some(since) = self.dropped {
+            dropout = ulog::dropout(now.since(since).as_millis());
+        }
+        let dropout = if self.dropped.is_some() { dropout.as_slice() } else { &[] };
+        if dropout.len() + record.len() > QUEUE_LEN - self.len {
+            self.dropped = self.dropped.or(Some(now));
+            return;
+        }
+        self.dropped = None;
+        for byte in dropout.iter().chain(record) {
+            if let Some(to) = self.bytes.get_mut((self.first + self.len) % QUEUE_LEN) {
+                *to = *byte;
+                self.len += 1;
+            }
+        }
+    }
+
+    /// Takes up to `out.len()` bytes. Returns how many.
+    fn take(&mut self, out: &mut [u8]) -> usize {
+        let len = out.len().min(self.len);
+        for (to, from) in out.iter_mut().zip(self.bytes.iter().cycle().skip(self.first)).take(len) {
+            *to = *from;
+        }
+        (self.first, self.len) = ((self.first + len) % QUEUE_LEN, self.len - len);
+        len
+    }
+}
+
 /// What is recorded, and where.
 #[derive(Clone, Debug)]
 pub(super) struct Recorder {
     memory: Option<&'static LogMemory>,
     record: Record,
+    now: Instant,
     /// A log was begun, and has not ended. It may be full.
     is_on: bool,
     is_full: bool,
-    /// A client streams the log: from this place on, after the definitions.
-    is_streaming: bool,
-    streamed: u32,
-    definitions: u32,
+    /// A client streams the log since then.
+    streaming: Option<Instant>,
+    queue: Queue,
     /// When the next attitude is due, and the number of those so far. It wraps.
     due: Instant,
     periods: u8,
@@ -39,22 +89,32 @@ impl Recorder {
     pub(super) const NONE: Self = Self {
         memory: None,
         record: Record::EMPTY,
+        now: Instant::ZERO,
         is_on: false,
         is_full: false,
-        is_streaming: false,
-        streamed: 0,
-        definitions: 0,
+        streaming: None,
+        queue: Queue::EMPTY,
         due: Instant::ZERO,
         periods: 0,
         mode: Mode::Hold,
         text: 0,
     };
 
-    /// Adds the record to the log. A log that fills the memory ends.
+    /// Whether records are stored or streamed.
+    fn is_recording(&self) -> bool {
+        self.streaming.is_some() || (self.is_on && !self.is_full)
+    }
+
+    /// Adds the record to the log, and to the stream. A log that fills the memory ends.
     #[inline(never)]
     fn write(&mut self) {
         let bytes = self.record.bytes();
-        self.is_full |= !self.memory.is_some_and(|memory| memory.append(bytes));
+        if self.is_on && !self.is_full {
+            self.is_full = !self.memory.is_some_and(|memory| memory.append(bytes));
+        }
+        if self.streaming.is_some() {
+            self.queue.push(self.now, bytes);
+        }
     }
 
     /// Begins a log, with the header and what describes the data.
@@ -72,25 +132,33 @@ impl Recorder {
             memory.append(bytes);
             part += 1;
         }
-        self.definitions = self.size();
     }
 
-    /// Returns the number of the log that is written, the newest one.
-    fn newest(&self) -> u16 {
-        self.memory.map_or(0, |memory| memory.count().saturating_sub(1))
+    /// Starts a stream, with the records from now on.
+    fn start_stream(&mut self, now: Instant) {
+        if !self.is_on {
+            (self.due, self.periods) = (now, 0);
+        }
+        (self.streaming, self.queue.len, self.queue.dropped) = (Some(now), 0, None);
     }
 
-    /// Returns its size.
-    fn size(&self) -> u32 {
-        self.memory.and_then(|memory| memory.info(self.newest())).map_or(0, |info| info.size)
-    }
-
-    /// Reads a part of it that ends at `end`, and returns the number of bytes.
-    fn read(&self, offset: u32, end: u32, out: &mut [u8]) -> usize {
-        let len = out.len().min(end.saturating_sub(offset) as usize);
-        let out = out.get_mut(..len).unwrap_or_default();
-        let is_read = self.memory.is_some_and(|memory| memory.read(self.newest(), offset, out));
-        if is_read { len } else { 0 }
+    /// Reads from what a stream begins with. Returns the number of bytes.
+    #[inline(never)]
+    fn read_definitions(&mut self, offset: u32, out: &mut [u8]) -> usize {
+        let began = self.streaming.unwrap_or(self.now).as_micros();
+        let (mut before, mut len, mut part) = (offset as usize, 0, 0);
+        loop {
+            let bytes = self.record.make_definition(part, began);
+            if bytes.is_empty() {
+                return len;
+            }
+            for (to, from) in out.iter_mut().skip(len).zip(bytes.iter().skip(before)) {
+                *to = *from;
+                len += 1;
+            }
+            before = before.saturating_sub(bytes.len());
+            part += 1;
+        }
     }
 }
 
@@ -104,22 +172,21 @@ impl Quadrotor {
     /// Records the present state. Call it in each pass of the flight loop.
     #[inline(never)]
     pub(crate) fn record(&mut self, now: Instant, stack: &Mavlink) {
-        let is_on = self.armed || self.recorder.is_streaming;
-        if is_on && !self.recorder.is_on {
+        self.recorder.now = now;
+        if self.armed && !self.recorder.is_on {
             self.recorder.begin(now, self.calendar.unix_usec(now).unwrap_or(0));
         }
-        if !self.recorder.is_on || self.recorder.is_full {
-            self.recorder.is_on &= is_on;
-            return;
+        let ends = self.recorder.is_on && !self.armed;
+        if self.recorder.is_recording() {
+            self.record_texts(now, stack);
+            if self.mode != self.recorder.mode || ends {
+                self.record_status(now);
+            }
+            if now >= self.recorder.due && !ends {
+                self.record_topics(now);
+            }
         }
-        self.record_texts(now, stack);
-        if self.mode != self.recorder.mode || !is_on {
-            self.record_status(now);
-        }
-        self.recorder.is_on = is_on;
-        if is_on && now >= self.recorder.due {
-            self.record_topics(now);
-        }
+        self.recorder.is_on &= self.armed;
     }
 
     #[inline(never)]
@@ -244,34 +311,61 @@ impl Logs for Quadrotor {
     }
 }
 
-/// The stream is read from the log in memory.
 impl LogStreaming for Quadrotor {
     fn start_log_stream(&mut self, cx: &mut Context<'_>, _: Peer) -> MavResult {
-        if self.recorder.memory.is_none() {
-            return MavResult::UNSUPPORTED;
-        }
-        if !self.recorder.is_on {
-            self.recorder.begin(cx.now(), self.calendar.unix_usec(cx.now()).unwrap_or(0));
-        }
-        (self.recorder.is_streaming, self.recorder.streamed) = (true, self.recorder.size());
+        self.recorder.start_stream(cx.now());
         MavResult::ACCEPTED
     }
 
     fn stop_log_stream(&mut self, _: &mut Context<'_>) {
-        self.recorder.is_streaming = false;
+        self.recorder.streaming = None;
     }
 
     fn read_log_definitions(&mut self, offset: u32, out: &mut [u8]) -> usize {
-        self.recorder.read(offset, self.recorder.definitions, out)
+        self.recorder.read_definitions(offset, out)
     }
 
     fn log_data_len(&self) -> usize {
-        self.recorder.size().saturating_sub(self.recorder.streamed) as usize
+        self.recorder.queue.len
     }
 
     fn take_log_data(&mut self, out: &mut [u8]) -> usize {
-        let len = self.recorder.read(self.recorder.streamed, self.recorder.size(), out);
-        self.recorder.streamed += len as u32;
-        len
+        self.recorder.queue.take(out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::vec::Vec;
+
+    use super::*;
+
+    /// LOG-12: a client that is too slow gets whole records, in order, and how long the others were left out.
+    #[test]
+    fn a_slow_stream_has_whole_records() {
+        let mut queue = Queue::EMPTY;
+        for round in 0..5u64 {
+            let at = |millis| Instant::from_millis(round * 10_000 + millis);
+            for number in 0..30u8 {
+                queue.push(at(u64::from(number) * 100), &[number; 50]);
+            }
+            // The queue had room for 20 of them, and the next one came two seconds after the first that had none.
+            let mut bytes = [0; 249];
+            let mut taken: Vec<u8> = Vec::new();
+            while taken.len() < 500 {
+                let len = queue.take(&mut bytes);
+                taken.extend(&bytes[..len]);
+            }
+            queue.push(at(4_000), &[30; 50]);
+            while queue.len > 0 {
+                let len = queue.take(&mut bytes);
+                taken.extend(&bytes[..len]);
+            }
+            let mut expected: Vec<u8> = (0..20).flat_map(|number| [number; 50]).collect();
+            expected.extend([2, 0, b'O']);
+            expected.extend(2_000u16.to_le_bytes());
+            expected.extend([30; 50]);
+            assert!(taken == expected, "{taken:?}");
+        }
     }
 }

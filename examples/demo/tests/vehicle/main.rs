@@ -5,6 +5,7 @@ mod support;
 mod commands;
 mod fence;
 mod flight;
+mod logs;
 mod manual;
 mod mission;
 mod modes;
