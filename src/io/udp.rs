@@ -227,7 +227,7 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
         now.since(*self.behind.get_or_insert(now)) >= PATIENCE
     }
 
-    /// Returns where the station with this index gets `frame`; `None` if nobody gets it.
+    /// Returns where the station with this index gets `frame`; `None` if no station gets it.
     fn destination(&self, index: usize, frame: &[u8]) -> Option<E> {
         match self.station(index) {
             Some(station) => Some(station),

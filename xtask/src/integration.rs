@@ -290,7 +290,7 @@ impl Program {
                 let (emulator, output) =
                     qemu::start(firmware, port, Telemetry::new(App::Loop, udp)?, None, Some(port + QMP), None)?;
                 thread::spawn(move || {
-                    // Nobody reads it any more: no reason to stop the vehicle.
+                    // The log is closed, which is no reason to stop the vehicle.
                     crate::log::read(&table, output, |line| drop(writeln!(&log, "{line}")), |_| {});
                 });
                 Ok(Vehicle::Qemu { _emulator: emulator })

@@ -1,6 +1,6 @@
 //! The vehicle on a network: UDP over smoltcp, on the Ethernet controller of the board.
 //!
-//! The address is assigned by DHCP. Without an answer the vehicle takes a fixed one, and asks on.
+//! The address is assigned by DHCP. Without an answer the vehicle takes a fixed one, and repeats the request.
 
 use mavstack::Instant;
 use mavstack::frame::MAX_FRAME_LEN;
