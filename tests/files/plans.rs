@@ -306,6 +306,24 @@ fn dead_client_leaves_the_old_plan() {
     world.upload(1, &items(PlanType::Mission, 5, 1)).expect("the staging area is free");
 }
 
+/// F-26: an upload that its client closes before it has begun is refused, and a file that the client has opened since stays open.
+#[test]
+fn closed_upload_leaves_the_next_file_open() {
+    use MavFtpOpcode as Op;
+    let (mut world, mut client) = (world(), client());
+    let requests: [(Op, &[u8]); 3] =
+        [(Op::CREATEFILE, MISSION.as_bytes()), (Op::TERMINATESESSION, b""), (Op::OPENFILERO, b"log.bin")];
+    for (seq, (opcode, data)) in (10..).zip(requests) {
+        client.send(&mut world, &request(seq, 0, opcode, data.len() as u8, 0, data));
+    }
+    let answers = client.packets(&mut world);
+    let errors: Vec<_> = answers.iter().map(|packet| (packet.request, packet.error())).collect();
+    let refused = (Op::CREATEFILE, Some(MavFtpErr::FAIL));
+    assert_eq!(errors, [refused, (Op::TERMINATESESSION, None), (Op::OPENFILERO, None)]);
+    assert_eq!(client.read(&mut world, 0, 239), Ok(pattern(1_000)[..239].to_vec()));
+    world.upload(1, &items(PlanType::Mission, 5, 1)).expect("the staging area is free");
+}
+
 /// F-23: parts are taken in order. One that comes too early is dropped, one that comes again changes nothing, and five that come at
 /// once, as from MAVProxy, are all taken.
 #[test]

@@ -150,16 +150,17 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             Work::Begin { session, client, file } if V::UPLOADS => {
                 let session = *session;
                 let open = self.sessions.get(usize::from(session)).map(|session| &session.open);
-                // A client that has closed it meanwhile does not begin again.
-                let begun = match open {
-                    Some(Open::Upload(_)) => file.begin(self.cx, *client),
-                    _ => Some(Err(MavFtpErr::FAIL)),
+                // Its client may have closed it meanwhile, and have opened another file.
+                let outcome = if let Some(Open::Upload(_)) = open {
+                    let Some(begun) = file.begin(self.cx, *client) else { return };
+                    if begun.is_err() {
+                        self.close(usize::from(session));
+                    }
+                    begun
+                } else {
+                    Err(MavFtpErr::FAIL)
                 };
-                let Some(begun) = begun else { return };
-                if begun.is_err() {
-                    self.close(usize::from(session));
-                }
-                (session, begun.map(|()| 0).map_err(Stop::from))
+                (session, outcome.map(|()| 0).map_err(Stop::from))
             }
             Work::Nothing | Work::Begin { .. } | Work::Upload { .. } => return,
             Work::Measure { session, file } => (*session, file.size(self.cx).ok_or(Stop::LATER)),
