@@ -3,7 +3,7 @@
 use super::list::directory;
 use super::open::{close, is_virtual, open};
 use super::packet::{MAX_DATA, Request};
-use super::session::{self, Answer, BURST, IDLE, Key, Open, State, TAKEOVER};
+use super::session::{self, Answer, BURST, IDLE, Key, Open, STALLED, Session, State, TAKEOVER};
 use super::virtual_files::VirtualFiles;
 use super::work::{Upload, Work};
 use super::{FileAccess, FileChange, Files, OTHERS, Outcome, Server, path, short};
@@ -36,7 +36,7 @@ impl From<MavFtpErr> for Stop {
 }
 
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
-    /// Ends the sessions of silent clients. Closes the files of a client's sessions, if one of them is given.
+    /// Ends the sessions of silent clients, and the upload if it has stalled. Closes the files of a client's sessions, if one of them is given.
     #[inline(never)]
     pub(super) fn end(&mut self, of: Option<Key>) {
         let now = self.cx.now.coarse();
@@ -51,7 +51,17 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 }
             } else {
                 left = left.min(IDLE.wrapping_sub(idle_for));
-                if !of.is_some_and(|key| session.key.has_client_of(key)) {
+                let mut closes = of.is_some_and(|key| session.key.has_client_of(key));
+                if V::UPLOADS && session.is_uploading() {
+                    match STALLED.checked_sub(now.wrapping_sub(self.status.grown)) {
+                        Some(rest @ 1..) => left = left.min(rest),
+                        _ => {
+                            increment(&mut self.status.counters.timed_out);
+                            closes = true;
+                        }
+                    }
+                }
+                if !closes {
                     continue;
                 }
             }
@@ -237,7 +247,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 return Err(MavFtpErr::NOSESSIONSAVAILABLE.into());
             }
         }
-        let uploading = self.sessions.iter().position(|session| matches!(session.open, Open::Upload(_)));
+        let uploading = self.sessions.iter().position(Session::is_uploading);
         let may_upload = V::UPLOADS && uploading.is_none_or(|place| Some(place) == victim);
         let (opened, size) = open(self.cx, path, access, may_upload)?;
         // The size takes work, and an upload could not be finished.
@@ -250,6 +260,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         }
         if V::UPLOADS && matches!(opened, Open::Upload(_)) {
             (self.status.received, self.status.kept, self.status.upload) = (0, 0, Upload::Running);
+            self.status.grown = self.cx.now.coarse();
         }
         increment(&mut self.status.counters.opened);
         if let Some(session) = self.sessions.get_mut(place) {

@@ -11,6 +11,9 @@ use crate::types::{LinkId, Peer};
 pub(super) const IDLE: u32 = 9_766;
 /// Another client takes over a session that was idle for three seconds.
 pub(super) const TAKEOVER: u32 = 2_930;
+/// An upload is closed when no new part of it has arrived for eight seconds, as one by messages is (M-41): it excludes all others, and
+/// other requests of its client keep its session.
+pub(super) const STALLED: u32 = 7_813;
 /// A burst that takes longer than five seconds is cut off, and the client requests the rest: otherwise it would go on for a client
 /// that is gone.
 pub(super) const LONGEST_BURST: u32 = 4_883;
@@ -183,6 +186,10 @@ impl<V> Session<V> {
 
     pub(super) const fn is_open(&self) -> bool {
         !matches!(self.open, Open::Nothing)
+    }
+
+    pub(super) const fn is_uploading(&self) -> bool {
+        matches!(self.open, Open::Upload(_))
     }
 
     /// Returns the place of the oldest answer in a state.

@@ -127,6 +127,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             }
         }
         self.status.received = self.status.received.saturating_add(new);
+        self.status.grown = self.cx.now.coarse();
         self.status.kept = u16::try_from(end.saturating_sub(done)).unwrap_or(u16::MAX);
         Ok(matches!(part, Part::Last))
     }
