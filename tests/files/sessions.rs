@@ -149,6 +149,46 @@ fn dead_client_frees_its_session() {
     }
 }
 
+/// F-6: a checksum ends with its session, so that it does not keep others from their uploads: when its client closes the session, resets
+/// it or opens another file in it, or when its link is opened again. It has no answer then, and can be requested again.
+#[test]
+fn checksum_ends_with_its_session() {
+    use MavFtpOpcode as Op;
+    let ends: [fn(&mut Shelf, &mut Client); 4] = [
+        |world, client| assert_eq!(client.end(world), Ok(vec![])),
+        |world, client| assert_eq!(client.ask(world, Op::RESETSESSION, 0, 0, &[]), Ok(vec![])),
+        |world, client| assert_eq!(client.open(world, "docs/licence.txt"), Ok(3)),
+        |world, _| world.stack.restart_link(LinkId(0)),
+    ];
+    for (number, end) in ends.into_iter().enumerate() {
+        let (mut world, mut client, mut other) = (world(), client(), Client { link: 1, ..OTHER });
+        world.vehicle.files.content.insert("big.bin".to_string(), pattern(4_000_000));
+        client.send(&mut world, &request(60, 0, Op::CALCFILECRC, 7, 0, b"big.bin"));
+        other.send(&mut world, &request(60, 0, Op::CREATEFILE, 16, 0, b"@PARAM/param.pck"));
+        assert_eq!(other.packets(&mut world), [], "{number}: dropped, and the client sends it again");
+        assert_eq!(world.vehicle.files.open.len(), 1, "{number}: it is being computed");
+        end(&mut world, &mut client);
+        world.run_for(millis(50));
+        assert!(world.vehicle.files.open.is_empty(), "{number}");
+        assert_eq!(other.create(&mut world, "@PARAM/param.pck"), Ok(vec![0; 4]), "{number}");
+        let sum = client.path(&mut world, Op::CALCFILECRC, "docs/empty");
+        assert_eq!(sum, Ok(vec![0; 4]), "{number}");
+    }
+}
+
+/// F-6: while a checksum is computed, virtual files whose size is known at once are opened, and read.
+#[test]
+fn checksum_does_not_delay_others() {
+    let (mut world, client, mut other) = (world(), client(), Client { link: 1, ..OTHER });
+    world.vehicle.files.content.insert("big.bin".to_string(), pattern(4_000_000));
+    client.send(&mut world, &request(60, 0, MavFtpOpcode::CALCFILECRC, 7, 0, b"big.bin"));
+    for (path, size) in [("@MISSION/mission.dat", 10), ("@PARAM/param.pck", 126)] {
+        assert_eq!(other.open(&mut world, path), Ok(size), "{path}");
+        assert!(other.read(&mut world, 0, 239).is_ok(), "{path}");
+    }
+    assert_eq!(world.vehicle.files.open.len(), 1, "it is being computed");
+}
+
 /// PX4#28695, F-6: a session does not time out while a burst is sent to it.
 #[test]
 fn session_lives_while_a_burst_is_sent() {

@@ -61,6 +61,12 @@ pub(super) fn open<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     Ok((Open::Hook { number, is_writable: !is_read }, size))
 }
 
+/// Returns the size of a virtual file, or that it takes more than this call.
+#[inline(never)]
+pub(super) fn measure<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(cx: &mut Cx<'_, F>, file: &mut V) -> Outcome {
+    file.size(cx).ok_or(Stop::LATER)
+}
+
 /// Reads from a file. Returns the number of bytes.
 #[inline(never)]
 pub(super) fn read<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(

@@ -1,7 +1,7 @@
 //! What a request does, when it is received (F-1 to F-7, F-13).
 
 use super::list::directory;
-use super::open::{close, is_virtual, open};
+use super::open::{close, is_virtual, measure, open};
 use super::packet::{MAX_DATA, Request};
 use super::session::{self, Answer, BURST, IDLE, Key, Open, STALLED, Session, State, TAKEOVER};
 use super::virtual_files::VirtualFiles;
@@ -75,7 +75,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         self.status.wake = self.cx.now.after(Duration::from_micros(u64::from(left).wrapping_shl(10)));
     }
 
-    /// Closes what a session has open, and drops its data that is pending.
+    /// Closes what a session has open, and drops its data and its checksum that are pending.
     #[inline(never)]
     pub(super) fn close(&mut self, place: usize) {
         let Some(session) = self.sessions.get_mut(place) else { return };
@@ -83,6 +83,16 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         session.opened_by = 0;
         let open = core::mem::replace(&mut session.open, Open::Nothing);
         close(self.cx, &open);
+        let working = match self.work {
+            Work::Checksum { session, .. } | Work::Measure { session, .. } => usize::from(*session),
+            _ => return,
+        };
+        if working == place {
+            if let Work::Checksum { open, .. } = self.work {
+                close(self.cx, open);
+            }
+            *self.work = Work::Nothing;
+        }
     }
 
     /// Handles a packet.
@@ -249,9 +259,20 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         }
         let uploading = self.sessions.iter().position(Session::is_uploading);
         let may_upload = V::UPLOADS && uploading.is_none_or(|place| Some(place) == victim);
-        let (opened, size) = open(self.cx, path, access, may_upload)?;
-        // The size takes work, and an upload could not be finished.
-        if matches!(opened, Open::Virtual(_) | Open::Upload(_)) && self.work.is_running() {
+        let (mut opened, mut size) = open(self.cx, path, access, may_upload)?;
+        let takes_work = match &mut opened {
+            Open::Virtual(file) => match measure(self.cx, file) {
+                Ok(known) => {
+                    size = known;
+                    false
+                }
+                Err(_) => true,
+            },
+            Open::Upload(_) => true,
+            _ => false,
+        };
+        // An upload could not be finished either.
+        if takes_work && self.work.is_running() {
             return Err(Stop::DROPPED);
         }
         if let Some(victim) = victim {
@@ -268,7 +289,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             session.forget_answers();
         }
         match opened {
-            Open::Virtual(file) => *self.work = Work::Measure { session: short(place), file },
+            Open::Virtual(file) if takes_work => *self.work = Work::Measure { session: short(place), file },
             Open::Upload(file) if V::UPLOADS => {
                 let Some(session) = self.sessions.get(place) else { return Err(Stop::DROPPED) };
                 *self.work = Work::Begin { session: short(place), client: session.key.client(), file };

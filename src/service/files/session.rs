@@ -230,10 +230,15 @@ impl<V> Session<V> {
         self.forget(|answer| answer.state == State::Sent && answer.head.opcode != MavFtpOpcode::TERMINATESESSION);
     }
 
-    /// Forgets the data of the open file that is pending: the client does not wait for it any more.
+    /// Forgets the data of the open file that is pending, and a size or a checksum that is computed: the client does not wait for them
+    /// any more.
     #[inline(never)]
     pub(super) fn drop_data(&mut self) {
-        self.forget(|answer| matches!(answer.head.opcode, MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE));
+        self.forget(|answer| match answer.head.opcode {
+            MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE => true,
+            MavFtpOpcode::OPENFILERO | MavFtpOpcode::CALCFILECRC => answer.state == State::Working,
+            _ => false,
+        });
     }
 }
 

@@ -39,7 +39,7 @@ pub trait VirtualFile<F: Firmware>: Copy + Debug {
     /// [`MavFtpErr::FILENOTFOUND`], [`MavFtpErr::FILEPROTECTED`] for a file that cannot be uploaded, or [`MavFtpErr::FAIL`].
     fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr>;
 
-    /// Returns its size (bytes); `None` if that takes another call.
+    /// Returns its size (bytes); `None` if that takes another call. Called after [`open`](Self::open), and then in each poll.
     fn size(&mut self, cx: &mut Cx<'_, F>) -> Option<u32>;
 
     /// Called before a client reads by packets with so much data.

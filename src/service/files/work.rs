@@ -1,6 +1,6 @@
 //! What takes more than one call: checksums, the size of a virtual file, and uploads to virtual directories (P-22).
 
-use super::open::{close, read};
+use super::open::{close, measure, read};
 use super::packet::{MAX_DATA, Request};
 use super::requests::Stop;
 use super::session::{Open, State};
@@ -48,7 +48,7 @@ pub(super) enum Work<V> {
         client: Peer,
         file: V,
     },
-    /// The size of a virtual file.
+    /// The size of a virtual file that was opened, if it is not known at once.
     Measure {
         session: u8,
         file: V,
@@ -164,7 +164,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 (session, outcome.map(|()| 0).map_err(Stop::from))
             }
             Work::Nothing | Work::Begin { .. } | Work::Upload { .. } => return,
-            Work::Measure { session, file } => (*session, file.size(self.cx).ok_or(Stop::LATER)),
+            Work::Measure { session, file } => (*session, measure(self.cx, file)),
             Work::Checksum { session, open, offset, crc } => {
                 let outcome = add_to_checksum(self.cx, open, offset, crc);
                 if !is_later(outcome) {
