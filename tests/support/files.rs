@@ -24,6 +24,8 @@ pub struct MemoryFiles {
     /// The paths of the directories that were listed.
     directories: Vec<String>,
     next: u16,
+    /// The number of files that can be open at a time, if it is limited.
+    pub room: Option<usize>,
     /// The number of calls of `change`, and of `write`.
     pub changes: usize,
     pub writes: usize,
@@ -87,6 +89,9 @@ impl Files for TestVehicle {
         let files = &mut self.files;
         if path.starts_with("locked") {
             return Err(MavFtpErr::FILEPROTECTED);
+        }
+        if files.room.is_some_and(|room| files.open.len() >= room) {
+            return Err(MavFtpErr::FAIL);
         }
         match access {
             FileAccess::Read if !files.content.contains_key(path) => return Err(MavFtpErr::FILENOTFOUND),

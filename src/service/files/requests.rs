@@ -247,18 +247,18 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         self.close(place);
         let mut not_open = 0usize;
         self.sessions.iter().for_each(|session| not_open = not_open.wrapping_add(usize::from(!session.is_open())));
-        let mut victim = None;
         if not_open <= OTHERS {
             let now = self.cx.now.coarse();
             let is_idle = |place: &usize| self.sessions.get(*place).is_some_and(|open| open.idle_for(now) >= TAKEOVER);
-            victim = session::oldest(self.sessions, true, now).filter(is_idle);
-            if victim.is_none() {
+            let Some(victim) = session::oldest(self.sessions, true, now).filter(is_idle) else {
                 increment(&mut self.status.counters.no_session);
                 return Err(MavFtpErr::NOSESSIONSAVAILABLE.into());
-            }
+            };
+            // First: the vehicle may have no room for another open file.
+            increment(&mut self.status.counters.taken_over);
+            self.close(victim);
         }
-        let uploading = self.sessions.iter().position(Session::is_uploading);
-        let may_upload = V::UPLOADS && uploading.is_none_or(|place| Some(place) == victim);
+        let may_upload = V::UPLOADS && !self.sessions.iter().any(Session::is_uploading);
         let (mut opened, mut size) = open(self.cx, path, access, may_upload)?;
         let takes_work = match &mut opened {
             Open::Virtual(file) => match measure(self.cx, file) {
@@ -274,10 +274,6 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         // An upload could not be finished either.
         if takes_work && self.work.is_running() {
             return Err(Stop::DROPPED);
-        }
-        if let Some(victim) = victim {
-            increment(&mut self.status.counters.taken_over);
-            self.close(victim);
         }
         if V::UPLOADS && matches!(opened, Open::Upload(_)) {
             (self.status.received, self.status.kept, self.status.upload) = (0, 0, Upload::Running);

@@ -105,7 +105,7 @@ pub trait Files {
     }
 
     /// Called once for each [open](Self::open) file: when its client closes it or is silent for ten seconds, when another
-    /// client takes its session over, or when its link is opened again.
+    /// client takes its session over, or when its link is opened again. It is closed before another one is opened in its place.
     fn close(&mut self, cx: &mut Context<'_>, file: u16) {
         let _ = (cx, file);
     }
