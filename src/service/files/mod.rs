@@ -30,7 +30,7 @@ mod virtual_files;
 mod work;
 
 pub use list::Entries;
-pub use packet::Body;
+pub use packet::{Body, changes};
 pub use session::Session;
 pub use vehicle::{FileAccess, FileChange, FileEntry, Files, OpenFile, StaticFile};
 pub use virtual_files::{HasFiles, NoFile, OneOf, Part, VirtualFile, VirtualFiles};

@@ -11,7 +11,7 @@ use crate::crc32::Crc32;
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
 use crate::service::{Handled, Received, increment};
 use crate::time::{Duration, Instant};
-use crate::types::Firmware;
+use crate::types::{Firmware, Peer};
 
 /// Why there is no value: an error, or one of two other reasons. A word, so that a `Result` of it is in registers.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -163,8 +163,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             },
             MavFtpOpcode::WRITEFILE => self.write(place, &request),
             // Not by `on_path`, whose frame would be on the call stack too.
-            _ if opens => self.open(place, &request),
-            _ => self.on_path(place, &request),
+            _ if opens => self.open(place, &request, received.from),
+            _ => self.on_path(place, &request, received.from),
         };
         let (is_refused, value) = match outcome {
             Ok(value) => (false, value),
@@ -189,7 +189,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
 
     /// Handles a request with a path, except those that open a file.
     #[inline(never)]
-    fn on_path(&mut self, place: usize, request: &Request<'_>) -> Outcome {
+    fn on_path(&mut self, place: usize, request: &Request<'_>, from: Peer) -> Outcome {
         let Some(path) = path::of(request.data) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
         let change = match request.head.opcode {
             MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME => {
@@ -199,7 +199,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 if self.work.is_running() {
                     return Err(Stop::DROPPED);
                 }
-                let (open, _) = open(self.cx, path, FileAccess::Read, false)?;
+                let (open, _) = open(self.cx, path, FileAccess::Read, from, false)?;
                 *self.work = Work::Checksum { session: short(place), open, offset: 0, crc: Crc32::ZERO };
                 return Err(Stop::LATER);
             }
@@ -230,13 +230,13 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             return Err(MavFtpErr::FILEPROTECTED.into());
         }
         let (vehicle, mut context) = self.cx.hook();
-        vehicle.change(&mut context, change)?;
+        vehicle.change(&mut context, change, from)?;
         Ok(0)
     }
 
     /// Opens a file in a session (F-6).
     #[inline(never)]
-    fn open(&mut self, place: usize, request: &Request<'_>) -> Outcome {
+    fn open(&mut self, place: usize, request: &Request<'_>, from: Peer) -> Outcome {
         let Some(path) = path::of(request.data) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
         let access = match request.head.opcode {
             MavFtpOpcode::OPENFILERO => FileAccess::Read,
@@ -259,7 +259,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             self.close(victim);
         }
         let may_upload = V::UPLOADS && !self.sessions.iter().any(Session::is_uploading);
-        let (mut opened, mut size) = open(self.cx, path, access, may_upload)?;
+        let (mut opened, mut size) = open(self.cx, path, access, from, may_upload)?;
         let takes_work = match &mut opened {
             Open::Virtual(file) => match measure(self.cx, file) {
                 Ok(known) => {
@@ -287,8 +287,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         match opened {
             Open::Virtual(file) if takes_work => *self.work = Work::Measure { session: short(place), file },
             Open::Upload(file) if V::UPLOADS => {
-                let Some(session) = self.sessions.get(place) else { return Err(Stop::DROPPED) };
-                *self.work = Work::Begin { session: short(place), client: session.key.client(), file };
+                *self.work = Work::Begin { session: short(place), client: from, file };
             }
             _ => return Ok(size),
         }

@@ -68,7 +68,9 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         let Some(session) = self.sessions.get(place) else { return Err(Stop::DROPPED) };
         match session.open {
             Open::Nothing => return Err(MavFtpErr::INVALIDSESSION.into()),
-            Open::Hook { number, is_writable: true } if F::Vehicle::WRITES => write_hook(self.cx, number, request)?,
+            Open::Hook { number, is_writable: true } if F::Vehicle::WRITES => {
+                write_hook(self.cx, number, request, session.key.client())?;
+            }
             Open::Upload(file) if V::UPLOADS => {
                 let client = session.key.client();
                 // Nothing is taken that could not be finished.
@@ -226,10 +228,11 @@ fn write_hook<F: Firmware<Vehicle: Files>>(
     cx: &mut Cx<'_, F>,
     number: u16,
     request: &Request<'_>,
+    from: Peer,
 ) -> Result<(), MavFtpErr> {
     let mut bytes = [0; MAX_DATA];
     crate::message::zero_extend(request.data, &mut bytes);
     let bytes = bytes.get(..usize::from(request.head.size)).unwrap_or_default();
     let (vehicle, mut context) = cx.hook();
-    vehicle.write(&mut context, number, request.head.offset, bytes)
+    vehicle.write(&mut context, number, request.head.offset, bytes, from)
 }
