@@ -3,17 +3,18 @@
 //! Implements MAV_CMD_REQUEST_OPERATOR_CONTROL and CONTROL_STATUS of MAVLink's `development.xml`, rule O-5, as the manager of the
 //! whole system. They may still change there. Who is in control decides over commands (C-5), sticks (J-2) and setpoints (J-6).
 //!
-//! Left out: control of single components, and changes of plans and parameters. A vehicle that refuses those too copies
+//! Left out: control of single components, and changes of plans and parameters by messages. A vehicle that refuses those too copies
 //! [`owner`](OperatorControl::owner) in its flight loop, and compares it with the sender in [`Plans::may_change`](crate::Plans::may_change) and
 //! [`Parameters::may_set`](crate::Parameters::may_set).
 //!
 //! [`OperatorControl`] shows how control is requested, taken over and released.
 
-use super::{ControlGate, Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::{ControlGate, Cx, Handled, Received, Request, Service, Turn, Verdict, View, files, increment};
 use crate::dialect::{
-    CommandAck, CommandCancel, CommandLong, LogErase, ManualControl, MavCmd, MavProtocolCapability, MavResult,
-    MissionSetCurrent, RcChannelsOverride, SetActuatorControlTarget, SetAttitudeTarget, SetGpsGlobalOrigin,
-    SetHomePosition, SetMode, SetPositionTargetGlobalInt, SetPositionTargetLocalNed,
+    CommandAck, CommandCancel, CommandLong, FileTransferProtocol, LogErase, ManualControl, MavCmd,
+    MavProtocolCapability, MavResult, MissionSetCurrent, RcChannelsOverride, SetActuatorControlTarget,
+    SetAttitudeTarget, SetGpsGlobalOrigin, SetHomePosition, SetMode, SetPositionTargetGlobalInt,
+    SetPositionTargetLocalNed,
 };
 use crate::frame::Frame;
 use crate::link::Port;
@@ -61,8 +62,8 @@ counters! {
         count refused,
         /// Commands that were answered NOT_IN_CONTROL.
         drop commands,
-        /// Sticks, setpoints, and messages that are equivalent to a command, that were dropped because their sender was not
-        /// in control.
+        /// Sticks, setpoints, messages that are equivalent to a command, and requests to change files, that were dropped because
+        /// their sender was not in control.
         drop messages,
     }
 }
@@ -92,7 +93,8 @@ counters! {
 /// A refused command calls no hook of the vehicle. Everyone may request control, messages, their intervals, and the vehicle's
 /// capabilities. COMMAND_CANCEL, LOG_ERASE, MISSION_SET_CURRENT, SET_MODE, SET_HOME_POSITION and SET_GPS_GLOBAL_ORIGIN are treated like
 /// commands, but only SET_MODE has an answer that could say so, if the vehicle has modes. SET_ACTUATOR_CONTROL_TARGET is
-/// treated like a setpoint. All other messages reach [`Vehicle::message`](crate::Vehicle::message).
+/// treated like a setpoint. FTP requests that change files are treated like commands, without an answer. Uploads of
+/// plans and parameters as files are such requests. All other messages reach [`Vehicle::message`](crate::Vehicle::message).
 ///
 /// The owner is told of a request by the same command, up to three times, until it has answered. CONTROL_STATUS is sent on
 /// every normal link that carries MAVLink 2: at once after a change, and every second.
@@ -321,6 +323,7 @@ impl ControlGate for OperatorControl {
             | SetMode::ID
             | SetHomePosition::ID
             | SetGpsGlobalOrigin::ID => self.may_command(own, system),
+            FileTransferProtocol::ID if files::changes(frame) => self.may_command(own, system),
             _ => true,
         };
         if !may {

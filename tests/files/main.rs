@@ -5,6 +5,7 @@ mod support;
 
 mod loss;
 mod model;
+mod operators;
 mod pace;
 mod params;
 mod plans;

@@ -306,6 +306,59 @@ fn dead_client_leaves_the_old_plan() {
     world.upload(1, &items(PlanType::Mission, 5, 1)).expect("the staging area is free");
 }
 
+/// F-26: an upload that its client closes before it has begun is refused, and a file that the client has opened since stays open.
+#[test]
+fn closed_upload_leaves_the_next_file_open() {
+    use MavFtpOpcode as Op;
+    let (mut world, mut client) = (world(), client());
+    let requests: [(Op, &[u8]); 3] =
+        [(Op::CREATEFILE, MISSION.as_bytes()), (Op::TERMINATESESSION, b""), (Op::OPENFILERO, b"log.bin")];
+    for (seq, (opcode, data)) in (10..).zip(requests) {
+        client.send(&mut world, &request(seq, 0, opcode, data.len() as u8, 0, data));
+    }
+    let answers = client.packets(&mut world);
+    let errors: Vec<_> = answers.iter().map(|packet| (packet.request, packet.error())).collect();
+    let refused = (Op::CREATEFILE, Some(MavFtpErr::FAIL));
+    assert_eq!(errors, [refused, (Op::TERMINATESESSION, None), (Op::OPENFILERO, None)]);
+    assert_eq!(client.read(&mut world, 0, 239), Ok(pattern(1_000)[..239].to_vec()));
+    world.upload(1, &items(PlanType::Mission, 5, 1)).expect("the staging area is free");
+}
+
+/// F-26, M-41: an upload of which no part arrives is closed after eight seconds, whatever else its client requests; then other uploads
+/// are taken. One that makes progress is not closed.
+#[test]
+fn stalled_upload_is_closed() {
+    let whole = file(PlanType::Mission, &items(PlanType::Mission, 4, 1));
+    for parts in [0, 1] {
+        let (mut world, mut client) = (world(), client());
+        let mut other = Client { link: 1, ..client };
+        client.create(&mut world, MISSION).unwrap();
+        for (number, part) in whole.chunks(100).take(parts).enumerate() {
+            world.run_for(millis(7_500));
+            client.write(&mut world, number as u32 * 100, part).unwrap();
+        }
+        let since = world.now();
+        while world.now() < since.after(millis(7_600)) {
+            world.run_for(millis(500));
+            client.path(&mut world, MavFtpOpcode::LISTDIRECTORY, "/").unwrap();
+            if parts > 0 {
+                // It was taken already.
+                client.write(&mut world, 0, &whole[..100]).unwrap();
+            }
+        }
+        let refused = world.upload(1, &items(PlanType::Fence, 2, 1));
+        assert_eq!(refused, Err(TransferError::Refused(MavMissionResult::DENIED)), "{parts}");
+        assert_eq!(other.create(&mut world, "@PARAM/param.pck"), Err(MavFtpErr::FILEPROTECTED), "{parts}");
+        world.run_for(millis(400));
+        world.upload(1, &items(PlanType::Fence, 2, 1)).expect("the staging area is free");
+        assert_eq!(client.write(&mut world, 100, &whole[100..]), Err(MavFtpErr::INVALIDSESSION), "{parts}");
+        assert_eq!(world.stack.files().counters().timed_out, 1, "{parts}");
+        assert!(other.create(&mut world, "@PARAM/param.pck").is_ok(), "{parts}");
+        other.end(&mut world).unwrap();
+        assert_eq!(put(&mut world, &mut client, MISSION, &whole, 239), Ok(()), "{parts}");
+    }
+}
+
 /// F-23: parts are taken in order. One that comes too early is dropped, one that comes again changes nothing, and five that come at
 /// once, as from MAVProxy, are all taken.
 #[test]

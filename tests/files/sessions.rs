@@ -97,11 +97,13 @@ fn session_belongs_to_client_link_and_number() {
     }
 }
 
-/// F-6: of three clients, the third one gets a session when another is idle for three seconds.
+/// F-6: of three clients, the third one gets a session when another is idle for three seconds. The file of the other one is closed
+/// before: the vehicle never has more open files than there are sessions.
 #[test]
 fn idle_session_is_taken_over() {
     let (mut world, mut first, mut second) = (world(), client(), OTHER);
     let mut third = Client::new(Address::new(77, 1), 1, 5);
+    world.vehicle.files.room = Some(2);
     first.open(&mut world, "log.bin").unwrap();
     second.open(&mut world, "log.bin").unwrap();
     assert_eq!(third.open(&mut world, "log.bin"), Err(MavFtpErr::NOSESSIONSAVAILABLE));
@@ -110,13 +112,17 @@ fn idle_session_is_taken_over() {
     second.read(&mut world, 0, 1).unwrap();
     assert_eq!(third.open(&mut world, "log.bin"), Err(MavFtpErr::NOSESSIONSAVAILABLE));
     world.run_for(millis(300));
-    assert_eq!(third.open(&mut world, "missing"), Err(MavFtpErr::FILENOTFOUND), "nothing is taken over for that");
-    assert!(third.open(&mut world, "general.json").is_ok());
-    assert_eq!(world.vehicle.files.open.len(), 1, "the file of the first one was closed");
+    assert_eq!(third.open(&mut world, "log.bin"), Ok(1_000));
+    assert_eq!(world.vehicle.files.open.len(), 2, "the file of the first one was closed");
     assert_eq!(first.read(&mut world, 0, 1), Err(MavFtpErr::INVALIDSESSION));
     assert!(second.read(&mut world, 0, 1).is_ok());
     let counters = world.stack.files().counters();
     assert_eq!((counters.opened, counters.taken_over, counters.no_session), (3, 1, 3));
+    world.run_for(millis(3_000));
+    assert_eq!(first.open(&mut world, "missing"), Err(MavFtpErr::FILENOTFOUND));
+    assert_eq!(world.stack.files().counters().taken_over, 2);
+    assert!(first.open(&mut world, "general.json").is_ok());
+    assert_eq!(world.stack.files().counters().taken_over, 2, "a session is free");
 }
 
 /// F-6: a client that vanishes keeps its session for ten seconds, or fifteen with a burst, whatever it was doing.
@@ -147,6 +153,46 @@ fn dead_client_frees_its_session() {
         let bound = if name == "burst" { millis(15_200) } else { millis(10_100) };
         assert!(world.run_until(bound, |world| world.vehicle.files.open.is_empty()), "{name}: still open");
     }
+}
+
+/// F-6: a checksum ends with its session, so that it does not keep others from their uploads: when its client closes the session, resets
+/// it or opens another file in it, or when its link is opened again. It has no answer then, and can be requested again.
+#[test]
+fn checksum_ends_with_its_session() {
+    use MavFtpOpcode as Op;
+    let ends: [fn(&mut Shelf, &mut Client); 4] = [
+        |world, client| assert_eq!(client.end(world), Ok(vec![])),
+        |world, client| assert_eq!(client.ask(world, Op::RESETSESSION, 0, 0, &[]), Ok(vec![])),
+        |world, client| assert_eq!(client.open(world, "docs/licence.txt"), Ok(3)),
+        |world, _| world.stack.restart_link(LinkId(0)),
+    ];
+    for (number, end) in ends.into_iter().enumerate() {
+        let (mut world, mut client, mut other) = (world(), client(), Client { link: 1, ..OTHER });
+        world.vehicle.files.content.insert("big.bin".to_string(), pattern(4_000_000));
+        client.send(&mut world, &request(60, 0, Op::CALCFILECRC, 7, 0, b"big.bin"));
+        other.send(&mut world, &request(60, 0, Op::CREATEFILE, 16, 0, b"@PARAM/param.pck"));
+        assert_eq!(other.packets(&mut world), [], "{number}: dropped, and the client sends it again");
+        assert_eq!(world.vehicle.files.open.len(), 1, "{number}: it is being computed");
+        end(&mut world, &mut client);
+        world.run_for(millis(50));
+        assert!(world.vehicle.files.open.is_empty(), "{number}");
+        assert_eq!(other.create(&mut world, "@PARAM/param.pck"), Ok(vec![0; 4]), "{number}");
+        let sum = client.path(&mut world, Op::CALCFILECRC, "docs/empty");
+        assert_eq!(sum, Ok(vec![0; 4]), "{number}");
+    }
+}
+
+/// F-6: while a checksum is computed, virtual files whose size is known at once are opened, and read.
+#[test]
+fn checksum_does_not_delay_others() {
+    let (mut world, client, mut other) = (world(), client(), Client { link: 1, ..OTHER });
+    world.vehicle.files.content.insert("big.bin".to_string(), pattern(4_000_000));
+    client.send(&mut world, &request(60, 0, MavFtpOpcode::CALCFILECRC, 7, 0, b"big.bin"));
+    for (path, size) in [("@MISSION/mission.dat", 10), ("@PARAM/param.pck", 126)] {
+        assert_eq!(other.open(&mut world, path), Ok(size), "{path}");
+        assert!(other.read(&mut world, 0, 239).is_ok(), "{path}");
+    }
+    assert_eq!(world.vehicle.files.open.len(), 1, "it is being computed");
 }
 
 /// PX4#28695, F-6: a session does not time out while a burst is sent to it.

@@ -3,7 +3,7 @@
 use super::TestVehicle;
 use mavstack::dialect::{FileTransferProtocol, MavFtpErr, MavFtpOpcode};
 use mavstack::files::{FileAccess, FileChange, FileEntry, OpenFile, StaticFile};
-use mavstack::{Context, Files};
+use mavstack::{Address, Context, Files, Peer};
 use std::collections::BTreeMap;
 
 /// The static files of the test vehicle.
@@ -24,6 +24,10 @@ pub struct MemoryFiles {
     /// The paths of the directories that were listed.
     directories: Vec<String>,
     next: u16,
+    /// The only client that may change files; `None` for all.
+    pub owner: Option<Address>,
+    /// The number of files that can be open at a time, if it is limited.
+    pub room: Option<usize>,
     /// The number of calls of `change`, and of `write`.
     pub changes: usize,
     pub writes: usize,
@@ -32,6 +36,11 @@ pub struct MemoryFiles {
 }
 
 impl MemoryFiles {
+    /// Returns an error for a client that must not change files.
+    fn authorise(&self, from: Peer) -> Result<(), MavFtpErr> {
+        if self.owner.is_some_and(|owner| owner != from.address) { Err(MavFtpErr::FILEPROTECTED) } else { Ok(()) }
+    }
+
     /// The entries directly in a directory: name, and size of a file.
     fn entries(&self, directory: &str) -> Vec<(String, Option<u32>)> {
         let mut entries = Vec::new();
@@ -82,11 +91,23 @@ impl Files for TestVehicle {
         Some(FileEntry { name: &full.as_bytes()[at..at + name.len()], size, time: 1_700_000_000 })
     }
 
-    fn open(&mut self, _: &mut Context<'_>, path: &[u8], access: FileAccess) -> Result<OpenFile, MavFtpErr> {
+    fn open(
+        &mut self,
+        _: &mut Context<'_>,
+        path: &[u8],
+        access: FileAccess,
+        from: Peer,
+    ) -> Result<OpenFile, MavFtpErr> {
         let path = text(path);
         let files = &mut self.files;
+        if access != FileAccess::Read {
+            files.authorise(from)?;
+        }
         if path.starts_with("locked") {
             return Err(MavFtpErr::FILEPROTECTED);
+        }
+        if files.room.is_some_and(|room| files.open.len() >= room) {
+            return Err(MavFtpErr::FAIL);
         }
         match access {
             FileAccess::Read if !files.content.contains_key(path) => return Err(MavFtpErr::FILENOTFOUND),
@@ -112,8 +133,16 @@ impl Files for TestVehicle {
         Ok(len)
     }
 
-    fn write(&mut self, _: &mut Context<'_>, file: u16, offset: u32, bytes: &[u8]) -> Result<(), MavFtpErr> {
+    fn write(
+        &mut self,
+        _: &mut Context<'_>,
+        file: u16,
+        offset: u32,
+        bytes: &[u8],
+        from: Peer,
+    ) -> Result<(), MavFtpErr> {
         self.files.writes += 1;
+        self.files.authorise(from)?;
         if offset > 1_000_000 {
             return Err(MavFtpErr::FAIL);
         }
@@ -129,9 +158,10 @@ impl Files for TestVehicle {
         assert!(self.files.open.remove(&file).is_some(), "a file is closed once");
     }
 
-    fn change(&mut self, _: &mut Context<'_>, change: FileChange<'_>) -> Result<(), MavFtpErr> {
+    fn change(&mut self, _: &mut Context<'_>, change: FileChange<'_>, from: Peer) -> Result<(), MavFtpErr> {
         let files = &mut self.files;
         files.changes += 1;
+        files.authorise(from)?;
         match change {
             FileChange::Remove(path) => files.content.remove(text(path)).map(drop).ok_or(MavFtpErr::FILENOTFOUND),
             FileChange::Truncate { path, size } => files

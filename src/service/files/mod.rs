@@ -30,7 +30,7 @@ mod virtual_files;
 mod work;
 
 pub use list::Entries;
-pub use packet::Body;
+pub use packet::{Body, changes};
 pub use session::Session;
 pub use vehicle::{FileAccess, FileChange, FileEntry, Files, OpenFile, StaticFile};
 pub use virtual_files::{HasFiles, NoFile, OneOf, Part, VirtualFile, VirtualFiles};
@@ -60,7 +60,7 @@ counters! {
         drop refused_uploads,
         /// Files that were not opened, because all sessions were in use.
         drop no_session,
-        /// Sessions that ended because their client was silent for ten seconds.
+        /// Sessions that ended because their client was silent for ten seconds, and uploads of which no part has arrived for eight.
         drop timed_out,
         /// Sessions that another client took over after three seconds.
         drop taken_over,
@@ -76,8 +76,9 @@ pub struct FileStatus {
     /// When a session may end.
     wake: Instant,
     counters: FileCounters,
-    /// The upload: the bytes received, how many of them are kept, and what became of it.
+    /// The upload: the bytes received, when there were fewer, how many of them are kept, and what became of it.
     received: u32,
+    grown: u32,
     kept: u16,
     upload: Upload,
 }
@@ -139,6 +140,7 @@ where
                 wake: Instant::ZERO,
                 counters: FileCounters::ZERO,
                 received: 0,
+                grown: 0,
                 kept: 0,
                 upload: Upload::Running,
             },

@@ -7,7 +7,7 @@ use super::virtual_files::VirtualFiles;
 use super::{FileAccess, Files, OpenFile, Outcome};
 use crate::dialect::MavFtpErr;
 use crate::service::Cx;
-use crate::types::Firmware;
+use crate::types::{Firmware, Peer};
 
 /// Closes a file of the vehicle, or an upload (F-26).
 pub(super) fn close<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(cx: &mut Cx<'_, F>, open: &Open<V>) {
@@ -32,6 +32,7 @@ pub(super) fn open<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     cx: &mut Cx<'_, F>,
     path: &[u8],
     access: FileAccess,
+    from: Peer,
     may_upload: bool,
 ) -> Result<(Open<V>, u32), MavFtpErr> {
     let is_read = access == FileAccess::Read;
@@ -57,8 +58,14 @@ pub(super) fn open<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
         return Ok((Open::Static(u8::try_from(index).unwrap_or(u8::MAX)), size));
     }
     let (vehicle, mut context) = cx.hook();
-    let OpenFile { number, size } = vehicle.open(&mut context, path, access)?;
+    let OpenFile { number, size } = vehicle.open(&mut context, path, access, from)?;
     Ok((Open::Hook { number, is_writable: !is_read }, size))
+}
+
+/// Returns the size of a virtual file, or that it takes more than this call.
+#[inline(never)]
+pub(super) fn measure<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(cx: &mut Cx<'_, F>, file: &mut V) -> Outcome {
+    file.size(cx).ok_or(Stop::LATER)
 }
 
 /// Reads from a file. Returns the number of bytes.

@@ -4,12 +4,14 @@ use super::Outcome;
 use super::session::Key;
 use crate::crc32::Crc32;
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
+use crate::frame::Frame;
 
 /// The maximum length of the data in a packet.
 pub(super) const MAX_DATA: usize = 239;
 
-/// The position of the header and of the data in the message's payload.
+/// The position of the header, of the operation and of the data in the message's payload.
 const HEADER_AT: usize = 3;
+const OPCODE_AT: usize = 6;
 const DATA_AT: usize = 15;
 
 /// The part of a request that its answer repeats.
@@ -29,6 +31,22 @@ impl Head {
     pub(super) const fn wanted(&self) -> u8 {
         if self.size == 0 { 239 } else { self.size }
     }
+}
+
+/// Whether a frame is a request to change files or directories, or a part of an upload (O-5).
+pub fn changes(frame: &Frame<'_>) -> bool {
+    let opcode = frame.payload().get(OPCODE_AT).copied().unwrap_or(0);
+    matches!(
+        MavFtpOpcode(opcode),
+        MavFtpOpcode::CREATEFILE
+            | MavFtpOpcode::WRITEFILE
+            | MavFtpOpcode::REMOVEFILE
+            | MavFtpOpcode::CREATEDIRECTORY
+            | MavFtpOpcode::REMOVEDIRECTORY
+            | MavFtpOpcode::OPENFILEWO
+            | MavFtpOpcode::TRUNCATEFILE
+            | MavFtpOpcode::RENAME
+    )
 }
 
 /// A received request.

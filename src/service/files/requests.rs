@@ -1,9 +1,9 @@
 //! What a request does, when it is received (F-1 to F-7, F-13).
 
 use super::list::directory;
-use super::open::{close, is_virtual, open};
+use super::open::{close, is_virtual, measure, open};
 use super::packet::{MAX_DATA, Request};
-use super::session::{self, Answer, BURST, IDLE, Key, Open, State, TAKEOVER};
+use super::session::{self, Answer, BURST, IDLE, Key, Open, STALLED, Session, State, TAKEOVER};
 use super::virtual_files::VirtualFiles;
 use super::work::{Upload, Work};
 use super::{FileAccess, FileChange, Files, OTHERS, Outcome, Server, path, short};
@@ -11,7 +11,7 @@ use crate::crc32::Crc32;
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
 use crate::service::{Handled, Received, increment};
 use crate::time::{Duration, Instant};
-use crate::types::Firmware;
+use crate::types::{Firmware, Peer};
 
 /// Why there is no value: an error, or one of two other reasons. A word, so that a `Result` of it is in registers.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -36,7 +36,7 @@ impl From<MavFtpErr> for Stop {
 }
 
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
-    /// Ends the sessions of silent clients. Closes the files of a client's sessions, if one of them is given.
+    /// Ends the sessions of silent clients, and the upload if it has stalled. Closes the files of a client's sessions, if one of them is given.
     #[inline(never)]
     pub(super) fn end(&mut self, of: Option<Key>) {
         let now = self.cx.now.coarse();
@@ -51,7 +51,17 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 }
             } else {
                 left = left.min(IDLE.wrapping_sub(idle_for));
-                if !of.is_some_and(|key| session.key.has_client_of(key)) {
+                let mut closes = of.is_some_and(|key| session.key.has_client_of(key));
+                if V::UPLOADS && session.is_uploading() {
+                    match STALLED.checked_sub(now.wrapping_sub(self.status.grown)) {
+                        Some(rest @ 1..) => left = left.min(rest),
+                        _ => {
+                            increment(&mut self.status.counters.timed_out);
+                            closes = true;
+                        }
+                    }
+                }
+                if !closes {
                     continue;
                 }
             }
@@ -65,7 +75,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         self.status.wake = self.cx.now.after(Duration::from_micros(u64::from(left).wrapping_shl(10)));
     }
 
-    /// Closes what a session has open, and drops its data that is pending.
+    /// Closes what a session has open, and drops its data and its checksum that are pending.
     #[inline(never)]
     pub(super) fn close(&mut self, place: usize) {
         let Some(session) = self.sessions.get_mut(place) else { return };
@@ -73,6 +83,16 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         session.opened_by = 0;
         let open = core::mem::replace(&mut session.open, Open::Nothing);
         close(self.cx, &open);
+        let working = match self.work {
+            Work::Checksum { session, .. } | Work::Measure { session, .. } => usize::from(*session),
+            _ => return,
+        };
+        if working == place {
+            if let Work::Checksum { open, .. } = self.work {
+                close(self.cx, open);
+            }
+            *self.work = Work::Nothing;
+        }
     }
 
     /// Handles a packet.
@@ -143,8 +163,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             },
             MavFtpOpcode::WRITEFILE => self.write(place, &request),
             // Not by `on_path`, whose frame would be on the call stack too.
-            _ if opens => self.open(place, &request),
-            _ => self.on_path(place, &request),
+            _ if opens => self.open(place, &request, received.from),
+            _ => self.on_path(place, &request, received.from),
         };
         let (is_refused, value) = match outcome {
             Ok(value) => (false, value),
@@ -169,7 +189,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
 
     /// Handles a request with a path, except those that open a file.
     #[inline(never)]
-    fn on_path(&mut self, place: usize, request: &Request<'_>) -> Outcome {
+    fn on_path(&mut self, place: usize, request: &Request<'_>, from: Peer) -> Outcome {
         let Some(path) = path::of(request.data) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
         let change = match request.head.opcode {
             MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME => {
@@ -179,7 +199,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 if self.work.is_running() {
                     return Err(Stop::DROPPED);
                 }
-                let (open, _) = open(self.cx, path, FileAccess::Read, false)?;
+                let (open, _) = open(self.cx, path, FileAccess::Read, from, false)?;
                 *self.work = Work::Checksum { session: short(place), open, offset: 0, crc: Crc32::ZERO };
                 return Err(Stop::LATER);
             }
@@ -210,13 +230,13 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             return Err(MavFtpErr::FILEPROTECTED.into());
         }
         let (vehicle, mut context) = self.cx.hook();
-        vehicle.change(&mut context, change)?;
+        vehicle.change(&mut context, change, from)?;
         Ok(0)
     }
 
     /// Opens a file in a session (F-6).
     #[inline(never)]
-    fn open(&mut self, place: usize, request: &Request<'_>) -> Outcome {
+    fn open(&mut self, place: usize, request: &Request<'_>, from: Peer) -> Outcome {
         let Some(path) = path::of(request.data) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
         let access = match request.head.opcode {
             MavFtpOpcode::OPENFILERO => FileAccess::Read,
@@ -227,29 +247,37 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         self.close(place);
         let mut not_open = 0usize;
         self.sessions.iter().for_each(|session| not_open = not_open.wrapping_add(usize::from(!session.is_open())));
-        let mut victim = None;
         if not_open <= OTHERS {
             let now = self.cx.now.coarse();
             let is_idle = |place: &usize| self.sessions.get(*place).is_some_and(|open| open.idle_for(now) >= TAKEOVER);
-            victim = session::oldest(self.sessions, true, now).filter(is_idle);
-            if victim.is_none() {
+            let Some(victim) = session::oldest(self.sessions, true, now).filter(is_idle) else {
                 increment(&mut self.status.counters.no_session);
                 return Err(MavFtpErr::NOSESSIONSAVAILABLE.into());
-            }
-        }
-        let uploading = self.sessions.iter().position(|session| matches!(session.open, Open::Upload(_)));
-        let may_upload = V::UPLOADS && uploading.is_none_or(|place| Some(place) == victim);
-        let (opened, size) = open(self.cx, path, access, may_upload)?;
-        // The size takes work, and an upload could not be finished.
-        if matches!(opened, Open::Virtual(_) | Open::Upload(_)) && self.work.is_running() {
-            return Err(Stop::DROPPED);
-        }
-        if let Some(victim) = victim {
+            };
+            // First: the vehicle may have no room for another open file.
             increment(&mut self.status.counters.taken_over);
             self.close(victim);
         }
+        let may_upload = V::UPLOADS && !self.sessions.iter().any(Session::is_uploading);
+        let (mut opened, mut size) = open(self.cx, path, access, from, may_upload)?;
+        let takes_work = match &mut opened {
+            Open::Virtual(file) => match measure(self.cx, file) {
+                Ok(known) => {
+                    size = known;
+                    false
+                }
+                Err(_) => true,
+            },
+            Open::Upload(_) => true,
+            _ => false,
+        };
+        // An upload could not be finished either.
+        if takes_work && self.work.is_running() {
+            return Err(Stop::DROPPED);
+        }
         if V::UPLOADS && matches!(opened, Open::Upload(_)) {
             (self.status.received, self.status.kept, self.status.upload) = (0, 0, Upload::Running);
+            self.status.grown = self.cx.now.coarse();
         }
         increment(&mut self.status.counters.opened);
         if let Some(session) = self.sessions.get_mut(place) {
@@ -257,10 +285,9 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             session.forget_answers();
         }
         match opened {
-            Open::Virtual(file) => *self.work = Work::Measure { session: short(place), file },
+            Open::Virtual(file) if takes_work => *self.work = Work::Measure { session: short(place), file },
             Open::Upload(file) if V::UPLOADS => {
-                let Some(session) = self.sessions.get(place) else { return Err(Stop::DROPPED) };
-                *self.work = Work::Begin { session: short(place), client: session.key.client(), file };
+                *self.work = Work::Begin { session: short(place), client: from, file };
             }
             _ => return Ok(size),
         }

@@ -11,6 +11,9 @@ use crate::types::{LinkId, Peer};
 pub(super) const IDLE: u32 = 9_766;
 /// Another client takes over a session that was idle for three seconds.
 pub(super) const TAKEOVER: u32 = 2_930;
+/// An upload is closed when no new part of it has arrived for eight seconds, as one by messages is (M-41): it excludes all others, and
+/// other requests of its client keep its session.
+pub(super) const STALLED: u32 = 7_813;
 /// A burst that takes longer than five seconds is cut off, and the client requests the rest: otherwise it would go on for a client
 /// that is gone.
 pub(super) const LONGEST_BURST: u32 = 4_883;
@@ -185,6 +188,10 @@ impl<V> Session<V> {
         !matches!(self.open, Open::Nothing)
     }
 
+    pub(super) const fn is_uploading(&self) -> bool {
+        matches!(self.open, Open::Upload(_))
+    }
+
     /// Returns the place of the oldest answer in a state.
     pub(super) fn oldest(&self, state: State) -> Option<usize> {
         self.answers.iter().position(|answer| answer.state == state)
@@ -223,10 +230,15 @@ impl<V> Session<V> {
         self.forget(|answer| answer.state == State::Sent && answer.head.opcode != MavFtpOpcode::TERMINATESESSION);
     }
 
-    /// Forgets the data of the open file that is pending: the client does not wait for it any more.
+    /// Forgets the data of the open file that is pending, and a size or a checksum that is computed: the client does not wait for them
+    /// any more.
     #[inline(never)]
     pub(super) fn drop_data(&mut self) {
-        self.forget(|answer| matches!(answer.head.opcode, MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE));
+        self.forget(|answer| match answer.head.opcode {
+            MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE => true,
+            MavFtpOpcode::OPENFILERO | MavFtpOpcode::CALCFILECRC => answer.state == State::Working,
+            _ => false,
+        });
     }
 }
 

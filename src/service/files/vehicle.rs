@@ -1,7 +1,7 @@
 //! The file service's interface to the vehicle.
 
 use crate::dialect::MavFtpErr;
-use crate::types::Context;
+use crate::types::{Context, Peer};
 
 /// The hooks of a vehicle with files: for a vehicle that declares `files` in [`stack!`](crate::stack).
 ///
@@ -70,14 +70,24 @@ pub trait Files {
         None
     }
 
-    /// Opens a file; to be written only if the vehicle [`WRITES`](Self::WRITES) files. By default there is none.
+    /// Opens a file for the client `from`; to be written only if the vehicle [`WRITES`](Self::WRITES) files. By default there is
+    /// none.
+    ///
+    /// Not called to write for systems that are not in [control](crate::operator_control::OperatorControl); nor are
+    /// [`write`](Self::write) and [`change`](Self::change).
     ///
     /// # Errors
     ///
-    /// [`MavFtpErr::FILENOTFOUND`], [`MavFtpErr::FILEPROTECTED`] for a file that must not be written,
+    /// [`MavFtpErr::FILENOTFOUND`], [`MavFtpErr::FILEPROTECTED`] for a file that this client must not write or read,
     /// [`MavFtpErr::FILEEXISTS`], or [`MavFtpErr::FAIL`].
-    fn open(&mut self, cx: &mut Context<'_>, path: &[u8], access: FileAccess) -> Result<OpenFile, MavFtpErr> {
-        let _ = (cx, path);
+    fn open(
+        &mut self,
+        cx: &mut Context<'_>,
+        path: &[u8],
+        access: FileAccess,
+        from: Peer,
+    ) -> Result<OpenFile, MavFtpErr> {
+        let _ = (cx, path, from);
         Err(if access == FileAccess::Read { MavFtpErr::FILENOTFOUND } else { MavFtpErr::FILEPROTECTED })
     }
 
@@ -92,32 +102,38 @@ pub trait Files {
         Err(MavFtpErr::FAIL)
     }
 
-    /// Writes all of `bytes` to a file that was opened to be written: at most 239. Called only if the vehicle
-    /// [`WRITES`](Self::WRITES) files. A client may write any part again, and in
-    /// any order.
+    /// Writes all of `bytes` to a file that the client `from` has opened to write: at most 239. Called only if the vehicle
+    /// [`WRITES`](Self::WRITES) files. A client may write any part again, and in any order.
     ///
     /// # Errors
     ///
-    /// [`MavFtpErr::FAIL`].
-    fn write(&mut self, cx: &mut Context<'_>, file: u16, offset: u32, bytes: &[u8]) -> Result<(), MavFtpErr> {
-        let _ = (cx, file, offset, bytes);
+    /// [`MavFtpErr::FAIL`], or [`MavFtpErr::FILEPROTECTED`] if this client must not write any more.
+    fn write(
+        &mut self,
+        cx: &mut Context<'_>,
+        file: u16,
+        offset: u32,
+        bytes: &[u8],
+        from: Peer,
+    ) -> Result<(), MavFtpErr> {
+        let _ = (cx, file, offset, bytes, from);
         Err(MavFtpErr::FILEPROTECTED)
     }
 
     /// Called once for each [open](Self::open) file: when its client closes it or is silent for ten seconds, when another
-    /// client takes its session over, or when its link is opened again.
+    /// client takes its session over, or when its link is opened again. It is closed before another one is opened in its place.
     fn close(&mut self, cx: &mut Context<'_>, file: u16) {
         let _ = (cx, file);
     }
 
-    /// Removes, renames or cuts off a file, or makes or removes a directory. A repeated request calls it once. Called only if
-    /// the vehicle [`WRITES`](Self::WRITES) files.
+    /// Removes, renames or cuts off a file, or makes or removes a directory, for the client `from`. A repeated request calls it
+    /// once. Called only if the vehicle [`WRITES`](Self::WRITES) files.
     ///
     /// # Errors
     ///
     /// [`MavFtpErr::FILEPROTECTED`], which is the default, and those of [`open`](Self::open).
-    fn change(&mut self, cx: &mut Context<'_>, change: FileChange<'_>) -> Result<(), MavFtpErr> {
-        let _ = (cx, change);
+    fn change(&mut self, cx: &mut Context<'_>, change: FileChange<'_>, from: Peer) -> Result<(), MavFtpErr> {
+        let _ = (cx, change, from);
         Err(MavFtpErr::FILEPROTECTED)
     }
 }

@@ -39,7 +39,7 @@ pub trait VirtualFile<F: Firmware>: Copy + Debug {
     /// [`MavFtpErr::FILENOTFOUND`], [`MavFtpErr::FILEPROTECTED`] for a file that cannot be uploaded, or [`MavFtpErr::FAIL`].
     fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr>;
 
-    /// Returns its size (bytes); `None` if that takes another call.
+    /// Returns its size (bytes); `None` if that takes another call. Called after [`open`](Self::open), and then in each poll.
     fn size(&mut self, cx: &mut Cx<'_, F>) -> Option<u32>;
 
     /// Called before a client reads by packets with so much data.
@@ -401,6 +401,8 @@ mod tests {
     type With<const UPLOADS: bool> = OneOf<UPLOADS, Note, OneOf<UPLOADS, NoFile, OneOf<UPLOADS, Bin, NoFile>>>;
     type All = With<true>;
 
+    const CLIENT: Peer = Peer { address: Address::new(255, 190), link: LinkId(0) };
+
     /// Calls with a context.
     fn with<R>(call: impl FnOnce(&mut Cx<'_, Shelf>) -> R) -> R {
         let (mut rest, mut parameters, mut vehicle) = (Rest::new(), NoParams, Shelf);
@@ -408,7 +410,7 @@ mod tests {
     }
 
     fn opened<V: VirtualFiles<Shelf>>(path: &str, access: FileAccess) -> Result<Open<V>, MavFtpErr> {
-        with(|cx| open(cx, path.as_bytes(), access, V::UPLOADS)).map(|(open, _)| open)
+        with(|cx| open(cx, path.as_bytes(), access, CLIENT, V::UPLOADS)).map(|(open, _)| open)
     }
 
     fn listed(path: &str, first: u32, has_time: bool) -> Result<String, MavFtpErr> {
@@ -468,7 +470,7 @@ mod tests {
         assert_eq!(opened::<All>("@NOTES/1", FileAccess::Write).expect_err("read-only"), MavFtpErr::FILEPROTECTED);
         let error = opened::<With<false>>("@BIN/drop", FileAccess::Create).expect_err("no room");
         assert_eq!(error, MavFtpErr::FILEPROTECTED);
-        let busy = with(|cx| open::<Shelf, All>(cx, b"@BIN/drop", FileAccess::Create, false).map(|_| ()));
+        let busy = with(|cx| open::<Shelf, All>(cx, b"@BIN/drop", FileAccess::Create, CLIENT, false).map(|_| ()));
         assert_eq!(busy, Err(MavFtpErr::FILEPROTECTED), "another upload is running");
     }
 }

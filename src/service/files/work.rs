@@ -1,6 +1,6 @@
 //! What takes more than one call: checksums, the size of a virtual file, and uploads to virtual directories (P-22).
 
-use super::open::{close, read};
+use super::open::{close, measure, read};
 use super::packet::{MAX_DATA, Request};
 use super::requests::Stop;
 use super::session::{Open, State};
@@ -48,7 +48,7 @@ pub(super) enum Work<V> {
         client: Peer,
         file: V,
     },
-    /// The size of a virtual file.
+    /// The size of a virtual file that was opened, if it is not known at once.
     Measure {
         session: u8,
         file: V,
@@ -68,7 +68,9 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         let Some(session) = self.sessions.get(place) else { return Err(Stop::DROPPED) };
         match session.open {
             Open::Nothing => return Err(MavFtpErr::INVALIDSESSION.into()),
-            Open::Hook { number, is_writable: true } if F::Vehicle::WRITES => write_hook(self.cx, number, request)?,
+            Open::Hook { number, is_writable: true } if F::Vehicle::WRITES => {
+                write_hook(self.cx, number, request, session.key.client())?;
+            }
             Open::Upload(file) if V::UPLOADS => {
                 let client = session.key.client();
                 // Nothing is taken that could not be finished.
@@ -127,6 +129,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             }
         }
         self.status.received = self.status.received.saturating_add(new);
+        self.status.grown = self.cx.now.coarse();
         self.status.kept = u16::try_from(end.saturating_sub(done)).unwrap_or(u16::MAX);
         Ok(matches!(part, Part::Last))
     }
@@ -150,19 +153,20 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             Work::Begin { session, client, file } if V::UPLOADS => {
                 let session = *session;
                 let open = self.sessions.get(usize::from(session)).map(|session| &session.open);
-                // A client that has closed it meanwhile does not begin again.
-                let begun = match open {
-                    Some(Open::Upload(_)) => file.begin(self.cx, *client),
-                    _ => Some(Err(MavFtpErr::FAIL)),
+                // Its client may have closed it meanwhile, and have opened another file.
+                let outcome = if let Some(Open::Upload(_)) = open {
+                    let Some(begun) = file.begin(self.cx, *client) else { return };
+                    if begun.is_err() {
+                        self.close(usize::from(session));
+                    }
+                    begun
+                } else {
+                    Err(MavFtpErr::FAIL)
                 };
-                let Some(begun) = begun else { return };
-                if begun.is_err() {
-                    self.close(usize::from(session));
-                }
-                (session, begun.map(|()| 0).map_err(Stop::from))
+                (session, outcome.map(|()| 0).map_err(Stop::from))
             }
             Work::Nothing | Work::Begin { .. } | Work::Upload { .. } => return,
-            Work::Measure { session, file } => (*session, file.size(self.cx).ok_or(Stop::LATER)),
+            Work::Measure { session, file } => (*session, measure(self.cx, file)),
             Work::Checksum { session, open, offset, crc } => {
                 let outcome = add_to_checksum(self.cx, open, offset, crc);
                 if !is_later(outcome) {
@@ -224,10 +228,11 @@ fn write_hook<F: Firmware<Vehicle: Files>>(
     cx: &mut Cx<'_, F>,
     number: u16,
     request: &Request<'_>,
+    from: Peer,
 ) -> Result<(), MavFtpErr> {
     let mut bytes = [0; MAX_DATA];
     crate::message::zero_extend(request.data, &mut bytes);
     let bytes = bytes.get(..usize::from(request.head.size)).unwrap_or_default();
     let (vehicle, mut context) = cx.hook();
-    vehicle.write(&mut context, number, request.head.offset, bytes)
+    vehicle.write(&mut context, number, request.head.offset, bytes, from)
 }
