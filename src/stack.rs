@@ -3,6 +3,7 @@
 //! The only module that knows every service. [`Stack`] shows the path of a frame. No call waits (D-3) or takes a lock (D-6), and
 //! the budget bounds the work of each (D-2, SEC-2).
 
+mod bulk;
 mod commands;
 #[cfg(test)]
 mod deadlines;

@@ -14,6 +14,7 @@ use core::cell::RefCell;
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 
+use super::bulk::{due, next};
 use super::{Declares, Stack, split};
 use crate::camera::{Image, Shot};
 use crate::command::CommandPolicy;
@@ -836,8 +837,8 @@ macro_rules! ask {
                 ForwardingGate::<D>::prepare(&mut services.forwarding, port);
                 $(if Turn::$turn.is_on(port.config.class) && skipped != Some(Turn::$turn) {
                     let view = View { now, shared: cx.shared, peers: cx.peers, texts: cx.texts, requests: cx.requests, events: cx.events };
-                    let due = Service::<D>::due(&services.$service, &view, port, &state.$service, Turn::$turn);
-                    let is_sent = services.$service.next(&mut cx, port, &mut state.$service, Turn::$turn);
+                    let due = due!($service, D, services, &view, port, state, Turn::$turn);
+                    let is_sent = next!($service, services, &mut cx, port, state, Turn::$turn);
                     look(Turn::$turn, due, is_sent);
                     if is_sent {
                         services.signing.sign(now, port);

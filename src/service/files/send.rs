@@ -6,7 +6,7 @@ use super::packet;
 use super::requests::Stop;
 use super::session::{self, LONGEST_BURST, Session, State};
 use super::virtual_files::VirtualFiles;
-use super::{COST_OF_BYTE, FileLink, Files, MAX_LATENESS, Server};
+use super::{FileLink, Files, Server};
 use crate::dialect::{FileTransferProtocol, MavFtpOpcode};
 use crate::link::{Outbox, Port};
 use crate::message::Message;
@@ -19,18 +19,12 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
     #[inline(never)]
     pub(super) fn send(&mut self, port: &mut Port, link: &mut FileLink, turn: Turn) -> bool {
         let state = state_of(turn);
-        let now = self.cx.now;
         let found = session::next(self.sessions, port.id, link.first, state);
         let found = found.and_then(|place| Some((place, self.sessions.get_mut(place)?)));
         let Some((place, session)) = found else { return false };
-        if turn == Turn::LateFileData && now < link.share.due().after(MAX_LATENESS) {
-            return false;
-        }
         let is_sent = send(self.cx, &mut port.outbox, session, state);
         if is_sent && state == State::Data {
             link.first = place.wrapping_add(1);
-            let len = u32::try_from(port.outbox.len()).unwrap_or(0);
-            link.share.spend_all(now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
         }
         is_sent
     }
