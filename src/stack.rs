@@ -8,6 +8,7 @@ mod commands;
 #[cfg(test)]
 mod deadlines;
 mod declare;
+mod declared;
 #[cfg(feature = "defmt")]
 mod drops;
 mod memory;
