@@ -293,6 +293,8 @@ fn pending_frames_are_sent_in_order() {
         ("MissionProgress", vec![own(MissionCurrent::ID)]),
         ("ModeList", vec![own(AvailableModes::ID)]),
         ("FileAnswer", vec![own(FileTransferProtocol::ID)]),
+        // This vehicle declares no events.
+        ("Event", vec![]),
         ("Message", vec![own(SystemTime::ID)]),
         ("ExtParam", vec![own(ParamExtValue::ID)]),
         ("LateParamList", vec![]),
