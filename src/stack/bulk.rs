@@ -1,4 +1,5 @@
-//! Bulk data: the files, logs and streamed logs of a link share 30 % of its rate, by turns, and what other traffic leaves (D-4).
+//! Bulk data: the files, logs and streamed logs of a link share 30 % of its rate, by turns, and what other traffic leaves (D-4,
+//! LOG-8, LOG-14).
 //!
 //! With a share for each of them, all together would leave streams nothing beside the list of parameters, which has 40 %.
 
@@ -13,12 +14,13 @@ const LAST: u8 = 2;
 
 impl<D: Declares> Services<D> {
     /// As [`Service::next`], for all services with bulk data. The one after the one that was last is asked first.
+    #[inline(never)]
     pub(crate) fn next_bulk(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>, turn: Turn) -> bool {
         if turn == Turn::LateBulk && cx.now < state.bulk.due().after(MAX_LATENESS) {
             return false;
         }
         for _ in 0..=LAST {
-            let place = &mut port.facts.bulk_turn;
+            let place = &mut state.bulk_turn;
             *place = if *place >= LAST { 0 } else { place.wrapping_add(1) };
             let is_sent = match *place {
                 0 => self.files.next(cx, port, &mut state.files, turn),

@@ -41,11 +41,13 @@ macro_rules! define {
         pub(crate) struct States<D: Declares> {
             /// The share of the link for bulk data.
             pub(crate) bulk: Share,
+            /// The place of the service that sent bulk data last.
+            pub(crate) bulk_turn: u8,
             $(pub(crate) $name: <$service as Service<D>>::Link,)*
         }
 
         impl<D: Declares> States<D> {
-            pub(crate) const VACANT: Self = Self { bulk: Share::NEW, $($name: <$service as Service<D>>::VACANT,)* };
+            pub(crate) const VACANT: Self = Self { bulk: Share::NEW, bulk_turn: 0, $($name: <$service as Service<D>>::VACANT,)* };
         }
 
         impl<D: Declares> Services<D> {

@@ -231,14 +231,12 @@ pub(crate) struct LinkFacts {
     pub(crate) own_was_last: bool,
     /// Whether a client on the link is busy with a transfer that streams are slowed for (F-11).
     pub(crate) is_transferring: bool,
-    /// The one that sent bulk data last, of those that share the link by turns (D-4).
-    pub(crate) bulk_turn: u8,
 }
 
 impl LinkFacts {
     /// All zero bits.
     pub(crate) const NONE: Self =
-        Self { is_sign_of_life_due: false, periods: 0, own_was_last: false, is_transferring: false, bulk_turn: 0 };
+        Self { is_sign_of_life_due: false, periods: 0, own_was_last: false, is_transferring: false };
 }
 
 /// The maximum number of links of a stack.
