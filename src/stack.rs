@@ -3,14 +3,17 @@
 //! The only module that knows every service. [`Stack`] shows the path of a frame. No call waits (D-3) or takes a lock (D-6), and
 //! the budget bounds the work of each (D-2, SEC-2).
 
+mod bulk;
 mod commands;
 #[cfg(test)]
 mod deadlines;
 mod declare;
+mod declared;
 #[cfg(feature = "defmt")]
 mod drops;
 mod memory;
 mod parts;
+mod peers;
 mod plans;
 mod receive;
 mod services;
@@ -32,9 +35,8 @@ use crate::log::DropLog;
 use crate::message::Address;
 #[cfg(feature = "fmt")]
 use crate::message::Text;
-use crate::network::{self, PeerInfo};
+use crate::network;
 use crate::service::command::CommandMemory;
-use crate::service::manual_control::ControlSource;
 use crate::service::param::ParamMemory;
 use crate::service::{Cx, Shared, SigningGate, View, increment};
 use crate::time::Instant;
@@ -471,52 +473,6 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             values: self.parameters.values(),
             can_start: self.services.command.slots.view_mut().is_some_and(|long| long.can_start()),
         })
-    }
-
-    /// Returns the peers that were heard, with their link quality: at most as many as `peers` in
-    /// [`stack!`](crate::stack) declares. [`PeerInfo`](PeerInfo#eviction-from-a-full-table) says which peer is evicted
-    /// when the table is full.
-    pub fn peers(&self) -> &[PeerInfo] {
-        self.peers.view()
-    }
-
-    /// Whether any ground station is alive: it has sent a heartbeat of type GCS within
-    /// [`peer_timeout`](crate::Config::peer_timeout), on any link but a high-latency one (H-11). A station with two links is
-    /// alive while one of them works.
-    ///
-    /// Ask in each pass of the loop, after [`poll`](Self::poll), for the failsafe of a vehicle that any station may fly.
-    /// [`has_controller`](Self::has_controller) is for one that a certain station flies. [`Vehicle::peer`] is called for each
-    /// peer on each link: use it for texts and for a display, because `Lost` there may be only one of two links.
-    pub fn has_ground_station(&self) -> bool {
-        self.peers().iter().any(PeerInfo::is_living_station)
-    }
-
-    /// Whether a ground station in control is alive, on any link: as [`has_ground_station`](Self::has_ground_station), but only
-    /// the stations of `source` count. Take the source that the vehicle permits to command and to steer, for example the
-    /// [source of manual control](crate::manual_control::ManualInput::source). Other components of such a system do not count:
-    /// an antenna tracker may outlive its station.
-    ///
-    /// ```
-    /// use mavstack::manual_control::ControlSource;
-    /// use mavstack::message::SystemId;
-    /// # use mavstack::*;
-    /// # struct Rover { is_stopped: bool }
-    /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
-    /// # impl Commands for Rover {
-    /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
-    /// # }
-    /// # stack! {
-    /// #     struct Mavlink for Rover { links: 2 }
-    /// # }
-    /// /// Called in each pass of the loop.
-    /// fn failsafe(stack: &Mavlink, rover: &mut Rover) {
-    ///     if !stack.has_controller(ControlSource::System(SystemId(255))) {
-    ///         rover.is_stopped = true;
-    ///     }
-    /// }
-    /// ```
-    pub fn has_controller(&self, source: ControlSource) -> bool {
-        source.is_alive(self.peers.view())
     }
 
     /// Returns the counters of a link's sent and dropped frames; `None` if there is no such link.

@@ -6,7 +6,6 @@
 //!
 //! Left out: more than one client at a time, and other formats, which MAVLink does not define.
 
-use super::share::{COST_OF_BYTE, MAX_LATENESS, Share};
 use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
 use crate::dialect::{LoggingAck, LoggingData, LoggingDataAcked, MavCmd, MavResult};
 use crate::link::Port;
@@ -106,7 +105,6 @@ pub struct LogStreamer {
     heard: Instant,
     /// When the next packet is due.
     due: Instant,
-    share: Share,
     sequence: u16,
     /// The packet with definitions that is not acknowledged: where it begins, its length, its first message, and how often it was
     /// sent.
@@ -168,14 +166,6 @@ impl LogStreamer {
     fn is_on(&self, port: &Port) -> bool {
         self.is_streaming() && !self.is_gone && self.client.link == port.id
     }
-
-    /// Returns when a packet is due in this turn.
-    fn due_in(&self, turn: Turn) -> Instant {
-        match turn {
-            Turn::LateLogging => self.due.max(self.share.due().after(MAX_LATENESS)),
-            _ => self.due,
-        }
-    }
 }
 
 impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
@@ -188,7 +178,6 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
         started: Instant::ZERO,
         heard: Instant::ZERO,
         due: Instant::ZERO,
-        share: Share::NEW,
         sequence: 0,
         offset: 0,
         len: 0,
@@ -254,12 +243,12 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
         }
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), turn: Turn) -> bool {
-        self.is_on(port) && cx.now >= self.due_in(turn) && send(self, cx, port)
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), _: Turn) -> bool {
+        self.is_on(port) && cx.now >= self.due && send(self, cx, port)
     }
 
-    fn due(&self, _: &View<'_>, port: &Port, (): &(), turn: Turn) -> Instant {
-        if self.is_on(port) { self.due_in(turn) } else { Instant::NEVER }
+    fn due(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Instant {
+        if self.is_on(port) { self.due } else { Instant::NEVER }
     }
 
     fn restart(&mut self, port: &Port, (): &mut ()) {
@@ -322,7 +311,6 @@ fn start<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mu
     increment(&mut streamer.counters.started);
     (streamer.client, streamer.started, streamer.heard) = (from, cx.now, cx.now);
     (streamer.sequence, streamer.offset, streamer.messages) = (0, 0, Messages::NEW);
-    streamer.share.begin(cx.now);
     next_definitions(streamer, cx);
     MavResult::ACCEPTED
 }
@@ -392,7 +380,5 @@ fn send<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut
             streamer.sequence = streamer.sequence.wrapping_add(1);
         }
     }
-    let len = u32::try_from(port.outbox.len()).unwrap_or(0);
-    streamer.share.spend_all(cx.now, len.saturating_mul(COST_OF_BYTE), port.config.bytes_per_second);
     is_sent
 }

@@ -44,6 +44,7 @@ pub(crate) mod stream;
 pub mod time;
 
 pub use gate::{Absent, ControlGate, ForwardingGate, OwnCommands, SigningGate, WithoutSigning};
+pub(crate) use share::{COST_OF_BYTE, MAX_LATENESS, Share};
 #[cfg(test)]
 pub(crate) use turn::TABLE;
 pub use turn::Turn;

@@ -5,10 +5,10 @@ use crate::time::{Duration, Instant};
 /// Maximum time for which unused shares of a link are made up, if polls are late. Older ones are lost.
 const CATCH_UP: Duration = Duration::from_millis(100);
 
-/// The cost of a byte for a share of 30 % of the link (D-4).
+/// The cost of a byte of bulk data, which has a share of 30 % of the link (D-4).
 pub(crate) const COST_OF_BYTE: u32 = 3_333_333;
 
-/// What has waited this long for its share is sent before streams and forwarded frames, which would starve it otherwise.
+/// Bulk data that is this far behind its share is sent before streams and forwarded frames, which would starve it otherwise.
 pub(crate) const MAX_LATENESS: Duration = Duration::from_millis(20);
 
 /// How soon a medium is read again that had no data yet.

@@ -2,8 +2,9 @@
 //!
 //! [`turns!`] is the only list of that order. Sending, `next_deadline`, the table in `docs/architecture.md` and the
 //! test of D-4 derive from it. HEARTBEAT is first, so that nothing delays it (H-15), and high-latency links have no turn
-//! for it (H-7, L-3). The list of parameters has two turns, so that streams that fill a link leave it its share (P-11), and so have
-//! files and logs, which high-latency links do not carry (F-8, F-11, LOG-8, LOG-14).
+//! for it (H-7, L-3). The list of parameters has two turns, so that streams that fill a link leave it its share (P-11), and so has
+//! the bulk data of files, logs and log streaming, which high-latency links do not carry (F-8, F-11, LOG-8, LOG-14):
+//! `stack/bulk.rs`.
 
 use crate::link::Pace;
 use crate::types::LinkClass;
@@ -40,18 +41,14 @@ macro_rules! turns {
             Message messages Room Normal "the vehicle's own messages" "while the link has room, at half of its rate";
             ExtParam ext_parameters Room Normal "PARAM_EXT_ACK, PARAM_EXT_VALUE" "while the link has room; values at 40 % of its rate";
             LateParamList param Room Normal "the list of all parameters" "while the link has room, if its next value has waited for 20 ms";
-            LateFileData files Room Normal "FILE_TRANSFER_PROTOCOL with data" "while the link has room, if data has waited for 20 ms for its 30 % of the rate";
-            LateLogData logs Room Normal "LOG_ENTRY, LOG_DATA" "while the link has room, if they have waited for 20 ms for their 30 % of the rate";
-            LateLogging log_streaming Room Normal "LOGGING_DATA_ACKED, LOGGING_DATA" "while the link has room, if they have waited for 20 ms for their 30 % of the rate";
+            LateBulk bulk Room Normal "FILE_TRANSFER_PROTOCOL with data; LOG_ENTRY, LOG_DATA; LOGGING_DATA_ACKED, LOGGING_DATA" "while the link has room, if they are 20 ms behind their 30 % of its rate";
             ForwardedFirst forwarding Idle Normal "a forwarded frame" "while the link is idle, if a stream was last";
             GimbalStatus gimbal_manager Idle Normal "GIMBAL_MANAGER_STATUS" "while the link is idle";
             GimbalAttitude gimbal_device Idle Normal "GIMBAL_DEVICE_ATTITUDE_STATUS" "while the link is idle";
             Stream stream Idle Normal "streams" "while the link is idle";
             Forwarded forwarding Idle Every "forwarded frames" "while the link is idle";
             ParamList param Room Normal "the list of all parameters" "while the link has room, at 40 % of its rate";
-            FileData files Idle Normal "FILE_TRANSFER_PROTOCOL with data" "while the link is idle";
-            LogData logs Idle Normal "LOG_ENTRY, LOG_DATA" "while the link is idle";
-            Logging log_streaming Idle Normal "LOGGING_DATA_ACKED, LOGGING_DATA" "while the link is idle";
+            Bulk bulk Idle Normal "FILE_TRANSFER_PROTOCOL with data; LOG_ENTRY, LOG_DATA; LOGGING_DATA_ACKED, LOGGING_DATA" "while the link is idle";
             #[cfg(test)]
             Example example Room Normal "NAMED_VALUE_INT" "while the link has room";
         }

@@ -2,6 +2,7 @@
 //! the order in which they send.
 
 use super::Declares;
+use super::bulk::{due, next};
 use crate::dialect::MavProtocolCapability;
 use crate::link::{Pace, Port, Transport};
 use crate::message::{ComponentId, SystemId};
@@ -13,7 +14,7 @@ use crate::service::identity::Identification;
 use crate::service::statustext::Texts;
 #[cfg(feature = "defmt")]
 use crate::service::sum;
-use crate::service::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, turns};
+use crate::service::{Cx, Handled, Received, Request, Service, Share, Turn, Verdict, View, turns};
 use crate::time::Instant;
 #[cfg(feature = "defmt")]
 use crate::types::LinkId;
@@ -38,11 +39,15 @@ macro_rules! define {
         /// The states of all services on one link.
         #[derive(Debug)]
         pub(crate) struct States<D: Declares> {
+            /// The share of the link for bulk data.
+            pub(crate) bulk: Share,
+            /// The place of the service that sent bulk data last.
+            pub(crate) bulk_turn: u8,
             $(pub(crate) $name: <$service as Service<D>>::Link,)*
         }
 
         impl<D: Declares> States<D> {
-            pub(crate) const VACANT: Self = Self { $($name: <$service as Service<D>>::VACANT,)* };
+            pub(crate) const VACANT: Self = Self { bulk: Share::NEW, bulk_turn: 0, $($name: <$service as Service<D>>::VACANT,)* };
         }
 
         impl<D: Declares> Services<D> {
@@ -234,7 +239,7 @@ macro_rules! send {
                 false $(|| (
                     Turn::$turn.is_on(class)
                         && Turn::$turn.pace() <= pace
-                        && self.$service.next(cx, port, &mut state.$service, Turn::$turn)
+                        && next!($service, self, cx, port, state, Turn::$turn)
                 ))*
             }
 
@@ -250,7 +255,7 @@ macro_rules! send {
                 let (class, ready_at, idle_at) = (port.config.class, port.bucket.ready_at(), port.bucket.idle_at());
                 let mut due = Instant::NEVER;
                 $(if Turn::$turn.is_on(class) && (!is_stalled || Turn::$turn.pace() == Pace::Stalled) {
-                    let at = Service::<D>::due(&self.$service, view, port, &state.$service, Turn::$turn);
+                    let at = due!($service, D, self, view, port, state, Turn::$turn);
                     due = due.min(at.max(match Turn::$turn.pace() {
                         Pace::Stalled | Pace::AtOnce => Instant::ZERO,
                         Pace::Room => ready_at,

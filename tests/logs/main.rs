@@ -9,6 +9,7 @@ mod downloads;
 mod gates;
 mod pace;
 mod requests;
+mod shares;
 mod streaming;
 
 use client::{Kind, LogClient};

@@ -36,9 +36,7 @@ pub use vehicle::{FileAccess, FileChange, FileEntry, Files, OpenFile, StaticFile
 pub use virtual_files::{HasFiles, NoFile, OneOf, Part, VirtualFile, VirtualFiles};
 
 use self::requests::Stop;
-use self::session::State;
 use self::work::{Upload, Work};
-use super::share::{COST_OF_BYTE, MAX_LATENESS, RETRY, Share};
 use super::{Cx, Handled, Received, Service, Turn, View};
 use crate::dialect::{FileTransferProtocol, MavProtocolCapability};
 use crate::link::Port;
@@ -103,7 +101,6 @@ pub struct FileServer<const OPEN: usize, const N: usize, const UPLOAD: usize, V>
 /// The state of the service on a link.
 #[derive(Debug)]
 pub struct FileLink {
-    share: Share,
     /// The session that is asked first.
     first: usize,
     /// When files are read again that had no data yet.
@@ -126,7 +123,7 @@ where
     V: VirtualFiles<F>,
 {
     type Link = FileLink;
-    const VACANT: FileLink = FileLink { share: Share::NEW, first: 0, retry_at: Instant::ZERO };
+    const VACANT: FileLink = FileLink { first: 0, retry_at: Instant::ZERO };
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::FTP;
     const NEW: Self = {
         assert!(N == OPEN.saturating_add(OTHERS));
@@ -163,13 +160,7 @@ where
         if self.work.is_running() { Instant::ZERO } else { self.status.wake }
     }
 
-    fn on_frame(
-        &mut self,
-        cx: &mut Cx<'_, F>,
-        port: &mut Port,
-        link: &mut FileLink,
-        received: &Received<'_>,
-    ) -> Handled {
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, link: &mut FileLink, received: &Received<'_>) -> Handled {
         if received.frame.id() != FileTransferProtocol::ID {
             return Handled::No;
         }
@@ -178,10 +169,6 @@ where
         }
         // A file that is opened or read now does not wait for others.
         link.retry_at = Instant::ZERO;
-        if session::next(&self.sessions, port.id, link.first, State::Data).is_none() {
-            // What is pending from now on is not late yet.
-            link.share.begin(cx.now);
-        }
         self.server(cx).on_packet(received)
     }
 
@@ -199,7 +186,6 @@ where
         match session::next(&self.sessions, port.id, link.first, send::state_of(turn)) {
             _ if !self.status.is_used => Instant::NEVER,
             None => Instant::NEVER,
-            Some(_) if turn == Turn::LateFileData => link.share.due().after(MAX_LATENESS).max(link.retry_at),
             Some(_) if turn == Turn::FileAnswer => view.now,
             Some(_) => link.retry_at.max(view.now),
         }

@@ -6,10 +6,11 @@ use super::packet;
 use super::requests::Stop;
 use super::session::{self, LONGEST_BURST, Session, State};
 use super::virtual_files::VirtualFiles;
-use super::{COST_OF_BYTE, FileLink, Files, MAX_LATENESS, RETRY, Server};
+use super::{FileLink, Files, Server};
 use crate::dialect::{FileTransferProtocol, MavFtpOpcode};
 use crate::link::{Outbox, Port};
 use crate::message::Message;
+use crate::service::share::RETRY;
 use crate::service::{Cx, Turn};
 use crate::types::Firmware;
 
@@ -21,7 +22,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         let state = state_of(turn);
         let now = self.cx.now;
         let is_data = state == State::Data;
-        if is_data && now < link.retry_at || turn == Turn::LateFileData && now < link.share.due().after(MAX_LATENESS) {
+        if is_data && now < link.retry_at {
             return false;
         }
         let mut asked = None;
@@ -34,8 +35,6 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             }
             link.first = place.wrapping_add(1);
             if is_sent {
-                let len = u32::try_from(port.outbox.len()).unwrap_or(0);
-                link.share.spend_all(now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
                 return true;
             }
             asked = asked.or(Some(place));

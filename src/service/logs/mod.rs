@@ -25,7 +25,7 @@ mod vehicle;
 
 pub use vehicle::{LogInfo, LogRead, Logs};
 
-use super::share::{COST_OF_BYTE, MAX_LATENESS, RETRY, Share};
+use super::share::RETRY;
 use super::{Cx, Handled, Received, Service, Shared, Turn, View, increment};
 use crate::dialect::{LogData, LogEntry, LogErase, LogRequestData, LogRequestEnd, LogRequestList, MavSeverity};
 use crate::link::Port;
@@ -82,7 +82,8 @@ enum Work {
 /// The state of log downloads: declared by `logs` in [`stack!`](crate::stack), and read through [`Stack::logs`](crate::Stack::logs).
 /// The vehicle's part is [`Logs`].
 ///
-/// It serves one client at a time. Its LOG_ENTRY and LOG_DATA use what other traffic leaves of the link, and at least 30 % of its rate.
+/// It serves one client at a time. Its LOG_ENTRY and LOG_DATA use what other traffic leaves of the link. With files
+/// and log streaming they have at least 30 % of its rate.
 #[derive(Debug)]
 pub struct LogServer {
     work: Work,
@@ -103,7 +104,6 @@ pub struct LogServer {
     /// Whether logs could not be read when this was last looked at, and whether a text has told so, or that they changed.
     is_refusing: bool,
     has_told: bool,
-    share: Share,
     counters: LogCounters,
 }
 
@@ -140,7 +140,6 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
         listed: None,
         is_refusing: false,
         has_told: false,
-        share: Share::NEW,
         counters: LogCounters::ZERO,
     };
 
@@ -178,20 +177,12 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
         }
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), turn: Turn) -> bool {
-        let late_at = self.share.due().after(MAX_LATENESS);
-        if !self.is_pending(port) || cx.now < self.ready_at || (turn == Turn::LateLogData && cx.now < late_at) {
-            return false;
-        }
-        send(self, cx, port)
+    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), _: Turn) -> bool {
+        self.is_pending(port) && cx.now >= self.ready_at && send(self, cx, port)
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, (): &(), turn: Turn) -> Instant {
-        match turn {
-            _ if !self.is_pending(port) => Instant::NEVER,
-            Turn::LateLogData => self.share.due().after(MAX_LATENESS).max(self.ready_at),
-            _ => self.ready_at.max(view.now),
-        }
+    fn due(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Instant {
+        if self.is_pending(port) { self.ready_at } else { Instant::NEVER }
     }
 
     /// The client is gone.
@@ -281,9 +272,6 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
         cx.shared.has_acted = true;
         return cx.say(severity, text);
     }
-    if server.work == Work::Nothing {
-        server.share.begin(cx.now);
-    }
     (server.client, server.heard, server.ready_at) = (from, cx.now, Instant::ZERO);
     if let Some(LogRequestList { start, end, .. }) = frame.decode() {
         // Without a log, one entry says so (LOG-2).
@@ -319,15 +307,10 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
 /// Sends the next entry or the next bytes.
 #[inline(never)]
 fn send<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
-    let is_sent = match server.work {
+    match server.work {
         Work::List => send_entry(server, cx, port),
         _ => send_data(server, cx, port),
-    };
-    if is_sent {
-        let len = u32::try_from(port.outbox.len()).unwrap_or(0);
-        server.share.spend_all(cx.now, len.saturating_mul(COST_OF_BYTE), port.config.bytes_per_second);
     }
-    is_sent
 }
 
 /// Sends a LOG_ENTRY.

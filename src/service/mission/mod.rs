@@ -10,7 +10,9 @@
 //! link has a free slot for the answer. Otherwise it is dropped and counted, and nothing is executed: to its sender it looks
 //! like a lost frame.
 
+mod admission;
 mod arrival;
+mod clear;
 mod commit;
 mod current;
 mod directory;

@@ -253,7 +253,7 @@ impl Missions {
     }
 
     /// Whether another client's upload is in progress; an upload that a delayed duplicate may have begun does not count.
-    fn is_locked(&self, now: Instant, caller: &Caller<'_>) -> bool {
+    pub(super) fn is_locked(&self, now: Instant, caller: &Caller<'_>) -> bool {
         let is_others = |upload: &Upload| upload.is_exclusive() && !upload.is_by(caller.from.address);
         self.upload.as_ref().is_some_and(is_others) || self.is_on_other_link(now, caller.from)
     }
@@ -513,69 +513,9 @@ impl Missions {
         }
     }
 
-    /// Handles MISSION_CLEAR_ALL.
-    #[inline(never)]
-    pub(super) fn on_clear<V: Plans>(
-        &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
-        caller: &mut Caller<'_>,
-        mission_type: MavMissionType,
-    ) {
-        let only = match mission_type {
-            MavMissionType::ALL => None,
-            _ => match caller.plan(cx, mission_type) {
-                Ok(plan) => Some(plan),
-                Err(result) => return caller.ack(mission_type, result, 0),
-            },
-        };
-        let is_on_other_link = self.is_on_other_link(cx.now, caller.from);
-        if let Some(commit) = self.committing_mut() {
-            // A repeated clear is answered when the first one ends (M-52); anything else is denied.
-            let is_repeated = commit.clears(mission_type) && (is_on_other_link || commit.is_by(caller));
-            return if is_repeated { self.out_of_place() } else { caller.deny(mission_type) };
-        }
-        if self.is_locked(cx.now, caller) {
-            // M-51
-            return caller.deny(mission_type);
-        }
-        self.forget_answer(caller);
-        self.abandon(cx);
-        if self.is_clear(cx, only) {
-            // M-52: even if the vehicle permits no changes.
-            return self.clear(cx, vehicle, caller, mission_type, only);
-        }
-        // All or nothing: permission for every plan first, then the change.
-        for plan in PlanType::ALL {
-            let is_affected = cx.plans.capacity(plan) > 0 && only.is_none_or(|only| only == plan);
-            if is_affected && !self.may_change(cx, vehicle, caller, plan, mission_type) {
-                return;
-            }
-        }
-        let named = only.unwrap_or(PlanType::Mission);
-        if !self.is_rate_limited(cx, caller, named, mission_type, 0) && !self.lacks_result_slot(caller) {
-            self.done = None;
-            self.clear(cx, vehicle, caller, mission_type, only);
-        }
-    }
-
-    /// Clears one plan, or all (M-50, M-53).
-    fn clear<V: Plans>(
-        &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
-        caller: &mut Caller<'_>,
-        mission_type: MavMissionType,
-        only: Option<PlanType>,
-    ) {
-        if let Some(reply) = self.change(cx, vehicle, caller.from, mission_type, Change::Clear(only)) {
-            caller.replies.push(reply);
-        }
-    }
-
     /// Cancels the pending result of the previous request of `caller`.
     #[inline(never)]
-    fn forget_answer(&mut self, caller: &mut Caller<'_>) {
+    pub(super) fn forget_answer(&mut self, caller: &mut Caller<'_>) {
         caller.replies.forget_result(caller.from.address);
         self.second_answer = None;
     }
@@ -616,60 +556,7 @@ impl Missions {
         Some((link, Reply::of_result(to, plan.mission_type(), MavMissionResult::OPERATION_CANCELLED, 0)))
     }
 
-    fn out_of_place(&mut self) {
+    pub(super) fn out_of_place(&mut self) {
         increment(&mut self.counters.out_of_place);
-    }
-
-    /// Whether a durable change has no free slot for its result. Its request is then dropped and counted.
-    fn lacks_result_slot(&mut self, caller: &Caller<'_>) -> bool {
-        let lacks = self.is_durable() && caller.replies.has_result();
-        if lacks {
-            increment(&mut self.counters.no_answer_slot);
-        }
-        lacks
-    }
-
-    /// Whether the token bucket has too few tokens for a change to `count` items; if so, queues the refusal (C-15).
-    pub(super) fn is_rate_limited(
-        &mut self,
-        cx: &mut Work<'_, '_>,
-        caller: &mut Caller<'_>,
-        plan: PlanType,
-        mission_type: MavMissionType,
-        count: u16,
-    ) -> bool {
-        if self.has_tokens(cx, count) {
-            return false;
-        }
-        if let Some(refused) = self.refused.count(cx.now) {
-            event!("{} change by {}: too many writes to storage; {=u32} refused so far", plan, caller.from, refused);
-        }
-        cx.report(&Problem::RateLimited(plan));
-        caller.deny(mission_type);
-        true
-    }
-
-    /// Asks for [permission](Self::permission), and queues the answer to a refusal (M-27, M-44).
-    pub(super) fn may_change<V: Plans>(
-        &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
-        caller: &mut Caller<'_>,
-        plan: PlanType,
-        mission_type: MavMissionType,
-    ) -> bool {
-        let Err(result) = self.permission(cx, vehicle, plan, caller.from, false) else { return true };
-        if let Some(refused) = self.refused.count(cx.now) {
-            event!(
-                "{} change by {}: {=u8} by the vehicle; {=u32} refused so far",
-                plan,
-                caller.from,
-                result.0,
-                refused
-            );
-        }
-        cx.report(&Problem::Refused(plan, result.into()));
-        caller.ack(mission_type, result, 0);
-        false
     }
 }

@@ -1,0 +1,69 @@
+//! Bulk data: the files, logs and streamed logs of a link share 30 % of its rate, by turns, and what other traffic leaves (D-4,
+//! LOG-8, LOG-14).
+//!
+//! With a share for each of them, all together would leave streams nothing beside the list of parameters, which has 40 %.
+
+use super::Declares;
+use super::services::{Services, States};
+use crate::link::Port;
+use crate::service::{COST_OF_BYTE, Cx, MAX_LATENESS, Service, Turn, View};
+use crate::time::Instant;
+
+/// The place of the last service in the match below.
+const LAST: u8 = 2;
+
+impl<D: Declares> Services<D> {
+    /// As [`Service::next`], for all services with bulk data. The one after the one that was last is asked first.
+    #[inline(never)]
+    pub(crate) fn next_bulk(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>, turn: Turn) -> bool {
+        if turn == Turn::LateBulk && cx.now < state.bulk.due().after(MAX_LATENESS) {
+            return false;
+        }
+        for _ in 0..=LAST {
+            let place = &mut state.bulk_turn;
+            *place = if *place >= LAST { 0 } else { place.wrapping_add(1) };
+            let is_sent = match *place {
+                0 => self.files.next(cx, port, &mut state.files, turn),
+                1 => self.logs.next(cx, port, &mut state.logs, turn),
+                _ => self.log_streaming.next(cx, port, &mut state.log_streaming, turn),
+            };
+            if is_sent {
+                let len = u32::try_from(port.outbox.len()).unwrap_or(0);
+                state.bulk.spend_all(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+                return true;
+            }
+        }
+        false
+    }
+
+    /// As [`Service::due`], for all services with bulk data.
+    pub(crate) fn due_bulk(&self, view: &View<'_>, port: &Port, state: &States<D>, turn: Turn) -> Instant {
+        let files = Service::<D>::due(&self.files, view, port, &state.files, turn);
+        let logs = Service::<D>::due(&self.logs, view, port, &state.logs, turn);
+        let streaming = Service::<D>::due(&self.log_streaming, view, port, &state.log_streaming, turn);
+        let due = files.min(logs).min(streaming);
+        if turn == Turn::LateBulk { due.max(state.bulk.due().after(MAX_LATENESS)) } else { due }
+    }
+}
+
+/// Calls `next` of a turn's service.
+macro_rules! next {
+    (bulk, $services:expr, $cx:expr, $port:expr, $state:expr, $turn:expr) => {
+        $services.next_bulk($cx, $port, $state, $turn)
+    };
+    ($service:ident, $services:expr, $cx:expr, $port:expr, $state:expr, $turn:expr) => {
+        $services.$service.next($cx, $port, &mut $state.$service, $turn)
+    };
+}
+pub(super) use next;
+
+/// Calls `due` of a turn's service.
+macro_rules! due {
+    (bulk, $declares:ty, $services:expr, $view:expr, $port:expr, $state:expr, $turn:expr) => {
+        $services.due_bulk($view, $port, $state, $turn)
+    };
+    ($service:ident, $declares:ty, $services:expr, $view:expr, $port:expr, $state:expr, $turn:expr) => {
+        Service::<$declares>::due(&$services.$service, $view, $port, &$state.$service, $turn)
+    };
+}
+pub(super) use due;
