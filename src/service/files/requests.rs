@@ -36,7 +36,8 @@ impl From<MavFtpErr> for Stop {
 }
 
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
-    /// Ends the sessions of silent clients, and the upload if it has stalled. Closes the files of a client's sessions, if one of them is given.
+    /// Ends the sessions of silent clients, and the upload if it has stalled (F-26). Closes the files of a client's sessions, if one
+    /// of them is given.
     #[inline(never)]
     pub(super) fn end(&mut self, of: Option<Key>) {
         let now = self.cx.now.coarse();
