@@ -16,20 +16,20 @@ impl<D: Declares> Services<D> {
     /// As [`Service::next`], for all services with bulk data. The one after the one that was last is asked first.
     #[inline(never)]
     pub(crate) fn next_bulk(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>, turn: Turn) -> bool {
-        if turn == Turn::LateBulk && cx.now < state.bulk.due().after(MAX_LATENESS) {
+        let States { bulk, bulk_turn: place, files, logs, log_streaming, .. } = state;
+        if turn == Turn::LateBulk && cx.now < bulk.due().after(MAX_LATENESS) {
             return false;
         }
         for _ in 0..=LAST {
-            let place = &mut state.bulk_turn;
             *place = if *place >= LAST { 0 } else { place.wrapping_add(1) };
             let is_sent = match *place {
-                0 => self.files.next(cx, port, &mut state.files, turn),
-                1 => self.logs.next(cx, port, &mut state.logs, turn),
-                _ => self.log_streaming.next(cx, port, &mut state.log_streaming, turn),
+                0 => self.files.next(cx, port, files, turn),
+                1 => self.logs.next(cx, port, logs, turn),
+                _ => self.log_streaming.next(cx, port, log_streaming, turn),
             };
             if is_sent {
                 let len = u32::try_from(port.outbox.len()).unwrap_or(0);
-                state.bulk.spend_all(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+                bulk.spend_all(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
                 return true;
             }
         }
@@ -38,11 +38,12 @@ impl<D: Declares> Services<D> {
 
     /// As [`Service::due`], for all services with bulk data.
     pub(crate) fn due_bulk(&self, view: &View<'_>, port: &Port, state: &States<D>, turn: Turn) -> Instant {
+        let share = &state.bulk;
         let files = Service::<D>::due(&self.files, view, port, &state.files, turn);
         let logs = Service::<D>::due(&self.logs, view, port, &state.logs, turn);
         let streaming = Service::<D>::due(&self.log_streaming, view, port, &state.log_streaming, turn);
         let due = files.min(logs).min(streaming);
-        if turn == Turn::LateBulk { due.max(state.bulk.due().after(MAX_LATENESS)) } else { due }
+        if turn == Turn::LateBulk { due.max(share.due().after(MAX_LATENESS)) } else { due }
     }
 }
 
