@@ -251,6 +251,10 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
         if self.is_on(port) { self.due } else { Instant::NEVER }
     }
 
+    fn has_bulk(&self) -> bool {
+        self.is_streaming()
+    }
+
     fn restart(&mut self, port: &Port, (): &mut ()) {
         self.is_gone |= self.is_on(port);
     }

@@ -164,6 +164,11 @@ pub trait Service<F: Firmware> {
         Instant::NEVER
     }
 
+    /// Whether bulk data may be pending on any link. Called often.
+    fn has_bulk(&self) -> bool {
+        false
+    }
+
     /// Called for each accepted frame, whatever its message.
     fn on_heard(&mut self, now: Instant, from: Peer) {
         let _ = (now, from);

@@ -13,9 +13,21 @@ use crate::time::Instant;
 const LAST: u8 = 2;
 
 impl<D: Declares> Services<D> {
-    /// As [`Service::next`], for all services with bulk data. The one after the one that was last is asked first.
-    #[inline(never)]
+    /// As [`Service::next`], for all services with bulk data. Inlined: most of the time there is none.
+    #[inline(always)]
     pub(crate) fn next_bulk(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>, turn: Turn) -> bool {
+        let has_any = Service::<D>::has_bulk(&self.files)
+            || Service::<D>::has_bulk(&self.logs)
+            || Service::<D>::has_bulk(&self.log_streaming);
+        if !has_any {
+            port.facts.is_transferring = false;
+        }
+        has_any && self.send_bulk(cx, port, state, turn)
+    }
+
+    /// The service after the one that was last is asked first.
+    #[inline(never)]
+    fn send_bulk(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>, turn: Turn) -> bool {
         let States { bulk, bulk_turn: place, files, logs, log_streaming, .. } = state;
         if turn == Turn::LateBulk && cx.now < bulk.due().after(MAX_LATENESS) {
             return false;

@@ -181,6 +181,10 @@ where
         is_used && self.server(cx).send(port, link, turn)
     }
 
+    fn has_bulk(&self) -> bool {
+        self.status.is_used
+    }
+
     #[inline(never)]
     fn due(&self, view: &View<'_>, port: &Port, link: &FileLink, turn: Turn) -> Instant {
         match session::next(&self.sessions, port.id, link.first, send::state_of(turn)) {

@@ -185,6 +185,10 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
         if self.is_pending(port) { self.ready_at } else { Instant::NEVER }
     }
 
+    fn has_bulk(&self) -> bool {
+        self.work != Work::Nothing
+    }
+
     /// The client is gone.
     fn restart(&mut self, port: &Port, (): &mut ()) {
         if self.client.link == port.id {
