@@ -174,8 +174,6 @@ where
         if received.target.system.0 == 0 {
             return Handled::OutOfPlace;
         }
-        // A file that is opened or read now does not wait for others.
-        link.retry_at = Instant::ZERO;
         if session::next(&self.sessions, port.id, link.first, State::Data).is_none() {
             // What is pending from now on is not late yet.
             link.share.begin(cx.now);
