@@ -1,6 +1,6 @@
 //! Reading from a circular DMA buffer.
 
-use core::sync::atomic::{AtomicU8, Ordering};
+use core::sync::atomic::{AtomicU8, Ordering, fence};
 
 use super::SerialError;
 use crate::stack::{Declares, Stack};
@@ -120,6 +120,8 @@ impl CircularReader {
         position: usize,
         mut receive: impl FnMut(&[u8]) -> usize,
     ) -> Result<(), SerialError> {
+        // The bytes were written before the position was read.
+        fence(Ordering::Acquire);
         let position = position.min(buffer.len());
         // The current lap is not counted yet if the writer seems to be behind the reader.
         let ahead = laps.wrapping_sub(self.laps);

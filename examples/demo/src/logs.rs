@@ -23,6 +23,12 @@ struct Entry {
     time: AtomicU32,
 }
 
+impl Entry {
+    const fn new() -> Self {
+        Self { start: AtomicU32::new(0), size: AtomicU32::new(0), time: AtomicU32::new(0) }
+    }
+}
+
 /// The logs: each begins where the one before it ends.
 ///
 /// A reset may come between any two writes, so each change becomes valid by a single one: that of `state`, or of a size. What is written
@@ -50,11 +56,10 @@ fn set(word: &AtomicU32, value: u32) {
 impl LogMemory {
     /// Returns memory without a log.
     pub const fn new() -> Self {
-        const ZERO: AtomicU32 = AtomicU32::new(0);
         Self {
-            magic: ZERO,
-            state: ZERO,
-            entries: [const { Entry { start: ZERO, size: ZERO, time: ZERO } }; LOGS],
+            magic: AtomicU32::new(0),
+            state: AtomicU32::new(0),
+            entries: [const { Entry::new() }; LOGS],
             bytes: [const { AtomicU8::new(0) }; LOG_BYTES],
         }
     }
@@ -63,16 +68,14 @@ impl LogMemory {
     pub(crate) fn check(&self) {
         let (first, count) = self.state();
         let mut used = 0u32;
-        let mut follows = |entry: &Entry| {
+        let follows = |entry: &Entry| {
             let (start, size) = (entry.start.load(Relaxed), entry.size.load(Relaxed));
             let is_next = start < LEN && start == (self.start().wrapping_add(used)) % LEN;
             used = used.saturating_add(size);
             is_next && used <= LEN
         };
-        let is_valid = self.magic.load(Relaxed) == MAGIC
-            && first < LOGS
-            && count <= LOGS
-            && self.entries().all(|entry| follows(entry));
+        let is_valid =
+            self.magic.load(Relaxed) == MAGIC && first < LOGS && count <= LOGS && self.entries().all(follows);
         if !is_valid {
             self.erase();
             set(&self.magic, MAGIC);

@@ -11,7 +11,7 @@ use crate::types::Firmware;
 /// The name of a file is this, the number of its log, a dot, and [`Logs::LOG_EXTENSION`].
 const PREFIX: &[u8] = b"log_";
 
-/// A client that has read nothing of a log for this time does not read it any more, and the logs may be erased. It is the time
+/// A client that has read nothing of a log for this time does not read it any more, and the logs may be erased (LOG-7). It is the time
 /// after which another client takes over its session.
 const IDLE: Duration = Duration::from_secs(3);
 
