@@ -167,8 +167,6 @@ where
         if received.target.system.0 == 0 {
             return Handled::OutOfPlace;
         }
-        // A file that is opened or read now does not wait for others.
-        link.retry_at = Instant::ZERO;
         self.server(cx).on_packet(received)
     }
 
