@@ -160,7 +160,7 @@ where
         if self.work.is_running() { Instant::ZERO } else { self.status.wake }
     }
 
-    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, link: &mut FileLink, received: &Received<'_>) -> Handled {
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut FileLink, received: &Received<'_>) -> Handled {
         if received.frame.id() != FileTransferProtocol::ID {
             return Handled::No;
         }
