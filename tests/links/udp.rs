@@ -186,6 +186,22 @@ fn heartbeats_are_broadcast_until_a_station_answers() {
     assert_eq!(lab.take::<Heartbeat>(BROADCAST).len(), 3);
 }
 
+/// H-1: two vehicles hear each other's broadcasts. Neither becomes the station of the other, nor does a gimbal that broadcasts too.
+#[test]
+fn other_vehicles_are_no_stations() {
+    let mut lab = Lab::new();
+    let types = [(MavType::QUADROTOR, MavAutopilot::PX4), (MavType::GIMBAL, MavAutopilot::INVALID)];
+    for (r#type, autopilot) in types.into_iter().cycle().take(6) {
+        lab.send(A, &Heartbeat { r#type, autopilot, ..Default::default() });
+        lab.run_for(secs(1));
+    }
+    assert_eq!(lab.stations(), []);
+    assert!(lab.take::<Heartbeat>(BROADCAST).len() >= 6);
+    lab.heartbeat(B);
+    lab.run_for(secs(1));
+    assert!(lab.stations().iter().map(|(_, station)| *station).eq([B]));
+}
+
 /// Without an address to broadcast to, nothing is sent.
 #[test]
 fn nothing_is_sent_without_a_station_and_a_broadcast_address() {
