@@ -415,7 +415,7 @@ fn unknown_id_costs_twice_as_much() {
     assert_eq!(decoder.push(&stream, Instant::ZERO), stream.len());
     let mut budget = 1_000;
     assert!(decoder.next(Instant::ZERO, TABLE, &mut budget, |_| true).is_some());
-    assert_eq!(budget, 1_000 - 32);
+    assert_eq!(budget, 1_000 - 34);
 }
 
 mavstack::message! {
