@@ -21,5 +21,5 @@ pub use forward::{ForwardCounters, ForwardQueues};
 pub use peers::PeerInfo;
 #[doc(hidden)]
 pub use peers::{Booking, Peers};
-pub(crate) use peers::{Reception, deadline, is_heard, is_known, poll, record, record_unchecked};
+pub(crate) use peers::{Reception, deadline, is_heard, is_known, is_of_vehicle, poll, record, record_unchecked};
 pub(crate) use routes::{forget_rebooted, routes, target_of};

@@ -5,7 +5,7 @@
 
 use crate::dialect::{Heartbeat, MavAutopilot, MavType};
 use crate::frame::{Frame, Version};
-use crate::message::{Address, SystemId};
+use crate::message::{Address, Message, SystemId};
 use crate::time::{Duration, Instant};
 use crate::types::{LinkClass, LinkId, MAX_LINKS, Peer, PeerEvent};
 
@@ -276,4 +276,12 @@ fn find_or_insert(
     let evicted = (victim.peer, victim.is_alive);
     *victim = new;
     Some((victim, Some(evicted)))
+}
+
+/// Whether a frame is the heartbeat of another vehicle, or of a part of one: not of a ground station or a companion computer.
+pub(crate) fn is_of_vehicle(frame: &Frame<'_>) -> bool {
+    /// The offset of HEARTBEAT.type.
+    const TYPE: usize = 4;
+    let of = MavType(frame.payload().get(TYPE).copied().unwrap_or(0));
+    frame.id() == Heartbeat::ID && !matches!(of, MavType::GCS | MavType::ONBOARD_CONTROLLER)
 }

@@ -3,10 +3,10 @@
 
 use super::services::{Services, States};
 use super::{Declares, Stack, report};
-use crate::dialect::{Heartbeat, MavCmd, MavResult, MavSeverity, MavType};
+use crate::dialect::{MavCmd, MavResult, MavSeverity};
 use crate::frame::{Decoder, Frame};
 use crate::link::{Link, Port};
-use crate::message::{Address, Message, Text};
+use crate::message::{Address, Text};
 use crate::network::{self, Booking, Passage, Reception};
 use crate::service::command::{CommandMemory, CommandService};
 use crate::service::{
@@ -121,7 +121,7 @@ impl<D: Declares> Services<D> {
         }
         port.heard(frame.header().version);
         let is_verified = self.signing.knows_sender(port, frame);
-        port.has_accepted |= is_verified && !is_of_vehicle(frame);
+        port.has_accepted |= is_verified && !network::is_of_vehicle(frame);
         let by = Reception { now: cx.now, link: port.id, class: port.config.class, is_verified };
         let booking = network::record(cx.peers, by, own.system, frame, report!(cx));
         match booking {
@@ -286,14 +286,6 @@ fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Op
         return None;
     }
     Some(target)
-}
-
-/// Whether a frame is the heartbeat of another vehicle, or of a part of one: not of a ground station or a companion computer.
-fn is_of_vehicle(frame: &Frame<'_>) -> bool {
-    /// The offset of HEARTBEAT.type.
-    const TYPE: usize = 4;
-    let of = MavType(frame.payload().get(TYPE).copied().unwrap_or(0));
-    frame.id() == Heartbeat::ID && !matches!(of, MavType::GCS | MavType::ONBOARD_CONTROLLER)
 }
 
 /// Whether an address is that of one of the firmware's components.
