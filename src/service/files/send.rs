@@ -26,7 +26,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             return false;
         }
         let mut asked = None;
-        for _ in 0..N {
+        // Without virtual directories no file has data later.
+        for _ in 0..const { if V::COUNT == 0 { 1 } else { N } } {
             let Some(place) = session::next(self.sessions, port.id, link.first, state) else { return false };
             let Some(session) = self.sessions.get_mut(place).filter(|_| asked != Some(place)) else { break };
             let is_sent = send(self.cx, &mut port.outbox, session, state);
@@ -39,7 +40,9 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             }
             asked = asked.or(Some(place));
         }
-        link.retry_at = now.after(RETRY);
+        if V::COUNT > 0 {
+            link.retry_at = now.after(RETRY);
+        }
         false
     }
 }
