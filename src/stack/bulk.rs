@@ -32,24 +32,22 @@ impl<D: Declares> Services<D> {
         if turn == Turn::LateBulk && cx.now < bulk.due().after(MAX_LATENESS) {
             return false;
         }
-        let is_sent = if const { size_of::<D::Logs>() == 0 && size_of::<D::LogStreaming>() == 0 } {
-            // Neither is declared: files have all turns.
-            self.files.next(cx, port, files, turn)
-        } else {
-            (0..=LAST).any(|_| {
-                *place = if *place >= LAST { 0 } else { place.wrapping_add(1) };
-                match *place {
-                    0 => self.files.next(cx, port, files, turn),
-                    1 => self.logs.next(cx, port, logs, turn),
-                    _ => self.log_streaming.next(cx, port, log_streaming, turn),
-                }
-            })
-        };
-        if is_sent {
-            let len = u32::try_from(port.outbox.len()).unwrap_or(0);
-            bulk.spend_all(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+        // If no service of logs is declared, files have all turns.
+        let last = const { if size_of::<D::Logs>() > 0 || size_of::<D::LogStreaming>() > 0 { LAST } else { 0 } };
+        for _ in 0..=last {
+            *place = if *place >= last { 0 } else { place.wrapping_add(1) };
+            let is_sent = match *place {
+                0 => self.files.next(cx, port, files, turn),
+                1 => self.logs.next(cx, port, logs, turn),
+                _ => self.log_streaming.next(cx, port, log_streaming, turn),
+            };
+            if is_sent {
+                let len = u32::try_from(port.outbox.len()).unwrap_or(0);
+                bulk.spend_all(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+                return true;
+            }
         }
-        is_sent
+        false
     }
 
     /// As [`Service::due`], for all services with bulk data.
