@@ -125,7 +125,7 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
 /// | `components` | other [components](crate::Components) of the firmware: a gimbal, a camera | none | [`Components`](crate::Components) |
 /// | `camera: { images: N }` | a [camera](crate::Camera) that remembers the last `N` images (48 bytes each); `camera` alone is 16 | none | [`Camera`](crate::Camera) |
 /// | `ext_parameters` | [extended parameters](crate::ExtParameters), such as a camera's settings | none | [`ExtParameters`](crate::ExtParameters) |
-/// | `events: { history: N }` | [events](crate::events) that ground stations receive without a gap, the last `N` of them kept (36 bytes each) | none | |
+/// | `events: { history: N }` | [events](mod@crate::events) that ground stations receive without a gap, the last `N` of them kept (36 bytes each) | none | |
 /// | `events: { history: N, checks }` | also the checks before arming, reported as events | none | [`HealthChecks`](crate::HealthChecks) |
 /// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
 /// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |

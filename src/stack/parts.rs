@@ -319,7 +319,7 @@ impl<D, const LINKS: usize, C> Stack<D, LINKS>
 where
     D: Declares<Events = EventService<C>>,
 {
-    /// Records an event that [`events!`](crate::events) has declared, and sends it on every normal link: see
+    /// Records an event that [`events!`](crate::events!) has declared, and sends it on every normal link: see
     /// [`Context::event`](crate::Context::event).
     pub fn event<E: Event>(&mut self, now: Instant, event: &E) {
         record(self.events.view_mut(), now, event);

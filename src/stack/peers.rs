@@ -17,7 +17,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// alive while one of them works.
     ///
     /// Ask in each pass of the loop, after [`poll`](Self::poll), for the failsafe of a vehicle that any station may fly.
-    /// [`has_controller`](Self::has_controller) is for one that a certain station flies. [`Vehicle::peer`] is called for each
+    /// [`has_controller`](Self::has_controller) is for one that a certain station flies. [`Vehicle::peer`](crate::Vehicle::peer) is called for each
     /// peer on each link: use it for texts and for a display, because `Lost` there may be only one of two links.
     pub fn has_ground_station(&self) -> bool {
         self.peers().iter().any(PeerInfo::is_living_station)

@@ -85,7 +85,7 @@ impl<'a> PlanView<'a> {
 /// AUTOPILOT_VERSION does not announce it.
 ///
 /// [`plan_memory!`](crate::plan_memory) spells the type. It takes 32 bytes for each item, and at most 256 for the rest. `U` is a
-/// [`FileUpload`] in a stack that takes plans as files.
+/// `FileUpload` in a stack that takes plans as files.
 #[derive(Clone, Debug)]
 pub struct PlanBuffers<const M: usize, const F: usize, const R: usize, const S: usize, U = ()> {
     mission: Buffer<M>,

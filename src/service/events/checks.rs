@@ -69,7 +69,7 @@ const SUMMARIES: usize = 2;
     note = "`checks` in `events` of `stack!` needs `impl HealthChecks for {Self}`: write it, or leave `checks` out"
 )]
 pub trait HealthChecks {
-    /// The set of events that [`events!`](crate::events) has declared with `modes` and `components`.
+    /// The set of events that [`events!`](crate::events!) has declared with `modes` and `components`.
     type Events: CheckSet;
 
     /// Reports what is present, and what fails. Called twice for a report, and whenever the stack needs to know whether anything has

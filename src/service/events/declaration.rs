@@ -1,4 +1,4 @@
-//! What a declaration of events consists of: [`events!`](crate::events) implements these traits (EVT-1).
+//! What a declaration of events consists of: [`events!`](crate::events!) implements these traits (EVT-1).
 //!
 //! An event's id is that of PX4 and libevents: the component id in the highest byte, and the lowest 24 bits of the FNV-1a hash of
 //! the event's name. All of it is computed by the compiler. The texts are constants that only the generator of the metadata
@@ -54,7 +54,7 @@ pub enum EventGroup {
 }
 
 /// The type of an event's argument: an integer of up to 64 bits, `f32`, or an enumeration or a bitmask of
-/// [`events!`](crate::events).
+/// [`events!`](crate::events!).
 #[diagnostic::on_unimplemented(
     message = "`{Self}` cannot be an argument of an event",
     note = "use an integer of up to 64 bits, `f32`, or an enumeration of the same `events!`"
@@ -210,7 +210,7 @@ impl EventInfo {
 }
 
 /// A set of events, with the names and texts for ground stations: `metadata::events` writes its file.
-/// [`events!`](crate::events) implements it.
+/// [`events!`](crate::events!) implements it.
 pub trait EventSet {
     /// The namespace of the events.
     const NAMESPACE: &'static str;
@@ -244,7 +244,7 @@ pub trait CheckBits: EventArgument {
     fn bits(self) -> u32;
 }
 
-/// What [`events!`](crate::events) has declared: an event or a check.
+/// What [`events!`](crate::events!) has declared: an event or a check.
 pub trait DeclaredEvent {
     /// Its declaration.
     const INFO: EventInfo;

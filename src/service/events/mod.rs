@@ -254,7 +254,7 @@ pub(crate) fn record<E: Event>(log: &mut EventLog, now: Instant, event: &E) {
 }
 
 impl Context<'_> {
-    /// Records an event that [`events!`](crate::events) has declared. Every normal link sends it when it has room, after the texts,
+    /// Records an event that [`events!`](crate::events!) has declared. Every normal link sends it when it has room, after the texts,
     /// and again on request, while the history holds it (EVT-2). Needs `events` in [`stack!`](crate::stack); without it, nothing is
     /// recorded.
     ///
