@@ -324,7 +324,7 @@ fn closed_upload_leaves_the_next_file_open() {
     world.upload(1, &items(PlanType::Mission, 5, 1)).expect("the staging area is free");
 }
 
-/// F-26, M-41: an upload of which no part arrives is closed after eight seconds, whatever else its client requests; then other uploads
+/// F-26, M-41: an upload that receives no part is closed after eight seconds, whatever else its client requests; then other uploads
 /// are taken. One that makes progress is not closed.
 #[test]
 fn stalled_upload_is_closed() {

@@ -58,7 +58,7 @@ counters! {
         drop refused_uploads,
         /// Files that were not opened, because all sessions were in use.
         drop no_session,
-        /// Sessions that ended because their client was silent for ten seconds, and uploads of which no part has arrived for eight.
+        /// Sessions that ended because their client was silent for ten seconds, and uploads that received no part for eight.
         drop timed_out,
         /// Sessions that another client took over after three seconds.
         drop taken_over,
