@@ -110,7 +110,7 @@ impl Arguments {
         self.port_base.checked_add(10 * u16::from(index)).filter(|port| *port <= 65_533)
     }
 
-    /// Prints how to connect to the vehicles. `first`: the system id of the first one.
+    /// Prints how to connect to the vehicles. `system`: the system id of the first one.
     fn print_how_to_connect(&self, system: u8) {
         let base = self.port_base;
         if self.count == 1 {
