@@ -22,6 +22,8 @@ fn main() {
         fs::write(Path::new(&folder).join(format!("{name}.xz")), bytes).expect("the folder can be written to");
     }
     let general = format!(r#"{{"version":1,"metadataTypes":[{}]}}"#, types.join(","));
+    fs::write(Path::new(&folder).join("general.crc"), crc(general.as_bytes()).to_string())
+        .expect("the folder can be written to");
     fs::write(Path::new(&folder).join("general.json"), general).expect("the folder can be written to");
 }
 

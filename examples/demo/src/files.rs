@@ -26,6 +26,8 @@ pub const GENERAL: StaticFile = built!("general.json");
 pub const PARAMETERS_URI: &str = "mftp:///parameters.json.xz";
 /// The same of the events.
 pub const EVENTS_URI: &str = "mftp:///events.json.xz";
+/// Its checksum, by the build script.
+const GENERAL_CRC: u32 = include!(concat!(env!("OUT_DIR"), "/general.crc"));
 const GENERAL_URI: &[u8; 20] = b"mftp:///general.json";
 
 impl Files for Quadrotor {
@@ -34,26 +36,11 @@ impl Files for Quadrotor {
 
 /// COMPONENT_METADATA, without the time.
 pub(crate) static METADATA: ComponentMetadata =
-    ComponentMetadata { time_boot_ms: 0, file_crc: crc(GENERAL.bytes()), uri: Text::from_wire(padded(GENERAL_URI)) };
+    ComponentMetadata { time_boot_ms: 0, file_crc: GENERAL_CRC, uri: Text::from_wire(padded(GENERAL_URI)) };
 
 /// Returns a text as it is on the wire.
 const fn padded(text: &[u8]) -> [u8; 100] {
     let mut wire = [0; 100];
     wire.split_at_mut(text.len()).0.copy_from_slice(text);
     wire
-}
-
-/// Returns MAVLink's CRC-32 of a file: `mavstack::metadata::file_crc`, computed by the compiler.
-const fn crc(bytes: &[u8]) -> u32 {
-    let (mut crc, mut rest) = (0u32, bytes);
-    while let Some((byte, after)) = rest.split_first() {
-        crc ^= *byte as u32;
-        let mut bit = 0;
-        while bit < 8 {
-            crc = (crc >> 1) ^ (0xEDB8_8320 & (crc & 1).wrapping_neg());
-            bit += 1;
-        }
-        rest = after;
-    }
-    crc
 }
