@@ -16,11 +16,14 @@
 //! until it is complete, the old segment is valid, and nothing in it was changed.
 
 mod append;
+mod record;
 mod scan;
 
 use super::page::{Content, Footer, PAGE, Page, TAIL, VERSION, flag};
 use super::region::{Job, PAGE_LEN, Region};
 use crate::time::{Duration, Instant};
+pub(crate) use record::Entry;
+use record::{Record, Segment};
 
 /// The number of kinds of records that a log keeps.
 pub(crate) const ENTRIES: usize = 16;
@@ -43,77 +46,6 @@ const PAUSE: Duration = Duration::from_secs(1);
 const LONG_PAUSE: Duration = Duration::from_secs(10);
 /// After a record is complete, erasing ahead waits for this time, so that the answer to a client is sent first.
 const GRACE: Duration = Duration::from_millis(200);
-
-/// Where a segment is, and how far it is written.
-#[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-struct Segment {
-    /// Counts up; 0 if there is none.
-    number: u32,
-    /// Its first page, counted from the start of the region.
-    first: u32,
-    /// The next page to be written.
-    head: u16,
-    /// The pages from `head` to here are erased.
-    erased: u16,
-    /// The number of records in it, modulo 2^16, and the kind of the newest one.
-    count: u16,
-    before: u8,
-}
-
-impl Segment {
-    const NONE: Self = Self { number: 0, first: 0, head: 0, erased: 0, count: 0, before: 0 };
-}
-
-/// The newest record of a kind.
-#[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub(crate) struct Entry {
-    /// 0 if the entry is free.
-    kind: u8,
-    /// Whether a newer record of this kind was lost.
-    pub(crate) is_damaged: bool,
-    pub(crate) schema: u16,
-    /// Its first page in the open segment.
-    at: u16,
-    /// Its length in pages; 0 if there is none.
-    pub(crate) pages: u16,
-    /// Its first page in the segment that is being written.
-    moved: u16,
-}
-
-impl Entry {
-    const FREE: Self = Self { kind: 0, is_damaged: false, schema: 0, at: 0, pages: 0, moved: 0 };
-}
-
-/// The record that is read or written.
-#[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-struct Record {
-    kind: u8,
-    schema: u16,
-    /// The index of its next page.
-    index: u16,
-    /// The checksum of its page before.
-    crc: u32,
-}
-
-impl Record {
-    const NONE: Self = Self { kind: 0, schema: 0, index: 0, crc: 0 };
-
-    const fn of(kind: u8) -> Self {
-        Self { kind, ..Self::NONE }
-    }
-
-    /// Whether a page continues the record.
-    fn continues(&self, footer: &Footer) -> bool {
-        (footer.kind, footer.index, footer.previous) == (self.kind, self.index, self.crc)
-    }
-
-    fn advance(&mut self, crc: u32) {
-        (self.index, self.crc) = (self.index.wrapping_add(1), crc);
-    }
-}
 
 /// When a record begins a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

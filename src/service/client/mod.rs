@@ -24,22 +24,25 @@
 //! requests.
 
 mod param;
+mod recipients;
+mod slot;
 
 pub use param::{ExtParamValue, ParamAnswer};
+pub use slot::Slot;
 
 pub(crate) use param::check;
 
 use self::param::Query;
-use super::{Cx, Handled, OwnCommands, Received, Service, Shared, Turn, View};
-use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavResult};
+use self::recipients::{find, find_inside, note_answer};
+use self::slot::{State, What};
+use super::{Cx, Handled, OwnCommands, Received, Service, Turn, View};
+use crate::dialect::{CommandAck, MavCmd, MavFrame, MavResult};
 use crate::link::Port;
-use crate::message::{Address, ComponentId, Message, Text};
-use crate::network::{PeerInfo, Peers};
+use crate::message::{Address, Message, Text};
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{
-    Answer, Command, CommandPosition, Component, Context, Firmware, LinkClass, LinkId, LinkMask, Outcome, PENDING,
-    Peer, Pending, Recipient,
+    Answer, Command, CommandPosition, Context, Firmware, LinkClass, LinkId, Outcome, PENDING, Peer, Pending, Recipient,
 };
 
 /// How long to wait for an answer before the command is sent again.
@@ -47,9 +50,6 @@ const TIMEOUT: Duration = Duration::from_millis(700);
 
 /// The maximum number of transmissions of a command.
 const TRANSMISSIONS: u8 = 5;
-
-/// How long more answers may be received to a command that was sent more than once.
-const LATE: Duration = Duration::from_secs(2);
 
 /// How long to wait after IN_PROGRESS. Its sender repeats it about every second (C-20).
 const PROGRESS_TIMEOUT: Duration = Duration::from_secs(10);
@@ -181,143 +181,6 @@ pub trait CommandClient {
     }
 }
 
-/// The state of a slot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum State {
-    Free,
-    /// It waits for the end of an equal command.
-    Waiting,
-    /// A transmission is pending. If the link has not taken it by [`Slot::at`], another link is tried.
-    Due,
-    /// An answer is expected until [`Slot::at`].
-    Sent,
-    /// IN_PROGRESS was received. Another answer is expected until [`Slot::at`].
-    Running,
-    /// It has ended, and more answers to it may be received until [`Slot::at`].
-    Ended,
-}
-
-/// What is requested.
-#[derive(Clone, Copy, Debug)]
-enum What {
-    Command(OutgoingCommand),
-    Param(Query),
-}
-
-/// A request that was not finally answered yet.
-#[derive(Clone, Copy, Debug)]
-pub struct Slot {
-    state: State,
-    /// The number of attempts to send the command; of COMMAND_CANCEL once `is_cancelled`.
-    tries: u8,
-    /// The number of transmissions.
-    sent: u8,
-    is_cancelled: bool,
-    /// IN_PROGRESS was received.
-    is_running: bool,
-    /// The recipient, and the link on which it is sent. Component 0 is any component of the system.
-    to: Peer,
-    /// The component that is told to cancel it; 0 for none.
-    executor: ComponentId,
-    token: u16,
-    what: What,
-    at: Instant,
-}
-
-impl Slot {
-    /// All zero bits.
-    const FREE: Self = Self {
-        state: State::Free,
-        tries: 0,
-        sent: 0,
-        is_cancelled: false,
-        is_running: false,
-        to: Peer { address: Address::new(0, 0), link: LinkId(0) },
-        executor: ComponentId(0),
-        token: 0,
-        what: What::Command(OutgoingCommand::NONE),
-        at: Instant::ZERO,
-    };
-
-    /// Returns the number of its command, if it is one.
-    fn command(&self) -> Option<MavCmd> {
-        if let What::Command(command) = &self.what { Some(command.id) } else { None }
-    }
-
-    /// Whether an answer from this component is one to this request.
-    fn is_answered_by(&self, from: Address) -> bool {
-        !matches!(self.state, State::Free | State::Waiting) && self.sent > 0 && overlap(self.to.address, from)
-    }
-
-    /// Whether an answer could be one to either of two commands.
-    fn is_like(&self, other: &Self) -> bool {
-        self.command().is_some() && self.command() == other.command() && overlap(self.to.address, other.to.address)
-    }
-
-    /// Schedules the first attempt.
-    fn start(&mut self, now: Instant) {
-        (self.state, self.tries, self.at) = (State::Due, 1, now.after(TIMEOUT));
-    }
-
-    /// Schedules another attempt, on another link if the recipient is alive there.
-    fn try_again(&mut self, now: Instant, peers: &Peers, shared: &Shared) {
-        let tries = self.tries.saturating_add(1);
-        // Heartbeats may be forged on any open link. Where it has answered, an answer is likely to be lost and not the link.
-        let stays = tries == 2 && self.state == State::Sent && has_answered(peers, self.to);
-        self.start(now);
-        self.tries = tries;
-        let next = LinkId(self.to.link.0.wrapping_add(u8::from(!stays)));
-        self.to = find(peers, shared, Recipient::Peer(Peer { link: next, ..self.to })).unwrap_or(self.to);
-        if self.is_cancelled {
-            self.aim(peers, shared);
-        }
-    }
-
-    /// Selects the component that is told to cancel a command: COMMAND_CANCEL is for exactly one (C-23). Of a command to a whole
-    /// system that none has answered, the living components take turns.
-    #[inline(never)]
-    fn aim(&mut self, peers: &Peers, shared: &Shared) {
-        let Address { system, component } = self.to.address;
-        self.executor = component;
-        if component.0 != 0 {
-            return;
-        }
-        let is_it = |info: &&PeerInfo| {
-            let Peer { address, link } = info.peer;
-            info.is_alive && address.system == system && shared.normal.contains(LinkMask::of(link))
-        };
-        let mut living = peers.iter().filter(is_it).cycle();
-        if let Some(info) = living.nth(usize::from(self.tries.saturating_sub(1))) {
-            (self.executor, self.to.link) = (info.peer.address.component, info.peer.link);
-        }
-    }
-
-    /// Ends it. Each transmission of a command may be answered, so a command that was sent twice is remembered for a while.
-    fn end(&mut self, now: Instant, has_answer: bool) {
-        let is_late = self.command().is_some() && self.sent > u8::from(has_answer);
-        self.state = if is_late { State::Ended } else { State::Free };
-        self.at = now.after(LATE);
-    }
-}
-
-/// Whether the last answer of a living component was received on this link. Component 0 is any of the system.
-fn has_answered(peers: &Peers, to: Peer) -> bool {
-    let is_it = |info: &PeerInfo| info.peer.link == to.link && overlap(info.peer.address, to.address);
-    peers.iter().any(|info| info.is_alive && info.has_answered && is_it(info))
-}
-
-/// Records that a component has answered on this link, and on no other one since.
-fn note_answer(peers: &mut Peers, from: Peer) {
-    for info in peers.iter_mut().filter(|info| info.peer.address == from.address) {
-        info.has_answered = info.peer.link == from.link;
-    }
-}
-
-/// Whether two addresses of components overlap: component 0 is every component of a system.
-fn overlap(a: Address, b: Address) -> bool {
-    a.system == b.system && (a.component == b.component || a.component.0 == 0 || b.component.0 == 0)
-}
-
 /// Sends the vehicle's requests and follows them, `N` at a time.
 #[derive(Debug)]
 pub struct Client<const N: usize> {
@@ -436,54 +299,6 @@ fn due_on(slots: &[Slot], port: &Port) -> Option<usize> {
         slot.state == State::Due && slot.to.link == port.id && has_target
     };
     slots.iter().position(|slot| is_due(slot) && (slot.command().is_some() || port.outbox.takes(slot.id())))
-}
-
-impl Slot {
-    /// Returns the id of the message of a request for a parameter; COMMAND_LONG for a command.
-    fn id(&self) -> u32 {
-        if let What::Param(query) = &self.what { query.id() } else { CommandLong::ID }
-    }
-
-    /// Sends the command, or its cancellation.
-    #[inline(never)]
-    fn send_command(&self, command: &OutgoingCommand, confirmation: u8, port: &mut Port) -> bool {
-        let OutgoingCommand { id: command, params: [param1, param2, param3, param4], position, z } = *command;
-        let (target_system, target_component) = (self.to.address.system.0, self.to.address.component.0);
-        match position {
-            _ if self.is_cancelled => {
-                let target_component = self.executor.0;
-                port.outbox.send(&CommandCancel { command, target_system, target_component })
-            }
-            CommandPosition::Long { param5, param6 } => port.outbox.send(&CommandLong {
-                param1,
-                param2,
-                param3,
-                param4,
-                param5,
-                param6,
-                param7: z,
-                command,
-                target_system,
-                target_component,
-                confirmation,
-            }),
-            CommandPosition::Int { frame, x, y } => port.outbox.send(&CommandInt {
-                param1,
-                param2,
-                param3,
-                param4,
-                x,
-                y,
-                z,
-                command,
-                target_system,
-                target_component,
-                frame,
-                current: 0,
-                autocontinue: 0,
-            }),
-        }
-    }
 }
 
 fn answer_of(ack: CommandAck) -> Answer {
@@ -638,48 +453,6 @@ fn fail<F: Firmware<Vehicle: CommandClient>>(cx: &mut Cx<'_, F>, is_command: boo
 fn answered<F: Firmware<Vehicle: CommandClient>>(cx: &mut Cx<'_, F>, token: u16, reply: CommandReply) {
     let (vehicle, mut context) = cx.hook();
     vehicle.command_answered(&mut context, token, reply);
-}
-
-/// Returns the recipient, and a normal link on which it is alive: the wanted one, or the one with the next number. If none is wanted,
-/// the link of its last answer, or else the one on which it was heard first.
-#[inline(never)]
-fn find(peers: &Peers, shared: &Shared, to: Recipient) -> Option<Peer> {
-    let (system, mut component, mut kind, mut first) = (shared.config.address.get().system, ComponentId(0), None, None);
-    let mut wanted = Address { system, component };
-    match to {
-        Recipient::Type(r#type) => kind = Some(r#type),
-        Recipient::Address(address) => (wanted, component) = (address, address.component),
-        Recipient::Peer(Peer { address, link }) => {
-            (wanted, component, first) = (address, address.component, Some(link.0))
-        }
-    }
-    let (mut found, mut nearest): (Option<Peer>, u8) = (None, 0);
-    for PeerInfo { peer, r#type, is_alive, has_answered, .. } in peers.iter() {
-        let is_it = *is_alive && overlap(wanted, peer.address) && kind.is_none_or(|kind| kind == *r#type);
-        let distance = first.map_or(u8::from(!has_answered), |first| peer.link.0.wrapping_sub(first));
-        let is_nearer = found.is_none() || distance < nearest;
-        if is_it && is_nearer && shared.normal.contains(LinkMask::of(peer.link)) {
-            (found, nearest) = (Some(*peer), distance);
-        }
-    }
-    if kind.is_none()
-        && let Some(peer) = &mut found
-    {
-        peer.address.component = component;
-    }
-    found
-}
-
-/// Returns the recipient if it is another component of this firmware.
-fn find_inside(components: &[Component], shared: &Shared, to: Recipient) -> Option<Peer> {
-    let system = shared.config.address.get().system;
-    let is_it = |component: &&Component| match to {
-        Recipient::Type(r#type) => component.r#type == r#type,
-        Recipient::Address(address) => address == Address { system, component: component.id },
-        Recipient::Peer(_) => false,
-    };
-    let Component { id, .. } = *components.iter().find(is_it)?;
-    Some(Peer { address: Address { system, component: id }, link: LinkId::NONE })
 }
 
 impl Context<'_> {

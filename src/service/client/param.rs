@@ -1,7 +1,9 @@
 //! Parameters of other components: <https://mavlink.io/en/services/parameter.html> and
 //! <https://mavlink.io/en/services/parameter_ext.html>, as far as one parameter is read by its name (K-6).
 
-use super::{CommandClient, Slot, State, What, note_answer};
+use super::recipients::note_answer;
+use super::slot::{State, What};
+use super::{CommandClient, Slot};
 use crate::dialect::{
     MavParamError, MavParamExtType, ParamError, ParamExtRequestRead, ParamExtValue, ParamRequestRead, ParamValue,
 };

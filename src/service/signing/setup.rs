@@ -10,11 +10,12 @@
 
 use zeroize::Zeroize;
 
-use super::{Handled, Signing, SigningLink, increment};
+use super::{Signing, SigningLink};
 use crate::dialect::{MavSeverity, SetupSigning, Statustext};
 use crate::frame::{Frame, SigningKey};
 use crate::link::Port;
 use crate::message::Text;
+use crate::service::{Handled, increment};
 use crate::time::{Duration, Instant};
 use crate::types::Accept;
 

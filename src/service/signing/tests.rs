@@ -7,7 +7,7 @@ use super::*;
 use crate::__private::SigningStreams;
 use crate::Address;
 use crate::dialect::Common;
-use crate::frame::{Decoder, encode};
+use crate::frame::{Decoder, Version, encode, signature_cost};
 use crate::message::Dialect;
 use crate::message::Secret;
 

@@ -1,0 +1,114 @@
+//! What the stack asks about each frame, and the service of SETUP_SIGNING.
+
+use super::setup::{self, Answer};
+use super::{Signing, SigningLink, SigningStream};
+use crate::dialect::{MavModeFlag, SetupSigning};
+use crate::frame::{Decoder, Frame, Version, signature_cost};
+use crate::link::Port;
+use crate::message::Message;
+use crate::service::{Cx, Handled, Received, Service, SigningGate, Turn, View};
+use crate::time::{Duration, Instant};
+use crate::types::{Accept, Firmware, SignedAt, Vehicle};
+
+impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing<[SigningStream; STREAMS]> {
+    const NEW: Self = Self::new();
+    type Link = SigningLink;
+    const VACANT: SigningLink = SigningLink { setup: Answer::None, hint_from: Instant::ZERO };
+
+    fn on_frame(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut SigningLink,
+        received: &Received<'_>,
+    ) -> Handled {
+        if received.frame.id() != SetupSigning::ID {
+            return Handled::No;
+        }
+        // In a fault, it is not known whether the vehicle is armed.
+        let is_disarmed = cx.vehicle.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED));
+        let is_ours = received.target.system == cx.shared.config.address.get().system;
+        setup::receive(self, cx.now, port, link, received.frame, is_ours, is_disarmed)
+    }
+
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        self.counters.drops()
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {
+        event!("{}", self.counters);
+    }
+
+    fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut SigningLink, _: Turn) -> bool {
+        setup::send(port, link)
+    }
+
+    fn due(&self, view: &View<'_>, _: &Port, link: &SigningLink, _: Turn) -> Instant {
+        if link.setup == Answer::None { Instant::NEVER } else { view.now }
+    }
+}
+
+impl<const STREAMS: usize> SigningGate<SigningLink> for Signing<[SigningStream; STREAMS]> {
+    fn admits(&mut self, now: Instant, port: &mut Port, link: &mut SigningLink, frame: &Frame<'_>) -> bool {
+        Signing::admits(self, now, port, link, frame)
+    }
+
+    fn knows_sender(&self, port: &Port, frame: &Frame<'_>) -> bool {
+        match self.accept(&port.config.signing) {
+            Accept::Open => true,
+            Accept::SignedExcept(_) => !self.is_active() || frame.header().is_signed(),
+            Accept::Required => self.is_active() && frame.header().is_signed(),
+        }
+    }
+
+    fn believes_unsigned(&self, port: &Port, id: u32) -> bool {
+        self.accept(&port.config.signing).takes_unsigned(id, self.is_active())
+    }
+
+    fn age(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration> {
+        Signing::age(self, now, frame)
+    }
+
+    fn signed_at(&self, frame: &Frame<'_>) -> SignedAt {
+        Signing::signed_at(self, frame)
+    }
+
+    fn cost(&self, frame: &Frame<'_>) -> u32 {
+        if frame.header().is_signed() && self.is_active() { signature_cost(frame.raw().len()) } else { 0 }
+    }
+
+    fn has_key(&self) -> bool {
+        self.is_active()
+    }
+
+    fn vouches_for(&self, raw: &[u8], work: &mut u32) -> bool {
+        self.key.as_ref().is_some_and(|key| {
+            *work = work.saturating_sub(signature_cost(raw.len()));
+            key.has_signed(raw)
+        })
+    }
+
+    fn prepare(&mut self, now: Instant, port: &mut Port) {
+        let signs = self.is_active() && port.config.signing.signs() && self.has_stamp(now);
+        port.outbox.set_signs(signs);
+        // MAVLink 1 has no signatures (V-3).
+        if signs {
+            port.outbox.set_version(Version::V2);
+        }
+    }
+
+    fn sign(&mut self, now: Instant, port: &mut Port) {
+        if port.outbox.needs_signature() {
+            let timestamp = self.stamp(now);
+            port.outbox.sign(self.key.as_ref().zip(timestamp));
+        }
+    }
+
+    fn wipe(&self, id: u32, decoder: &mut Decoder) {
+        if id == SetupSigning::ID {
+            decoder.wipe();
+        }
+    }
+}
