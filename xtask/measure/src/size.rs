@@ -40,7 +40,7 @@ struct Row {
 const ITEM: u64 = 32;
 /// 100 items, a fence of 40, 10 rally points, and the staging of the largest.
 const PLANS_3: u64 = ITEM * (100 + 40 + 10 + 100);
-/// `size_of::<ForwardQueues<3>>()`, as `examples/size/src/bin/options.rs` asserts it.
+/// `size_of::<ForwardQueues<3>>()`, as `examples/size/src/bin/options/main.rs` asserts it.
 const QUEUES_3: u64 = 3_848;
 
 const fn kib(flash: u64, ram: u64) -> Option<Size> {
@@ -311,7 +311,7 @@ mod tests {
     /// The compiler knows the size for the microcontroller only, where an assertion compares it with the same number.
     #[test]
     fn the_queues_are_as_large_as_the_measured_firmware_says() {
-        let path = root().join("examples/size/src/bin/options.rs");
+        let path = root().join("examples/size/src/bin/options/main.rs");
         let text = std::fs::read_to_string(path).expect("the firmware");
         assert!(text.contains(&format!("size_of::<ForwardQueues<3>>() == {QUEUES_3}")));
     }
