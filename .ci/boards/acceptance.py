@@ -6,6 +6,7 @@ of Python modules has `.ci/integration`.
 
 import argparse
 import contextlib
+import itertools
 import math
 import time
 from collections import Counter
@@ -239,9 +240,11 @@ def lose_station(gcs, figure):
 
 @contextlib.contextmanager
 def restart(gcs):
-    """The block resets the processor, and lets it run. Returns when it runs again: disarmed, in Hold."""
+    """The block resets the processor. Returns when it runs again: disarmed, in Hold."""
     bad = gcs.bad
     yield
+    gcs.forget_half_a_frame()
+    gcs.sequence = None
     beat = gcs.heartbeat(lambda _: True, 5)
     # The last frame before the reset may be incomplete, and a UART may send a byte when it starts.
     gcs.bad = bad
@@ -249,17 +252,12 @@ def restart(gcs):
     assert gcs.wait("ATTITUDE").time_boot_ms < 5_000, "the clock did not restart"
 
 
-def reset(gcs, qmp, figure):
-    """Resets the processor."""
+def reset(gcs, qmp):
+    """Resets the processor. Nothing that it sent before is received afterwards."""
     qmp.execute("stop", event="STOP")
     gcs.take_all()
     qmp.execute("system_reset", event="RESET")
-    with restart(gcs):
-        gcs.forget_half_a_frame()
-        gcs.sequence = None
-        began = time.monotonic()
-        qmp.execute("cont", event="RESUME")
-    figure(f"runs again after {time.monotonic() - began:.1f} s")
+    qmp.execute("cont", event="RESUME")
 
 
 def change(gcs, items, speed):
@@ -275,8 +273,7 @@ def others(items):
 
 
 def store(gcs, qmp, items, is_lossless, figure):
-    """How long a pass of the loop takes while a mission and a parameter are stored, and how many commands are lost meanwhile. Returns the
-    number of pages and sectors that were written."""
+    """How long a pass of the loop takes while a mission and a parameter are stored, and how many commands are lost meanwhile."""
     missions, speeds = others(items)
     change(gcs, missions[1], speeds[1])
     before = qmp.execute("query-counters")
@@ -303,30 +300,58 @@ def store(gcs, qmp, items, is_lossless, figure):
     # The emulator erases in 45 ms. The loop runs between two erases.
     assert 45 <= stall < 90, f"the loop stood still for {stall} ms"
     assert answered == sent or not is_lossless, "commands were lost"
-    return total
 
 
-def cuts(gcs, qmp, items, total, figure):
-    """Resets in the middle of each write of the flash, while a mission and a parameter are stored. Afterwards each is the old one or the
-    new one, whole."""
+def cut_in_flash(gcs, qmp, after):
+    """Disarms the rover, which then stores what has changed, and resets the processor in the middle of a write of the flash, after so
+    many more. Returns whether there was this write; if not, everything was stored before the reset."""
+    resets = qmp.execute("query-counters")["resets"]
+    qmp.execute("cut-in-flash", after=after)
+    gcs.send_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+    writes = since = None
+    while (counters := qmp.execute("query-counters"))["resets"] == resets:
+        if counters["writes"] != writes:
+            writes, since = counters["writes"], counters["passed"]
+        if counters["passed"] - since > 5e9:
+            qmp.execute("cut-in-flash", after=None)
+            reset(gcs, qmp)
+            return False
+        gcs.beat()
+        time.sleep(0.02)
+    return True
+
+
+def cut_at_once(gcs, qmp, after):
+    """The same for QEMU, which cannot wait for a write: the reset comes after so many twentieths of a second."""
+    gcs.send_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+    time.sleep(0.05 * after)
+    reset(gcs, qmp)
+
+
+def cuts(gcs, qmp, items, cut, figure):
+    """Resets, each a little later, while a mission and a parameter are stored. Afterwards each is the old one or the new one, whole.
+    Ends when three resets in a row came too late."""
     missions, speeds = others(items)
-    kept = Counter()
     mission = speed = 1
-    for after in range(total):
+    found, late = Counter(), 0
+    for after in itertools.count():
         change(gcs, missions[1 - mission], speeds[1 - speed])
         with restart(gcs):
-            qmp.execute("cut-in-flash", after=after)
-            gcs.send_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
-            qmp.wait("RESET")
-            gcs.forget_half_a_frame()
-            gcs.sequence = None
+            was_stored = cut(gcs, qmp, after) is False
         value, items = parameter(gcs, "SPEED_MAX"), download(gcs).items
         assert value in speeds, value
-        found = [index for index in (0, 1) if not differences(missions[index], items)]
-        assert found, f"after {after} writes: neither mission, but {len(items)} items"
-        kept += Counter(missions=found != [mission], parameters=value != speeds[speed])
-        mission, speed = found[0], speeds.index(value)
-    figure(f"one in each of {total} writes; new afterwards: {kept['missions']} missions, {kept['parameters']} parameters")
+        whole = [index for index in (0, 1) if not differences(missions[index], items)]
+        assert whole, f"reset {after}: neither mission, but {len(items)} items"
+        is_new = whole != [mission], value != speeds[speed]
+        assert all(is_new) or not was_stored, is_new
+        found[is_new] += 1
+        mission, speed = whole[0], speeds.index(value)
+        late = late + 1 if all(is_new) else 0
+        if late == 3:
+            break
+    names = {(False, False): "nothing", (False, True): "the parameter", (True, False): "the mission", (True, True): "both"}
+    figure(f"{after + 1} resets, new afterwards: " + ", ".join(f"{found[key]} times {name}" for key, name in names.items()))
+    assert found.total() > found[(True, True)], "no reset while it was stored"
 
 
 def reopen(gcs, port, figure):
@@ -387,7 +412,9 @@ def main():
     with step("failsafe") as figure:
         lose_station(gcs, figure)
     with step("reset while armed") as figure:
-        reset(gcs, qmp, figure)
+        with restart(gcs):
+            reset(gcs, qmp)
+        figure("runs again")
     with step("after the reset") as figure:
         kept, again = parameter(gcs, "SPEED_MAX"), download(gcs)
         if options.forgets:
@@ -399,9 +426,10 @@ def main():
             figure("parameter and mission as stored")
     if options.rp2040js:
         with step("while the flash is written") as figure:
-            total = store(gcs, qmp, items, options.dma, figure)
-        with step("resets while the flash is written") as figure:
-            cuts(gcs, qmp, items, total, figure)
+            store(gcs, qmp, items, options.dma, figure)
+    if not options.forgets:
+        with step("resets while it stores") as figure:
+            cuts(gcs, qmp, items, cut_in_flash if options.rp2040js else cut_at_once, figure)
     with step("all frames") as figure:
         figure(f"{gcs.frames} of the vehicle, {gcs.bad} bad, {gcs.lost} lost")
         assert gcs.bad == gcs.lost == 0

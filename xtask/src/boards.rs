@@ -9,6 +9,7 @@ use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Endianness, Object, ObjectSection, SectionFlags, SectionKind, elf};
 
 use crate::emulator;
+use crate::figures;
 use crate::firmware::read;
 use crate::python;
 use crate::rp2040js;
@@ -73,6 +74,8 @@ const IN_QEMU: [Emulated; 3] = [
 /// The boards with an RP2040, and the options of the acceptance test for each of their links.
 const IN_RP2040JS: [(&str, &[&[&str]]); 3] =
     [("rp2040", &[&[], &["--usb"]]), ("rp2040-dma", &[&["--dma"]]), ("rp2040-embassy", &[&[], &["--usb"]])];
+/// By how many percent flash and RAM may differ from the accepted figures.
+const TOLERANCE: f64 = 2.0;
 /// The acceptance test of a port.
 const TEST: &str = ".ci/boards/acceptance.py";
 
@@ -100,10 +103,16 @@ pub fn build_all(runs: bool) -> Result {
         rows.push((board.name, board.load, flash, ram));
     }
     println!("\n{:20} {:>12} {:>14} {:>18}", "", "loaded at", "flash, bytes", "static RAM, bytes");
-    for (name, load, flash, ram) in rows {
+    for (name, load, flash, ram) in &rows {
         println!("{name:20} {load:>#12x} {flash:>14} {ram:>18}");
     }
     println!("Built in {} s", began.elapsed().as_secs());
+    let text = figures::read()?;
+    let accepted = figures::section(&text, "boards")?;
+    for (name, _, flash, ram) in rows {
+        compare(&accepted, &format!("{name}.flash"), flash)?;
+        compare(&accepted, &format!("{name}.ram"), ram)?;
+    }
     if runs {
         emulator::prepare()?;
         let python = python::environment()?;
@@ -114,6 +123,16 @@ pub fn build_all(runs: bool) -> Result {
         for (name, links) in IN_RP2040JS {
             run_in_rp2040js(&build_dir, &python, &program, name, links).map_err(|error| format!("{name}: {error}"))?;
         }
+    }
+    Ok(())
+}
+
+/// An error if this differs from the accepted figure of the same key.
+fn compare(accepted: &[(&str, String)], key: &str, bytes: u64) -> Result {
+    let figure = accepted.iter().find(|(found, _)| *found == key).and_then(|(_, value)| value.parse().ok());
+    let figure: f64 = figure.ok_or_else(|| format!("{} lacks boards.{key}", figures::FILE))?;
+    if (bytes as f64 - figure).abs() > figure * TOLERANCE / 100.0 {
+        return Err(format!("boards.{key} is {bytes}, and {figure} in {}", figures::FILE));
     }
     Ok(())
 }
@@ -231,6 +250,15 @@ fn measure(board: &Board, bytes: &[u8]) -> Result<(u64, u64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sizes_are_compared_with_the_figures() {
+        let accepted =
+            figures::section("\n[boards]\na.flash = \"10,000\"\n\n[miri]\na.ram = \"1\"\n", "boards").unwrap();
+        assert_eq!(compare(&accepted, "a.flash", 10_200), Ok(()));
+        assert!(compare(&accepted, "a.flash", 9_799).is_err());
+        assert!(compare(&accepted, "a.ram", 1).is_err());
+    }
 
     /// Every folder with a firmware is built, so that none rots.
     #[test]

@@ -9,6 +9,7 @@ mod corpus;
 mod cross;
 mod dialects;
 mod faults;
+mod figures;
 mod fuzz;
 mod integration;
 mod jitter;

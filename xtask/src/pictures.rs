@@ -16,7 +16,8 @@ use clap::Args;
 use xtask_common::python::{self, CLIENTS};
 use xtask_common::system::{Result, root, run, target_dir};
 
-use comparison::{Comparison, FIGURES};
+use crate::figures;
+use comparison::Comparison;
 use flight::Flight;
 
 /// Draw the README's pictures: a flight of the firmware in QEMU, and this library beside others.
@@ -39,8 +40,7 @@ const FOLDER: &str = "docs/pictures";
 /// `cargo xtask pictures`.
 pub fn draw(arguments: &Pictures) -> Result {
     let folder = root().join(FOLDER);
-    let figures = std::fs::read_to_string(root().join(FIGURES)).map_err(|error| format!("{FIGURES}: {error}"))?;
-    write(&folder.join("compare.svg"), &Comparison::parse(&figures)?.draw())?;
+    write(&folder.join("compare.svg"), &Comparison::parse(&figures::read()?)?.draw())?;
     if arguments.compare {
         return Ok(());
     }

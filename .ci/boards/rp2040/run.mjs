@@ -4,9 +4,9 @@
 // | command | |
 // |---|---|
 // | `stop`, `cont`, `system_reset` | as in QEMU; a reset keeps the flash, and drops what the lines carry |
-// | `cut-in-flash` | resets in the middle of a write of a page or an erase of a sector, after `after` more of them, and continues |
+// | `cut-in-flash` | resets in the middle of a write of a page or an erase of a sector, after `after` more of them, and continues; `null` revokes it |
 // | `query-counters` | in ns: `awake`, how long the processor did not sleep; `passed`, the time; `longest`, between two sleeps since the last query |
-// | | `writes`: of pages and sectors |
+// | | `writes`: of pages and sectors since the last reset; `resets`: how many |
 //
 // Time passes as on the hardware, or slower if this machine is too slow. An instruction takes as long as on a Cortex-M0+ whose code
 // hits the cache.
@@ -84,7 +84,8 @@ class Board {
     const flash = new Uint8Array(2 * 1024 * 1024).fill(0xff);
     load(readFileSync(options.firmware), flash);
     this.isStopped = false;
-    this.cutAfter = undefined;
+    this.cutAfter = null;
+    this.resets = 0;
     this.uartPort = new Port(options.uart, (data) => this.uart.feed(data));
     this.usbPort = new Port(options.usb, (data) => this.usb.feed(data), (isOpen) => this.usb.setOpen(isOpen));
     this.control = new Port(
@@ -126,13 +127,20 @@ class Board {
     this.ahead = undefined;
   }
 
+  /** Resets the chip. */
+  restart() {
+    this.resets += 1;
+    this.reset(this.chip.flash);
+    this.say({ event: 'RESET' });
+  }
+
   /** Called in the middle of each page or sector that is written. */
   cutPower() {
     this.writes += 1;
-    if (this.cutAfter === undefined) return;
+    if (this.cutAfter === null) return;
     this.cutAfter -= 1;
     if (this.cutAfter < 0) {
-      this.cutAfter = undefined;
+      this.cutAfter = null;
       throw new PowerCut();
     }
   }
@@ -175,8 +183,7 @@ class Board {
         this.run(Math.min(now + SLICE_NANOS, due));
       } catch (error) {
         if (!(error instanceof PowerCut)) throw error;
-        this.reset(this.chip.flash);
-        this.say({ event: 'RESET' });
+        this.restart();
       }
       this.uartPort.limit(this.uart.line.length > LINE_LEN);
       this.usbPort.limit(this.usb.toSend.length > LINE_LEN);
@@ -208,15 +215,15 @@ class Board {
         this.say({ event: 'RESUME' });
         return;
       case 'system_reset':
-        this.reset(this.chip.flash);
-        this.say({ event: 'RESET' });
+        this.restart();
         return;
       case 'cut-in-flash':
         this.cutAfter = args.after;
         return;
       case 'query-counters': {
         const passed = this.chip.clock.nanos;
-        const counters = { awake: passed - this.asleep, passed, longest: this.longest, writes: this.writes };
+        const { longest, writes, resets } = this;
+        const counters = { awake: passed - this.asleep, passed, longest, writes, resets };
         this.longest = 0;
         return counters;
       }

@@ -1,10 +1,8 @@
 //! This library beside others, from the figures of `cargo measure compare`.
 
 use super::svg::{Scale, Svg, WIDTH, range, short};
-use xtask_common::system::Result;
-
-/// The file of the figures.
-pub const FIGURES: &str = "docs/figures.toml";
+use crate::figures::{self, FILE};
+use crate::system::Result;
 
 /// The libraries by the names that the picture has for them, and by those in the keys of the figures.
 const LIBRARIES: [(&str, &str); 4] =
@@ -34,24 +32,22 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Takes the figures from the text of [`FIGURES`].
+    /// Takes the figures from the text of [`FILE`].
     pub fn parse(text: &str) -> Result<Self> {
-        let section = text.split("\n[").find_map(|section| section.strip_prefix("compare]\n"));
-        let section = section.ok_or_else(|| format!("{FIGURES} has no section `compare`"))?;
+        let section = figures::section(text, "compare")?;
         // The least and the greatest of the figures `begin.library` and `begin.library-use`.
-        let figures = |begin: &str| {
+        let of = |begin: &str| {
             LIBRARIES.map(|(_, library)| {
-                range(section.lines().filter_map(|line| {
-                    let (key, value) = line.split_once(" = ")?;
+                range(section.iter().filter_map(|(key, value)| {
                     let rest = key.strip_prefix(begin)?.strip_prefix('.')?.strip_prefix(library)?;
                     let is_of_library = rest.is_empty() || rest.starts_with('-') || rest == ".most";
-                    is_of_library.then(|| value.trim_matches('"').replace(',', "").parse().ok())?
+                    is_of_library.then(|| value.parse().ok())?
                 }))
             })
         };
-        let [work, flash, lost] = ["firmware.whole.pieces", "firmware.flash", "lost"].map(figures);
+        let [work, flash, lost] = ["firmware.whole.pieces", "firmware.flash", "lost"].map(of);
         if [work, flash, lost].as_flattened().iter().any(|(least, most)| !(least.is_finite() && most.is_finite())) {
-            return Err(format!("{FIGURES} lacks a library in the section `compare`"));
+            return Err(format!("{FILE} lacks a library in the section `compare`"));
         }
         let bars =
             |ranges: [(f64, f64); LIBRARIES.len()]| [ranges.map(|(_, most)| most), ranges.map(|(least, _)| least)];
@@ -173,9 +169,10 @@ firmware.flash.mavstack = \"9\"
 
     #[test]
     fn the_picture_shows_the_figures() {
-        let read = |path: &str| std::fs::read_to_string(xtask_common::system::root().join(path)).expect("a file");
-        let fresh = Comparison::parse(&read(FIGURES)).expect("the figures").draw();
-        assert!(fresh == read("docs/pictures/compare.svg"), "draw it again: cargo xtask pictures --compare");
+        let path = xtask_common::system::root().join("docs/pictures/compare.svg");
+        let drawn = std::fs::read_to_string(path).expect("the picture");
+        let fresh = Comparison::parse(&figures::read().unwrap()).expect("the figures").draw();
+        assert!(fresh == drawn, "draw it again: cargo xtask pictures --compare");
     }
 
     #[test]
