@@ -13,6 +13,7 @@ from collections import Counter
 
 import qgc
 from conftest import Gcs, is_armed
+from gdb import Gdb
 from plans import NAV_WAYPOINT, differences, plan, single
 from power import Qmp
 from pymavlink import mavutil
@@ -54,6 +55,11 @@ class Station(Gcs):
         if self.sequence is not None:
             self.lost += (sequence - self.sequence - 1) % 256
         self.sequence = sequence
+
+    def forget(self):
+        """After a reset: the next frame does not continue the last one."""
+        self.forget_half_a_frame()
+        self.sequence = None
 
     def beat(self):
         """Sends a heartbeat, if one is due."""
@@ -243,8 +249,6 @@ def restart(gcs):
     """The block resets the processor. Returns when it runs again: disarmed, in Hold."""
     bad = gcs.bad
     yield
-    gcs.forget_half_a_frame()
-    gcs.sequence = None
     beat = gcs.heartbeat(lambda _: True, 5)
     # The last frame before the reset may be incomplete, and a UART may send a byte when it starts.
     gcs.bad = bad
@@ -257,6 +261,7 @@ def reset(gcs, qmp):
     qmp.execute("stop", event="STOP")
     gcs.take_all()
     qmp.execute("system_reset", event="RESET")
+    gcs.forget()
     qmp.execute("cont", event="RESUME")
 
 
@@ -318,40 +323,56 @@ def cut_in_flash(gcs, qmp, after):
             return False
         gcs.beat()
         time.sleep(0.02)
+    gcs.forget()
     return True
 
 
-def cut_at_once(gcs, qmp, after):
-    """The same for QEMU, which cannot wait for a write: the reset comes after so many twentieths of a second."""
-    gcs.send_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
-    time.sleep(0.05 * after)
-    reset(gcs, qmp)
+def cut_between_words(port, address):
+    """The same for QEMU: the reset comes between two words of the flash, a little more than half a page later each time. `address` is
+    read after each word."""
+
+    def cut(gcs, qmp, after):
+        gdb = Gdb(port, address)
+        gcs.send_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+        is_cut = gdb.run_until(1 + 37 * after, silence=3)
+        gcs.take_all()
+        qmp.execute("system_reset", event="RESET")
+        gcs.forget()
+        gdb.leave()
+        return is_cut
+
+    return cut
 
 
 def cuts(gcs, qmp, items, cut, figure):
     """Resets, each a little later, while a mission and a parameter are stored. Afterwards each is the old one or the new one, whole.
-    Ends when three resets in a row came too late."""
+    Ends when everything was stored before the reset."""
     missions, speeds = others(items)
-    mission = speed = 1
-    found, late = Counter(), 0
-    for after in itertools.count():
-        change(gcs, missions[1 - mission], speeds[1 - speed])
-        with restart(gcs):
-            was_stored = cut(gcs, qmp, after) is False
-        value, items = parameter(gcs, "SPEED_MAX"), download(gcs).items
+
+    def stored():
+        """Returns which mission and which value of the parameter the rover has."""
+        items, value = download(gcs).items, parameter(gcs, "SPEED_MAX")
         assert value in speeds, value
-        whole = [index for index in (0, 1) if not differences(missions[index], items)]
-        assert whole, f"reset {after}: neither mission, but {len(items)} items"
-        is_new = whole != [mission], value != speeds[speed]
-        assert all(is_new) or not was_stored, is_new
+        for mission in (0, 1):
+            if not differences(missions[mission], items):
+                return mission, speeds.index(value)
+        raise AssertionError(f"neither mission, but {len(items)} items")
+
+    now, found = stored(), Counter()
+    for after in itertools.count():
+        old = now
+        change(gcs, missions[1 - old[0]], speeds[1 - old[1]])
+        with restart(gcs):
+            is_cut = cut(gcs, qmp, after)
+        now = stored()
+        is_new = now[0] != old[0], now[1] != old[1]
+        assert all(is_new) or is_cut, is_new
         found[is_new] += 1
-        mission, speed = whole[0], speeds.index(value)
-        late = late + 1 if all(is_new) else 0
-        if late == 3:
+        if not is_cut:
             break
     names = {(False, False): "nothing", (False, True): "the parameter", (True, False): "the mission", (True, True): "both"}
-    figure(f"{after + 1} resets, new afterwards: " + ", ".join(f"{found[key]} times {name}" for key, name in names.items()))
-    assert found.total() > found[(True, True)], "no reset while it was stored"
+    figure(f"{after} resets in between, new afterwards: " + ", ".join(f"{found[key]} times {name}" for key, name in names.items()))
+    assert found[(False, False)] and found.total() > found[(False, False)] + found[(True, True)], found
 
 
 def reopen(gcs, port, figure):
@@ -376,6 +397,7 @@ def main():
     options.add_argument("--items", type=int, default=100, help="the longest mission of the board")
     options.add_argument("--forgets", action="store_true", help="the board has no storage")
     options.add_argument("--rp2040js", action="store_true", help="the emulator counts the load, and cuts writes to flash")
+    options.add_argument("--gdb", type=lambda text: int(text, 0), nargs=2, help="QEMU's port, and what is read after a word is written")
     options.add_argument("--dma", action="store_true", help="no received byte is lost while the flash is erased")
     options.add_argument("--usb", action="store_true", help="the link is backpressured while no program reads")
     options = options.parse_args()
@@ -427,9 +449,9 @@ def main():
     if options.rp2040js:
         with step("while the flash is written") as figure:
             store(gcs, qmp, items, options.dma, figure)
-    if not options.forgets:
+    if options.rp2040js or options.gdb:
         with step("resets while it stores") as figure:
-            cuts(gcs, qmp, items, cut_in_flash if options.rp2040js else cut_at_once, figure)
+            cuts(gcs, qmp, items, cut_in_flash if options.rp2040js else cut_between_words(*options.gdb), figure)
     with step("all frames") as figure:
         figure(f"{gcs.frames} of the vehicle, {gcs.bad} bad, {gcs.lost} lost")
         assert gcs.bad == gcs.lost == 0

@@ -59,16 +59,19 @@ struct Emulated {
     /// The options of its build, and of the acceptance test.
     build: &'static [&'static str],
     test: &'static [&'static str],
+    /// The register that the driver of its flash reads after each word that it writes.
+    ready: Option<&'static str>,
 }
 
 const IN_QEMU: [Emulated; 3] = [
-    Emulated { name: "microbit", machine: "microbit", build: &[], test: &[] },
-    Emulated { name: "stm32f405", machine: "netduinoplus2", build: &["--features", "qemu"], test: &[] },
+    Emulated { name: "microbit", machine: "microbit", build: &[], test: &[], ready: Some("0x4001e400") },
+    Emulated { name: "stm32f405", machine: "netduinoplus2", build: &["--features", "qemu"], test: &[], ready: None },
     Emulated {
         name: "stm32vldiscovery",
         machine: "stm32vldiscovery",
         build: &["--features", "qemu"],
         test: &["--items", "40", "--forgets"],
+        ready: None,
     },
 ];
 /// The boards with an RP2040, and the options of the acceptance test for each of their links.
@@ -158,20 +161,26 @@ fn run_in_qemu(build_dir: &Path, python: &Path, board: &Emulated) -> Result {
     let Emulated { name, machine, .. } = board;
     println!("\nRunning examples/boards/{name} in QEMU's {machine}");
     let firmware = build_by_name(name, build_dir, board.build)?;
-    let [uart, qmp] = free_ports()?;
+    let [uart, qmp, gdb] = free_ports()?;
+    let gdb = gdb.to_string();
     let mut command = emulator::command();
     command
         .args(["-machine", machine, "-display", "none", "-monitor", "none"])
         // Without `nodelay` the emulator's single bytes wait for acknowledgements, 40 ms each.
         .args(["-serial", &format!("tcp:127.0.0.1:{uart},server=on,wait=off,nodelay=on")])
         .args(["-qmp", &format!("tcp:127.0.0.1:{qmp},server=on,wait=off")])
+        .args(["-gdb", &format!("tcp:127.0.0.1:{gdb}")])
         .arg("-kernel")
         .arg(&firmware)
         .stdin(Stdio::null())
         .stdout(Stdio::piped());
+    let mut options = board.test.to_vec();
+    if let Some(ready) = board.ready {
+        options.extend(["--gdb", &gdb, ready]);
+    }
     // Ended when dropped, also if the test fails.
     let (_emulator, _output) = emulator::start(&mut command)?;
-    test(python, uart, qmp, board.test)
+    test(python, uart, qmp, &options)
 }
 
 /// Runs a board in rp2040js, under pymavlink: a start for each of its links.
