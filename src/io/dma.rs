@@ -63,17 +63,17 @@ const PIECE: usize = 64;
 ///
 /// # Memory that DMA writes
 ///
-/// The compiler must know that the DMA writes the buffer. A `&[u8]` promises the opposite, so having one while the DMA runs is
-/// undefined behaviour. The elements are atomic instead: each is read with one plain load, on every processor, and copied before
-/// the stack sees it.
+/// The compiler must know that the DMA writes the buffer. A `&[u8]` promises the opposite, so having one while the DMA
+/// runs is undefined behaviour. The elements are atomic instead: each is read with one plain load, on every processor,
+/// and copied before the stack sees it.
 ///
 /// - Give the DMA the buffer's address, `BUFFER.as_ptr()`, and its length.
-/// - The DMA must be able to access the memory. It cannot access the CCM of an STM32F4, or the DTCM of an STM32H7 (except by MDMA).
-///   Use `#[link_section]` to place the buffer in memory that it can access.
-/// - On a processor with a data cache, such as the Cortex-M7 of an STM32F7 or H7, the cache hides the DMA's writes. The simplest
-///   remedy is to make the buffer's memory non-cacheable by the MPU. Otherwise invalidate the buffer in the cache before each poll
-///   (`SCB::invalidate_dcache_by_address`). The buffer then needs its own cache lines: aligned to 32 bytes, with a length that is a
-///   multiple of 32. An invalidation loses all other data in these lines.
+/// - The DMA must be able to access the memory. It cannot access the CCM of an STM32F4, or the DTCM of an STM32H7
+///   (except by MDMA). Use `#[link_section]` to place the buffer in memory that it can access.
+/// - On a processor with a data cache, such as the Cortex-M7 of an STM32F7 or H7, the cache hides the DMA's writes. The
+///   simplest remedy is to make the buffer's memory non-cacheable by the MPU. Otherwise invalidate the buffer in the
+///   cache before each poll (`SCB::invalidate_dcache_by_address`). The buffer then needs its own cache lines: aligned
+///   to 32 bytes, with a length that is a multiple of 32. An invalidation loses all other data in these lines.
 /// - For sending, the processor writes and the DMA reads. Clean the buffer's cache lines (`SCB::clean_dcache_by_slice`) before
 ///   the DMA starts, and leave the buffer alone until it has finished.
 ///
@@ -101,11 +101,11 @@ impl CircularReader {
         self.overruns
     }
 
-    /// Passes the bytes written since the last poll to `receive`, at most 64 at a time. `receive` returns the number of bytes that
-    /// it took.
+    /// Passes the bytes written since the last poll to `receive`, at most 64 at a time. `receive` returns the number of
+    /// bytes that it took.
     ///
-    /// [`Stack::receiver`] takes fewer bytes when its budget is spent; the next poll passes the rest again. If there are no new
-    /// bytes, `receive` is called once with an empty slice, so that the stack handles its backlog.
+    /// [`Stack::receiver`] takes fewer bytes when its budget is spent; the next poll passes the rest again. If there
+    /// are no new bytes, `receive` is called once with an empty slice, so that the stack handles its backlog.
     ///
     /// `position` is the DMA's write position in `buffer`, and `laps` counts its passes through the buffer. Read `laps`
     /// before `position`. `laps` may be one too low, if the interrupt has not run yet. It wraps.

@@ -1,8 +1,8 @@
 //! The running log, streamed to a ground station in flight.
 //!
-//! Implements MAV_CMD_LOGGING_START and MAV_CMD_LOGGING_STOP, LOGGING_DATA, LOGGING_DATA_ACKED and LOGGING_ACK, rules LOG-10 to
-//! LOG-14, for logs in the ULog format. The developer guide has no page for them, so they follow PX4 (`mavlink_ulog.cpp`) and serve
-//! MAVSDK (`log_streaming_impl.cpp`) and PX4's script `mavlink_ulog_streaming.py`.
+//! Implements MAV_CMD_LOGGING_START and MAV_CMD_LOGGING_STOP, LOGGING_DATA, LOGGING_DATA_ACKED and LOGGING_ACK, rules
+//! LOG-10 to LOG-14, for logs in the ULog format. The developer guide has no page for them, so they follow PX4
+//! (`mavlink_ulog.cpp`) and serve MAVSDK (`log_streaming_impl.cpp`) and PX4's script `mavlink_ulog_streaming.py`.
 //!
 //! Left out: more than one client at a time, and other formats, which MAVLink does not define.
 
@@ -35,29 +35,31 @@ const HEADER: u32 = 16;
 
 /// The hooks of a vehicle that streams its log, for a vehicle that declares `log_streaming` in [`stack!`](crate::stack).
 ///
-/// The log is in the [ULog](https://docs.px4.io/main/en/dev_log/ulog_file_format.html) format: a header and definitions, which
-/// are the same for the whole log, then data, which is streamed as it is recorded. The stack finds the message boundaries.
+/// The log is in the [ULog](https://docs.px4.io/main/en/dev_log/ulog_file_format.html) format: a header and
+/// definitions, which are the same for the whole log, then data, which is streamed as it is recorded. The stack finds
+/// the message boundaries.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `LogStreaming`",
     note = "`log_streaming` in `stack!` needs `impl LogStreaming for {Self}`: write it, or leave `log_streaming` out"
 )]
 pub trait LogStreaming {
-    /// Starts a stream of the data that is recorded from now on. Returns ACCEPTED or a refusal. A previous stream has been stopped
-    /// before this call.
+    /// Starts a stream of the data that is recorded from now on. Returns ACCEPTED or a refusal. A previous stream has
+    /// been stopped before this call.
     fn start_log_stream(&mut self, cx: &mut Context<'_>, from: Peer) -> MavResult;
 
     /// Ends the stream: the client has stopped it, or is gone.
     fn stop_log_stream(&mut self, cx: &mut Context<'_>);
 
-    /// Reads the log's header and definitions: fills `out`, or its front if they end first, and returns the number of bytes, at
-    /// most 249. Returns 0 at their end. After a lost packet, the same part is read again.
+    /// Reads the log's header and definitions: fills `out`, or its front if they end first, and returns the number of
+    /// bytes, at most 249. Returns 0 at their end. After a lost packet, the same part is read again.
     fn read_log_definitions(&mut self, offset: u32, out: &mut [u8]) -> usize;
 
     /// Returns the number of bytes that are recorded but not streamed yet, as far as known.
     fn log_data_len(&self) -> usize;
 
-    /// Takes the next bytes of data: fills `out`, or its front if there are fewer, and returns the number of bytes, at most 249. If
-    /// the link is too slow and the vehicle's buffer overflows, drop whole messages; ULog's message `O` reports them.
+    /// Takes the next bytes of data: fills `out`, or its front if there are fewer, and returns the number of bytes, at
+    /// most 249. If the link is too slow and the vehicle's buffer overflows, drop whole messages; ULog's message `O`
+    /// reports them.
     fn take_log_data(&mut self, out: &mut [u8]) -> usize;
 }
 
@@ -106,7 +108,8 @@ pub struct LogStreamer {
     /// When the next packet is due.
     due: Instant,
     sequence: u16,
-    /// The unacknowledged packet with definitions: its offset, its length, its first message, and how often it was sent.
+    /// The unacknowledged packet with definitions: its offset, its length, its first message, and how often it was
+    /// sent.
     offset: u32,
     len: u8,
     first: u8,

@@ -7,8 +7,8 @@
 //!   arming_check_summary ─ check ─ check ─ … ─ health_summary
 //! ```
 //!
-//! The first summary depends on the checks after it, so the stack asks the vehicle twice: first for the summary, then for the events.
-//! A report therefore takes no memory besides the history.
+//! The first summary depends on the checks after it, so the stack asks the vehicle twice: first for the summary, then
+//! for the events. A report therefore takes no memory besides the history.
 
 use core::fmt;
 
@@ -30,9 +30,9 @@ const SUMMARIES: usize = 2;
 
 /// The arming checks, for a vehicle that declares `events: { history: N, checks }` in [`stack!`](crate::stack).
 ///
-/// The stack calls the hook twice a second, and reports a changed result as events, at most every two seconds. It reports at once
-/// on MAV_CMD_RUN_PREARM_CHECKS, which QGroundControl and MAVSDK send when they connect. The ground station then shows the failing
-/// checks, and the flight modes in which the vehicle can arm (EVT-6).
+/// The stack calls the hook twice a second, and reports a changed result as events, at most every two seconds. It
+/// reports at once on MAV_CMD_RUN_PREARM_CHECKS, which QGroundControl and MAVSDK send when they connect. The ground
+/// station then shows the failing checks, and the flight modes in which the vehicle can arm (EVT-6).
 ///
 /// ```
 /// # use mavstack::*;
@@ -72,12 +72,13 @@ pub trait HealthChecks {
     /// The set of events that [`events!`](crate::events!) declared with `modes` and `components`.
     type Events: CheckSet;
 
-    /// Reports the components that are present, and the checks that fail. Called twice for a report, and whenever the stack looks for
-    /// changes. It must have no effect, and report the same for the same time. `cx` has the parameters and the live plans.
+    /// Reports the components that are present, and the checks that fail. Called twice for a report, and whenever the
+    /// stack looks for changes. It must have no effect, and report the same for the same time. `cx` has the parameters
+    /// and the live plans.
     fn checks(&self, cx: &Context<'_>, report: &mut HealthReport<'_>);
 
-    /// Returns the result of MAV_CMD_RUN_PREARM_CHECKS; the report is sent in any case. Override it to also send a text, or to refuse
-    /// the command while armed.
+    /// Returns the result of MAV_CMD_RUN_PREARM_CHECKS; the report is sent in any case. Override it to also send a
+    /// text, or to refuse the command while armed.
     fn run_checks(&mut self, cx: &mut Context<'_>) -> MavResult {
         let _ = cx;
         MavResult::ACCEPTED
@@ -132,9 +133,9 @@ impl<'a> HealthReport<'a> {
         self.summary.present |= components.bits();
     }
 
-    /// Reports that a check fails: the vehicle cannot arm in `modes`. Without a mode it can arm in all modes, and the check is shown
-    /// for all. `component` is one component, or none. A level of `Error` or above marks it as failed, `Warning` marks it with a
-    /// warning.
+    /// Reports that a check fails: the vehicle cannot arm in `modes`. Without a mode it can arm in all modes, and the
+    /// check is shown for all. `component` is one component, or none. A level of `Error` or above marks it as failed,
+    /// `Warning` marks it with a warning.
     pub fn fails<C: Check>(
         &mut self,
         modes: <C::Set as CheckSet>::Modes,

@@ -1,8 +1,8 @@
 //! The parts of a declaration of events: [`events!`](crate::events!) implements these traits (EVT-1).
 //!
-//! Ids are those of PX4 and libevents: the component id in the highest byte, and the lowest 24 bits of the FNV-1a hash of the
-//! event's name. The compiler computes them. The texts are constants that only the generator of the metadata uses, so they take
-//! no flash in a firmware.
+//! Ids are those of PX4 and libevents: the component id in the highest byte, and the lowest 24 bits of the FNV-1a hash
+//! of the event's name. The compiler computes them. The texts are constants that only the generator of the metadata
+//! uses, so they take no flash in a firmware.
 
 use crate::message::{Field, FieldWriter};
 use crate::types::MAX_EVENT_ARGUMENTS;

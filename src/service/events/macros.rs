@@ -1,6 +1,7 @@
 //! `events!` declares events: their ids, arguments and texts.
 
-/// Declares a vehicle's events: a type for each, with an id computed from its name, and the texts that ground stations show.
+/// Declares a vehicle's events: a type for each, with an id computed from its name, and the texts that ground stations
+/// show.
 ///
 /// ```
 /// mavstack::events! {
@@ -36,11 +37,13 @@
 /// | `Name(External, Internal) { argument: type, … } = "message";` | an event; its doc comment is the description |
 /// | `modes`, `components`, `arming_checks`, `health_checks` | see [checks](#checks) |
 ///
-/// - The levels are those of [`LogLevel`](crate::events::LogLevel). Without an internal level, it equals the external one.
-/// - `{1}` in a text is the first argument. `{2:.1m}` is the second with one decimal and a unit: `m`, `m_v` (vertical), `m/s`,
-///   `m^2` or `C`. Escape `{`, `<` and the backslash by a backslash.
+/// - The levels are those of [`LogLevel`](crate::events::LogLevel). Without an internal level, it equals the external
+///   one.
+/// - `{1}` in a text is the first argument. `{2:.1m}` is the second with one decimal and a unit: `m`, `m_v` (vertical),
+///   `m/s`, `m^2` or `C`. Escape `{`, `<` and the backslash by a backslash.
 /// - In the metadata, `BatteryLow` is `battery_low`, and `Reason` is `reason_t`.
-/// - The arguments have at most 25 bytes. Never change an event or its meaning: ground stations identify it by its name.
+/// - The arguments have at most 25 bytes. Never change an event or its meaning: ground stations identify it by its
+///   name.
 ///
 /// # Checks
 ///
@@ -76,9 +79,9 @@
 /// }
 /// ```
 ///
-/// `modes` lists groups of modes with the same checks, by their numbers (HEARTBEAT.custom_mode). `components` lists the components
-/// that can fail. Two arguments come before a check's own: the affected modes and the component. Its first own argument is
-/// therefore `{3}`, and its own arguments have at most 20 bytes. `health_checks` may be left out.
+/// `modes` lists groups of modes with the same checks, by their numbers (HEARTBEAT.custom_mode). `components` lists the
+/// components that can fail. Two arguments come before a check's own: the affected modes and the component. Its first
+/// own argument is therefore `{3}`, and its own arguments have at most 20 bytes. `health_checks` may be left out.
 ///
 /// # Compile errors
 ///

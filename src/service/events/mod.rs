@@ -9,9 +9,9 @@
 //!                              └─▶ EVENT again, or RESPONSE_EVENT_ERROR ◀── REQUEST_EVENT ┘
 //! ```
 //!
-//! Each link sends the events in order, when it has room. CURRENT_EVENT_SEQUENCE has the number of the last sent event, so a receiver
-//! notices that the last ones are missing. An event that is overwritten before a link has sent it is counted and reported to the
-//! receiver.
+//! Each link sends the events in order, when it has room. CURRENT_EVENT_SEQUENCE has the number of the last sent event,
+//! so a receiver notices that the last ones are missing. An event that is overwritten before a link has sent it is
+//! counted and reported to the receiver.
 //!
 //! Left out: events to one component, and the calibration protocol, which a vehicle can build from its own events.
 
@@ -255,8 +255,9 @@ pub(crate) fn record<E: Event>(log: &mut EventLog, now: Instant, event: &E) {
 }
 
 impl Context<'_> {
-    /// Records an event that [`events!`](crate::events!) declared. Every normal link sends it when it has room, after the texts, and
-    /// again on request while it is in the history (EVT-2). Without `events` in [`stack!`](crate::stack), nothing is recorded.
+    /// Records an event that [`events!`](crate::events!) declared. Every normal link sends it when it has room, after
+    /// the texts, and again on request while it is in the history (EVT-2). Without `events` in
+    /// [`stack!`](crate::stack), nothing is recorded.
     ///
     /// ```
     /// # use mavstack::Context;

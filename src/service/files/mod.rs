@@ -3,9 +3,9 @@
 //! Implements the server's side of <https://mavlink.io/en/services/ftp.html>, rules F-1 to F-15.
 //! Left out: the error FailErrno, and the swap of files that MAVLink defines without a user.
 //!
-//! A request is executed when it is received. The client's session keeps the answer without its data, which is read when the
-//! link has room. A repeated request is answered again, but not executed again. A session belongs to a client, a link and the
-//! number that the client has chosen.
+//! A request is executed when it is received. The client's session keeps the answer without its data, which is read
+//! when the link has room. A repeated request is answered again, but not executed again. A session belongs to a client,
+//! a link and the number that the client has chosen.
 //!
 //! ```text
 //!                open                     close, or 10 s without a request and a packet of a burst
@@ -14,9 +14,9 @@
 //!                             └─┘
 //! ```
 //!
-//! `requests.rs` executes requests, `work.rs` runs operations that take more than one call, and `send.rs` sends. `open.rs` opens
-//! and reads files, and `list.rs` lists them. `virtual_files.rs` is the interface of virtual directories, such as `@PARAM`. Other
-//! services implement it; this one knows none of them.
+//! `requests.rs` executes requests, `work.rs` runs operations that take more than one call, and `send.rs` sends.
+//! `open.rs` opens and reads files, and `list.rs` lists them. `virtual_files.rs` is the interface of virtual
+//! directories, such as `@PARAM`. Other services implement it; this one knows none of them.
 
 mod list;
 mod open;
@@ -88,8 +88,8 @@ impl FileStatus {
     }
 }
 
-/// Serves files: `OPEN` sessions at a time, `N` sessions in all with those that only hold answers, uploads of up to `UPLOAD`
-/// bytes, and the files `V` of virtual directories.
+/// Serves files: `OPEN` sessions at a time, `N` sessions in all with those that only hold answers, uploads of up to
+/// `UPLOAD` bytes, and the files `V` of virtual directories.
 #[derive(Debug)]
 pub struct FileServer<const OPEN: usize, const N: usize, const UPLOAD: usize, V> {
     pub(crate) status: FileStatus,
@@ -107,8 +107,8 @@ pub struct FileLink {
     retry_at: Instant,
 }
 
-/// The service at work. A firmware has one, so its code is compiled once: with the number of sessions as a constant it is 300
-/// bytes smaller than with a slice of them.
+/// The service at work. A firmware has one, so its code is compiled once: with the number of sessions as a constant it
+/// is 300 bytes smaller than with a slice of them.
 struct Server<'a, 'c, F: Firmware, V, const N: usize> {
     cx: &'a mut Cx<'c, F>,
     status: &'a mut FileStatus,

@@ -4,8 +4,8 @@
 
 use super::vehicle::StaticFile;
 
-/// Returns the path in the data of a request, up to the end or the first zero, without slashes at its ends. `None` if it is
-/// not allowed.
+/// Returns the path in the data of a request, up to the end or the first zero, without slashes at its ends. `None` if
+/// it is not allowed.
 pub(super) fn of(data: &[u8]) -> Option<&[u8]> {
     let mut path = data.split(|byte| *byte == 0).next().unwrap_or_default();
     while let Some((b'/', rest)) = path.split_first() {

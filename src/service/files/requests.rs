@@ -36,8 +36,8 @@ impl From<MavFtpErr> for Stop {
 }
 
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
-    /// Ends the sessions of silent clients, and the upload if it has stalled (F-26). If a session is given, closes all files of its
-    /// client.
+    /// Ends the sessions of silent clients, and the upload if it has stalled (F-26). If a session is given, closes all
+    /// files of its client.
     #[inline(never)]
     pub(super) fn end(&mut self, of: Option<Key>) {
         let now = self.cx.now.coarse();

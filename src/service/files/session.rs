@@ -6,16 +6,16 @@ use crate::message::Address;
 use crate::time::Instant;
 use crate::types::{LinkId, Peer};
 
-/// A session ends when its client was silent for ten seconds, and nothing was sent to it either (F-6). In units of 1,024 µs,
-/// like all times of sessions.
+/// A session ends when its client was silent for ten seconds, and nothing was sent to it either (F-6). In units of
+/// 1,024 µs, like all times of sessions.
 pub(super) const IDLE: u32 = 9_766;
 /// Another client takes over a session that was idle for three seconds.
 pub(super) const TAKEOVER: u32 = 2_930;
-/// An upload is closed when no new part has arrived for eight seconds (F-26; by messages, M-41): it excludes all other uploads,
-/// and other requests of its client would keep its session.
+/// An upload is closed when no new part has arrived for eight seconds (F-26; by messages, M-41): it excludes all other
+/// uploads, and other requests of its client would keep its session.
 pub(super) const STALLED: u32 = 7_813;
-/// A burst that takes longer than five seconds is cut off, and the client requests the rest: otherwise it would continue for a
-/// client that is gone.
+/// A burst that takes longer than five seconds is cut off, and the client requests the rest: otherwise it would
+/// continue for a client that is gone.
 pub(super) const LONGEST_BURST: u32 = 4_883;
 
 /// The number of requests that a client may send at a time: MAVProxy reads and writes five packets ahead. Their answers have the
@@ -55,8 +55,8 @@ pub(super) enum State {
     Data,
 }
 
-/// The answer to a request, without its data, which is read when the answer is sent. Or the next packet of a burst, whose
-/// packets are sent without a request for each.
+/// The answer to a request, without its data, which is read when the answer is sent. Or the next packet of a burst,
+/// whose packets are sent without a request for each.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answer {
     pub(super) state: State,
@@ -80,8 +80,8 @@ impl Answer {
     }
 }
 
-/// Identifies a session: the client, its link, and the client's number for the session. One integer, because it is compared
-/// often.
+/// Identifies a session: the client, its link, and the client's number for the session. One integer, because it is
+/// compared often.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Key(u32);
 
@@ -118,8 +118,8 @@ impl Key {
     }
 }
 
-/// A client's session, or the answers to a client without one. The large array is last: fields near the front take less code
-/// to reach.
+/// A client's session, or the answers to a client without one. The large array is last: fields near the front take less
+/// code to reach.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Session<V> {
@@ -214,7 +214,8 @@ impl<V> Session<V> {
         }
     }
 
-    /// Returns whether an identical request was answered or is being answered. Its answer is sent again; a burst continues.
+    /// Returns whether an identical request was answered or is being answered. Its answer is sent again; a burst
+    /// continues.
     pub(super) fn is_repeated(&mut self, digest: u32) -> bool {
         let is_it = |answer: &&mut Answer| answer.state != State::Empty && answer.digest == digest;
         let Some(answer) = self.answers.iter_mut().find(is_it) else { return false };
@@ -224,14 +225,14 @@ impl<V> Session<V> {
         true
     }
 
-    /// Forgets the sent answers: for another file, an identical request is a new one. But a delayed duplicate of the request that
-    /// ended the previous session does not end this one.
+    /// Forgets the sent answers: for another file, an identical request is a new one. But a delayed duplicate of the
+    /// request that ended the previous session does not end this one.
     pub(super) fn forget_answers(&mut self) {
         self.forget(|answer| answer.state == State::Sent && answer.head.opcode != MavFtpOpcode::TERMINATESESSION);
     }
 
-    /// Drops pending data of the open file, and a size or checksum that is being computed: the client no longer waits for
-    /// them.
+    /// Drops pending data of the open file, and a size or checksum that is being computed: the client no longer waits
+    /// for them.
     #[inline(never)]
     pub(super) fn drop_data(&mut self) {
         self.forget(|answer| match answer.head.opcode {
@@ -242,8 +243,8 @@ impl<V> Session<V> {
     }
 }
 
-/// Returns the index of a session. If there is none, returns a place for it: an unused one, or else the one that was idle for
-/// the longest and has no open file. `None` if there is none: then the request is dropped.
+/// Returns the index of a session. If there is none, returns a place for it: an unused one, or else the one that was
+/// idle for the longest and has no open file. `None` if there is none: then the request is dropped.
 pub(super) fn find<V>(sessions: &mut [Session<V>], key: Key, now: u32) -> Option<usize> {
     if let Some(place) = sessions.iter().position(|session| session.key == key) {
         return Some(place);
@@ -253,8 +254,8 @@ pub(super) fn find<V>(sessions: &mut [Session<V>], key: Key, now: u32) -> Option
     Some(place)
 }
 
-/// Returns the index of the session that was idle for the longest, among those with an open file or among those with neither an
-/// open file nor a pending answer.
+/// Returns the index of the session that was idle for the longest, among those with an open file or among those with
+/// neither an open file nor a pending answer.
 #[inline(never)]
 pub(super) fn oldest<V>(sessions: &[Session<V>], is_open: bool, now: u32) -> Option<usize> {
     let (mut oldest, mut longest, mut place) = (None, 0, 0usize);

@@ -5,8 +5,8 @@ use crate::types::{Context, Peer};
 
 /// The hooks of a vehicle with files, for a vehicle that declares `files` in [`stack!`](crate::stack).
 ///
-/// Files that never change need no hook: the stack serves those in [`FILES`](Self::FILES). The parameters need no hook either:
-/// they are `@PARAM/param.pck`.
+/// Files that never change need no hook: the stack serves those in [`FILES`](Self::FILES). The parameters need no hook
+/// either: they are `@PARAM/param.pck`.
 ///
 /// ```
 /// use mavstack::files::StaticFile;
@@ -31,21 +31,21 @@ use crate::types::{Context, Peer};
 /// }
 /// ```
 ///
-/// Other files have numbers, which the vehicle chooses. [`open`](Self::open) turns a path into the number of an open file, and
-/// [`directory`](Self::directory) into the number of a directory. Hooks get only numbers that the vehicle has returned. The
-/// stack opens at most one file per session at a time, plus one while it computes a checksum.
+/// Other files have numbers, which the vehicle chooses. [`open`](Self::open) turns a path into the number of an open
+/// file, and [`directory`](Self::directory) into the number of a directory. Hooks get only numbers that the vehicle has
+/// returned. The stack opens at most one file per session at a time, plus one while it computes a checksum.
 ///
 /// # Paths
 ///
-/// A path is a byte string, such as `b"logs/1.bin"`, without a slash at its ends. The root is the empty path. All bytes are
-/// printable ASCII, and no component is `..` (F-10): the stack refuses all other paths. Paths that begin with `@` belong to the
-/// stack.
+/// A path is a byte string, such as `b"logs/1.bin"`, without a slash at its ends. The root is the empty path. All bytes
+/// are printable ASCII, and no component is `..` (F-10): the stack refuses all other paths. Paths that begin with `@`
+/// belong to the stack.
 ///
 /// # Cost
 ///
-/// Each hook is called at most once for each received request and each sent packet, and must not block. Read a slow medium,
-/// such as an SD card, ahead in another task. A hook that has no data yet cannot make the client wait: it returns
-/// [`MavFtpErr::FAIL`].
+/// Each hook is called at most once for each received request and each sent packet, and must not block. Read a slow
+/// medium, such as an SD card, ahead in another task. A hook that has no data yet cannot make the client wait: it
+/// returns [`MavFtpErr::FAIL`].
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Files`",
     note = "`files` in `stack!` needs `impl Files for {Self}`: write it, or leave `files` out"
@@ -70,11 +70,11 @@ pub trait Files {
         None
     }
 
-    /// Opens a file for the client `from`. It is opened for writing only if the vehicle [`WRITES`](Self::WRITES) files. By
-    /// default there are no files.
+    /// Opens a file for the client `from`. It is opened for writing only if the vehicle [`WRITES`](Self::WRITES) files.
+    /// By default there are no files.
     ///
-    /// Systems that are not in [control](crate::operator_control::OperatorControl) cannot open files for writing; for them,
-    /// [`write`](Self::write) and [`change`](Self::change) are not called.
+    /// Systems that are not in [control](crate::operator_control::OperatorControl) cannot open files for writing; for
+    /// them, [`write`](Self::write) and [`change`](Self::change) are not called.
     ///
     /// # Errors
     ///
@@ -91,8 +91,8 @@ pub trait Files {
         Err(if access == FileAccess::Read { MavFtpErr::FILENOTFOUND } else { MavFtpErr::FILEPROTECTED })
     }
 
-    /// Reads from an open file: fills `out`, or its front if the file ends first, and returns the number of bytes, at most 239.
-    /// Returns 0 at and after the end of the file.
+    /// Reads from an open file: fills `out`, or its front if the file ends first, and returns the number of bytes, at
+    /// most 239. Returns 0 at and after the end of the file.
     ///
     /// # Errors
     ///
@@ -102,8 +102,8 @@ pub trait Files {
         Err(MavFtpErr::FAIL)
     }
 
-    /// Writes all of `bytes`, at most 239, to a file that the client `from` has opened for writing. Called only if the vehicle
-    /// [`WRITES`](Self::WRITES) files. A client may write parts in any order, and repeatedly.
+    /// Writes all of `bytes`, at most 239, to a file that the client `from` has opened for writing. Called only if the
+    /// vehicle [`WRITES`](Self::WRITES) files. A client may write parts in any order, and repeatedly.
     ///
     /// # Errors
     ///
@@ -120,14 +120,15 @@ pub trait Files {
         Err(MavFtpErr::FILEPROTECTED)
     }
 
-    /// Closes a file. Called once for each [open](Self::open) file: when its client closes it or is silent for ten seconds, when
-    /// another client takes its session over, or when its link is opened again. The session opens its next file after this.
+    /// Closes a file. Called once for each [open](Self::open) file: when its client closes it or is silent for ten
+    /// seconds, when another client takes its session over, or when its link is opened again. The session opens its
+    /// next file after this.
     fn close(&mut self, cx: &mut Context<'_>, file: u16) {
         let _ = (cx, file);
     }
 
-    /// Removes, renames or truncates a file, or makes or removes a directory, for the client `from`. Called once even if the
-    /// request is repeated, and only if the vehicle [`WRITES`](Self::WRITES) files.
+    /// Removes, renames or truncates a file, or makes or removes a directory, for the client `from`. Called once even
+    /// if the request is repeated, and only if the vehicle [`WRITES`](Self::WRITES) files.
     ///
     /// # Errors
     ///

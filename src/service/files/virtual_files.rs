@@ -1,11 +1,12 @@
 //! Virtual directories: a service of the stack generates their files while they are read (F-10).
 //!
-//! A virtual directory is in the root, and its name begins with `@`. One type represents it: that of its open files, which
-//! implements [`VirtualFile`]. The service names this type by [`HasFiles`], and has a line in the list of `type Files` in
-//! `stack/declare.rs`. From this list [`OneOf`] makes the type of a file of any directory; [`NoFile`] ends the list.
+//! A virtual directory is in the root, and its name begins with `@`. One type represents it: that of its open files,
+//! which implements [`VirtualFile`]. The service names this type by [`HasFiles`], and has a line in the list of `type
+//! Files` in `stack/declare.rs`. From this list [`OneOf`] makes the type of a file of any directory; [`NoFile`] ends
+//! the list.
 //!
-//! A service that is not declared is [`Absent`], whose file is [`NoFile`]: a type without values, so the compiler removes all
-//! code that would handle one.
+//! A service that is not declared is [`Absent`], whose file is [`NoFile`]: a type without values, so the compiler
+//! removes all code that would handle one.
 
 use core::fmt::Debug;
 
@@ -47,12 +48,12 @@ pub trait VirtualFile<F: Firmware>: Copy + Debug {
         let _ = packet;
     }
 
-    /// Reads as much as `out` takes, at most 239 bytes; nothing after the end of the file. [`Body::Later`] if the read takes
-    /// another call.
+    /// Reads as much as `out` takes, at most 239 bytes; nothing after the end of the file. [`Body::Later`] if the read
+    /// takes another call.
     fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body;
 
-    /// Writes the name of a file of the directory. Returns its size (bytes), and the time of its last change (s since 1970, UTC;
-    /// 0 if unknown). `None` after the last file.
+    /// Writes the name of a file of the directory. Returns its size (bytes), and the time of its last change (s since
+    /// 1970, UTC; 0 if unknown). `None` after the last file.
     fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)>;
 
     /// The room that an upload needs: `upload` in [`stack!`](crate::stack).
@@ -70,8 +71,8 @@ pub trait VirtualFile<F: Firmware>: Copy + Debug {
         Part::Last
     }
 
-    /// Applies a complete upload, as a whole or not at all. `None` if that takes another call. It continues even if the client is
-    /// gone.
+    /// Applies a complete upload, as a whole or not at all. `None` if that takes another call. It continues even if the
+    /// client is gone.
     fn finish(&mut self, cx: &mut Cx<'_, F>, from: Peer, content: &[u8]) -> Option<Result<(), MavFtpErr>> {
         let _ = (cx, from, content);
         Some(Err(MavFtpErr::FILEPROTECTED))
@@ -214,8 +215,8 @@ pub enum OneOf<const UPLOADS: bool, A, B> {
     Rest(B),
 }
 
-/// Returns the number of a directory among those after the first one; `None` if it is the first one. A service that is not
-/// declared has none.
+/// Returns the number of a directory among those after the first one; `None` if it is the first one. A service that is
+/// not declared has none.
 const fn number_in_rest(directory: u16, first: &[u8]) -> Option<u16> {
     if first.is_empty() { Some(directory) } else { directory.checked_sub(1) }
 }

@@ -1,4 +1,5 @@
-//! Operations that take more than one call: checksums, the size of a virtual file, and uploads to virtual directories (P-22).
+//! Operations that take more than one call: checksums, the size of a virtual file, and uploads to virtual directories
+//! (P-22).
 
 use super::open::{close, measure, read};
 use super::packet::{MAX_DATA, Request};
@@ -88,8 +89,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         Ok(0)
     }
 
-    /// Takes a part of an upload, in order (F-23): a later part is dropped, and the client sends it again. Returns whether the file
-    /// is complete.
+    /// Takes a part of an upload, in order (F-23): a later part is dropped, and the client sends it again. Returns
+    /// whether the file is complete.
     fn take_upload(&mut self, file: &V, request: &Request<'_>) -> Result<bool, Stop> {
         if self.status.upload == Upload::Refused {
             return Err(MavFtpErr::FAIL.into());

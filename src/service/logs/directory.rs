@@ -1,5 +1,5 @@
-//! `@MAV_LOG`: the virtual directory of the logs, for clients that download them by FTP (LOG-15). QGroundControl and PX4's
-//! logloader look there first.
+//! `@MAV_LOG`: the virtual directory of the logs, for clients that download them by FTP (LOG-15). QGroundControl and
+//! PX4's logloader look there first.
 
 use super::{LogInfo, LogRead, LogServer, Logs, may_read};
 use crate::dialect::MavFtpErr;
@@ -11,16 +11,16 @@ use crate::types::Firmware;
 /// The prefix of file names. The number of the log, a dot and [`Logs::LOG_EXTENSION`] follow.
 const PREFIX: &[u8] = b"log_";
 
-/// If a client has not read a log for this time, it counts as no longer reading, and the logs may be erased (LOG-7). It is the
-/// time after which another client takes over its session.
+/// If a client has not read a log for this time, it counts as no longer reading, and the logs may be erased (LOG-7). It
+/// is the time after which another client takes over its session.
 const IDLE: Duration = Duration::from_secs(3);
 
 impl HasFiles for LogServer {
     type File = LogFile;
 }
 
-/// An open log. It ends when its number may belong to another log (LOG-16): after a flight or an erasure, or if its time
-/// differs.
+/// An open log. It ends when its number may belong to another log (LOG-16): after a flight or an erasure, or if its
+/// time differs.
 #[derive(Clone, Copy, Debug)]
 pub struct LogFile {
     id: u16,

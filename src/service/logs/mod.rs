@@ -16,9 +16,9 @@
 //!    └───────────────────────────────────────────┘   LOG_REQUEST_END, the vehicle is armed, the client is silent for 10 s
 //! ```
 //!
-//! After a flight or an erasure, a number may belong to another log, but a client repeats its requests throughout a flight. A client
-//! therefore gets data only after it has listed the logs again (LOG-16). Only a text can report this: LOG_DATA has no error, and
-//! clients take an empty LOG_DATA for a part of the log.
+//! After a flight or an erasure, a number may belong to another log, but a client repeats its requests throughout a
+//! flight. A client therefore gets data only after it has listed the logs again (LOG-16). Only a text can report this:
+//! LOG_DATA has no error, and clients take an empty LOG_DATA for a part of the log.
 
 mod directory;
 mod vehicle;
@@ -33,8 +33,8 @@ use crate::message::{Address, Message};
 use crate::time::{Duration, Instant};
 use crate::types::{Firmware, LinkId, Peer};
 
-/// Pending entries and data are dropped when the client was silent for this time. MAVProxy requests a whole log at once, and
-/// then only sends heartbeats.
+/// Pending entries and data are dropped when the client was silent for this time. MAVProxy requests a whole log at
+/// once, and then only sends heartbeats.
 const SILENCE: Duration = Duration::from_secs(10);
 
 /// The number of bytes of a log in a LOG_DATA.
@@ -82,8 +82,8 @@ enum Work {
 /// The state of log downloads: declared by `logs` in [`stack!`](crate::stack), and read through [`Stack::logs`](crate::Stack::logs).
 /// The vehicle's part is [`Logs`].
 ///
-/// It serves one client at a time. Its LOG_ENTRY and LOG_DATA use the capacity that other traffic leaves. Together with files
-/// and log streaming they have at least 30 % of the link's rate.
+/// It serves one client at a time. Its LOG_ENTRY and LOG_DATA use the capacity that other traffic leaves. Together with
+/// files and log streaming they have at least 30 % of the link's rate.
 #[derive(Debug)]
 pub struct LogServer {
     work: Work,
@@ -99,7 +99,8 @@ pub struct LogServer {
     heard: Instant,
     /// When to read the log again.
     ready_at: Instant,
-    /// The clients that have listed the logs since the numbers may have changed; `None` if they did not change since startup.
+    /// The clients that have listed the logs since the numbers may have changed; `None` if they did not change since
+    /// startup.
     listed: Option<[Peer; LISTED]>,
     /// Whether logs could not be read at the last check, and whether a text has reported this, or a change of the logs.
     is_refusing: bool,
