@@ -1,9 +1,9 @@
 //! The ends of a link in async tasks: a receiver and a transmitter for the halves of a UART with the traits of
 //! `embedded-io-async`.
 //!
-//! The stack stays sans-IO. The futures of the ends do not know it, so they hold no lock and no borrow of the stack across
-//! an `await`. [`Stack::receive_from`] and [`Stack::transmit_to`] exchange bytes with the ends and never wait. The library
-//! needs no timer and no executor: the firmware awaits its own.
+//! The stack stays sans-IO. The futures of the ends do not know it, so they hold no lock and no borrow of the stack
+//! across an `await`. [`Stack::receive_from`] and [`Stack::transmit_to`] exchange bytes with the ends and never wait.
+//! The library needs no timer and no executor: the firmware awaits its own.
 
 use core::future::poll_fn;
 use core::task::Poll;
@@ -68,9 +68,9 @@ enum Fault<E> {
 /// # Cancellation
 ///
 /// The future of [`wait`](Self::wait) may be dropped at any time, in a `select` for example. No byte is lost, provided
-/// that the UART's `read` has no effect when it is dropped. Buffered UARTs and DMA ring buffers satisfy this. With other
-/// UARTs, do not drop the future. Bytes that the stack has not taken stay in the receiver, so keep it for as long as the
-/// transport is open.
+/// that the UART's `read` has no effect when it is dropped. Buffered UARTs and DMA ring buffers satisfy this. With
+/// other UARTs, do not drop the future. Bytes that the stack has not taken stay in the receiver, so keep it for as long
+/// as the transport is open.
 pub struct AsyncReceiver<'a, R: ErrorType> {
     uart: R,
     buffer: &'a mut [u8],
@@ -110,8 +110,8 @@ impl<'a, R: ErrorType> AsyncReceiver<'a, R> {
 impl<R: Read> AsyncReceiver<'_, R> {
     /// Waits until bytes or an error were received: then call [`Stack::receive_from`].
     ///
-    /// After an error, and while bytes are pending that exceeded the budget of a call, it only yields to other tasks once.
-    /// A transport that fails repeatedly would starve tasks of lower priority: pause after its errors.
+    /// After an error, and while bytes are pending that exceeded the budget of a call, it only yields to other tasks
+    /// once. A transport that fails repeatedly would starve tasks of lower priority: pause after its errors.
     pub async fn wait(&mut self) {
         if self.must_yield {
             yield_now().await;
@@ -198,15 +198,15 @@ impl<R: ErrorType> core::fmt::Debug for AsyncReceiver<'_, R> {
 /// # let _ = |shared, uart: &'static mut [u8]| transmit(shared, LinkId(0), uart);
 /// ```
 ///
-/// A buffer of [`MAX_FRAME_LEN`](crate::frame::MAX_FRAME_LEN) bytes sends each frame at once. A shorter one leaves a gap on
-/// the link after each piece, until the task runs again. Some UARTs refuse a write that exceeds their own buffer, such as
-/// `BufferedUart` of embassy-stm32 0.6: then `buffer` must be no longer than that.
+/// A buffer of [`MAX_FRAME_LEN`](crate::frame::MAX_FRAME_LEN) bytes sends each frame at once. A shorter one leaves a
+/// gap on the link after each piece, until the task runs again. Some UARTs refuse a write that exceeds their own
+/// buffer, such as `BufferedUart` of embassy-stm32 0.6: then `buffer` must be no longer than that.
 ///
 /// # Cancellation
 ///
-/// The future of [`send`](Self::send) may be dropped at any time. The stack counts bytes as sent only when all bytes of the
-/// buffer are sent. Unsent bytes stay in the transmitter: the next `send` continues there. The UART's `write` determines
-/// whether bytes are sent twice:
+/// The future of [`send`](Self::send) may be dropped at any time. The stack counts bytes as sent only when all bytes of
+/// the buffer are sent. Unsent bytes stay in the transmitter: the next `send` continues there. The UART's `write`
+/// determines whether bytes are sent twice:
 ///
 /// | a `write` that is dropped | for example | then |
 /// |---|---|---|
@@ -250,8 +250,8 @@ impl<W: Write> AsyncTransmitter<'_, W> {
     /// Sends the bytes that [`Stack::transmit_to`] took from the stack, and waits until they have left the UART. Returns at
     /// once if there are none.
     ///
-    /// Flushes the UART, so that no frame waits in its buffer behind others: a heartbeat must not be sent after flight has
-    /// stopped (H-5). If the UART fails, the next `transmit_to` returns the error.
+    /// Flushes the UART, so that no frame waits in its buffer behind others: a heartbeat must not be sent after flight
+    /// has stopped (H-5). If the UART fails, the next `transmit_to` returns the error.
     pub async fn send(&mut self) {
         if self.fault.is_none()
             && let Err(fault) = self.try_send().await
