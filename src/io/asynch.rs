@@ -1,9 +1,9 @@
 //! The ends of a link in async tasks: a receiver and a transmitter for the halves of a UART with the traits of
 //! `embedded-io-async`.
 //!
-//! The stack stays sans-IO. The futures of the ends do not know it, so no lock and no borrow of the stack is held over an
-//! `await`. [`Stack::receive_from`] and [`Stack::transmit_to`] exchange bytes with the ends and never wait. The library
-//! needs no timer and no executor: the firmware awaits its own.
+//! The stack stays sans-IO. The futures of the ends do not know it, so they hold no lock and no borrow of the stack
+//! across an `await`. [`Stack::receive_from`] and [`Stack::transmit_to`] exchange bytes with the ends and never wait.
+//! The library needs no timer and no executor: the firmware awaits its own.
 
 use core::future::poll_fn;
 use core::task::Poll;
@@ -15,7 +15,7 @@ use crate::stack::{Declares, Stack};
 use crate::time::Instant;
 use crate::types::LinkId;
 
-/// What went wrong in a future, until the stack counts and reports it.
+/// An error in a future, until the stack counts and reports it.
 enum Fault<E> {
     Closed,
     Failed(E),
@@ -62,15 +62,15 @@ enum Fault<E> {
 /// # let _ = |shared| receive(shared, LinkId(0), &[0u8][..]);
 /// ```
 ///
-/// A call of `receive_from` handles several frames, up to the budget of a poll. [`with_piece`](Self::with_piece) makes it
-/// shorter, so that other tasks wait for the lock as briefly as possible.
+/// A call of `receive_from` handles several frames, up to the budget of a poll. [`with_piece`](Self::with_piece)
+/// shortens the call, so that other tasks wait less for the lock.
 ///
 /// # Cancellation
 ///
 /// The future of [`wait`](Self::wait) may be dropped at any time, in a `select` for example. No byte is lost, provided
-/// that the UART's `read` has no effect when it is dropped. Buffered UARTs and DMA ring buffers fulfil that; otherwise
-/// `read` alone in a task. Bytes that the stack has not taken stay in the receiver, so keep it for as long as the
-/// transport is open.
+/// that the UART's `read` has no effect when it is dropped. Buffered UARTs and DMA ring buffers satisfy this. With
+/// other UARTs, do not drop the future. Bytes that the stack has not taken stay in the receiver, so keep it for as long
+/// as the transport is open.
 pub struct AsyncReceiver<'a, R: ErrorType> {
     uart: R,
     buffer: &'a mut [u8],
@@ -110,8 +110,8 @@ impl<'a, R: ErrorType> AsyncReceiver<'a, R> {
 impl<R: Read> AsyncReceiver<'_, R> {
     /// Waits until bytes or an error were received: then call [`Stack::receive_from`].
     ///
-    /// After an error, and while bytes are pending that exceeded the budget of a call, it only yields to other tasks once. A
-    /// transport that fails again and again keeps tasks of lower priority from running: then pause.
+    /// After an error, and while bytes are pending that exceeded the budget of a call, it only yields to other tasks
+    /// once. A transport that fails repeatedly would starve tasks of lower priority: pause after its errors.
     pub async fn wait(&mut self) {
         if self.must_yield {
             yield_now().await;
@@ -198,38 +198,38 @@ impl<R: ErrorType> core::fmt::Debug for AsyncReceiver<'_, R> {
 /// # let _ = |shared, uart: &'static mut [u8]| transmit(shared, LinkId(0), uart);
 /// ```
 ///
-/// A buffer of [`MAX_FRAME_LEN`](crate::frame::MAX_FRAME_LEN) bytes sends each frame at once. A shorter one leaves a gap on
-/// the link after each piece, for the time until the task runs. No transmitter may be given more bytes than the UART's
-/// own buffer holds if the UART refuses them: `BufferedUart` of embassy-stm32 0.6 does.
+/// A buffer of [`MAX_FRAME_LEN`](crate::frame::MAX_FRAME_LEN) bytes sends each frame at once. A shorter one leaves a
+/// gap on the link after each piece, until the task runs again. Some UARTs refuse a write that exceeds their own
+/// buffer, such as `BufferedUart` of embassy-stm32 0.6: then `buffer` must be no longer than that.
 ///
 /// # Cancellation
 ///
-/// The future of [`send`](Self::send) may be dropped at any time. The stack counts bytes as sent only when all bytes of the
-/// buffer are, and what was not sent stays in the transmitter: the next `send` continues there. Whether bytes are sent
-/// twice depends on the UART's `write`:
+/// The future of [`send`](Self::send) may be dropped at any time. The stack counts bytes as sent only when all bytes of
+/// the buffer are sent. Unsent bytes stay in the transmitter: the next `send` continues there. The UART's `write`
+/// determines whether bytes are sent twice:
 ///
 /// | a `write` that is dropped | for example | then |
 /// |---|---|---|
 /// | has no effect | buffered UARTs | no byte is lost or sent twice |
 /// | has sent an unknown part of its bytes | DMA without a ring buffer | these may be sent twice: the peer drops one frame, by its checksum |
 ///
-/// The example drops no `send`: only the sleep is in a `select`. So it suits either kind.
+/// The example drops no `send`: only the sleep is in a `select`. It therefore suits both kinds.
 ///
 /// Keep the transmitter for as long as the transport is open. For a transport that was opened again, create a new
-/// transmitter and call [`restart_link`](Stack::restart_link): the frame that was cut off is sent again from its start.
+/// transmitter and call [`restart_link`](Stack::restart_link): the interrupted frame is sent again from its start.
 pub struct AsyncTransmitter<'a, W: ErrorType> {
     uart: W,
     buffer: &'a mut [u8],
     /// The bytes to send are `buffer[written..end]`.
     written: usize,
     end: usize,
-    /// Whether bytes have not left the UART, written or not.
+    /// Whether some bytes, written or not, have not left the UART yet.
     must_flush: bool,
     fault: Option<Fault<W::Error>>,
 }
 
 impl<'a, W: ErrorType> AsyncTransmitter<'a, W> {
-    /// Returns a transmitter that sends through `uart` what `buffer` holds. Where a DMA restricts the memory, use a
+    /// Returns a transmitter that sends the bytes in `buffer` through `uart`. Where a DMA restricts the memory, use a
     /// `static`.
     pub const fn new<const N: usize>(uart: W, buffer: &'a mut [u8; N]) -> Self {
         const { assert!(N > 0, "the buffer of a transmitter must hold bytes: `[0; 64]`") };
@@ -250,8 +250,8 @@ impl<W: Write> AsyncTransmitter<'_, W> {
     /// Sends the bytes that [`Stack::transmit_to`] took from the stack, and waits until they have left the UART. Returns at
     /// once if there are none.
     ///
-    /// It flushes, so that no frame waits in the UART's buffer behind others: a heartbeat must not be sent after flight has
-    /// stopped (H-5). If the UART fails, the next `transmit_to` returns the error.
+    /// Flushes the UART, so that no frame waits in its buffer behind others: a heartbeat must not be sent after flight
+    /// has stopped (H-5). If the UART fails, the next `transmit_to` returns the error.
     pub async fn send(&mut self) {
         if self.fault.is_none()
             && let Err(fault) = self.try_send().await

@@ -13,7 +13,7 @@ const PIECE: usize = 64;
 /// The read position in a circular buffer that DMA fills continuously.
 ///
 /// Receiving takes three lines in the loop. The hardware reports its write position, and the "transfer complete"
-/// interrupt counts the laps:
+/// interrupt counts the laps (passes through the buffer):
 ///
 /// ```
 /// use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
@@ -41,7 +41,7 @@ const PIECE: usize = 64;
 /// }
 /// ```
 ///
-/// Sending takes two, whenever the transmit DMA is idle:
+/// Sending takes two lines, whenever the transmit DMA is idle:
 ///
 /// ```
 /// # use mavstack::{Command, Commands, Context, Instant, LinkId, Outcome, Vehicle, VehicleState};
@@ -63,21 +63,21 @@ const PIECE: usize = 64;
 ///
 /// # Memory that DMA writes
 ///
-/// The compiler must know that the DMA writes the buffer. A `&[u8]` says the opposite, so it is undefined behaviour to have one while
-/// the DMA runs. The elements are atomic instead: each is read with one plain load, on every processor, and copied before the stack
-/// sees it.
+/// The compiler must know that the DMA writes the buffer. A `&[u8]` promises the opposite, so having one while the DMA
+/// runs is undefined behaviour. The elements are atomic instead: each is read with one plain load, on every processor,
+/// and copied before the stack sees it.
 ///
 /// - Give the DMA the buffer's address, `BUFFER.as_ptr()`, and its length.
-/// - The DMA must reach the memory. It does not reach the CCM of an STM32F4, or the DTCM of an STM32H7 (except by MDMA). Place the
-///   buffer by `#[link_section]` in memory that it reaches.
-/// - On a processor with a data cache, such as the Cortex-M7 of an STM32F7 or H7, the cache hides what the DMA has written.
-///   Make the memory of the buffer non-cacheable by the MPU, which is the simplest. Or invalidate the buffer in the cache before each
-///   poll (`SCB::invalidate_dcache_by_address`). The buffer then needs cache lines of its own: aligned to 32 bytes, with
-///   a length that is a multiple of 32. An invalidation loses what else is in these lines.
+/// - The DMA must be able to access the memory. It cannot access the CCM of an STM32F4, or the DTCM of an STM32H7
+///   (except by MDMA). Use `#[link_section]` to place the buffer in memory that it can access.
+/// - On a processor with a data cache, such as the Cortex-M7 of an STM32F7 or H7, the cache hides the DMA's writes. The
+///   simplest remedy is to make the buffer's memory non-cacheable by the MPU. Otherwise invalidate the buffer in the
+///   cache before each poll (`SCB::invalidate_dcache_by_address`). The buffer then needs its own cache lines: aligned
+///   to 32 bytes, with a length that is a multiple of 32. An invalidation loses all other data in these lines.
 /// - For sending, the processor writes and the DMA reads. Clean the buffer's cache lines (`SCB::clean_dcache_by_slice`) before
 ///   the DMA starts, and leave the buffer alone until it has finished.
 ///
-/// Some HALs do not fill a circular buffer, but hand over filled buffers with a length. Copy these into
+/// Some HALs hand over filled buffers with a length instead of filling a circular buffer. Copy these into
 /// [`SerialQueues`](super::SerialQueues) in the DMA's interrupt, with
 /// [`received_all`](super::InterruptEnd::received_all).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -101,13 +101,14 @@ impl CircularReader {
         self.overruns
     }
 
-    /// Passes the bytes that were written since the last poll to `receive`, at most 64 at a time. It returns how many it took.
+    /// Passes the bytes written since the last poll to `receive`, at most 64 at a time. `receive` returns the number of
+    /// bytes that it took.
     ///
-    /// [`Stack::receiver`] takes fewer when its budget is spent; the rest is passed again in the next poll. If there are no new
-    /// bytes, `receive` is called once with an empty slice, so that the stack handles its backlog.
+    /// [`Stack::receiver`] takes fewer bytes when its budget is spent; the next poll passes the rest again. If there
+    /// are no new bytes, `receive` is called once with an empty slice, so that the stack handles its backlog.
     ///
     /// `position` is the DMA's write position in `buffer`, and `laps` counts its passes through the buffer. Read `laps`
-    /// before `position`. It may be one too low, if the interrupt has not yet run. It wraps.
+    /// before `position`. `laps` may be one too low, if the interrupt has not run yet. It wraps.
     ///
     /// # Errors
     ///
@@ -170,7 +171,7 @@ impl CircularReader {
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns a closure that takes received bytes in several pieces, for [`CircularReader::poll`], and handles the frames in them.
-    /// It returns how many bytes it took.
+    /// The closure returns the number of bytes that it took.
     ///
     /// All pieces share the [budget](crate::Config::budget) of one poll: `rx_bytes`, `work` and `frames`. With
     /// [`receive`](Self::receive), each piece would have a budget of its own (D-2).

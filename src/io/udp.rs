@@ -1,15 +1,16 @@
 //! Links over UDP, for any network stack: each ground station that sends to a socket gets a link of its own.
 //!
-//! It implements what MAVLink's guide says of UDP: a vehicle broadcasts until a station answers, and then sends to the address
-//! and port from which the station sends. It leaves out the network itself: a [`DatagramSocket`] connects it to smoltcp,
-//! embassy-net, or `std`.
+//! Follows MAVLink's guide for UDP: a vehicle broadcasts until a station answers, and then sends to the address and
+//! port from which the station sends. The network itself is left out: a [`DatagramSocket`] connects this module to
+//! smoltcp, embassy-net, or `std`.
 
 use crate::frame::{STX_V1, STX_V2, cost_of_sending};
 use crate::stack::{Declares, Stack};
 use crate::time::{Duration, Instant};
 use crate::types::{Allowance, LinkId};
 
-/// The longest datagram that is received, in bytes: what fits an Ethernet frame over IPv4. A station may put several frames into one.
+/// The longest datagram that is received, in bytes: the payload of UDP over IPv4 in an Ethernet frame. A station may
+/// put several MAVLink frames into one.
 pub const MAX_DATAGRAM_LEN: usize = 1_472;
 
 /// How long datagrams may exceed the budget before the surplus is dropped. A burst is handled completely within this time.
@@ -23,12 +24,13 @@ pub trait DatagramSocket {
     /// An address and a port.
     type Endpoint: Copy + PartialEq;
 
-    /// Removes the oldest received datagram and copies it into `buffer`, which is [`MAX_DATAGRAM_LEN`] bytes long. Returns
-    /// its length and its sender; `None` if no datagram was received. Discards a longer one: return the length 0.
+    /// Removes the oldest received datagram and copies it into `buffer`, which is [`MAX_DATAGRAM_LEN`] bytes long.
+    /// Returns its length and its sender; `None` if no datagram was received. Discards a longer datagram, and returns
+    /// length 0 for it.
     fn receive(&mut self, buffer: &mut [u8]) -> Option<(usize, Self::Endpoint)>;
 
-    /// Whether the socket accepts a datagram of [`MAX_FRAME_LEN`](crate::frame::MAX_FRAME_LEN) bytes. It must not depend on
-    /// calls of [`receive`](Self::receive): while it returns false, nothing is received.
+    /// Returns whether the socket accepts a datagram of [`MAX_FRAME_LEN`](crate::frame::MAX_FRAME_LEN) bytes. It must
+    /// not depend on calls of [`receive`](Self::receive): while it returns false, nothing is received.
     fn is_ready(&mut self) -> bool;
 
     /// Sends a datagram, which is one frame. Returns whether it was accepted. If not, the frame is lost, and counted in
@@ -41,11 +43,11 @@ pub trait DatagramSocket {
 struct Station<E> {
     endpoint: E,
     heard: Instant,
-    /// Whether the link has accepted a frame of it. Until then another sender may take its link, and it gets nothing.
+    /// Whether the link has accepted a frame from it. Until then it gets nothing, and another sender may take its link.
     is_accepted: bool,
 }
 
-/// The links of a UDP socket, and which station each belongs to. `E` is the [endpoint](DatagramSocket::Endpoint) of the socket.
+/// The links of a UDP socket, each with its station. `E` is the [endpoint](DatagramSocket::Endpoint) of the socket.
 ///
 /// [`Stack::poll_udp`] moves datagrams between a socket and the links:
 ///
@@ -100,26 +102,26 @@ struct Station<E> {
 ///
 /// # Stations
 ///
-/// The first datagram of a sender takes a free link and [restarts](Stack::restart_link) it. When the link has accepted a frame of it,
-/// with a correct checksum and, if the link requires it, a signature, the sender is a station. From then on the link sends to
-/// its address and port, one frame a datagram. After [`peer_timeout`](crate::Config::peer_timeout) without a datagram the link
-/// is free again.
+/// The first datagram of a sender takes a free link and [restarts](Stack::restart_link) it. The sender becomes a
+/// station when the link accepts a frame from it: with a correct checksum and, if the link requires it, a correct
+/// signature. From then on the link sends to the station's address and port, one frame per datagram. After
+/// [`peer_timeout`](crate::Config::peer_timeout) without a datagram the link is free again.
 ///
-/// Until then nothing is sent to the sender, heartbeats are still broadcast, and if no link is free, the next new sender takes its
-/// link.
+/// Before a sender is a station, nothing is sent to it, and heartbeats are still broadcast. If no link is free, the
+/// next new sender takes its link.
 ///
-/// With a link for each, stations share nothing: two copies of QGroundControl have the same ids, and still each transfer is
-/// answered on its own link. Stations hear each other if the stack declares `forwarding`.
+/// With a link for each, stations share nothing: two copies of QGroundControl have the same ids, but each transfer is
+/// answered on its own link. Stations receive each other's frames if the stack declares `forwarding`.
 ///
 /// | | |
 /// |---|---|
 /// | no station is known | the first link's HEARTBEATs are broadcast, nothing else |
-/// | a link has no station | its other frames are discarded, so no text waits for a station that never comes |
+/// | a link has no station | its other frames are discarded, so that no text waits for a station that never appears |
 /// | all links have stations | datagrams of further senders are dropped, and [counted](Self::refused) |
-/// | a datagram does not begin with a frame | it is dropped and counted; its sender takes no link |
+/// | a datagram does not begin with a frame | it is dropped and counted; its sender gets no link |
 /// | a station sends more than the budget of its link | the surplus stays pending; after 100 ms it is dropped and counted, until the station sends less |
 ///
-/// Stream intervals belong to the link: the next station finds those that the last one has set.
+/// Stream intervals belong to the link: the next station inherits the intervals of the last one.
 pub struct UdpLinks<E, const N: usize> {
     links: [LinkId; N],
     stations: [Option<Station<E>>; N],
@@ -135,8 +137,9 @@ pub struct UdpLinks<E, const N: usize> {
 }
 
 impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
-    /// Returns the links of a socket, without a station: at most `N` stations are served at the same time. The links are
-    /// those of the stack with these numbers, and nothing else may use them. Nothing is broadcast.
+    /// Returns the links of a socket, without stations. At most `N` stations are served at the same time. `links` are
+    /// the ids of links of the stack that nothing else uses. Nothing is broadcast until
+    /// [`set_broadcast`](Self::set_broadcast).
     pub const fn new(links: [LinkId; N]) -> Self {
         const { assert!(N > 0, "a socket needs a link for each station: `UdpLinks::new([LinkId(0)])`") };
         Self {
@@ -152,8 +155,8 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
         }
     }
 
-    /// Sets where HEARTBEATs are sent while no station is known: the broadcast address of the subnet, and the port of ground
-    /// stations, 14550. Call it whenever the vehicle's address changes. `None` sends nothing.
+    /// Sets the destination of HEARTBEATs while no station is known: the broadcast address of the subnet, and the port
+    /// of ground stations, 14550. Call it whenever the vehicle's address changes. `None` sends nothing.
     pub const fn set_broadcast(&mut self, to: Option<E>) {
         self.broadcast = to;
     }
@@ -200,7 +203,8 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
         if known.is_some() { None } else { self.links.get(of).copied() }
     }
 
-    /// Returns a link without a station. The sender of the last datagram loses its link last: its frame may wait for budget.
+    /// Returns a link without a station. The sender of the last datagram loses its link last: its frame may wait for
+    /// the budget.
     fn replaceable(&self) -> Option<usize> {
         let next = self.of.saturating_add(1);
         (next..N).chain(0..next).find(|index| self.station(*index).is_none())
@@ -227,7 +231,7 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
         now.since(*self.behind.get_or_insert(now)) >= PATIENCE
     }
 
-    /// Returns where the station with this index gets `frame`; `None` if no station gets it.
+    /// Returns the destination of `frame` on the link with this index; `None` if it is not sent.
     fn destination(&self, index: usize, frame: &[u8]) -> Option<E> {
         match self.station(index) {
             Some(station) => Some(station),
@@ -255,7 +259,7 @@ const fn is_heartbeat(frame: &[u8]) -> bool {
     matches!(frame, [STX_V2, _, _, _, _, _, _, 0, 0, 0, ..] | [STX_V1, _, _, _, _, 0, ..])
 }
 
-/// What is left of a link's budget in one poll.
+/// The rest of a link's budget in one poll.
 struct Left {
     allowance: Allowance,
     tx_bytes: usize,
@@ -263,13 +267,13 @@ struct Left {
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Moves datagrams between the links of `udp` and their socket: receives, handles the received frames, and sends, one frame
-    /// a datagram. It replaces [`poll_link`](Self::poll_link) for these links. It never waits.
+    /// per datagram. It replaces [`poll_link`](Self::poll_link) for these links. It never waits.
     ///
-    /// Each datagram is answered before the next one is received, and none is received while the socket accepts none. Each link
-    /// has the [budget](crate::Config::budget) of one `poll_link`. One call receives at most `rx_bytes` on all links, plus one
-    /// datagram, and counts 28 bytes for the headers of each. Frames that exceed the budget of their link stay pending, in the
-    /// link and in the socket. If every call for 100 ms leaves some, a station floods: the surplus is dropped, so that other
-    /// stations are received.
+    /// Each datagram is answered before the next one is received. While the socket accepts no datagram, none is
+    /// received. Each link has the [budget](crate::Config::budget) of one `poll_link`. One call receives at most
+    /// `rx_bytes` on all links, plus one datagram, and counts 28 bytes for the headers of each. Frames that exceed the
+    /// budget of their link stay pending, in the link and in the socket. If every call for 100 ms leaves frames
+    /// pending, a station floods: the surplus is dropped, so that other stations are received.
     pub fn poll_udp<S: DatagramSocket, const N: usize>(
         &mut self,
         now: Instant,

@@ -1,4 +1,5 @@
-//! The file with the events, in the format of libevents (`validation/schema.json`): names, texts, arguments and enumerations (EVT-8).
+//! The file with the events, in libevents' format (`validation/schema.json`): names, texts, arguments and enumerations
+//! (EVT-8).
 
 use core::fmt::{Result, Write};
 

@@ -1,8 +1,8 @@
 //! The running log, streamed to a ground station in flight.
 //!
-//! Implements MAV_CMD_LOGGING_START and MAV_CMD_LOGGING_STOP, LOGGING_DATA, LOGGING_DATA_ACKED and LOGGING_ACK, rules LOG-10 to
-//! LOG-14, for logs in the format ULog. The developer guide has no page for them, so they follow PX4 (`mavlink_ulog.cpp`) and serve
-//! MAVSDK (`log_streaming_impl.cpp`) and PX4's script `mavlink_ulog_streaming.py`.
+//! Implements MAV_CMD_LOGGING_START and MAV_CMD_LOGGING_STOP, LOGGING_DATA, LOGGING_DATA_ACKED and LOGGING_ACK, rules
+//! LOG-10 to LOG-14, for logs in the ULog format. The developer guide has no page for them, so they follow PX4
+//! (`mavlink_ulog.cpp`) and serve MAVSDK (`log_streaming_impl.cpp`) and PX4's script `mavlink_ulog_streaming.py`.
 //!
 //! Left out: more than one client at a time, and other formats, which MAVLink does not define.
 
@@ -18,10 +18,10 @@ use crate::types::{Context, Firmware, LinkId, Peer};
 const SILENCE: Duration = Duration::from_secs(10);
 /// A repeated command to start within this time is a retransmission.
 const RETRANSMITTED: Duration = Duration::from_secs(3);
-/// When a packet that was not acknowledged is sent again, and how often a packet is sent.
+/// The time until an unacknowledged packet is sent again, and how often a packet is sent.
 const RESEND: Duration = Duration::from_millis(500);
 const TRIES: u8 = 20;
-/// How long data waits for more, so that a packet is full.
+/// How long data waits for more data to fill the packet.
 const FILL: Duration = Duration::from_millis(200);
 
 /// The number of bytes of a log in a packet.
@@ -35,29 +35,31 @@ const HEADER: u32 = 16;
 
 /// The hooks of a vehicle that streams its log, for a vehicle that declares `log_streaming` in [`stack!`](crate::stack).
 ///
-/// The log is in the format [ULog](https://docs.px4.io/main/en/dev_log/ulog_file_format.html): a header and definitions, which are the
-/// same for the whole log, and then data, which is streamed as it is recorded. The stack finds the beginnings of its messages.
+/// The log is in the [ULog](https://docs.px4.io/main/en/dev_log/ulog_file_format.html) format: a header and
+/// definitions, which are the same for the whole log, then data, which is streamed as it is recorded. The stack finds
+/// the message boundaries.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `LogStreaming`",
     note = "`log_streaming` in `stack!` needs `impl LogStreaming for {Self}`: write it, or leave `log_streaming` out"
 )]
 pub trait LogStreaming {
-    /// Starts a stream: ACCEPTED, or a refusal. The data that is recorded from now on is streamed. A stream that runs has ended before.
+    /// Starts a stream of the data that is recorded from now on. Returns ACCEPTED or a refusal. A previous stream has
+    /// been stopped before this call.
     fn start_log_stream(&mut self, cx: &mut Context<'_>, from: Peer) -> MavResult;
 
-    /// Ends the stream: its client has stopped it, or is gone.
+    /// Ends the stream: the client has stopped it, or is gone.
     fn stop_log_stream(&mut self, cx: &mut Context<'_>);
 
-    /// Reads the log's header and definitions: fills `out`, or its front if they end before, and returns the number of bytes. 0 at
-    /// their end. At most 249 bytes. The same part is read again when a packet was lost.
+    /// Reads the log's header and definitions: fills `out`, or its front if they end first, and returns the number of
+    /// bytes, at most 249. Returns 0 at their end. After a lost packet, the same part is read again.
     fn read_log_definitions(&mut self, offset: u32, out: &mut [u8]) -> usize;
 
-    /// Returns the number of bytes that were recorded and not streamed yet, as far as it is known.
+    /// Returns the number of bytes that are recorded but not streamed yet, as far as known.
     fn log_data_len(&self) -> usize;
 
-    /// Takes the next bytes of data: fills `out`, or its front if there are fewer, and returns the number of bytes. At most 249
-    /// bytes. What has no room in the vehicle's buffer, because the link is too slow, is left out as whole messages; ULog has the
-    /// message `O` to say so.
+    /// Takes the next bytes of data: fills `out`, or its front if there are fewer, and returns the number of bytes, at
+    /// most 249. If the link is too slow and the vehicle's buffer overflows, drop whole messages; ULog's message `O`
+    /// reports them.
     fn take_log_data(&mut self, out: &mut [u8]) -> usize;
 }
 
@@ -68,7 +70,7 @@ counters! {
         count started,
         /// Packets with definitions that were sent again.
         count resent,
-        /// Streams that ended because their client was silent, or did not acknowledge the definitions.
+        /// Streams that ended because the client was silent, or did not acknowledge the definitions.
         drop timed_out,
         /// Commands to start a stream that were refused because another client had one.
         drop busy,
@@ -106,7 +108,7 @@ pub struct LogStreamer {
     /// When the next packet is due.
     due: Instant,
     sequence: u16,
-    /// The packet with definitions that is not acknowledged: where it begins, its length, its first message, and how often it was
+    /// The unacknowledged packet with definitions: its offset, its length, its first message, and how often it was
     /// sent.
     offset: u32,
     len: u8,
@@ -128,7 +130,7 @@ struct Messages {
 impl Messages {
     const NEW: Self = Self { skip: 0, low: None };
 
-    /// Goes through the next bytes. Returns where the first message begins; [`NO_MESSAGE`] if none does.
+    /// Processes the next bytes. Returns the offset at which the first message begins; [`NO_MESSAGE`] if none does.
     fn pass(&mut self, bytes: &[u8]) -> u8 {
         let (mut first, mut at, mut rest) = (NO_MESSAGE, 0u8, bytes);
         // Each turn passes a byte.
@@ -270,7 +272,7 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
     }
 }
 
-/// Ends the stream of a client that is gone (LOG-13), and finds out whether there is data.
+/// Ends the stream of a client that is gone (LOG-13), and checks whether there is data.
 #[inline(never)]
 fn watch<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>) {
     let gives_up = streamer.phase == Phase::Definitions && streamer.tries >= TRIES && cx.now >= streamer.due;
@@ -284,7 +286,7 @@ fn watch<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mu
     }
 }
 
-/// Returns when data is due that was recorded: a full packet now, and less than that after a while.
+/// Returns when recorded data is due: a full packet now, less than that after a while.
 fn data_due<F: Firmware<Vehicle: LogStreaming>>(cx: &Cx<'_, F>) -> Instant {
     match cx.vehicle.log_data_len() {
         0 => Instant::NEVER,
@@ -328,7 +330,7 @@ fn stop<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut
     }
 }
 
-/// Has the next packet with definitions sent, or the data, if there are no more.
+/// Schedules the next packet with definitions, or the data if there are no more definitions.
 fn next_definitions<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>) {
     let has_more = cx.vehicle.read_log_definitions(streamer.offset, &mut [0]) > 0;
     (streamer.tries, streamer.due) = (0, cx.now);

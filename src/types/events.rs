@@ -28,8 +28,8 @@ impl EventEntry {
     }
 }
 
-/// The last events, in a ring. The logic works on the unsized form, so the length of the history is compiled once. A
-/// firmware without `events` has one of length 0, which records nothing.
+/// The last events, in a ring. The logic works on the unsized form, so it is compiled once for all lengths. A firmware
+/// without `events` has a history of length 0, which records nothing.
 #[derive(Clone, Debug)]
 pub struct EventLog<E: ?Sized = [EventEntry]> {
     /// The sequence number of the newest event; that of the first event is 1. It wraps.

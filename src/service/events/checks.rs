@@ -7,8 +7,8 @@
 //!   arming_check_summary ─ check ─ check ─ … ─ health_summary
 //! ```
 //!
-//! The first summary needs what the checks that follow say, so the vehicle is asked twice: first for the summary, then for the events.
-//! A report therefore takes no memory beside the history.
+//! The first summary depends on the checks after it, so the stack asks the vehicle twice: first for the summary, then
+//! for the events. A report therefore takes no memory besides the history.
 
 use core::fmt;
 
@@ -19,20 +19,20 @@ use crate::service::Cx;
 use crate::time::{Duration, Instant};
 use crate::types::{Context, EventEntry, EventLog, Firmware, MAX_EVENT_ARGUMENTS};
 
-/// How often the vehicle is asked for its checks.
+/// The interval at which the vehicle is asked for its checks.
 const PERIOD: Duration = Duration::from_millis(500);
 
-/// The shortest time between two reports that nobody has asked for, as in PX4.
+/// The shortest time between two unrequested reports, as in PX4.
 const REPORT_INTERVAL: Duration = Duration::from_secs(2);
 
 /// The events of a report besides its checks.
 const SUMMARIES: usize = 2;
 
-/// The checks before arming. For a vehicle that declares `events: { history: N, checks }` in [`stack!`](crate::stack).
+/// The arming checks, for a vehicle that declares `events: { history: N, checks }` in [`stack!`](crate::stack).
 ///
-/// The stack asks twice a second, and reports the result as events when it has changed, at most every two seconds. It reports at once
-/// on MAV_CMD_RUN_PREARM_CHECKS, which QGroundControl and MAVSDK send when they connect. A ground station then shows which checks
-/// fail, and in which flight modes the vehicle can arm (EVT-6).
+/// The stack calls the hook twice a second, and reports a changed result as events, at most every two seconds. It
+/// reports at once on MAV_CMD_RUN_PREARM_CHECKS, which QGroundControl and MAVSDK send when they connect. The ground
+/// station then shows the failing checks, and the flight modes in which the vehicle can arm (EVT-6).
 ///
 /// ```
 /// # use mavstack::*;
@@ -69,22 +69,23 @@ const SUMMARIES: usize = 2;
     note = "`checks` in `events` of `stack!` needs `impl HealthChecks for {Self}`: write it, or leave `checks` out"
 )]
 pub trait HealthChecks {
-    /// The set of events that [`events!`](crate::events!) has declared with `modes` and `components`.
+    /// The set of events that [`events!`](crate::events!) declared with `modes` and `components`.
     type Events: CheckSet;
 
-    /// Reports what is present, and what fails. Called twice for a report, and whenever the stack needs to know whether anything has
-    /// changed, so it must have no effect and give the same answer at the same time. `cx` has the parameters and the live plans.
+    /// Reports the components that are present, and the checks that fail. Called twice for a report, and whenever the
+    /// stack looks for changes. It must have no effect, and report the same for the same time. `cx` has the parameters
+    /// and the live plans.
     fn checks(&self, cx: &Context<'_>, report: &mut HealthReport<'_>);
 
-    /// Called for MAV_CMD_RUN_PREARM_CHECKS. Returns its result; the report is sent in any case. A vehicle that says it in a text too,
-    /// or refuses it while armed, does so here.
+    /// Returns the result of MAV_CMD_RUN_PREARM_CHECKS; the report is sent in any case. Override it to also send a
+    /// text, or to refuse the command while armed.
     fn run_checks(&mut self, cx: &mut Context<'_>) -> MavResult {
         let _ = cx;
         MavResult::ACCEPTED
     }
 }
 
-/// What a summary says. Initially all zero bits.
+/// The content of a summary. Initially all zero bits.
 #[derive(Clone, Copy, Debug, Default)]
 struct Summary {
     /// Groups of modes.
@@ -106,12 +107,12 @@ struct Marks {
 /// A report of the checks, which [`HealthChecks::checks`] fills.
 pub struct HealthReport<'a> {
     summary: Summary,
-    /// A hash of what the report says, without the checks' own arguments.
+    /// A hash of the report, without the checks' own arguments.
     hash: u32,
     now: Instant,
-    /// Where the events are recorded, and for how many there is room; `None` while only the summary is wanted.
+    /// The history for the events, and the number of events that fit; `None` while only the summary is computed.
     out: Option<(&'a mut EventLog, usize)>,
-    /// The number of checks for which there was no room.
+    /// The number of checks that did not fit.
     left_out: u32,
 }
 
@@ -120,7 +121,7 @@ impl<'a> HealthReport<'a> {
         Self { summary: Summary::default(), hash: 0x811C_9DC5, now, out, left_out: 0 }
     }
 
-    /// Returns the report of a vehicle, to look at and not to send: for its command to arm.
+    /// Returns the report of a vehicle without sending it: for example to decide about a command to arm.
     pub fn of<V: HealthChecks>(vehicle: &V, cx: &Context<'_>) -> Self {
         let mut report = Self::new(cx.now(), None);
         vehicle.checks(cx, &mut report);
@@ -132,8 +133,9 @@ impl<'a> HealthReport<'a> {
         self.summary.present |= components.bits();
     }
 
-    /// Reports that a check fails: the vehicle cannot arm in `modes`. With no mode it can arm in all, and the check is shown for all.
-    /// `component` is one component, or none. A level of `Error` and above marks it as failed, and one of `Warning` with a warning.
+    /// Reports that a check fails: the vehicle cannot arm in `modes`. Without a mode it can arm in all modes, and the
+    /// check is shown for all. `component` is one component, or none. A level of `Error` or above marks it as failed,
+    /// `Warning` marks it with a warning.
     pub fn fails<C: Check>(
         &mut self,
         modes: <C::Set as CheckSet>::Modes,
@@ -153,7 +155,7 @@ impl<'a> HealthReport<'a> {
         self.add(&event, component, const { matches!(C::INFO.group, EventGroup::Health) });
     }
 
-    /// Reports that the vehicle, while armed, cannot switch to `modes` or go on in them.
+    /// Reports that the vehicle, while armed, cannot switch to `modes` or continue in them.
     pub fn cannot_run(&mut self, modes: impl CheckBits) {
         self.summary.cannot_run |= modes.bits();
     }
@@ -256,12 +258,12 @@ const fn health_arguments<S: CheckSet>() -> [ArgumentInfo; 4] {
     ]
 }
 
-/// What the service does about checks.
+/// The service's handling of checks.
 #[doc(hidden)]
 pub trait Checker<F: Firmware>: fmt::Debug {
     const NEW: Self;
 
-    /// Reports the checks, if they have changed. Returns the number of checks for which there was no room.
+    /// Reports the checks if they have changed. Returns the number of checks that did not fit.
     fn poll(&mut self, cx: &mut Cx<'_, F>) -> u32 {
         let _ = cx;
         0
@@ -291,10 +293,10 @@ impl<const N: usize, F: Firmware> Checker<F> for Unchecked<N> {
 /// Reports the checks. Initially all zero bits. `N`: the length of the history.
 #[derive(Debug)]
 pub struct Checking<const N: usize> {
-    /// When the vehicle is asked next.
+    /// When to ask the vehicle next.
     at: Instant,
     reported_at: Instant,
-    /// The hash of the last report; 0 for none, or if one is wanted.
+    /// The hash of the last report; 0 for none, or if a new report is requested.
     reported: u32,
 }
 

@@ -1,8 +1,8 @@
-//! What a declaration of events consists of: [`events!`](crate::events!) implements these traits (EVT-1).
+//! The parts of a declaration of events: [`events!`](crate::events!) implements these traits (EVT-1).
 //!
-//! An event's id is that of PX4 and libevents: the component id in the highest byte, and the lowest 24 bits of the FNV-1a hash of
-//! the event's name. All of it is computed by the compiler. The texts are constants that only the generator of the metadata
-//! uses, so a firmware has none of them in its flash.
+//! Ids are those of PX4 and libevents: the component id in the highest byte, and the lowest 24 bits of the FNV-1a hash
+//! of the event's name. The compiler computes them. The texts are constants that only the generator of the metadata
+//! uses, so they take no flash in a firmware.
 
 use crate::message::{Field, FieldWriter};
 use crate::types::MAX_EVENT_ARGUMENTS;
@@ -22,13 +22,13 @@ pub enum LogLevel {
     Error,
     /// A warning.
     Warning,
-    /// Unusual, but no error.
+    /// Unusual, but not an error.
     Notice,
     /// Normal operation.
     Info,
     /// For developers.
     Debug,
-    /// A part of a protocol: ground stations do not show it.
+    /// Part of a protocol: ground stations do not show it.
     Protocol,
     /// Not shown, or not logged.
     Disabled,
@@ -53,7 +53,7 @@ pub enum EventGroup {
     Health,
 }
 
-/// The type of an event's argument: an integer of up to 64 bits, `f32`, or an enumeration or a bitmask of
+/// The type of an event's argument: an integer of up to 64 bits, `f32`, or an enumeration or bitmask of
 /// [`events!`](crate::events!).
 #[diagnostic::on_unimplemented(
     message = "`{Self}` cannot be an argument of an event",
@@ -224,7 +224,7 @@ pub trait EventSet {
     const MODE_GROUPS: &'static [&'static [u32]];
 }
 
-/// A set of events with groups of modes and components, and so with checks.
+/// A set of events with groups of modes and components, and therefore with checks.
 pub trait CheckSet: EventSet {
     /// The groups of flight modes.
     type Modes: CheckBits;
@@ -244,7 +244,7 @@ pub trait CheckBits: EventArgument {
     fn bits(self) -> u32;
 }
 
-/// What [`events!`](crate::events!) has declared: an event or a check.
+/// An event or a check that [`events!`](crate::events!) declared.
 pub trait DeclaredEvent {
     /// Its declaration.
     const INFO: EventInfo;

@@ -1,6 +1,7 @@
 //! `events!` declares events: their ids, arguments and texts.
 
-/// Declares a vehicle's events: a type for each, whose id comes from its name, and the texts that ground stations show.
+/// Declares a vehicle's events: a type for each, with an id computed from its name, and the texts that ground stations
+/// show.
 ///
 /// ```
 /// mavstack::events! {
@@ -16,7 +17,7 @@
 ///             }
 ///         }
 ///         events {
-///             /// The rover drives to where it has started.
+///             /// The rover drives back to where it started.
 ///             Returning(Warning) { reason: Reason, distance: f32 } = "Returning {2:.0m}: {1}";
 ///             Parked(Info, Disabled) = "Parked";
 ///         }
@@ -29,22 +30,24 @@
 /// # let _ = event;
 /// ```
 ///
-/// | part | what it is |
+/// | part | meaning |
 /// |---|---|
 /// | `in "rover"`, `in "camera", component 100` | the namespace, and the highest byte of the ids; the autopilot's is 1 |
 /// | `enums { Name: type { ENTRY = n, … } … }` | enumerations for arguments; `Name: bitmask type { … }` for bits |
 /// | `Name(External, Internal) { argument: type, … } = "message";` | an event; its doc comment is the description |
 /// | `modes`, `components`, `arming_checks`, `health_checks` | see [checks](#checks) |
 ///
-/// - The levels are those of [`LogLevel`](crate::events::LogLevel); without an internal one, both are the same.
-/// - `{1}` in a text is the first argument, `{2:.1m}` the second with one decimal and a unit: `m`, `m_v` (vertical), `m/s`, `m^2` or `C`.
-///   A backslash goes before `{`, `<` and itself.
+/// - The levels are those of [`LogLevel`](crate::events::LogLevel). Without an internal level, it equals the external
+///   one.
+/// - `{1}` in a text is the first argument. `{2:.1m}` is the second with one decimal and a unit: `m`, `m_v` (vertical),
+///   `m/s`, `m^2` or `C`. Escape `{`, `<` and the backslash by a backslash.
 /// - In the metadata, `BatteryLow` is `battery_low`, and `Reason` is `reason_t`.
-/// - The arguments have at most 25 bytes. An event is never changed or given another meaning: ground stations know it by its name.
+/// - The arguments have at most 25 bytes. Never change an event or its meaning: ground stations identify it by its
+///   name.
 ///
 /// # Checks
 ///
-/// Checks before arming are events too, which a vehicle reports with [`HealthChecks`](crate::HealthChecks):
+/// Arming checks are events too. A vehicle reports them with [`HealthChecks`](crate::HealthChecks):
 ///
 /// ```
 /// # const MANUAL: u32 = 1;
@@ -76,9 +79,9 @@
 /// }
 /// ```
 ///
-/// `modes` has the groups of modes whose checks are the same, with their numbers (HEARTBEAT.custom_mode); `components` what can fail. A
-/// check has two arguments before its own, the affected modes and the component, so its first own one is `{3}`, and it has at most 20
-/// bytes of them. `health_checks` may be left out.
+/// `modes` lists groups of modes with the same checks, by their numbers (HEARTBEAT.custom_mode). `components` lists the
+/// components that can fail. Two arguments come before a check's own: the affected modes and the component. Its first
+/// own argument is therefore `{3}`, and its own arguments have at most 20 bytes. `health_checks` may be left out.
 ///
 /// # Compile errors
 ///

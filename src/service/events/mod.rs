@@ -1,16 +1,17 @@
-//! Events: what has happened, delivered without a gap, as numbers whose texts the ground station has.
+//! Events: what happened, delivered without a gap, as ids whose texts the ground station has.
 //!
 //! Implements the sender's side of <https://mavlink.io/en/services/events.html>: rules EVT-1 to EVT-7. It serves the receiver of
-//! libevents (`libs/cpp/protocol/receive.h`), which QGroundControl and MAVSDK use, and does what PX4 does
-//! (`src/modules/mavlink/mavlink_events.cpp`) but for what EVT-3 and EVT-5 say.
+//! libevents (`libs/cpp/protocol/receive.h`), which QGroundControl and MAVSDK use, and follows PX4
+//! (`src/modules/mavlink/mavlink_events.cpp`) except in EVT-3 and EVT-5.
 //!
 //! ```text
 //!   Context::event ─▶ history ─┬─▶ EVENT on each link, from its own cursor ─▶ ground station
 //!                              └─▶ EVENT again, or RESPONSE_EVENT_ERROR ◀── REQUEST_EVENT ┘
 //! ```
 //!
-//! Each link sends the events in order, as it has room. CURRENT_EVENT_SEQUENCE says up to which one, so that a receiver notices that
-//! the last ones are missing. An event that is overwritten before a link has sent it is counted, and the receiver is told.
+//! Each link sends the events in order, when it has room. CURRENT_EVENT_SEQUENCE has the number of the last sent event,
+//! so a receiver notices that the last ones are missing. An event that is overwritten before a link has sent it is
+//! counted and reported to the receiver.
 //!
 //! Left out: events to one component, and the calibration protocol, which a vehicle can build from its own events.
 
@@ -48,9 +49,9 @@ counters! {
     /// Counters of the events. They wrap.
     EventCounters {
         /// Events that were overwritten in the history before a link had sent them, summed over the links. The link was stalled
-        /// or too slow; receivers are told with RESPONSE_EVENT_ERROR (EVT-4).
+        /// or too slow. RESPONSE_EVENT_ERROR reports this to receivers (EVT-4).
         drop overwritten,
-        /// Checks that a report left out, because it was longer than the history.
+        /// Checks that a report left out because it was longer than the history.
         drop unreported,
     }
 }
@@ -75,14 +76,14 @@ struct Requested {
 pub struct EventLink {
     /// The sequence number of the last event that was sent.
     sent: u16,
-    /// The one that CURRENT_EVENT_SEQUENCE had last.
+    /// The sequence number in the last CURRENT_EVENT_SEQUENCE.
     told: u16,
     /// Whether any event was sent.
     has_sent: bool,
     /// When CURRENT_EVENT_SEQUENCE is due.
     at: Instant,
     share: Share,
-    /// What two receivers have requested, in order.
+    /// The requests of two receivers, in order.
     requested: [Option<Requested>; 2],
 }
 
@@ -142,7 +143,7 @@ impl EventLink {
     }
 }
 
-/// Sends an event to everyone. Not inlined: the message is large.
+/// Broadcasts an event. Not inlined: the message is large.
 #[inline(never)]
 fn send(port: &mut Port, event: &EventEntry, sequence: u16) -> bool {
     let EventEntry { id, time_boot_ms, log_levels, arguments } = *event;
@@ -254,9 +255,9 @@ pub(crate) fn record<E: Event>(log: &mut EventLog, now: Instant, event: &E) {
 }
 
 impl Context<'_> {
-    /// Records an event that [`events!`](crate::events!) has declared. Every normal link sends it when it has room, after the texts,
-    /// and again on request, while the history holds it (EVT-2). Needs `events` in [`stack!`](crate::stack); without it, nothing is
-    /// recorded.
+    /// Records an event that [`events!`](crate::events!) declared. Every normal link sends it when it has room, after
+    /// the texts, and again on request while it is in the history (EVT-2). Without `events` in
+    /// [`stack!`](crate::stack), nothing is recorded.
     ///
     /// ```
     /// # use mavstack::Context;

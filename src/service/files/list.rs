@@ -1,4 +1,4 @@
-//! Directories, and their entries (F-9).
+//! Lists the entries of directories (F-9).
 
 use super::open::{data, is_virtual};
 use super::virtual_files::VirtualFiles;
@@ -7,20 +7,20 @@ use crate::dialect::MavFtpErr;
 use crate::service::Cx;
 use crate::types::Firmware;
 
-/// Instead of the index of a static file: a virtual directory, and no static directory.
+/// In place of the index of a static file: marks a virtual directory that is not a static one too.
 const VIRTUAL: u8 = 254;
 const NO_ENTRIES: u8 = 255;
-/// Instead of the number of a directory: the vehicle has none.
+/// In place of the number of a directory: the vehicle has none.
 const NO_DIRECTORY: u16 = u16::MAX;
 
 /// Longer names are skipped.
 const LONGEST_NAME: usize = 200;
 
-/// Entries of a directory as text: as many whole ones as there is room for.
+/// Entries of a directory as text: as many complete ones as fit.
 #[derive(Debug)]
 pub struct Entries<'a> {
     out: &'a mut [u8],
-    /// The length of the text. More than there is room for if it was cut off.
+    /// The length of the text. Greater than the room if the text was cut off.
     len: usize,
 }
 
@@ -95,7 +95,7 @@ pub(super) fn directory<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(cx: &mu
     Ok(u32::from_le_bytes([place, u8::try_from(path.len()).unwrap_or(0), low, high]))
 }
 
-/// Writes the entries of a directory from an index on: as many as there is room for (F-9).
+/// Writes the entries of a directory from an index on: as many as fit (F-9).
 #[inline(never)]
 pub(super) fn list<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     cx: &mut Cx<'_, F>,
@@ -114,7 +114,7 @@ pub(super) fn list<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     data(len)
 }
 
-/// Writes an entry of a directory. Returns false behind the last one.
+/// Writes an entry of a directory. Returns false after the last one.
 fn put_entry<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     cx: &mut Cx<'_, F>,
     directory: u32,

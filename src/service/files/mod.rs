@@ -3,9 +3,9 @@
 //! Implements the server's side of <https://mavlink.io/en/services/ftp.html>, rules F-1 to F-15.
 //! Left out: the error FailErrno, and the swap of files that MAVLink defines without a user.
 //!
-//! A request is executed when it is received. Its answer is kept without data, in the client's session: the data is read when
-//! the link has room. A repeated request is answered again, and not executed again. A session belongs to a client, a link and
-//! the number that the client has chosen.
+//! A request is executed when it is received. The client's session keeps the answer without its data, which is read
+//! when the link has room. A repeated request is answered again, but not executed again. A session belongs to a client,
+//! a link and the number that the client has chosen.
 //!
 //! ```text
 //!                open                     close, or 10 s without a request and a packet of a burst
@@ -14,9 +14,9 @@
 //!                             └─┘
 //! ```
 //!
-//! `requests.rs` has what a request does, `work.rs` what takes more than one call, and `send.rs` what is sent. Files are opened and
-//! read in `open.rs`, and listed in `list.rs`. `virtual_files.rs` is the interface of virtual directories, such as `@PARAM`, which the
-//! services implement: this one knows none of them.
+//! `requests.rs` executes requests, `work.rs` runs operations that take more than one call, and `send.rs` sends.
+//! `open.rs` opens and reads files, and `list.rs` lists them. `virtual_files.rs` is the interface of virtual
+//! directories, such as `@PARAM`. Other services implement it; this one knows none of them.
 
 mod list;
 mod open;
@@ -44,7 +44,7 @@ use crate::message::Message;
 use crate::time::Instant;
 use crate::types::Firmware;
 
-/// Besides sessions that are open, so many are for clients that have none: for the answers to them.
+/// The number of sessions, besides the open ones, that hold answers to clients without an open session.
 const OTHERS: usize = 2;
 
 counters! {
@@ -52,11 +52,11 @@ counters! {
     FileCounters {
         /// Files that were opened.
         count opened,
-        /// Uploads that were carried out: of parameters, for example.
+        /// Completed uploads: of parameters, for example.
         count uploads,
         /// Uploads that were refused as a whole.
         drop refused_uploads,
-        /// Files that were not opened, because all sessions were in use.
+        /// Files that were not opened because all sessions were in use.
         drop no_session,
         /// Sessions that ended because their client was silent for ten seconds, and uploads that received no part for eight.
         drop timed_out,
@@ -74,7 +74,7 @@ pub struct FileStatus {
     /// When a session may end.
     wake: Instant,
     counters: FileCounters,
-    /// The upload: the bytes received, when there were fewer, how many of them are kept, and what became of it.
+    /// The upload: the bytes received, when the last ones arrived, how many are kept, and the state.
     received: u32,
     grown: u32,
     kept: u16,
@@ -88,8 +88,8 @@ impl FileStatus {
     }
 }
 
-/// Serves files: `OPEN` sessions at a time, `N` of them and of answers to others, uploads of up to `UPLOAD` bytes, and the files
-/// `V` of virtual directories.
+/// Serves files: `OPEN` sessions at a time, `N` sessions in all with those that only hold answers, uploads of up to
+/// `UPLOAD` bytes, and the files `V` of virtual directories.
 #[derive(Debug)]
 pub struct FileServer<const OPEN: usize, const N: usize, const UPLOAD: usize, V> {
     pub(crate) status: FileStatus,
@@ -103,12 +103,12 @@ pub struct FileServer<const OPEN: usize, const N: usize, const UPLOAD: usize, V>
 pub struct FileLink {
     /// The session that is asked first.
     first: usize,
-    /// When files are read again that had no data yet.
+    /// When to retry files that had no data yet.
     retry_at: Instant,
 }
 
-/// The service at work. A firmware has one, so that its code is compiled once: with the number of sessions it takes 300 bytes less
-/// than with a slice of them.
+/// The service at work. A firmware has one, so its code is compiled once: with the number of sessions as a constant it
+/// is 300 bytes smaller than with a slice of them.
 struct Server<'a, 'c, F: Firmware, V, const N: usize> {
     cx: &'a mut Cx<'c, F>,
     status: &'a mut FileStatus,
@@ -228,5 +228,5 @@ fn short(place: usize) -> u8 {
     u8::try_from(place).unwrap_or(u8::MAX)
 }
 
-/// What a request is answered with: a value, or why there is none.
+/// The answer to a request: a value, or the reason for none.
 type Outcome = Result<u32, Stop>;

@@ -1,4 +1,4 @@
-//! Files, wherever they are: the static ones, those of the hooks, and those of virtual directories (F-3, F-5).
+//! Opens and reads files of any origin: static files, those of the hooks, and those of virtual directories (F-3, F-5).
 
 use super::packet::Body;
 use super::requests::Stop;
@@ -62,7 +62,7 @@ pub(super) fn open<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     Ok((Open::Hook { number, is_writable: !is_read }, size))
 }
 
-/// Returns the size of a virtual file, or that it takes more than this call.
+/// Returns the size of a virtual file, or that it takes another call.
 #[inline(never)]
 pub(super) fn measure<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(cx: &mut Cx<'_, F>, file: &mut V) -> Outcome {
     file.size(cx).ok_or(Stop::LATER)
@@ -93,7 +93,7 @@ pub(super) fn read<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     data(len)
 }
 
-/// Returns a number of bytes of data: none are the end.
+/// Returns a number of bytes of data: 0 is the end.
 pub(super) fn data(len: usize) -> Outcome {
     if len == 0 { Err(MavFtpErr::EOF.into()) } else { Ok(u32::try_from(len).unwrap_or(0)) }
 }

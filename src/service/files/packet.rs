@@ -19,7 +19,7 @@ const DATA_AT: usize = 15;
 pub(super) struct Head {
     pub(super) seq: u16,
     pub(super) opcode: MavFtpOpcode,
-    /// The length of the data of a request, or that it asks for.
+    /// The length of the request's data, or of the data that it requests.
     pub(super) size: u8,
     pub(super) offset: u32,
 }
@@ -27,7 +27,7 @@ pub(super) struct Head {
 impl Head {
     pub(super) const EMPTY: Self = Self { seq: 0, opcode: MavFtpOpcode::NONE, size: 0, offset: 0 };
 
-    /// Returns the length of the data that it asks for: a client that gives none takes as much as there is room for.
+    /// Returns the length of the requested data. A client that gives none gets as much as fits.
     pub(super) const fn wanted(&self) -> u8 {
         if self.size == 0 { 239 } else { self.size }
     }
@@ -57,7 +57,7 @@ pub(super) struct Request<'a> {
     pub(super) session: u8,
     /// The data without trailing zeros, which MAVLink 2 does not send.
     pub(super) data: &'a [u8],
-    /// Stands for the request: only identical ones share it (F-13). It is not 0.
+    /// Identifies the request: only identical ones share it (F-13). It is not 0.
     pub(super) digest: u32,
 }
 
@@ -83,10 +83,10 @@ impl<'a> Request<'a> {
     }
 }
 
-/// What a virtual file contains at some place.
+/// The result of a read of a virtual file.
 #[derive(Debug)]
 pub enum Body {
-    /// So many bytes of data, which were read. 0 is the end.
+    /// The number of bytes that were read. 0 is the end.
     Data(usize),
     /// It takes another call.
     Later,

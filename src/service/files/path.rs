@@ -1,11 +1,11 @@
 //! Paths, and the directories of static files (F-9, F-10).
 //!
-//! All of it works on bytes: a `str` links code to check UTF-8, and to search in it, which can panic.
+//! Works on bytes: a `str` links code that checks UTF-8, and searches that can panic.
 
 use super::vehicle::StaticFile;
 
-/// Returns the path in the data of a request: up to its end or first zero, without slashes at both ends. `None` if it is not
-/// allowed.
+/// Returns the path in the data of a request, up to the end or the first zero, without slashes at its ends. `None` if
+/// it is not allowed.
 pub(super) fn of(data: &[u8]) -> Option<&[u8]> {
     let mut path = data.split(|byte| *byte == 0).next().unwrap_or_default();
     while let Some((b'/', rest)) = path.split_first() {

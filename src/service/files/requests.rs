@@ -1,4 +1,4 @@
-//! What a request does, when it is received (F-1 to F-7, F-13).
+//! Executes requests when they are received (F-1 to F-7, F-13).
 
 use super::list::directory;
 use super::open::{close, is_virtual, measure, open};
@@ -13,7 +13,7 @@ use crate::service::{Handled, Received, increment};
 use crate::time::{Duration, Instant};
 use crate::types::{Firmware, Peer};
 
-/// Why there is no value: an error, or one of two other reasons. A word, so that a `Result` of it is in registers.
+/// The reason for no value: an error, or one of two others. One word, so that a `Result` of it fits into registers.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) struct Stop(pub(super) u32);
 
@@ -36,8 +36,8 @@ impl From<MavFtpErr> for Stop {
 }
 
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
-    /// Ends the sessions of silent clients, and the upload if it has stalled (F-26). Closes the files of a client's sessions, if one
-    /// of them is given.
+    /// Ends the sessions of silent clients, and the upload if it has stalled (F-26). If a session is given, closes all
+    /// files of its client.
     #[inline(never)]
     pub(super) fn end(&mut self, of: Option<Key>) {
         let now = self.cx.now.coarse();
@@ -76,7 +76,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         self.status.wake = self.cx.now.after(Duration::from_micros(u64::from(left).wrapping_shl(10)));
     }
 
-    /// Closes what a session has open, and drops its data and its checksum that are pending.
+    /// Closes the file of a session, and drops its pending data and its pending checksum.
     #[inline(never)]
     pub(super) fn close(&mut self, place: usize) {
         let Some(session) = self.sessions.get_mut(place) else { return };

@@ -15,8 +15,8 @@ use crate::service::{Cx, Turn};
 use crate::types::Firmware;
 
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
-    /// Sends an answer with or without data. Data is sent by the link's sessions by turns, what was read or listed before the
-    /// packets of bursts. A session whose file has no data yet leaves its turn to the next one (LOG-9).
+    /// Sends an answer with or without data. The link's sessions take turns to send data; reads and listings come
+    /// before the packets of bursts. A session whose file has no data yet leaves its turn to the next one (LOG-9).
     #[inline(never)]
     pub(super) fn send(&mut self, port: &mut Port, link: &mut FileLink, turn: Turn) -> bool {
         let state = state_of(turn);

@@ -1,4 +1,4 @@
-//! The sessions of clients: what each has open, and the answers that are pending for it (F-4, F-6, F-12, F-13).
+//! The sessions of clients: the open file of each, and its pending answers (F-4, F-6, F-12, F-13).
 
 use super::packet::Head;
 use crate::dialect::MavFtpOpcode;
@@ -6,20 +6,20 @@ use crate::message::Address;
 use crate::time::Instant;
 use crate::types::{LinkId, Peer};
 
-/// A session ends when its client was silent for ten seconds, and nothing was sent to it either (F-6). In units of 1,024 µs, as
-/// are all times of sessions.
+/// A session ends when its client was silent for ten seconds, and nothing was sent to it either (F-6). In units of
+/// 1,024 µs, like all times of sessions.
 pub(super) const IDLE: u32 = 9_766;
 /// Another client takes over a session that was idle for three seconds.
 pub(super) const TAKEOVER: u32 = 2_930;
-/// An upload is closed when no new part of it has arrived for eight seconds, as one by messages is (M-41): it excludes all others, and
-/// other requests of its client keep its session.
+/// An upload is closed when no new part has arrived for eight seconds (F-26; by messages, M-41): it excludes all other
+/// uploads, and other requests of its client would keep its session.
 pub(super) const STALLED: u32 = 7_813;
-/// A burst that takes longer than five seconds is cut off, and the client requests the rest: otherwise it would go on for a client
-/// that is gone.
+/// A burst that takes longer than five seconds is cut off, and the client requests the rest: otherwise it would
+/// continue for a client that is gone.
 pub(super) const LONGEST_BURST: u32 = 4_883;
 
 /// The number of requests that a client may send at a time: MAVProxy reads and writes five packets ahead. Their answers have the
-/// first places, and the burst has the last one.
+/// first slots, and the burst has the last one.
 pub(super) const BURST: usize = 5;
 
 /// What a session has open. `Nothing` is all zero bits: with this representation no field has the discriminant in its niche.
@@ -55,8 +55,8 @@ pub(super) enum State {
     Data,
 }
 
-/// The answer to a request, without data: these are read when it is sent. Or a burst: packets that are sent without a request for
-/// each; this is the next one.
+/// The answer to a request, without its data, which is read when the answer is sent. Or the next packet of a burst,
+/// whose packets are sent without a request for each.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answer {
     pub(super) state: State,
@@ -66,7 +66,7 @@ pub(super) struct Answer {
     pub(super) head: Head,
     /// The size of a file that was opened, a checksum, or the number of a directory; the error of a refusal.
     pub(super) value: u32,
-    /// Stands for the request.
+    /// Identifies the request.
     pub(super) digest: u32,
 }
 
@@ -74,21 +74,21 @@ impl Answer {
     /// All zero bits.
     const EMPTY: Self = Self { state: State::Empty, is_refused: false, head: Head::EMPTY, value: 0, digest: 0 };
 
-    /// Whether another may have its place.
+    /// Whether another answer may take its slot.
     fn is_free(&self) -> bool {
         matches!(self.state, State::Empty | State::Sent)
     }
 }
 
-/// Identifies a session: the client, its link, and the number that it has given the session. One number, because it is compared
-/// often.
+/// Identifies a session: the client, its link, and the client's number for the session. One integer, because it is
+/// compared often.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Key(u32);
 
 impl Key {
-    /// That of a session that is not used: all zero bits.
+    /// The id of an unused session: all zero bits.
     pub(super) const FREE: Self = Self(0);
-    /// That of a session whose link was opened again.
+    /// The id of a session whose link was opened again.
     const GONE: Self = Self(u32::MAX);
 
     pub(super) fn of(client: Peer, number: u8) -> Self {
@@ -118,8 +118,8 @@ impl Key {
     }
 }
 
-/// A client's session, or the answers to a client without one. The large array is last: what is near the front takes less code to
-/// reach.
+/// A client's session, or the answers to a client without one. The large array is last: fields near the front take less
+/// code to reach.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Session<V> {
@@ -128,11 +128,11 @@ pub struct Session<V> {
     pub(super) touched: u32,
     /// When the burst began.
     pub(super) burst_began: u32,
-    /// The request that has opened it, and its answer: the size.
+    /// The request that opened the file, and its answer: the size.
     pub(super) opened_by: u32,
     pub(super) size: u32,
     pub(super) open: Open<V>,
-    /// The oldest first, and the burst.
+    /// The answers, the oldest first, then the burst.
     pub(super) answers: [Answer; BURST + 1],
 }
 
@@ -148,7 +148,7 @@ impl<V> Session<V> {
         answers: [Answer::EMPTY; BURST + 1],
     };
 
-    /// Gives it to a client, or makes it free. Not an assignment, which would be a call.
+    /// Assigns the session to a client, or frees it. Not an assignment, which would be a call.
     #[inline(never)]
     pub(super) fn begin(&mut self, key: Key) {
         self.key = key;
@@ -160,7 +160,7 @@ impl<V> Session<V> {
         self.key == Key::GONE
     }
 
-    /// Ends it if it is a client's on this link: the next poll closes its file.
+    /// Ends the session if it belongs to a client on this link: the next poll closes its file.
     pub(super) fn leave(&mut self, link: LinkId) {
         if self.key.is_on(link) {
             self.key = Key::GONE;
@@ -176,7 +176,7 @@ impl<V> Session<V> {
         }
     }
 
-    /// Returns for how long it was idle: for ever if it has no client.
+    /// Returns how long the session was idle: the maximum if it has no client.
     pub(super) fn idle_for(&self, now: u32) -> u32 {
         match self.key {
             Key::FREE | Key::GONE => u32::MAX,
@@ -192,17 +192,17 @@ impl<V> Session<V> {
         matches!(self.open, Open::Upload(_))
     }
 
-    /// Returns the place of the oldest answer in a state.
+    /// Returns the slot of the oldest answer in a state.
     pub(super) fn oldest(&self, state: State) -> Option<usize> {
         self.answers.iter().position(|answer| answer.state == state)
     }
 
-    /// Returns the place for another answer: that of the oldest one that is not pending.
+    /// Returns the slot for another answer: that of the oldest one that is not pending.
     pub(super) fn room(&self) -> Option<usize> {
         self.answers.iter().position(Answer::is_free).filter(|place| *place < BURST)
     }
 
-    /// Puts an answer behind the others, with the room for it in this place; or the burst in its own.
+    /// Appends an answer, in place of the one in this slot, or puts the burst into its own slot.
     pub(super) fn put(&mut self, place: usize, answer: Answer) {
         let mut rest = self.answers.get_mut(place..).unwrap_or_default();
         while let [to, from, _, ..] = rest {
@@ -214,7 +214,8 @@ impl<V> Session<V> {
         }
     }
 
-    /// If an identical request was answered, or is being answered, has the same answer sent again. A burst goes on.
+    /// Returns whether an identical request was answered or is being answered. Its answer is sent again; a burst
+    /// continues.
     pub(super) fn is_repeated(&mut self, digest: u32) -> bool {
         let is_it = |answer: &&mut Answer| answer.state != State::Empty && answer.digest == digest;
         let Some(answer) = self.answers.iter_mut().find(is_it) else { return false };
@@ -224,14 +225,14 @@ impl<V> Session<V> {
         true
     }
 
-    /// Forgets what was answered: in another file, an identical request is a new one. But a delayed duplicate of what has ended
-    /// the session before does not end this one.
+    /// Forgets the sent answers: for another file, an identical request is a new one. But a delayed duplicate of the
+    /// request that ended the previous session does not end this one.
     pub(super) fn forget_answers(&mut self) {
         self.forget(|answer| answer.state == State::Sent && answer.head.opcode != MavFtpOpcode::TERMINATESESSION);
     }
 
-    /// Forgets the data of the open file that is pending, and a size or a checksum that is computed: the client does not wait for them
-    /// any more.
+    /// Drops pending data of the open file, and a size or checksum that is being computed: the client no longer waits
+    /// for them.
     #[inline(never)]
     pub(super) fn drop_data(&mut self) {
         self.forget(|answer| match answer.head.opcode {
@@ -242,8 +243,8 @@ impl<V> Session<V> {
     }
 }
 
-/// Returns the place of a session. Without one, a place for it: one that is not used, or else the one that was idle for the
-/// longest and has nothing open. `None` if there is none: then a request is dropped.
+/// Returns the index of a session. If there is none, returns a place for it: an unused one, or else the one that was
+/// idle for the longest and has no open file. `None` if there is none: then the request is dropped.
 pub(super) fn find<V>(sessions: &mut [Session<V>], key: Key, now: u32) -> Option<usize> {
     if let Some(place) = sessions.iter().position(|session| session.key == key) {
         return Some(place);
@@ -253,8 +254,8 @@ pub(super) fn find<V>(sessions: &mut [Session<V>], key: Key, now: u32) -> Option
     Some(place)
 }
 
-/// Returns the place of the session that was idle for the longest: of those with an open file, or of those with neither an open
-/// file nor a pending answer.
+/// Returns the index of the session that was idle for the longest, among those with an open file or among those with
+/// neither an open file nor a pending answer.
 #[inline(never)]
 pub(super) fn oldest<V>(sessions: &[Session<V>], is_open: bool, now: u32) -> Option<usize> {
     let (mut oldest, mut longest, mut place) = (None, 0, 0usize);
@@ -269,7 +270,7 @@ pub(super) fn oldest<V>(sessions: &[Session<V>], is_open: bool, now: u32) -> Opt
     oldest
 }
 
-/// Returns the place of the session of a link that sends next, from `first` on: with an answer in this state.
+/// Returns the index of the session of a link that sends next, from `first` on: one with an answer in this state.
 #[inline(never)]
 pub(super) fn next<V>(sessions: &[Session<V>], link: LinkId, first: usize, state: State) -> Option<usize> {
     let mut place = first;

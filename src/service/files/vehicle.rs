@@ -3,10 +3,10 @@
 use crate::dialect::MavFtpErr;
 use crate::types::{Context, Peer};
 
-/// The hooks of a vehicle with files: for a vehicle that declares `files` in [`stack!`](crate::stack).
+/// The hooks of a vehicle with files, for a vehicle that declares `files` in [`stack!`](crate::stack).
 ///
-/// Files that never change need no hook: [`FILES`](Self::FILES) names them, and the stack serves them. The parameters are
-/// `@PARAM/param.pck`, without any hook.
+/// Files that never change need no hook: the stack serves those in [`FILES`](Self::FILES). The parameters need no hook
+/// either: they are `@PARAM/param.pck`.
 ///
 /// ```
 /// use mavstack::files::StaticFile;
@@ -31,21 +31,21 @@ use crate::types::{Context, Peer};
 /// }
 /// ```
 ///
-/// Other files have numbers. [`open`](Self::open) turns a path into the number of an open file, and
-/// [`directory`](Self::directory) into the number of a directory. The numbers are the vehicle's own. A hook is given back only
-/// numbers that the vehicle has returned. The stack opens no more files at a time than there are sessions, plus one while it
-/// computes a checksum.
+/// Other files have numbers, which the vehicle chooses. [`open`](Self::open) turns a path into the number of an open
+/// file, and [`directory`](Self::directory) into the number of a directory. Hooks get only numbers that the vehicle has
+/// returned. The stack opens at most one file per session at a time, plus one while it computes a checksum.
 ///
 /// # Paths
 ///
-/// A path is bytes, such as `b"logs/1.bin"`. It has no slash at its beginning and end. The root is the empty path. All bytes
-/// are printable ASCII, and no component is `..` (F-10): the stack refuses all others, and those that begin with `@`, which are the stack's.
+/// A path is a byte string, such as `b"logs/1.bin"`, without a slash at its ends. The root is the empty path. All bytes
+/// are printable ASCII, and no component is `..` (F-10): the stack refuses all other paths. Paths that begin with `@`
+/// belong to the stack.
 ///
 /// # Cost
 ///
-/// Each hook is called at most once for each received request and each sent packet, and must not block. A slow medium, such
-/// as an SD card, should be read ahead by another task. A hook that has no data yet cannot make the client wait: it refuses
-/// with [`MavFtpErr::FAIL`].
+/// Each hook is called at most once for each received request and each sent packet, and must not block. Read a slow
+/// medium, such as an SD card, ahead in another task. A hook that has no data yet cannot make the client wait: it
+/// returns [`MavFtpErr::FAIL`].
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Files`",
     note = "`files` in `stack!` needs `impl Files for {Self}`: write it, or leave `files` out"
@@ -54,7 +54,7 @@ pub trait Files {
     /// Files that never change: at most 250, with different paths. They come before those of the hooks.
     const FILES: &'static [StaticFile] = &[];
 
-    /// Whether there are files that clients write, or change. The code for it is left out if not.
+    /// Whether clients may write or change files. If not, the code for it is not linked.
     const WRITES: bool = false;
 
     /// Returns the number of a directory; `None` if there is none. The root is the empty path.
@@ -70,15 +70,15 @@ pub trait Files {
         None
     }
 
-    /// Opens a file for the client `from`; to be written only if the vehicle [`WRITES`](Self::WRITES) files. By default there is
-    /// none.
+    /// Opens a file for the client `from`. It is opened for writing only if the vehicle [`WRITES`](Self::WRITES) files.
+    /// By default there are no files.
     ///
-    /// Not called to write for systems that are not in [control](crate::operator_control::OperatorControl); nor are
-    /// [`write`](Self::write) and [`change`](Self::change).
+    /// Systems that are not in [control](crate::operator_control::OperatorControl) cannot open files for writing; for
+    /// them, [`write`](Self::write) and [`change`](Self::change) are not called.
     ///
     /// # Errors
     ///
-    /// [`MavFtpErr::FILENOTFOUND`], [`MavFtpErr::FILEPROTECTED`] for a file that this client must not write or read,
+    /// [`MavFtpErr::FILENOTFOUND`], [`MavFtpErr::FILEPROTECTED`] for a file that this client may not write or read,
     /// [`MavFtpErr::FILEEXISTS`], or [`MavFtpErr::FAIL`].
     fn open(
         &mut self,
@@ -91,8 +91,8 @@ pub trait Files {
         Err(if access == FileAccess::Read { MavFtpErr::FILENOTFOUND } else { MavFtpErr::FILEPROTECTED })
     }
 
-    /// Reads from an open file: fills `out`, or its front if the file ends before, and returns the number of bytes. 0 at the
-    /// end of the file and behind it. At most 239 bytes.
+    /// Reads from an open file: fills `out`, or its front if the file ends first, and returns the number of bytes, at
+    /// most 239. Returns 0 at and after the end of the file.
     ///
     /// # Errors
     ///
@@ -102,12 +102,12 @@ pub trait Files {
         Err(MavFtpErr::FAIL)
     }
 
-    /// Writes all of `bytes` to a file that the client `from` has opened to write: at most 239. Called only if the vehicle
-    /// [`WRITES`](Self::WRITES) files. A client may write any part again, and in any order.
+    /// Writes all of `bytes`, at most 239, to a file that the client `from` has opened for writing. Called only if the
+    /// vehicle [`WRITES`](Self::WRITES) files. A client may write parts in any order, and repeatedly.
     ///
     /// # Errors
     ///
-    /// [`MavFtpErr::FAIL`], or [`MavFtpErr::FILEPROTECTED`] if this client must not write any more.
+    /// [`MavFtpErr::FAIL`], or [`MavFtpErr::FILEPROTECTED`] if this client may no longer write.
     fn write(
         &mut self,
         cx: &mut Context<'_>,
@@ -120,18 +120,19 @@ pub trait Files {
         Err(MavFtpErr::FILEPROTECTED)
     }
 
-    /// Called once for each [open](Self::open) file: when its client closes it or is silent for ten seconds, when another
-    /// client takes its session over, or when its link is opened again. It is closed before another one is opened in its place.
+    /// Closes a file. Called once for each [open](Self::open) file: when its client closes it or is silent for ten
+    /// seconds, when another client takes its session over, or when its link is opened again. The session opens its
+    /// next file after this.
     fn close(&mut self, cx: &mut Context<'_>, file: u16) {
         let _ = (cx, file);
     }
 
-    /// Removes, renames or cuts off a file, or makes or removes a directory, for the client `from`. A repeated request calls it
-    /// once. Called only if the vehicle [`WRITES`](Self::WRITES) files.
+    /// Removes, renames or truncates a file, or makes or removes a directory, for the client `from`. Called once even
+    /// if the request is repeated, and only if the vehicle [`WRITES`](Self::WRITES) files.
     ///
     /// # Errors
     ///
-    /// [`MavFtpErr::FILEPROTECTED`], which is the default, and those of [`open`](Self::open).
+    /// [`MavFtpErr::FILEPROTECTED`], which is the default, and the errors of [`open`](Self::open).
     fn change(&mut self, cx: &mut Context<'_>, change: FileChange<'_>, from: Peer) -> Result<(), MavFtpErr> {
         let _ = (cx, change, from);
         Err(MavFtpErr::FILEPROTECTED)
@@ -201,28 +202,28 @@ pub struct FileEntry<'a> {
     pub name: &'a [u8],
     /// The size of a file (bytes); `None` for a directory.
     pub size: Option<u32>,
-    /// When it was last changed (s since 1970, UTC); 0 if that is unknown.
+    /// The time of the last change (s since 1970, UTC); 0 if unknown.
     pub time: u32,
 }
 
 /// An open file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OpenFile {
-    /// The vehicle's number of it.
+    /// The vehicle's number for it.
     pub number: u16,
     /// Its size (bytes).
     pub size: u32,
 }
 
-/// What a file is opened for.
+/// The access with which a file is opened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FileAccess {
-    /// It is only read.
+    /// Read only.
     Read,
-    /// It is written: OpenFileWO. It must exist, or is created.
+    /// Write: OpenFileWO. Opens an existing file, or creates it.
     Write,
-    /// It is written from the beginning: CreateFile. An old file of that name is replaced.
+    /// Write from the beginning: CreateFile. Replaces an old file of that name.
     Create,
 }
 
@@ -231,7 +232,7 @@ pub enum FileAccess {
 pub enum FileChange<'a> {
     /// Removes a file.
     Remove(&'a [u8]),
-    /// Cuts a file off, or extends it by zeros.
+    /// Truncates a file, or extends it with zeros.
     Truncate {
         /// The file.
         path: &'a [u8],
@@ -242,10 +243,10 @@ pub enum FileChange<'a> {
     Rename {
         /// The old path.
         from: &'a [u8],
-        /// The new one.
+        /// The new path.
         to: &'a [u8],
     },
-    /// Makes a directory.
+    /// Creates a directory.
     CreateDirectory(&'a [u8]),
     /// Removes an empty directory.
     RemoveDirectory(&'a [u8]),

@@ -1,11 +1,12 @@
-//! Virtual directories: their files are not stored, but made by a service of the stack while they are read (F-10).
+//! Virtual directories: a service of the stack generates their files while they are read (F-10).
 //!
-//! A virtual directory is in the root, and its name begins with `@`. It is one type: that of its open files, which implements
-//! [`VirtualFile`]. The service names this type by [`HasFiles`], and is a line in the list of `type Files` in `stack/declare.rs`.
-//! From this list [`OneOf`] makes the type of a file of any directory, and [`NoFile`] ends it.
+//! A virtual directory is in the root, and its name begins with `@`. One type represents it: that of its open files,
+//! which implements [`VirtualFile`]. The service names this type by [`HasFiles`], and has a line in the list of `type
+//! Files` in `stack/declare.rs`. From this list [`OneOf`] makes the type of a file of any directory; [`NoFile`] ends
+//! the list.
 //!
-//! A service that is not declared is [`Absent`], whose file is [`NoFile`]: a type without values, so the compiler leaves out
-//! all that would handle one.
+//! A service that is not declared is [`Absent`], whose file is [`NoFile`]: a type without values, so the compiler
+//! removes all code that would handle one.
 
 use core::fmt::Debug;
 
@@ -17,7 +18,7 @@ use crate::types::{Firmware, Peer};
 
 /// A service that may have a virtual directory.
 pub trait HasFiles {
-    /// An open file of it.
+    /// An open file of the directory.
     type File;
 }
 
@@ -29,10 +30,10 @@ impl HasFiles for Absent {
 pub trait VirtualFile<F: Firmware>: Copy + Debug {
     /// The name of the directory, with `@`; empty if there is none.
     const DIRECTORY: &'static [u8];
-    /// Whether files are uploaded to it. The code for it is left out if not.
+    /// Whether files can be uploaded to it. If not, the code for uploads is not linked.
     const UPLOADS: bool = false;
 
-    /// Opens a file, which is uploaded or read. `path` is its path in the directory.
+    /// Opens a file for an upload or for reading. `path` is its path in the directory.
     ///
     /// # Errors
     ///
@@ -42,17 +43,17 @@ pub trait VirtualFile<F: Firmware>: Copy + Debug {
     /// Returns its size (bytes); `None` if that takes another call. Called after [`open`](Self::open), and then in each poll.
     fn size(&mut self, cx: &mut Cx<'_, F>) -> Option<u32>;
 
-    /// Called before a client reads by packets with so much data.
+    /// Called before a client reads, with the length of the data in its packets.
     fn begin_to_read(&mut self, packet: u8) {
         let _ = packet;
     }
 
-    /// Reads as much as `out` takes, at most 239 bytes; nothing behind the end of the file. [`Body::Later`] if that takes another
-    /// call.
+    /// Reads as much as `out` takes, at most 239 bytes; nothing after the end of the file. [`Body::Later`] if the read
+    /// takes another call.
     fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body;
 
-    /// Writes the name of a file of the directory. Returns its size (bytes), and when it was last changed (s since 1970, UTC; 0
-    /// if that is unknown). `None` behind the last one.
+    /// Writes the name of a file of the directory. Returns its size (bytes), and the time of its last change (s since
+    /// 1970, UTC; 0 if unknown). `None` after the last file.
     fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)>;
 
     /// The room that an upload needs: `upload` in [`stack!`](crate::stack).
@@ -70,8 +71,8 @@ pub trait VirtualFile<F: Firmware>: Copy + Debug {
         Part::Last
     }
 
-    /// Takes up an upload that is complete, as a whole or not at all. `None` if that takes another call. A client that is gone
-    /// does not stop it.
+    /// Applies a complete upload, as a whole or not at all. `None` if that takes another call. It continues even if the
+    /// client is gone.
     fn finish(&mut self, cx: &mut Cx<'_, F>, from: Peer, content: &[u8]) -> Option<Result<(), MavFtpErr>> {
         let _ = (cx, from, content);
         Some(Err(MavFtpErr::FILEPROTECTED))
@@ -83,12 +84,12 @@ pub trait VirtualFile<F: Firmware>: Copy + Debug {
     }
 }
 
-/// What became of a part of an upload.
+/// The result of a part of an upload.
 #[derive(Debug)]
 pub enum Part {
-    /// More are to come. So many bytes of the content are not needed any more.
+    /// More parts follow. This number of bytes of the content is no longer needed.
     Taken(usize),
-    /// It is the last one: [`VirtualFile::finish`] is next.
+    /// This was the last part: [`VirtualFile::finish`] is next.
     Last,
     /// The upload is refused.
     Refused(MavFtpErr),
@@ -214,8 +215,8 @@ pub enum OneOf<const UPLOADS: bool, A, B> {
     Rest(B),
 }
 
-/// Returns the number of a directory among those behind the first one; `None` if it is the first one. A service that is not declared
-/// has none.
+/// Returns the number of a directory among those after the first one; `None` if it is the first one. A service that is
+/// not declared has none.
 const fn number_in_rest(directory: u16, first: &[u8]) -> Option<u16> {
     if first.is_empty() { Some(directory) } else { directory.checked_sub(1) }
 }

@@ -1,4 +1,5 @@
-//! What takes more than one call: checksums, the size of a virtual file, and uploads to virtual directories (P-22).
+//! Operations that take more than one call: checksums, the size of a virtual file, and uploads to virtual directories
+//! (P-22).
 
 use super::open::{close, measure, read};
 use super::packet::{MAX_DATA, Request};
@@ -11,7 +12,7 @@ use crate::dialect::{MavFtpErr, MavFtpOpcode};
 use crate::service::{Cx, increment};
 use crate::types::{Firmware, Peer};
 
-/// How much of a file a poll adds to its checksum: so many bytes, so many times.
+/// The part of a file that a poll adds to its checksum: the number of bytes in a read, and the number of reads.
 const CHECKED_AT_A_TIME: usize = 32;
 const TIMES: u8 = 8;
 
@@ -19,12 +20,12 @@ const TIMES: u8 = 8;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Upload {
     Running,
-    /// It is complete, and later polls take it up.
+    /// It is complete, and later polls apply it.
     Complete,
     Refused,
 }
 
-/// What takes more than one call: one at a time. `Nothing` is all zero bits, as in [`Open`].
+/// An operation that takes more than one call: one at a time. `Nothing` is all zero bits, as in [`Open`].
 #[derive(Clone, Copy, Debug)]
 #[repr(u8)]
 pub(super) enum Work<V> {
@@ -88,8 +89,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         Ok(0)
     }
 
-    /// Takes a part of an upload, in order (F-23): a later one is dropped, and the client sends it again. Returns whether the file is
-    /// complete.
+    /// Takes a part of an upload, in order (F-23): a later part is dropped, and the client sends it again. Returns
+    /// whether the file is complete.
     fn take_upload(&mut self, file: &V, request: &Request<'_>) -> Result<bool, Stop> {
         if self.status.upload == Upload::Refused {
             return Err(MavFtpErr::FAIL.into());
@@ -134,7 +135,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         Ok(matches!(part, Part::Last))
     }
 
-    /// Does a step of what takes more than one call.
+    /// Runs a step of the operation.
     #[inline(never)]
     pub(super) fn work(&mut self) {
         let (session, outcome) = match self.work {

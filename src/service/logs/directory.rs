@@ -1,5 +1,5 @@
-//! `@MAV_LOG`: the virtual directory of the logs, for clients that download them by FTP (LOG-15). QGroundControl and PX4's logloader look
-//! there first.
+//! `@MAV_LOG`: the virtual directory of the logs, for clients that download them by FTP (LOG-15). QGroundControl and
+//! PX4's logloader look there first.
 
 use super::{LogInfo, LogRead, LogServer, Logs, may_read};
 use crate::dialect::MavFtpErr;
@@ -8,18 +8,19 @@ use crate::service::files::{Body, Entries, HasFiles, VirtualFile};
 use crate::time::{Duration, Instant};
 use crate::types::Firmware;
 
-/// The name of a file is this, the number of its log, a dot, and [`Logs::LOG_EXTENSION`].
+/// The prefix of file names. The number of the log, a dot and [`Logs::LOG_EXTENSION`] follow.
 const PREFIX: &[u8] = b"log_";
 
-/// A client that has read nothing of a log for this time does not read it any more, and the logs may be erased (LOG-7). It is the time
-/// after which another client takes over its session.
+/// If a client has not read a log for this time, it counts as no longer reading, and the logs may be erased (LOG-7). It
+/// is the time after which another client takes over its session.
 const IDLE: Duration = Duration::from_secs(3);
 
 impl HasFiles for LogServer {
     type File = LogFile;
 }
 
-/// An open log. It ends when its number may belong to another log (LOG-16): after a flight or an erasure, or if the time differs.
+/// An open log. It ends when its number may belong to another log (LOG-16): after a flight or an erasure, or if its
+/// time differs.
 #[derive(Clone, Copy, Debug)]
 pub struct LogFile {
     id: u16,
@@ -28,7 +29,7 @@ pub struct LogFile {
 }
 
 impl LogFile {
-    /// Whether it may be read, and its number still belongs to it.
+    /// Whether the log may be read, and its number still belongs to it.
     fn is_valid<F: Firmware<Vehicle: Logs>>(&self, cx: &Cx<'_, F>) -> bool {
         may_read(cx)
             && cx.shared.log_numbers == self.numbers

@@ -5,7 +5,7 @@
 //! (`AP_Logger_MAVLinkLogTransfer.cpp`) as far as the two agree. They serve QGroundControl (`LogDownloadController.cc`), MAVSDK
 //! (`log_files_impl.cpp`), MAVProxy (`mavproxy_log.py`) and Mission Planner.
 //!
-//! Left out: more than one client at a time. LOG_ERASE has no answer in MAVLink, so a text tells its result.
+//! Left out: more than one client at a time. LOG_ERASE has no answer in MAVLink, so a text reports its result.
 //!
 //! ```text
 //!          LOG_REQUEST_LIST, LOG_REQUEST_DATA
@@ -16,9 +16,9 @@
 //!    └───────────────────────────────────────────┘   LOG_REQUEST_END, the vehicle is armed, the client is silent for 10 s
 //! ```
 //!
-//! A flight or an erasure may give a number to another log, and a client repeats its requests through a flight. So afterwards a client
-//! gets data only once it has listed the logs again (LOG-16). Only a text can tell it: LOG_DATA has no error, and clients take one
-//! without bytes for a part of the log.
+//! After a flight or an erasure, a number may belong to another log, but a client repeats its requests throughout a
+//! flight. A client therefore gets data only after it has listed the logs again (LOG-16). Only a text can report this:
+//! LOG_DATA has no error, and clients take an empty LOG_DATA for a part of the log.
 
 mod directory;
 mod vehicle;
@@ -33,13 +33,13 @@ use crate::message::{Address, Message};
 use crate::time::{Duration, Instant};
 use crate::types::{Firmware, LinkId, Peer};
 
-/// What is pending ends when its client was silent for this time. MAVProxy requests a whole log at once, and then only sends
-/// heartbeats.
+/// Pending entries and data are dropped when the client was silent for this time. MAVProxy requests a whole log at
+/// once, and then only sends heartbeats.
 const SILENCE: Duration = Duration::from_secs(10);
 
 /// The number of bytes of a log in a LOG_DATA.
 const BLOCK: usize = 90;
-/// So many clients may have listed the logs. The one that has listed them first is forgotten.
+/// The number of clients that are remembered to have listed the logs. The one that listed them first is forgotten.
 const LISTED: usize = 4;
 /// No frame is from system 0.
 const NO_CLIENT: Peer = Peer { address: Address::new(0, 0), link: LinkId(0) };
@@ -58,7 +58,7 @@ counters! {
         drop busy,
         /// Requests for a log that does not exist.
         drop unknown,
-        /// Requests with a number from before a flight or an erasure.
+        /// Requests that used a number from before a flight or an erasure.
         drop outdated,
         /// Downloads that ended because the vehicle could not read the log.
         drop failed,
@@ -67,7 +67,7 @@ counters! {
     }
 }
 
-/// What is pending.
+/// The pending work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Work {
     Nothing,
@@ -75,15 +75,15 @@ enum Work {
     List,
     /// `left` bytes from `offset` on.
     Data,
-    /// That there is nothing at `offset` any more.
+    /// The answer that the log ends before `offset`.
     End,
 }
 
 /// The state of log downloads: declared by `logs` in [`stack!`](crate::stack), and read through [`Stack::logs`](crate::Stack::logs).
 /// The vehicle's part is [`Logs`].
 ///
-/// It serves one client at a time. Its LOG_ENTRY and LOG_DATA use what other traffic leaves of the link. With files
-/// and log streaming they have at least 30 % of its rate.
+/// It serves one client at a time. Its LOG_ENTRY and LOG_DATA use the capacity that other traffic leaves. Together with
+/// files and log streaming they have at least 30 % of the link's rate.
 #[derive(Debug)]
 pub struct LogServer {
     work: Work,
@@ -97,11 +97,12 @@ pub struct LogServer {
     left: u32,
     /// When the client was last heard.
     heard: Instant,
-    /// When the log is read again.
+    /// When to read the log again.
     ready_at: Instant,
-    /// Those that have listed the logs since their numbers may have changed; `None` if they did not change since startup.
+    /// The clients that have listed the logs since the numbers may have changed; `None` if they did not change since
+    /// startup.
     listed: Option<[Peer; LISTED]>,
-    /// Whether logs could not be read when this was last looked at, and whether a text has told so, or that they changed.
+    /// Whether logs could not be read at the last check, and whether a text has reported this, or a change of the logs.
     is_refusing: bool,
     has_told: bool,
     counters: LogCounters,
@@ -143,7 +144,7 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
         counters: LogCounters::ZERO,
     };
 
-    /// Ends what is pending: for a silent client (LOG-5), or in flight (LOG-6).
+    /// Drops the pending work: of a silent client (LOG-5), or in flight (LOG-6).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>) {
         if !watch(self, cx) {
             self.work = Work::Nothing;

@@ -4,10 +4,10 @@ use crate::types::{Context, Peer};
 
 /// The hooks of a vehicle with flight logs, for a vehicle that declares `logs` in [`stack!`](crate::stack).
 ///
-/// Logs are numbered from 0, the oldest first, as PX4 numbers them. The numbers may change only while
-/// [`may_read_logs`](Self::may_read_logs) returns false, and in [`erase_logs`](Self::erase_logs). Afterwards a client has to list the
-/// logs again, so that no download mixes two logs. A vehicle that begins a log when it is armed, and then evicts the oldest, satisfies
-/// this with the default. One that permits reads in flight must not evict a log there.
+/// Logs are numbered from 0, the oldest first, as in PX4. The numbers may change only while
+/// [`may_read_logs`](Self::may_read_logs) returns false, and in [`erase_logs`](Self::erase_logs). Afterwards clients
+/// must list the logs again, so no download mixes two logs. With the default, a vehicle may begin a log when it is
+/// armed, and evict the oldest one. A vehicle that permits reads in flight must not evict a log in flight.
 ///
 /// ```
 /// use mavstack::logs::{LogInfo, LogRead};
@@ -45,39 +45,40 @@ use crate::types::{Context, Peer};
 ///
 /// # Cost
 ///
-/// No hook may block. [`read_log`](Self::read_log) is called at most once for each sent packet. A slow medium, such as an SD card,
-/// should be read ahead by another task; until it has data, the hook returns [`LogRead::Later`].
+/// No hook may block. [`read_log`](Self::read_log) is called at most once for each sent packet. Read a slow medium,
+/// such as an SD card, ahead in another task; until that has data, the hook returns [`LogRead::Later`].
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Logs`",
     note = "`logs` in `stack!` needs `impl Logs for {Self}`: write it, or leave `logs` out"
 )]
 pub trait Logs {
-    /// The extension of the logs' files in the virtual directory `@MAV_LOG`, if the stack has `files` too: `log_0.ulg`, `log_1.ulg` and so
-    /// on. QGroundControl lists `ulg` and `bin`.
+    /// The file extension of the logs in the virtual directory `@MAV_LOG`, if the stack has `files` too: `log_0.ulg`,
+    /// `log_1.ulg` and so on. QGroundControl lists `ulg` and `bin`.
     const LOG_EXTENSION: &'static str = "ulg";
 
-    /// Returns the number of logs. Their numbers are 0 to one less.
+    /// Returns the number of logs. They are numbered from 0.
     fn log_count(&self) -> u16;
 
-    /// Returns size and time of a log; `None` if there is no such log.
+    /// Returns the size and the time of a log; `None` if there is no such log.
     fn log_info(&self, id: u16) -> Option<LogInfo>;
 
-    /// Reads from a log: fills all of `out`, at most 239 bytes, which are inside of the log. It should have no other effect: a client
-    /// may request the same part again.
+    /// Reads from a log: fills all of `out`, at most 239 bytes, all inside the log. It should have no other effect: a
+    /// client may request the same part again.
     fn read_log(&mut self, id: u16, offset: u32, out: &mut [u8]) -> LogRead;
 
-    /// Erases all logs, or begins to; then [`log_count`](Self::log_count) returns 0. Returns false if this sender must not erase them,
-    /// or if it failed. By default no log is erased. Not called while the vehicle is armed, and while another client is downloading; not
-    /// in the 3 s after the file of a log was read, unless that was its end; and not for systems that are not in
-    /// [control](crate::operator_control::OperatorControl).
+    /// Erases all logs, or begins to; from then on [`log_count`](Self::log_count) returns 0. Returns false if this
+    /// sender may not erase them, or if the erasure failed. By default no log is erased.
+    ///
+    /// Not called while the vehicle is armed or another client is downloading, in the 3 s after a log's file was read
+    /// (unless its end was read), or for systems that are not in [control](crate::operator_control::OperatorControl).
     fn erase_logs(&mut self, cx: &mut Context<'_>, from: Peer) -> bool {
         let _ = (cx, from);
         false
     }
 
-    /// Whether logs may be read now, and be listed. By default not while the vehicle is armed, as ArduPilot does: a download takes a
-    /// third of a telemetry link and time of the log's medium. PX4 allows it. When this becomes false, running downloads end and the
-    /// files of logs are closed; the stack calls it in each poll.
+    /// Whether logs may be listed and read now. By default not while the vehicle is armed, as in ArduPilot: a download
+    /// takes a third of a telemetry link, and time of the log's medium. PX4 permits it. The stack calls this hook in
+    /// each poll; when it becomes false, running downloads end and open log files are closed.
     fn may_read_logs(&self, is_armed: bool) -> bool {
         !is_armed
     }
@@ -89,7 +90,8 @@ pub trait Logs {
 pub struct LogInfo {
     /// Its size (bytes).
     pub size: u32,
-    /// When it was begun (s since 1970, UTC); 0 is unknown. It must not change: a file whose time differs is another log.
+    /// The time of its start (s since 1970, UTC); 0 if unknown. It must not change: a file with another time is another
+    /// log.
     pub time_utc: u32,
 }
 
@@ -99,8 +101,8 @@ pub struct LogInfo {
 pub enum LogRead {
     /// All bytes were read.
     Done,
-    /// There is no data yet. The stack asks again later, as long as its client is heard.
+    /// There is no data yet. The stack retries later, while frames of the client arrive.
     Later,
-    /// It cannot be read. The download ends without an answer, and the client may request the same part again.
+    /// The log cannot be read. The download ends without an answer, and the client may request the same part again.
     Failed,
 }

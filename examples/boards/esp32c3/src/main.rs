@@ -7,7 +7,7 @@
 //! With its feature `unstable`, `esp-hal` implements the traits that the stack needs, so the UART is passed to the stack directly.
 //! Its FIFO holds 128 bytes. At 5,760 bytes per second the loop must run at least every 22 ms. This loop never sleeps.
 //!
-//! The mission and the parameters are stored in the partition `nvs` of the usual partition table, which only Espressif's radio uses.
+//! The mission and the parameters are stored in the partition `nvs` of the default partition table, which only Espressif's radio uses.
 #![no_std]
 #![no_main]
 #![forbid(unsafe_code)]

@@ -1,16 +1,16 @@
 //! The last 32 KiB of the flash, for the mission and the parameters. `memory.x` keeps the firmware out of them.
 //!
-//! `nrf51-hal` has a driver, but it takes the pages of the nRF52, of 4 KiB: of each it erases the first 1 KiB.
+//! The driver of `nrf51-hal` assumes the nRF52's pages of 4 KiB, so it erases only the first 1 KiB of each 4 KiB.
 
 use core::ops::Range;
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use nrf51_hal::pac::NVMC;
 
-/// As addresses, which are also the offsets in the flash.
+/// The region as addresses, which are also the offsets in the flash.
 pub const REGION: Range<u32> = 0x3_8000..0x4_0000;
 
-/// The flash. An erase of a page stops the processor for 22 ms, a write of a word for 46 µs.
+/// The flash. Erasing a page stops the processor for 22 ms, writing a word for 46 µs.
 pub struct Pages(NVMC);
 
 impl Pages {
@@ -24,7 +24,7 @@ impl Pages {
     }
 }
 
-/// Returns whether the driver may touch this range: only the region.
+/// Returns whether the driver may access this range: only the region.
 fn check(from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
     if REGION.start <= from && from <= to && to <= REGION.end { Ok(()) } else { Err(NorFlashErrorKind::OutOfBounds) }
 }

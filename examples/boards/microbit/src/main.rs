@@ -1,7 +1,7 @@
 //! A rover on a BBC micro:bit: an nRF51822, a Cortex-M0 at 16 MHz with 16 KiB of RAM. Telemetry is on UART0, P0.24 (TX) and P0.25
 //! (RX), at 57,600 bit/s, which the micro:bit's USB interface carries.
 //!
-//! The UART buffers six received bytes, and they arrive in 1 ms. Its interrupt therefore moves each byte to a queue. The loop runs at
+//! The UART buffers six received bytes, which arrive in 1 ms. Its interrupt therefore moves each byte to a queue. The loop runs at
 //! least every 4 ms and passes the other end of the queue to the stack.
 //!
 //! The mission and the parameters are stored in the last 32 KiB of the flash, while the rover is disarmed.
@@ -81,7 +81,7 @@ fn main() -> ! {
     }
 }
 
-/// Starts the UART. The one of `nrf51-hal` has no interrupts.
+/// Starts the UART. The driver of `nrf51-hal` has no interrupts.
 fn start(uart: &UART0, tx: u32, rx: u32) {
     uart.enable.write(|w| w.enable().enabled());
     // SAFETY: these are the numbers of the pins.
@@ -91,7 +91,7 @@ fn start(uart: &UART0, tx: u32, rx: u32) {
         uart.pselrxd.write(|w| w.bits(rx));
         uart.tasks_starttx.write(|w| w.bits(1));
         uart.tasks_startrx.write(|w| w.bits(1));
-        // A first byte, which receivers ignore: TXDRDY says that a byte was sent, not that one can be.
+        // A first byte, which receivers ignore: TXDRDY reports that a byte was sent, not that one can be sent.
         uart.txd.write(|w| w.bits(0));
     }
     uart.baudrate.write(|w| w.baudrate().baud57600());

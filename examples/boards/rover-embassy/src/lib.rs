@@ -1,7 +1,7 @@
-//! The futures of a rover on a board with Embassy. All share the stack in one task: the driving loop, and for each link an end in each
-//! direction. A `RefCell` suffices, because none of them holds a borrow over an `await`.
+//! The futures of a rover on a board with Embassy: the driving loop, and a receiver and a transmitter for each link. All share the
+//! stack in one task. A `RefCell` suffices, because none of them holds a borrow across an `await`.
 //!
-//! The board has the transports, and decides what happens when one fails.
+//! The board provides the transports, and decides what to do when one fails.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -20,10 +20,10 @@ use mavstack::storage::Store;
 use mavstack::{Instant, LinkId};
 use mavstack_rover::{LINKS, Mavlink, Rover};
 
-/// Period of the driving loop. Received bytes wait no longer than that.
+/// Period of the driving loop. Received bytes wait no longer than this.
 pub const PERIOD: Duration = Duration::from_millis(4);
 
-/// Several times as long as a buffer takes on a line.
+/// Several times the time that a line needs for a buffer.
 const TIMEOUT: Duration = Duration::from_millis(100);
 
 /// The time since boot, as the stack needs it.
@@ -31,7 +31,7 @@ pub fn now() -> Instant {
     Instant::from_micros(embassy_time::Instant::now().as_micros())
 }
 
-/// What the futures share.
+/// The state that the futures share.
 pub struct Shared {
     vehicle: RefCell<(&'static mut Mavlink, Rover)>,
     /// For each link, signals that there may be something to send.
@@ -39,7 +39,7 @@ pub struct Shared {
 }
 
 impl Shared {
-    /// Returns what the futures share. The stack is begun, and its storage restored.
+    /// Returns the shared state. `stack` must be begun and restored.
     pub fn new(stack: &'static mut Mavlink, rover: Rover) -> Self {
         Self { vehicle: RefCell::new((stack, rover)), wakes: [const { Signal::new() }; LINKS] }
     }
@@ -48,7 +48,7 @@ impl Shared {
         self.wakes.iter().for_each(|wake| wake.signal(()));
     }
 
-    /// The driving loop, which also stores what has changed.
+    /// Runs the driving loop, which also stores changes.
     pub async fn drive<F: NorFlash>(&self, mut store: Store<F>) -> ! {
         let mut pass = Ticker::every(PERIOD);
         loop {
@@ -83,7 +83,7 @@ impl Shared {
         result.map(|_| ())
     }
 
-    /// Sends what is pending, or waits until something is. Call it in a loop.
+    /// Sends pending bytes, or waits until there are some. Call it in a loop.
     ///
     /// # Errors
     ///
@@ -101,7 +101,7 @@ impl Shared {
             (has_bytes, stack.link_deadline(now, link))
         };
         if has_bytes? {
-            // The HAL may miss a wake-up, and a host may stop reading. Nothing is lost: the transmitter continues where it was.
+            // The HAL may miss a wake-up, and a host may stop reading. Nothing is lost: the transmitter continues where it stopped.
             let _ = with_timeout(TIMEOUT, transmitter.send()).await;
         } else if let Some(wake) = self.wakes.get(usize::from(link.0)) {
             let next = Timer::at(embassy_time::Instant::from_micros(deadline.as_micros()));
@@ -110,7 +110,7 @@ impl Shared {
         Ok(())
     }
 
-    /// The two ends of a UART, which continues after an error.
+    /// Runs both ends of a UART, which continue after an error.
     pub async fn uart<const N: usize, R: Read, W: Write>(&self, link: LinkId, (rx, tx): (R, W)) -> ! {
         let (mut received, mut to_send) = ([0; 32], [0; N]);
         let mut receiver = AsyncReceiver::new(rx, &mut received);
@@ -128,7 +128,7 @@ impl Shared {
         join(receive, transmit).await.0
     }
 
-    /// The two ends of a transport that was opened, until it is closed: until one of them fails.
+    /// Runs both ends of an open transport until one of them fails, as when it is closed.
     pub async fn until_closed<const N: usize, R: Read, W: Write>(&self, link: LinkId, (rx, tx): (R, W)) {
         self.vehicle.borrow_mut().0.restart_link(link);
         let (mut received, mut to_send) = ([0; 128], [0; N]);

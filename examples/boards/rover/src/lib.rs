@@ -1,4 +1,4 @@
-//! A small vehicle that a ground station shows as ready. All boards share it. Copy it, and replace what is marked "Your …".
+//! A small vehicle that a ground station shows as ready. All boards share it. Copy it, and replace the parts marked "Your …".
 //!
 //! | QGroundControl needs | here |
 //! |---|---|
@@ -6,8 +6,8 @@
 //! | at least one parameter | `parameters!` |
 //! | battery, attitude, position, home | `Telemetry`, by the types of `mavstack::telemetry` |
 //! | "ready": the pre-arm check | `Rover::sys_status` |
-//! | a mission | `Plans`; a board with a driver for its flash stores it, with the parameters |
-//! | a failsafe | `Rover::drive`: it drives only while it is armed, in the mode Mission, and a ground station is alive |
+//! | a mission | `Plans`; boards with a flash driver store it, with the parameters |
+//! | a failsafe | `Rover::drive`: the rover drives only while armed, in mode Mission, and with a ground station alive |
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -19,7 +19,7 @@ use mavstack::plan::Durability;
 use mavstack::telemetry::{Battery, GpsFix, Home, Motion};
 use mavstack::*;
 
-/// The driving loop ticks it. When the loop hangs, the heartbeats stop.
+/// Ticked by the driving loop. When the loop hangs, the heartbeats stop.
 pub static PULSE: Pulse = Pulse::new();
 
 /// The configuration: a rover with system id 1, component id 1.
@@ -34,7 +34,7 @@ pub const CONFIG: Config = Config {
 pub const LINKS: usize = if cfg!(feature = "two-links") { 2 } else { 1 };
 
 stack! {
-    /// An item of the mission takes 32 bytes, and uploads need a second copy.
+    /// A mission item takes 32 bytes, and uploads need a second copy.
     pub struct Mavlink for Rover {
         links: LINKS,
         plans: { mission: if cfg!(feature = "small") { 40 } else { 100 } },
@@ -48,7 +48,7 @@ stack! {
 parameters! {
     /// The parameters, in ASCII order.
     pub struct Tuning {
-        /// Voltage of the battery below which the rover does not arm. 0 turns the check off.
+        /// Battery voltage below which the rover does not arm. 0 disables the check.
         BAT_V_LOW: f32 = 0.0, 0.0..=60.0, "V";
         /// Holds when the last ground station is lost.
         FS_GCS_ENABLE: u8 = 1, 0..=1, "";
@@ -62,7 +62,7 @@ pub const HOLD: u32 = 4 << 16 | 3 << 24;
 /// Drives the mission.
 pub const MISSION: u32 = 4 << 16 | 4 << 24;
 
-/// A rover. The board writes the sensors' values, in SI units. What is unknown stays `UNKNOWN`, and is sent as "unknown".
+/// A rover. The board writes the sensor values, in SI units. Unknown values stay `UNKNOWN`, and are sent as "unknown".
 #[derive(Debug)]
 pub struct Rover {
     /// Your position, velocity and attitude.
@@ -73,7 +73,7 @@ pub struct Rover {
     pub home: Option<Home>,
     /// Your battery.
     pub battery: Battery<'static>,
-    /// False if [`Stack::restore`] has failed: a plan that cannot be read is not an empty plan.
+    /// False if [`Stack::restore`] failed: an unreadable plan is not an empty plan.
     pub is_restored: bool,
     armed: bool,
     mode: u32,
@@ -117,13 +117,13 @@ impl Rover {
         PULSE.tick();
     }
 
-    /// Returns the item of the mission to drive to; `None` if the rover is to stand still.
+    /// Returns the mission item to drive to; `None` to stop.
     pub fn target<'a>(&self, stack: &'a Stack<Mavlink, LINKS>) -> Option<&'a Item> {
         let is_driving = self.armed && self.mode == MISSION && !self.is_station_lost;
         stack.mission().items().get(usize::from(self.current)).filter(|_| is_driving)
     }
 
-    /// Reports that the current item is reached, and goes on to the next. After the last one the rover holds.
+    /// Reports that the current item is reached, and continues with the next. After the last one the rover holds.
     pub fn reached(&mut self, now: Instant, stack: &mut Stack<Mavlink, LINKS>) {
         stack.mission_item_reached(now, self.current);
         if usize::from(self.current) + 1 < stack.mission().items().len() {
@@ -196,7 +196,7 @@ impl Modes for Rover {
 }
 
 impl Plans for Rover {
-    /// Any other command is refused when it is uploaded.
+    /// Uploads with other commands are refused.
     const MISSION_COMMANDS: &'static [CommandRule] = &[NAV_WAYPOINT, NAV_RETURN_TO_LAUNCH];
 
     fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {

@@ -1,6 +1,6 @@
-//! A UART by DMA: received bytes go to a ring, and bytes to send come from a buffer. No interrupt is used.
+//! A UART with DMA: received bytes go to a ring, and bytes to send come from a buffer. No interrupt is used.
 //!
-//! `rp2040-hal` has no ring for the DMA, so this uses the registers of its channels (RP2040 datasheet, section 2.5).
+//! `rp2040-hal` has no DMA ring, so this file uses the registers of the channels (RP2040 datasheet, section 2.5).
 
 use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 
@@ -9,8 +9,8 @@ use rp2040_hal::dma::{CH0, CH1, CH2, Channel, ReadTarget, SingleChannel, WriteTa
 
 use crate::{BAUD, ERASE, PERIOD};
 
-/// A power of two, at most 32,768. It holds what is received during the longest erase, rounded up: half as much as a queue, which has
-/// room for two periods.
+/// A power of two, at most 32,768. The ring holds the bytes received during the longest erase, rounded up: half as many as a queue,
+/// which has room for two periods.
 const RING: usize = 8192;
 const _: () =
     assert!(RING >= queue_len(BAUD, ERASE) / 2, "the ring overflows during the longest erase: make it longer");
@@ -20,23 +20,23 @@ const _: () = assert!(align_of::<Ring>() == RING, "the ring's alignment is not i
 #[repr(align(8192))]
 struct Ring([AtomicU8; RING]);
 
-/// Written by the DMA only. It has a place of its own in `memory.x`: elsewhere, its alignment would leave up to 8 KiB of RAM unused.
+/// Written by the DMA only. `memory.x` reserves its place: elsewhere, its alignment would leave up to 8 KiB of RAM unused.
 #[allow(unsafe_code, reason = "a section that contains nothing else")]
 #[unsafe(link_section = ".ring")]
 static RECEIVED: Ring = Ring([const { AtomicU8::new(0) }; RING]);
 
-/// The channel cannot transfer forever. After so many bytes, another channel starts it again. Any multiple of the ring's length works,
-/// if the loop runs before so many bytes are received: within 2.8 s. A short run ends often, so tests see it end.
+/// The number of bytes in a run. The channel cannot transfer forever: after a run, another channel restarts it. Any multiple of the
+/// ring's length works, if the loop runs before this many bytes are received: within 2.8 s. A short run ends often, so tests cover it.
 const RUN: u32 = 4 * RING as u32;
-/// What the other channel writes to the counter of the first. It is in RAM, because the flash cannot be read during an erase.
+/// The value that the other channel writes to the counter. It is in RAM, because the flash cannot be read during an erase.
 static RESTART: AtomicU32 = AtomicU32::new(RUN);
 
-/// The request signal of transfers that wait for nothing.
+/// The request signal of unpaced transfers.
 const UNPACED: u8 = 0x3F;
 
-/// Room for two periods, like a queue: the line stays busy. A longer buffer only adds latency.
+/// Room for two periods, like a queue, so that the line stays busy. A longer buffer only adds latency.
 const TO_SEND: usize = queue_len(BAUD, PERIOD);
-/// The DMA reads it while it sends. The loop writes it when the DMA is idle.
+/// Read by the DMA while it sends, written by the loop while the DMA is idle.
 static SENDING: [AtomicU8; TO_SEND] = [const { AtomicU8::new(0) }; TO_SEND];
 
 /// The receiving half of a UART, whose bytes a DMA channel writes to the ring.
@@ -45,13 +45,13 @@ pub struct Receiver<R> {
     channel: Channel<CH0>,
     _restart: Channel<CH1>,
     reader: CircularReader,
-    /// The counter when it was last read, and the laps of the runs before.
+    /// The counter at the last read, and the laps of the previous runs.
     left: u32,
     laps: u32,
 }
 
 impl<R: ReadTarget<ReceivedWord = u8>> Receiver<R> {
-    /// Starts to receive.
+    /// Starts receiving.
     pub fn new(uart: R, channel: Channel<CH0>, restart: Channel<CH1>) -> Self {
         let (from, _) = uart.rx_address_count();
         let registers = channel.ch();
@@ -81,9 +81,9 @@ impl<R: ReadTarget<ReceivedWord = u8>> Receiver<R> {
         Self { _uart: uart, channel, _restart: restart, reader: CircularReader::new(), left: RUN, laps: 0 }
     }
 
-    /// Passes the received bytes to `receive`, which returns how many it took.
+    /// Passes the received bytes to `receive`, which returns the number of bytes that it took.
     pub fn poll(&mut self, receive: impl FnMut(&[u8]) -> usize) -> Result<(), SerialError> {
-        // One counter has the laps and the position, so neither can be older than the other.
+        // Laps and position come from one counter, so neither can be older than the other.
         let left = self.channel.ch().ch_trans_count().read().bits();
         // The bytes were written before they were counted.
         cortex_m::asm::dmb();
@@ -140,7 +140,7 @@ impl<W: WriteTarget<TransmittedWord = u8>> Transmitter<W> {
         taken
     }
 
-    /// Sends what was appended.
+    /// Sends the appended bytes.
     pub fn start(&mut self) {
         if self.len == 0 {
             return;

@@ -1,13 +1,13 @@
 //! A rover on a Raspberry Pi Pico. Telemetry is on UART0, GP0 (TX) and GP1 (RX), at 115,200 bit/s, by DMA in both directions.
 //!
-//! The DMA writes received bytes to a ring, and the loop passes them to the stack every 4 ms. No interrupt counts laps: they follow from
-//! the DMA's counter. To send, the loop fills a buffer when the DMA has sent the one before. See `dma.rs`.
+//! The DMA writes received bytes to a ring, and the loop passes them to the stack every 4 ms. The DMA's counter gives the laps, so no
+//! interrupt counts them. To send, the loop refills a buffer when the DMA has sent it. See `dma.rs`.
 //!
 //! The mission and the parameters are stored in the last 64 KiB of the flash, while the rover is disarmed. An erase stops the
-//! processor for 45 ms typically, and 400 ms at most. The DMA goes on meanwhile, so no received byte is lost. Without it, the UART's FIFO
+//! processor for 45 ms typically, and 400 ms at most. The DMA continues meanwhile, so no received byte is lost. Without it, the UART's FIFO
 //! of 32 bytes would be full after 2.8 ms.
 //!
-//! Between the passes of the loop the processor sleeps. Interrupts stay masked: the timer's only wakes it.
+//! The processor sleeps between passes of the loop. Interrupts stay masked: the timer interrupt only wakes the processor.
 //!
 //! `cargo xtask boards --run` runs this firmware in rp2040js, unchanged.
 #![no_std]

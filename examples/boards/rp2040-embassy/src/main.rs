@@ -1,7 +1,7 @@
 //! A rover on a Raspberry Pi Pico with Embassy, with two links: UART0, GP0 (TX) and GP1 (RX), at 57,600 bit/s, and the USB, as a serial
 //! port (CDC).
 //!
-//! The futures of `rover-embassy` share one task with that of the USB. The mission and the parameters are stored in the last 64 KiB of
+//! The futures of `rover-embassy` and the USB future share one task. The mission and the parameters are stored in the last 64 KiB of
 //! the flash, while the rover is disarmed. An erase stops the processor for 45 ms typically, and 400 ms at most. Received bytes beyond
 //! the UART's FIFO are lost meanwhile.
 //!
@@ -36,7 +36,7 @@ bind_interrupts!(struct Interrupts {
 const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
 const USB_PORT: LinkId = LinkId(1);
-/// USB has no baud rate. It takes what it can carry, and holds back the rest.
+/// USB has no baud rate: backpressure limits the stack.
 const LINKS: [LinkConfig; 2] = [LinkConfig::uart(BAUD), LinkConfig::unlimited()];
 /// All bytes that USB full speed carries in a millisecond.
 const BUDGET: PollBudget = PollBudget::for_line(12_000_000, Duration::from_millis(1));
@@ -50,7 +50,7 @@ const _: () = assert!(Store::<Sectors>::region_len::<Mavlink>() <= REGION.end - 
 const BUFFER: usize = queue_len(BAUD, mavstack::Duration::from_micros(PERIOD.as_micros()));
 /// The most bytes in a packet.
 const PACKET: u16 = 64;
-/// Bytes that are sent at a time: less than a packet, because a host waits for a shorter packet behind a full one.
+/// The number of bytes sent at a time: less than a packet, because after a full packet a host waits for a shorter one.
 const PIECE: usize = PACKET as usize - 1;
 
 /// Static because it is too large for the task. It is all zero bits until it is begun, so it takes no flash.

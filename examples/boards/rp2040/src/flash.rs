@@ -1,7 +1,7 @@
 //! The last 64 KiB of the Pico's flash, for the mission and the parameters. `memory.x` keeps the firmware out of them.
 //!
-//! `rp2040-hal` has no driver for the flash. The boot ROM has the functions. They stop the execution from flash, so the code that
-//! calls them is in RAM, with interrupts masked. The second core must not run meanwhile; this firmware does not start it.
+//! `rp2040-hal` has no flash driver, but the boot ROM has the functions. No code can run from flash meanwhile, so the code that calls
+//! them is in RAM, with interrupts masked. The second core must not run meanwhile; this firmware does not start it.
 
 use core::ops::Range;
 
@@ -9,17 +9,17 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNo
 use rp2040_hal::pac::XIP_SSI;
 use rp2040_hal::rom_data;
 
-/// As offsets in the flash.
+/// The region, as offsets in the flash.
 pub const REGION: Range<u32> = 0x1F_0000..0x20_0000;
 
-/// Where the flash is mapped for reading.
+/// The address at which the flash is mapped for reading.
 const BASE: u32 = 0x1000_0000;
 const PAGE: usize = 256;
 const SECTOR: usize = 4096;
-/// The second stage of the boot loader, which sets up the execution from flash. It starts the flash.
+/// The second stage of the boot loader, at the start of the flash. It sets up execution from flash.
 const BOOT2_WORDS: usize = 64;
 
-/// The flash. An erase of a sector stops the processor for 45 ms typically, a write of a page for 0.4 ms.
+/// The flash. Erasing a sector stops the processor for 45 ms typically, writing a page for 0.4 ms.
 pub struct Sectors {
     _controller: XIP_SSI,
 }
@@ -31,12 +31,12 @@ impl Sectors {
     }
 }
 
-/// Returns whether the driver may touch this range: only the region.
+/// Returns whether the driver may access this range: only the region.
 fn check(from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
     if REGION.start <= from && from <= to && to <= REGION.end { Ok(()) } else { Err(NorFlashErrorKind::OutOfBounds) }
 }
 
-/// What to do while the flash is not mapped.
+/// An operation that runs while the flash is not mapped.
 enum Operation<'a> {
     Erase,
     Program(&'a [u8; PAGE]),
@@ -137,7 +137,7 @@ impl NorFlash for Sectors {
         while !left.is_empty() {
             let begin = offset % PAGE;
             let (now, later) = left.split_at(left.len().min(PAGE - begin));
-            // The ROM writes whole pages. Ones change nothing.
+            // The ROM writes whole pages. Bytes of 0xFF change nothing.
             let mut page = [0xFF; PAGE];
             page[begin..begin + now.len()].copy_from_slice(now);
             run((offset - begin) as u32, &Operation::Program(&page));

@@ -1,10 +1,10 @@
 //! A rover on a Raspberry Pi Pico, with two links: UART0, GP0 (TX) and GP1 (RX), at 57,600 bit/s, and the USB, as a serial port (CDC).
 //!
 //! `rp2040-hal` implements the traits that the stack needs, so the UART is passed to the stack directly. Its FIFO holds 32 bytes.
-//! At 5,760 bytes per second the loop must run at least every 5 ms. The port of `usbd-serial` is passed by `io::Io06`.
+//! At 5,760 bytes per second the loop must run at least every 5 ms. `io::Io06` adapts the port of `usbd-serial`.
 //!
-//! The loop runs every millisecond, and when something happens on the USB. In between the processor sleeps. Interrupts stay masked:
-//! they only wake it.
+//! The loop runs every millisecond, and after each USB interrupt. In between the processor sleeps. Interrupts stay masked: they only
+//! wake the processor.
 //!
 //! The mission and the parameters are stored in the last 64 KiB of the flash, while the rover is disarmed. An erase stops the
 //! processor for 45 ms typically, and 400 ms at most. Received bytes beyond the UART's FIFO are lost meanwhile.
@@ -47,7 +47,7 @@ const CRYSTAL_HZ: u32 = 12_000_000;
 const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
 const USB: LinkId = LinkId(1);
-/// USB has no baud rate. It takes what it can carry, and holds back the rest.
+/// USB has no baud rate: backpressure limits the stack.
 const LINKS: [LinkConfig; 2] = [LinkConfig::uart(BAUD), LinkConfig::unlimited()];
 
 const PERIOD_MS: u32 = 1;

@@ -1,4 +1,4 @@
-//! Stands in for `flash.rs` in QEMU, which has no controller for this chip's flash: RAM that a reset of the processor keeps.
+//! Stands in for `flash.rs` in QEMU, which has no controller for this chip's flash: RAM that survives a reset of the processor.
 
 use core::mem::MaybeUninit;
 use core::ops::Range;
@@ -8,7 +8,7 @@ use stm32f4xx_hal::pac::FLASH;
 
 const LEN: usize = 32 * 1024;
 
-/// All of it.
+/// The whole emulated flash.
 pub const REGION: Range<u32> = 0..32 * 1024;
 
 /// Not in `.bss`, which each start clears.

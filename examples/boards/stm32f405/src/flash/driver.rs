@@ -1,9 +1,8 @@
-//! The driver of the flash, over the registers of its controller (RM0090, section 3). It knows nothing of the HAL, so a test on the host
-//! runs it against a model of the controller: `tests/storage/stm32f4.rs`.
+//! The flash driver, over the registers of the controller (RM0090, section 3). It is independent of the HAL, so a test on the host runs
+//! it against a model of the controller: `tests/storage/stm32f4.rs`.
 //!
-//! `stm32f4xx-hal` has a driver, too. This one does three things that the HAL's version 0.23 does not: it clears the errors of earlier
-//! operations, such as those that a debugger leaves behind; it empties the data cache after an erase; and it refuses offsets outside of the
-//! region.
+//! The driver of `stm32f4xx-hal` 0.23 lacks three things that this one does. It clears the errors of earlier operations, such as those
+//! that a debugger leaves behind. It flushes the data cache after an erase. It refuses offsets outside the region.
 
 use core::ops::Range;
 
@@ -12,7 +11,7 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashEr
 /// Sectors 10 and 11, as offsets in the flash.
 pub const REGION: Range<u32> = 0xC_0000..0x10_0000;
 
-/// The length of the sectors from number 5 on, in bytes. Those before have 16 or 64 KiB.
+/// The length of the sectors from number 5 on, in bytes. The sectors before have 16 or 64 KiB.
 const SECTOR: u32 = 128 * 1024;
 /// The number that the first sector would have, if all had this length.
 const FIRST: u32 = 4;
@@ -30,7 +29,7 @@ pub enum Register {
     Control = 0x10,
 }
 
-/// What the hardware provides: the controller, and the flash as memory.
+/// The hardware: the controller, and the flash as memory.
 pub trait Hardware {
     /// Reads a register.
     fn read(&mut self, register: Register) -> u32;
@@ -65,11 +64,11 @@ pub enum Error {
     OutOfBounds,
     /// The range does not consist of whole sectors.
     NotAligned,
-    /// The controller does not unlock before the next reset: it has received a wrong key.
+    /// The controller received a wrong key, and does not unlock before the next reset.
     Locked,
     /// The option bytes protect the sector.
     Protected,
-    /// The controller has reported another error. The bits are those of FLASH_SR.
+    /// The controller reported another error. The bits are those of FLASH_SR.
     Controller(u32),
 }
 
@@ -83,7 +82,7 @@ impl NorFlashError for Error {
     }
 }
 
-/// The sectors of [`REGION`]. An erase of a sector stops the processor for 2 s typically, and 4 s at most.
+/// The sectors of [`REGION`]. Erasing a sector stops the processor for 2 s typically, and 4 s at most.
 pub struct Driver<H>(H);
 
 impl<H: Hardware> Driver<H> {
@@ -116,7 +115,7 @@ impl<H: Hardware> Driver<H> {
         }
     }
 
-    /// Empties the data cache, which still has what was erased. It is reset while it is disabled.
+    /// Flushes the data cache, which still has the erased content. The cache must be disabled for its reset.
     fn reset_cache(&mut self) {
         let Self(hardware) = self;
         let access = hardware.read(Register::Access);
@@ -127,7 +126,7 @@ impl<H: Hardware> Driver<H> {
     }
 }
 
-/// Returns the range of `len` bytes at this offset, if the driver may touch it: only the region.
+/// Returns the range of `len` bytes at this offset, if the driver may access it: only the region.
 fn range(offset: u32, len: usize) -> Result<Range<u32>, Error> {
     let end = u32::try_from(len).ok().and_then(|len| offset.checked_add(len)).ok_or(Error::OutOfBounds)?;
     if REGION.start <= offset && end <= REGION.end { Ok(offset..end) } else { Err(Error::OutOfBounds) }
