@@ -24,8 +24,8 @@ use panic_halt as _;
 use static_cell::ConstStaticCell;
 use stm32f1xx_hal::pac::{self, Interrupt, USART1, interrupt};
 use stm32f1xx_hal::prelude::*;
-use stm32f1xx_hal::serial::{Config as SerialConfig, Serial};
 use stm32f1xx_hal::rcc;
+use stm32f1xx_hal::serial::{Config as SerialConfig, Serial};
 
 /// The processor's clock. QEMU has no other.
 const CLOCK: u32 = 24;
@@ -47,7 +47,8 @@ fn main() -> ! {
     let chip = pac::Peripherals::take().expect("main runs once");
     let core = cortex_m::Peripherals::take().expect("main runs once");
     // QEMU has neither a crystal nor a PLL.
-    let clocks = if cfg!(feature = "qemu") { rcc::Config::hsi() } else { rcc::Config::hse(8.MHz()).sysclk(CLOCK.MHz()) };
+    let clocks =
+        if cfg!(feature = "qemu") { rcc::Config::hsi() } else { rcc::Config::hse(8.MHz()).sysclk(CLOCK.MHz()) };
     let mut rcc = chip.RCC.freeze(clocks, &mut chip.FLASH.constrain().acr);
     let mut clock = Clock::new(core.SYST);
 
