@@ -109,6 +109,46 @@ fn report_is_sent_on_command() {
     assert_eq!(site.expect::<Statustext>(0, millis(100)).text.as_str(), Some("Checked"), "the vehicle's text");
 }
 
+/// EVT-7: the report is repeated when a link is opened, at most every two seconds.
+#[test]
+fn report_is_sent_when_a_link_is_opened() {
+    let mut site = site();
+    site.run_for(secs(3));
+    site.stack.restart_link(LinkId(0));
+    assert_eq!(report(&mut site, millis(600)).len(), 2);
+    site.run_for(secs(3));
+    site.gcs[0].forget();
+    for _ in 0..100 {
+        site.stack.restart_link(LinkId(1));
+        site.run_for(millis(100));
+    }
+    let all = site.gcs[0].all::<Event>();
+    assert!((4 * 2..=6 * 2).contains(&all.len()), "{} events in 10 s", all.len());
+}
+
+/// EVT-3, EVT-7: a vehicle restarts so fast that its station does not notice, and its link is open only after the first report.
+#[test]
+fn station_learns_the_checks_after_a_fast_restart() {
+    let mut receiver = Receiver::new(STATION);
+    let last_report = |receiver: &Receiver| {
+        let is_it = |event: &&Event| event.id == RoverEvents::ARMING_SUMMARY.id();
+        masks::<4>(receiver.events.iter().rfind(is_it).expect("a report"))[2]
+    };
+    for (fails, can_arm) in [(Vec::new(), ALL), (vec![Fails::NoFix(Groups::AUTO, 3)], 0b01)] {
+        let mut site = Site::of(Setup { links: [LinkConfig::uart(115_200); 2], ..Setup::new() });
+        site.vehicle.fails = fails;
+        site.run_for(millis(300));
+        site.gcs[0].forget();
+        receiver.forgot();
+        site.stack.restart_link(LinkId(0));
+        for _ in 0..300 {
+            site.run_for(millis(10));
+            receiver.poll(site.now(), &mut site.gcs[0]);
+        }
+        assert_eq!(last_report(&receiver), can_arm);
+    }
+}
+
 /// EVT-7: a report that is longer than the history leaves checks out, and counts them; its summaries are right.
 #[test]
 fn report_is_no_longer_than_the_history() {

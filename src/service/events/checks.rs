@@ -25,6 +25,10 @@ const PERIOD: Duration = Duration::from_millis(500);
 /// The shortest time between two unrequested reports, as in PX4.
 const REPORT_INTERVAL: Duration = Duration::from_secs(2);
 
+/// Stand for the hash of the last report: the next report does not wait, or waits for [`REPORT_INTERVAL`].
+const AT_ONCE: u32 = 0;
+const SOON: u32 = 2;
+
 /// The events of a report besides its checks.
 const SUMMARIES: usize = 2;
 
@@ -195,7 +199,7 @@ impl<'a> HealthReport<'a> {
         self.hash = number.to_le_bytes().into_iter().fold(self.hash, fnv1a);
     }
 
-    /// Returns the hash of the whole report, which is not 0.
+    /// Returns the hash of the whole report, which is odd.
     fn finish(&mut self) -> u32 {
         let Summary { cannot_arm, cannot_run, present, .. } = self.summary;
         for number in [cannot_arm, cannot_run, present] {
@@ -277,6 +281,9 @@ pub trait Checker<F: Firmware>: fmt::Debug {
         let _ = (cx, command);
         None
     }
+
+    /// Reports the checks again soon: a link was opened.
+    fn repeat(&mut self) {}
 }
 
 /// Without checks. `N`: the length of the history.
@@ -304,9 +311,9 @@ impl<const N: usize, F: Firmware<Vehicle: HealthChecks>> Checker<F> for Checking
     const NEW: Self = {
         assert!(
             N >= 8,
-            "a report of the checks is at most as long as the history: `events: {{ history: 16, checks }}`"
+            "with `checks`, the history has at least 8 events, because it holds a whole report: `events: {{ history: 16, checks }}`"
         );
-        Self { at: Instant::ZERO, reported_at: Instant::ZERO, reported: 0 }
+        Self { at: Instant::ZERO, reported_at: Instant::ZERO, reported: AT_ONCE }
     };
 
     fn poll(&mut self, cx: &mut Cx<'_, F>) -> u32 {
@@ -329,7 +336,8 @@ impl<const N: usize, F: Firmware<Vehicle: HealthChecks>> Checker<F> for Checking
         };
         let mut report = HealthReport::of(&*cx.vehicle, &context);
         let hash = report.finish();
-        let is_due = self.reported == 0 || (hash != self.reported && now >= self.reported_at.after(REPORT_INTERVAL));
+        let is_due =
+            self.reported == AT_ONCE || (hash != self.reported && now >= self.reported_at.after(REPORT_INTERVAL));
         if !is_due {
             return 0;
         }
@@ -362,9 +370,15 @@ impl<const N: usize, F: Firmware<Vehicle: HealthChecks>> Checker<F> for Checking
         if command != MavCmd::RUN_PREARM_CHECKS {
             return None;
         }
-        (self.at, self.reported) = (Instant::ZERO, 0);
+        (self.at, self.reported) = (Instant::ZERO, AT_ONCE);
         let (vehicle, mut context) = cx.hook();
         Some(vehicle.run_checks(&mut context))
+    }
+
+    fn repeat(&mut self) {
+        if self.reported != AT_ONCE {
+            self.reported = SOON;
+        }
     }
 }
 

@@ -108,6 +108,10 @@ impl EntryInfo {
     #[doc(hidden)]
     #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; u32 to u64")]
     pub const fn bit(name: &'static str, description: &'static str, bit: u32) -> Self {
+        assert!(
+            !description.is_empty(),
+            "a group of modes or a component needs a doc comment: ground stations show it as its name"
+        );
         Self::new(name, description, bit as u64)
     }
 }
@@ -187,8 +191,12 @@ impl EventInfo {
             size <= MAX_EVENT_ARGUMENTS,
             "the arguments of an event have at most 25 bytes, and those of a check 20"
         );
-        check_places(message, arguments.len());
-        check_places(description, arguments.len());
+        let first = match self.group {
+            EventGroup::Default => 1,
+            EventGroup::ArmingCheck | EventGroup::Health => 3,
+        };
+        check_places(message, first, arguments.len());
+        check_places(description, first, arguments.len());
         Self { message, description, arguments, ..self }
     }
 
@@ -255,9 +263,17 @@ pub trait DeclaredEvent {
 }
 
 /// An event that a vehicle sends with [`Context::event`](crate::Context::event) or [`Stack::event`](crate::Stack::event).
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is not an event",
+    note = "declare it under `events` in `events!`; a check is reported by `HealthReport::fails` and not sent by itself"
+)]
 pub trait Event: DeclaredEvent {}
 
 /// A check that a vehicle reports with [`HealthReport::fails`](super::HealthReport::fails).
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is not a check",
+    note = "declare it under `arming_checks` or `health_checks` in `events!`; an event is sent by `Context::event`"
+)]
 pub trait Check: DeclaredEvent {
     /// The set that has its groups of modes and its components.
     type Set: CheckSet;
@@ -284,13 +300,13 @@ pub(super) const fn fnv1a(hash: u32, byte: u8) -> u32 {
     (hash ^ byte as u32).wrapping_mul(0x0100_0193)
 }
 
-/// Fails to compile if a text shows an argument that does not exist: `{1}` is the first one.
+/// Fails to compile if a text shows an argument that does not exist: `{1}` is the first one, and `{3}` the first one of a check.
 #[allow(
     clippy::as_conversions,
     clippy::arithmetic_side_effects,
     reason = "const-evaluated: a failure is a compile error"
 )]
-const fn check_places(text: &str, arguments: usize) {
+const fn check_places(text: &str, first: usize, arguments: usize) {
     let mut rest = text.as_bytes();
     while let Some((&byte, after)) = rest.split_first() {
         rest = after;
@@ -310,16 +326,16 @@ const fn check_places(text: &str, arguments: usize) {
                 place = after;
             }
             assert!(
-                number >= 1 && number <= arguments && is_closed,
-                "a text shows an argument as `{{1}}` or `{{2:.1m}}`, counted from 1; put a backslash before any other brace"
+                number >= first && number <= arguments && is_closed,
+                "a text shows an argument as `{{1}}` or `{{2:.1m}}`, counted from 1, and from 3 in a check; put a backslash before any other brace"
             );
         }
     }
 }
 
-/// Fails to compile if two events of a set have the same id.
+/// Fails to compile if two events of a set have the same id, or if an enumeration is wrong, which its constructor says.
 #[doc(hidden)]
-pub const fn check_events(events: &[EventInfo]) {
+pub const fn check_events(events: &[EventInfo], _: &[EnumInfo]) {
     let mut rest = events;
     while let Some((event, after)) = rest.split_first() {
         let mut others = after;
@@ -376,10 +392,13 @@ mod tests {
 
     #[test]
     fn places_are_checked() {
-        check_places("", 0);
-        check_places("{1} {2:.1m/s} \\{3} {3}", 3);
-        for (text, arguments) in [("{1}", 0), ("{0}", 1), ("{", 1), ("{2}", 1), ("{1", 1), ("{}", 1)] {
-            assert!(std::panic::catch_unwind(|| check_places(text, arguments)).is_err(), "{text}");
+        check_places("", 1, 0);
+        check_places("{1} {2:.1m/s} \\{3} {3}", 1, 3);
+        check_places("{3} {4}", 3, 4);
+        let wrong =
+            [("{1}", 1, 0), ("{0}", 1, 1), ("{", 1, 1), ("{2}", 1, 1), ("{1", 1, 1), ("{}", 1, 1), ("{2}", 3, 4)];
+        for (text, first, arguments) in wrong {
+            assert!(std::panic::catch_unwind(|| check_places(text, first, arguments)).is_err(), "{text}");
         }
     }
 }

@@ -189,7 +189,10 @@ macro_rules! events {
         }
 
         // Checked at the declaration, not at the first use.
-        const _: () = $crate::__private::check_events(<$set as $crate::events::EventSet>::EVENTS);
+        const _: () = $crate::__private::check_events(
+            <$set as $crate::events::EventSet>::EVENTS,
+            <$set as $crate::events::EventSet>::ENUMS,
+        );
     };
 }
 

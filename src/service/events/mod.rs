@@ -78,8 +78,10 @@ pub struct EventLink {
     sent: u16,
     /// The sequence number in the last CURRENT_EVENT_SEQUENCE.
     told: u16,
-    /// Whether any event was sent.
+    /// Whether any event was sent, since the link was opened for the first time.
     has_sent: bool,
+    /// Whether the link was opened again since the start.
+    was_opened: bool,
     /// When CURRENT_EVENT_SEQUENCE is due.
     at: Instant,
     share: Share,
@@ -158,8 +160,15 @@ fn send(port: &mut Port, event: &EventEntry, sequence: u16) -> bool {
 impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
     const NEW: Self = Self { counters: EventCounters::ZERO, checks: C::NEW };
     type Link = EventLink;
-    const VACANT: EventLink =
-        EventLink { sent: 0, told: 0, has_sent: false, at: Instant::ZERO, share: Share::NEW, requested: [None; 2] };
+    const VACANT: EventLink = EventLink {
+        sent: 0,
+        told: 0,
+        has_sent: false,
+        was_opened: false,
+        at: Instant::ZERO,
+        share: Share::NEW,
+        requested: [None; 2],
+    };
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut EventLink>) {
         let unreported = self.checks.poll(cx);
@@ -239,10 +248,15 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         event!("{}", self.counters);
     }
 
-    /// The new peers are told at once up to which event the link has sent.
+    /// New peers learn the newest sequence number at once, and the checks soon. What was sent before the link was opened for the first
+    /// time had no receiver: a peer that remembers the vehicle before a reboot learns that the numbers have begun anew.
     fn restart(&mut self, _: &Port, link: &mut EventLink) {
+        if !link.was_opened {
+            (link.was_opened, link.has_sent) = (true, false);
+        }
         link.at = Instant::ZERO;
         link.requested = [None; 2];
+        self.checks.repeat();
     }
 }
 

@@ -241,7 +241,7 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
     let is_outdated = frame.id() == LogRequestData::ID && server.listed.is_some_and(|listed| !listed.contains(&from));
     let refusal = if if is_erase { cx.shared.flight.state.is_armed() } else { !may_read } {
         increment(&mut server.counters.armed);
-        b"Logs refused: disarm first".as_slice()
+        if is_erase { b"Logs not erased: disarm first".as_slice() } else { b"Logs refused: disarm first" }
     } else if is_outdated {
         increment(&mut server.counters.outdated);
         b"Logs refused: list them again first".as_slice()
