@@ -15,10 +15,30 @@
 //! 2. In the firmware, declare [`ComponentMetadata`] in [`Telemetry::STREAMS`](crate::Telemetry::STREAMS) and fill in
 //!    the general file's URI.
 //!
-//! Each file may be compressed to the format ".xz", which its name must then end with: that makes it four times as short, in flash and on
-//! the link. `file_crc` is that of the compressed file. The build script of `examples/demo` does all this; by hand it is `xz -9 --check=crc32`.
+//! The second step, with `GENERAL_CRC` from the first:
 //!
-//! A firmware that does not declare it refuses the request; clients then know that there is no metadata (Q-1).
+//! ```
+//! # use mavstack::*;
+//! use mavstack::dialect::ComponentMetadata;
+//!
+//! # const GENERAL_CRC: u32 = 0;
+//! # struct Rover;
+//! impl Telemetry for Rover {
+//!     const STREAMS: &'static [Stream] = &[Stream::of::<ComponentMetadata>()];
+//!
+//!     fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
+//!         let uri = Text::new("mftp:///general.json");
+//!         let time_boot_ms = out.now().time_boot_ms();
+//!         id == ComponentMetadata::ID && out.put(&ComponentMetadata { time_boot_ms, file_crc: GENERAL_CRC, uri })
+//!     }
+//! }
+//! ```
+//!
+//! Files may be compressed to the format ".xz", if their names end with it. They then take a quarter of the flash, and of the link.
+//! `file_crc` is the checksum of the compressed file. The build script of `examples/demo` does all this; by hand it is
+//! `xz -9 --check=crc32`.
+//!
+//! A firmware without this message refuses the request; clients then know that there is no metadata (Q-1).
 //!
 //! ```
 //! use mavstack::metadata;

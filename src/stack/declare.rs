@@ -126,7 +126,7 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
 /// | `camera: { images: N }` | a [camera](crate::Camera) that remembers the last `N` images (48 bytes each); `camera` alone is 16 | none | [`Camera`](crate::Camera) |
 /// | `ext_parameters` | [extended parameters](crate::ExtParameters), such as a camera's settings | none | [`ExtParameters`](crate::ExtParameters) |
 /// | `events: { history: N }` | [events](mod@crate::events) that ground stations receive without a gap, the last `N` of them kept (36 bytes each) | none | |
-/// | `events: { history: N, checks }` | also the checks before arming, reported as events | none | [`HealthChecks`](crate::HealthChecks) |
+/// | `events: { history: N, checks }` | also the checks before arming, reported as events; `N` is at least 8 | none | [`HealthChecks`](crate::HealthChecks) |
 /// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
 /// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |
 /// | `setpoints` | [setpoints](crate::setpoints::Setpoints) of a companion computer | none | |
@@ -139,7 +139,7 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
 /// | `log_streaming` | the running log, [streamed](crate::LogStreaming) in flight | none | [`LogStreaming`](crate::LogStreaming) |
 /// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::network::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
 /// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
-/// | `storage: { records: N }` | [storage](crate::storage) for all of this (feature `storage`), and for up to 8 small records of the firmware's own; `storage` alone has none | none | `Records`, if there are any |
+/// | `storage: { records: N }` | storage for all of this (feature `storage`), and for up to 8 small records of the firmware's own; `storage` alone has none | none | `Records`, if there are any |
 /// | `peers: N` | entries of the table of [peers](crate::network::PeerInfo) | 8 | |
 /// | `texts: N` | pending texts; 0 for no texts at all | 4 | |
 ///

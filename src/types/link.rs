@@ -128,7 +128,17 @@ impl LinkConfig {
     /// time, set [`bytes_per_second`](Self::bytes_per_second).
     pub const fn uart(baud: u32) -> Self {
         assert!(baud >= 10, "a UART has a baud rate; a line without one is `LinkConfig::unlimited()`");
-        Self { bytes_per_second: baud / 10, ..Self::unlimited() }
+        Self::limited(baud / 10)
+    }
+
+    /// Returns the configuration of a normal MAVLink 2 link with a byte rate, such as a station on a network.
+    ///
+    /// # Panics
+    ///
+    /// Panics if the rate is 0.
+    pub const fn limited(bytes_per_second: u32) -> Self {
+        assert!(bytes_per_second > 0, "a limited link has a rate; a line without one is `LinkConfig::unlimited()`");
+        Self { bytes_per_second, ..Self::unlimited() }
     }
 
     /// Returns the configuration of a normal MAVLink 2 link without a byte rate, such as USB, whose transport applies

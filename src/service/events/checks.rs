@@ -34,8 +34,8 @@ const SUMMARIES: usize = 2;
 
 /// The arming checks, for a vehicle that declares `events: { history: N, checks }` in [`stack!`](crate::stack).
 ///
-/// The stack calls the hook twice a second, and reports a changed result as events, at most every two seconds. It
-/// reports at once on MAV_CMD_RUN_PREARM_CHECKS, which QGroundControl and MAVSDK send when they connect. The ground
+/// The stack calls the hook twice a second. It reports the result as events when it has changed or a link was opened, at
+/// most every two seconds, and at once on MAV_CMD_RUN_PREARM_CHECKS, which QGroundControl and MAVSDK send when they connect. The ground
 /// station then shows the failing checks, and the flight modes in which the vehicle can arm (EVT-6).
 ///
 /// ```
@@ -81,8 +81,8 @@ pub trait HealthChecks {
     /// and the live plans.
     fn checks(&self, cx: &Context<'_>, report: &mut HealthReport<'_>);
 
-    /// Returns the result of MAV_CMD_RUN_PREARM_CHECKS; the report is sent in any case. Override it to also send a
-    /// text, or to refuse the command while armed.
+    /// Returns the result of MAV_CMD_RUN_PREARM_CHECKS, ACCEPTED by default; the report is sent in any case. Override it
+    /// to also send a text, or to refuse the command while armed.
     fn run_checks(&mut self, cx: &mut Context<'_>) -> MavResult {
         let _ = cx;
         MavResult::ACCEPTED
@@ -137,8 +137,8 @@ impl<'a> HealthReport<'a> {
         self.summary.present |= components.bits();
     }
 
-    /// Reports that a check fails: the vehicle cannot arm in `modes`. Without a mode it can arm in all modes, and the
-    /// check is shown for all. `component` is one component, or none. A level of `Error` or above marks it as failed,
+    /// Reports that a check fails: the vehicle cannot arm in `modes`. With `EMPTY` it can arm in all modes, and the
+    /// check is shown for all. `component` is one component, or `NONE`. A level of `Error` or above marks it as failed,
     /// `Warning` marks it with a warning.
     pub fn fails<C: Check>(
         &mut self,

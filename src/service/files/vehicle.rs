@@ -33,7 +33,8 @@ use crate::types::{Context, Peer};
 ///
 /// Other files have numbers, which the vehicle chooses. [`open`](Self::open) turns a path into the number of an open
 /// file, and [`directory`](Self::directory) into the number of a directory. Hooks get only numbers that the vehicle has
-/// returned. The stack opens at most one file per session at a time, plus one while it computes a checksum.
+/// returned. The stack opens at most one file per session at a time, plus one while it computes a checksum. A file that is
+/// open twice may have the same number twice; each is closed.
 ///
 /// # Paths
 ///
@@ -57,14 +58,16 @@ pub trait Files {
     /// Whether clients may write or change files. If not, the code for it is not linked.
     const WRITES: bool = false;
 
-    /// Returns the number of a directory; `None` if there is none. The root is the empty path.
+    /// Returns the number of a directory; `None` if there is none. The root is the empty path. The stack lists the files
+    /// of [`FILES`](Self::FILES) and the directories that begin with `@` by itself: a vehicle whose other files are in
+    /// the root returns a number for it too.
     fn directory(&mut self, path: &[u8]) -> Option<u16> {
         let _ = path;
         None
     }
 
-    /// Returns an entry of a directory; `None` after the last one. Indices begin at 0. While a client lists a directory, the
-    /// order should not change.
+    /// Returns an entry of a directory; `None` after the last one. Indices count the vehicle's own entries, from 0. While a
+    /// client lists a directory, the order should not change.
     fn entry(&mut self, directory: u16, index: u16) -> Option<FileEntry<'_>> {
         let _ = (directory, index);
         None
@@ -221,7 +224,7 @@ pub struct OpenFile {
 pub enum FileAccess {
     /// Read only.
     Read,
-    /// Write: OpenFileWO. Opens an existing file, or creates it.
+    /// Write: OpenFileWO. Keeps the content of an existing file. The vehicle decides whether it creates a missing one.
     Write,
     /// Write from the beginning: CreateFile. Replaces an old file of that name.
     Create,

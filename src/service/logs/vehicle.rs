@@ -6,8 +6,9 @@ use crate::types::{Context, Peer};
 ///
 /// Logs are numbered from 0, the oldest first, as in PX4. The numbers may change only while
 /// [`may_read_logs`](Self::may_read_logs) returns false, and in [`erase_logs`](Self::erase_logs). Afterwards clients
-/// must list the logs again, so no download mixes two logs. With the default, a vehicle may begin a log when it is
-/// armed, and evict the oldest one. A vehicle that permits reads in flight must not evict a log in flight.
+/// must list the logs again, so no download mixes two logs. A log may grow at any time. With the default, a vehicle may
+/// begin a log when it is armed, and evict the oldest one. A vehicle that permits reads in flight must not evict a log
+/// in flight.
 ///
 /// ```
 /// use mavstack::logs::{LogInfo, LogRead};

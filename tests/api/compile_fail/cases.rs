@@ -304,7 +304,52 @@ pub fn cases() -> Vec<Case> {
         (
             "event_without_argument",
             constant("events! { struct Place in \"a\" { events { Low(Info) { x: u8 } = \"{2}\"; } } }"),
-            "a text shows an argument as `{1}` or `{2:.1m}`, counted from 1; put a backslash before any other brace",
+            "a text shows an argument as `{1}` or `{2:.1m}`, counted from 1, and from 3 in a check",
+        ),
+        (
+            "check_with_place_of_modes",
+            constant(
+                "events! { struct Place in \"a\" { modes M { /** m */ A = [1] } components C { /** c */ B }
+                    arming_checks { Low(Error) { x: u8 } = \"{1}\"; } } }",
+            ),
+            "counted from 1, and from 3 in a check",
+        ),
+        (
+            "component_without_name",
+            constant(
+                "events! { struct Named in \"a\" { modes M { /** m */ A = [1] } components C { B } arming_checks {} } }",
+            ),
+            "a group of modes or a component needs a doc comment: ground stations show it as its name",
+        ),
+        (
+            "checks_without_history",
+            implements(
+                "events! { struct Checked in \"a\" { modes M { /** m */ A = [1] } components C { /** c */ B } arming_checks {} } }
+                impl HealthChecks for Rover {
+                    type Events = Checked;
+                    fn checks(&self, _: &Context<'_>, _: &mut mavstack::events::HealthReport<'_>) {}
+                }",
+                "links: 1, events: { history: 7, checks }",
+            ),
+            "with `checks`, the history has at least 8 events",
+        ),
+        (
+            "check_as_event",
+            constant(
+                "events! { struct Both in \"a\" { modes M { /** m */ A = [1] } components C { /** c */ B }
+                    arming_checks { Low(Error) = \"low\"; } } }
+                fn send(cx: &mut Context<'_>) { cx.event(&Low) }",
+            ),
+            "`Low` is not an event",
+        ),
+        (
+            "event_as_check",
+            constant(
+                "events! { struct Both in \"a\" { modes M { /** m */ A = [1] } components C { /** c */ B }
+                    arming_checks {} events { Low(Error) = \"low\"; } } }
+                fn fail(report: &mut mavstack::events::HealthReport<'_>) { report.fails(M::A, C::B, &Low) }",
+            ),
+            "`Low` is not a check",
         ),
         (
             "event_with_text",
