@@ -256,8 +256,8 @@ impl GimbalManager for Rover {
 crate::events! {
     /// Events, and a check that fails with the current item.
     struct RoverEvents in "rover" {
-        modes Groups { ALL = [1, 2] }
-        components Parts { WHEEL }
+        modes Groups { /** All */ ALL = [1, 2] }
+        components Parts { /** Wheel */ WHEEL }
         arming_checks {
             Flat(Error) = "Flat";
         }

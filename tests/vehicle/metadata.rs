@@ -74,6 +74,7 @@ mavstack::events! {
         modes ModeGroups {
             /// By hand
             MANUAL = [1, 65_536],
+            /// By itself
             AUTO = [],
         }
         components Part {
@@ -115,7 +116,7 @@ fn every_event_is_described() {
         r#""side_t":{"is_bitfield":true,"type":"uint8_t","description":"Sides.","entries":{"1":{"name":"left_side","#,
         r#""description":"left"}}},"#,
         r#""mode_groups_t":{"is_bitfield":true,"type":"uint32_t","description":"Groups of flight modes.","entries":{"#,
-        r#""1":{"name":"manual","description":"By hand"},"2":{"name":"auto","description":""}}},"#,
+        r#""1":{"name":"manual","description":"By hand"},"2":{"name":"auto","description":"By itself"}}},"#,
         r#""part_t":{"is_bitfield":true,"type":"uint32_t","description":"What can fail.","entries":{"#,
         r#""1":{"name":"none","description":"None"},"2":{"name":"hook","description":"The hook"}}}},"event_groups":{"#,
         r#""default":{"events":{"#,

@@ -102,16 +102,16 @@ pub struct EntryInfo {
 impl EntryInfo {
     #[doc(hidden)]
     pub const fn new(name: &'static str, description: &'static str, value: u64) -> Self {
+        assert!(
+            !description.is_empty(),
+            "an entry of an enumeration, of `modes` or of `components` needs a doc comment, which ground stations show"
+        );
         Self { name, description, value }
     }
 
     #[doc(hidden)]
     #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; u32 to u64")]
     pub const fn bit(name: &'static str, description: &'static str, bit: u32) -> Self {
-        assert!(
-            !description.is_empty(),
-            "a group of modes or a component needs a doc comment: ground stations show it as its name"
-        );
         Self::new(name, description, bit as u64)
     }
 }

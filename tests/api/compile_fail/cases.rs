@@ -319,7 +319,7 @@ pub fn cases() -> Vec<Case> {
             constant(
                 "events! { struct Named in \"a\" { modes M { /** m */ A = [1] } components C { B } arming_checks {} } }",
             ),
-            "a group of modes or a component needs a doc comment: ground stations show it as its name",
+            "an entry of an enumeration, of `modes` or of `components` needs a doc comment, which ground stations show",
         ),
         (
             "checks_without_history",
