@@ -34,7 +34,7 @@
 //! }
 //! ```
 //!
-//! Files may be compressed to the format ".xz", if their names end with it. They then take a quarter of the flash, and of the link.
+//! Files may be compressed to the format ".xz", if their names end with it. They then take a quarter of the flash and of the time.
 //! `file_crc` is the checksum of the compressed file. The build script of `examples/demo` does all this; by hand it is
 //! `xz -9 --check=crc32`.
 //!

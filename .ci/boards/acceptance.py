@@ -324,17 +324,17 @@ def cut_in_flash(gcs, qmp, after):
         gcs.beat()
         time.sleep(0.02)
     gcs.forget()
+    qmp.execute("cont", event="RESUME")
     return True
 
 
 def cut_between_words(port, address):
-    """The same for QEMU: the reset comes between two words of the flash, a little more than half a page later each time. `address` is
-    read after each word."""
+    """The same for QEMU: the reset comes between two words of the flash, 37 words later each time. `address` is read after each word."""
 
     def cut(gcs, qmp, after):
         gdb = Gdb(port, address)
         gcs.send_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0)
-        is_cut = gdb.run_until(1 + 37 * after, silence=3)
+        is_cut = gdb.run_until(1 + 37 * after, silence=PATIENCE)
         gcs.take_all()
         qmp.execute("system_reset", event="RESET")
         gcs.forget()
@@ -370,6 +370,7 @@ def cuts(gcs, qmp, items, cut, figure):
         found[is_new] += 1
         if not is_cut:
             break
+        assert after < 200, "it stores without an end"
     names = {(False, False): "nothing", (False, True): "the parameter", (True, False): "the mission", (True, True): "both"}
     figure(f"{after} resets in between, new afterwards: " + ", ".join(f"{found[key]} times {name}" for key, name in names.items()))
     assert found[(False, False)] and found.total() > found[(False, False)] + found[(True, True)], found

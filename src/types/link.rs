@@ -135,7 +135,7 @@ impl LinkConfig {
     ///
     /// # Panics
     ///
-    /// Panics if the rate is 0.
+    /// Panics if the rate is 0. In a `const` this is a compile error.
     pub const fn limited(bytes_per_second: u32) -> Self {
         assert!(bytes_per_second > 0, "a limited link has a rate; a line without one is `LinkConfig::unlimited()`");
         Self { bytes_per_second, ..Self::unlimited() }

@@ -109,21 +109,28 @@ fn report_is_sent_on_command() {
     assert_eq!(site.expect::<Statustext>(0, millis(100)).text.as_str(), Some("Checked"), "the vehicle's text");
 }
 
-/// EVT-7: the report is repeated when a link is opened, at most every two seconds.
+/// EVT-7: the report is repeated when a link was opened and a peer is heard on it, at most every two seconds.
 #[test]
 fn report_is_sent_when_a_link_is_opened() {
     let mut site = site();
     site.run_for(secs(3));
-    site.stack.restart_link(LinkId(0));
-    assert_eq!(report(&mut site, millis(600)).len(), 2);
-    site.run_for(secs(3));
-    site.gcs[0].forget();
-    for _ in 0..100 {
-        site.stack.restart_link(LinkId(1));
-        site.run_for(millis(100));
+    for is_heard in [false, true] {
+        site.gcs[0].forget();
+        for _ in 0..100 {
+            site.stack.restart_link(LinkId(1));
+            if is_heard {
+                site.gcs[1].send(&Gcs::heartbeat());
+            }
+            site.run_for(millis(100));
+        }
+        let events = site.gcs[0].count_of::<Event>();
+        let expected = if is_heard { 4 * 2..=6 * 2 } else { 0..=0 };
+        assert!(expected.contains(&events), "{events} events in 10 s");
     }
-    let all = site.gcs[0].all::<Event>();
-    assert!((4 * 2..=6 * 2).contains(&all.len()), "{} events in 10 s", all.len());
+    site.run_for(secs(3));
+    site.stack.restart_link(LinkId(0));
+    site.gcs[0].send(&Gcs::heartbeat());
+    assert_eq!(report(&mut site, millis(600)).len(), 2);
 }
 
 /// EVT-3, EVT-7: a vehicle restarts so fast that its station does not notice, and its link is open only after the first report.
@@ -141,6 +148,7 @@ fn station_learns_the_checks_after_a_fast_restart() {
         site.gcs[0].forget();
         receiver.forgot();
         site.stack.restart_link(LinkId(0));
+        site.gcs[0].send(&Gcs::heartbeat());
         for _ in 0..300 {
             site.run_for(millis(10));
             receiver.poll(site.now(), &mut site.gcs[0]);

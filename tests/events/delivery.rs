@@ -108,23 +108,59 @@ fn sequence_is_sent_now_and_then() {
     }
 }
 
-/// EVT-3: when a link is opened, its peers learn the last sequence number at once. The first time they also learn that the numbers
-/// have begun anew: what was sent before had no receiver.
+/// EVT-3: when a link is opened, its peers learn the last sequence number at once. If none was heard before, they also learn that
+/// the numbers start again, because what was sent had no receiver.
 #[test]
 fn sequence_is_sent_when_a_link_is_opened() {
-    let mut site = site();
-    count(&mut site, 0..4);
-    site.run_for(secs(1));
-    for flags in [MavEventCurrentSequenceFlags::RESET, MavEventCurrentSequenceFlags::EMPTY] {
-        let newest = site.gcs[0].all::<Event>().last().unwrap().1.sequence;
-        site.gcs[0].forget();
-        site.stack.restart_link(LinkId(0));
-        let current = site.expect::<CurrentEventSequence>(0, millis(10));
-        assert_eq!((current.sequence, current.flags), (newest, flags));
-        assert_eq!(site.gcs[0].count_of::<Event>(), 0, "no event is sent again");
-        // The report of the checks, which is.
-        site.run_for(secs(3));
+    mavstack::stack! {
+        struct Unchecked for Rover { links: 1, events: { history: 4 } }
     }
+    let mut world = World::<1, Unchecked>::of(Setup::new());
+    let now = world.now();
+    world.stack.event(now, &Parked);
+    world.run_for(secs(1));
+    let (reset, none) = (MavEventCurrentSequenceFlags::RESET, MavEventCurrentSequenceFlags::EMPTY);
+    for (sequence, flags, is_heard) in [(1, reset, false), (1, reset, true), (2, none, false)] {
+        world.stack.restart_link(LinkId(0));
+        for wait in [millis(10), secs(4)] {
+            world.gcs[0].forget();
+            let current = world.expect::<CurrentEventSequence>(0, wait);
+            assert_eq!((current.sequence, current.flags), (sequence, flags), "until the next event");
+            assert_eq!(world.gcs[0].count_of::<Event>(), 0, "no event is sent again");
+        }
+        if is_heard {
+            world.gcs[0].send(&Gcs::heartbeat());
+            world.run_for(millis(50));
+            let now = world.now();
+            world.stack.event(now, &Parked);
+            world.run_for(millis(50));
+        }
+    }
+}
+
+/// EVT-3, EVT-4: a link is opened again after it has failed. A station that was heard before gets the events that it has missed.
+#[test]
+fn events_lost_with_a_link_are_recovered() {
+    let mut site = site();
+    let mut receiver = Receiver::new(STATION);
+    site.gcs[0].send(&Gcs::heartbeat());
+    for is_lost in [false, true, false] {
+        count(&mut site, 0..4);
+        for _ in 0..100 {
+            site.run_for(millis(10));
+            if !is_lost {
+                receiver.poll(site.now(), &mut site.gcs[0]);
+            }
+        }
+        if is_lost {
+            site.gcs[0].forget();
+            receiver.forgot();
+            site.stack.restart_link(LinkId(0));
+        }
+    }
+    let numbers = receiver.events.iter().filter(|event| event.id == id_of::<Counted>()).map(number_of);
+    assert_eq!(numbers.collect::<Vec<_>>(), [0, 1, 2, 3].repeat(3));
+    assert_eq!(receiver.lost, 0);
 }
 
 /// EVT-2: events take at most half of a link's rate.

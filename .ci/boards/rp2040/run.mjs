@@ -4,7 +4,7 @@
 // | command | |
 // |---|---|
 // | `stop`, `cont`, `system_reset` | as in QEMU; a reset keeps the flash, and drops what the lines carry |
-// | `cut-in-flash` | resets in the middle of a write of a page or an erase of a sector, after `after` more of them, and continues; `null` revokes it |
+// | `cut-in-flash` | resets in the middle of a write of a page or an erase of a sector, after `after` more of them, and stops; `null` revokes it |
 // | `query-counters` | in ns: `awake`, how long the processor did not sleep; `passed`, the time; `longest`, between two sleeps since the last query |
 // | | `writes`: of pages and sectors since the last reset; `resets`: how many |
 //
@@ -184,6 +184,8 @@ class Board {
       } catch (error) {
         if (!(error instanceof PowerCut)) throw error;
         this.restart();
+        this.isStopped = true;
+        this.say({ event: 'STOP' });
       }
       this.uartPort.limit(this.uart.line.length > LINE_LEN);
       this.usbPort.limit(this.usb.toSend.length > LINE_LEN);

@@ -1,4 +1,4 @@
-//! Who is asked, and on which link.
+//! Finds the recipient of a request, and its link.
 
 use crate::message::{Address, ComponentId};
 use crate::network::{PeerInfo, Peers};

@@ -34,9 +34,10 @@ const SUMMARIES: usize = 2;
 
 /// The arming checks, for a vehicle that declares `events: { history: N, checks }` in [`stack!`](crate::stack).
 ///
-/// The stack calls the hook twice a second. It reports the result as events when it has changed or a link was opened, at
-/// most every two seconds, and at once on MAV_CMD_RUN_PREARM_CHECKS, which QGroundControl and MAVSDK send when they connect. The ground
-/// station then shows the failing checks, and the flight modes in which the vehicle can arm (EVT-6).
+/// The stack calls the hook twice a second. It reports the result as events when it has changed, and when a peer is heard
+/// on a link that was opened; at most every two seconds. It reports at once on MAV_CMD_RUN_PREARM_CHECKS, which
+/// QGroundControl and MAVSDK send when they connect. The ground station then shows the failing checks, and the flight
+/// modes in which the vehicle can arm (EVT-6).
 ///
 /// ```
 /// # use mavstack::*;

@@ -42,7 +42,8 @@
 /// - The parts are in this order: `enums`, `modes`, `components`, `arming_checks`, `health_checks`, `events`. Each entry
 ///   of `enums`, `modes` and `components` has a doc comment, which ground stations show.
 /// - `{1}` in a text is the first argument. `{2:.1m}` is the second with one decimal and a unit. Any unit is shown;
-///   ground stations may convert `m`, `m_v` (vertical), `m/s`, `m^2` and `C`. Escape `{`, `<` and the backslash by a backslash.
+///   ground stations may convert `m`, `m_v` (vertical), `m/s`, `m^2` and `C`. Escape `{`, `<` and the backslash with a
+///   backslash.
 /// - In the metadata, `BatteryLow` is `battery_low`, and `Reason` is `reason_t`.
 /// - The arguments have at most 25 bytes. Never change an event or its meaning: ground stations identify it by its
 ///   name.

@@ -34,7 +34,7 @@ use crate::dialect::{
 use crate::link::Port;
 use crate::message::{Address, FieldWriter, Message};
 use crate::time::{Duration, Instant};
-use crate::types::{Context, EventEntry, EventLog, Firmware};
+use crate::types::{Context, EventEntry, EventLog, Firmware, LinkMask, Peer};
 
 /// The interval of CURRENT_EVENT_SEQUENCE, as in PX4.
 const SEQUENCE_INTERVAL: Duration = Duration::from_secs(3);
@@ -60,6 +60,9 @@ counters! {
 #[derive(Debug)]
 pub struct EventService<C> {
     pub(crate) counters: EventCounters,
+    /// The links on which a peer was heard since the start, and those on which none was heard since they were opened.
+    heard: LinkMask,
+    opened: LinkMask,
     checks: C,
 }
 
@@ -78,10 +81,8 @@ pub struct EventLink {
     sent: u16,
     /// The sequence number in the last CURRENT_EVENT_SEQUENCE.
     told: u16,
-    /// Whether any event was sent, since the link was opened for the first time.
+    /// Whether any event was sent, to peers that may have received it.
     has_sent: bool,
-    /// Whether the link was opened again since the start.
-    was_opened: bool,
     /// When CURRENT_EVENT_SEQUENCE is due.
     at: Instant,
     share: Share,
@@ -158,17 +159,11 @@ fn send(port: &mut Port, event: &EventEntry, sequence: u16) -> bool {
 }
 
 impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
-    const NEW: Self = Self { counters: EventCounters::ZERO, checks: C::NEW };
+    const NEW: Self =
+        Self { counters: EventCounters::ZERO, heard: LinkMask::NONE, opened: LinkMask::NONE, checks: C::NEW };
     type Link = EventLink;
-    const VACANT: EventLink = EventLink {
-        sent: 0,
-        told: 0,
-        has_sent: false,
-        was_opened: false,
-        at: Instant::ZERO,
-        share: Share::NEW,
-        requested: [None; 2],
-    };
+    const VACANT: EventLink =
+        EventLink { sent: 0, told: 0, has_sent: false, at: Instant::ZERO, share: Share::NEW, requested: [None; 2] };
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut EventLink>) {
         let unreported = self.checks.poll(cx);
@@ -248,15 +243,24 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         event!("{}", self.counters);
     }
 
-    /// New peers learn the newest sequence number at once, and the checks soon. What was sent before the link was opened for the first
-    /// time had no receiver: a peer that remembers the vehicle before a reboot learns that the numbers have begun anew.
-    fn restart(&mut self, _: &Port, link: &mut EventLink) {
-        if !link.was_opened {
-            (link.was_opened, link.has_sent) = (true, false);
-        }
+    /// New peers learn the link's last sequence number at once, and the checks soon after the first frame of one is accepted. If none
+    /// was heard before, nobody has received what was sent: a peer that remembers the vehicle before a reboot learns that the numbers
+    /// start again.
+    fn restart(&mut self, port: &Port, link: &mut EventLink) {
+        let mask = LinkMask::of(port.id);
+        link.has_sent &= self.heard.contains(mask);
         link.at = Instant::ZERO;
         link.requested = [None; 2];
-        self.checks.repeat();
+        self.opened = self.opened.with(mask);
+    }
+
+    fn on_heard(&mut self, _: Instant, from: Peer) {
+        let mask = LinkMask::of(from.link);
+        if self.opened.contains(mask) {
+            self.opened = self.opened.without(mask);
+            self.checks.repeat();
+        }
+        self.heard = self.heard.with(mask);
     }
 }
 

@@ -41,6 +41,8 @@ const SILENCE: Duration = Duration::from_secs(10);
 const BLOCK: usize = 90;
 /// The number of clients that are remembered to have listed the logs. The one that listed them first is forgotten.
 const LISTED: usize = 4;
+/// The answer to an erasure while a client reads a log.
+const BEING_READ: &[u8] = b"Logs not erased: a client reads one";
 /// No frame is from system 0.
 const NO_CLIENT: Peer = Peer { address: Address::new(0, 0), link: LinkId(0) };
 
@@ -257,12 +259,13 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
     }
     if server.work != Work::Nothing && server.client != from {
         increment(&mut server.counters.busy);
-        return cx.say(MavSeverity::NOTICE, b"Logs refused: another client reads them");
+        let text = if is_erase { BEING_READ } else { b"Logs refused: another client reads them" };
+        return cx.say(MavSeverity::NOTICE, text);
     }
     if is_erase {
         if cx.now < cx.shared.logs_read_until {
             increment(&mut server.counters.busy);
-            return cx.say(MavSeverity::NOTICE, b"Logs not erased: a client reads one");
+            return cx.say(MavSeverity::NOTICE, BEING_READ);
         }
         server.work = Work::Nothing;
         let (vehicle, mut context) = cx.hook();

@@ -1,4 +1,4 @@
-//! Where segments and records are.
+//! The positions of segments and records.
 
 use super::super::page::Footer;
 

@@ -27,6 +27,7 @@ pub fn cases() -> Vec<Case> {
         ("system_255", config(255, 1), address),
         ("component_0", config(1, 0), address),
         ("baud_0", constant("const LINK: LinkConfig = LinkConfig::uart(0);"), "a UART has a baud rate"),
+        ("rate_0", constant("const LINK: LinkConfig = LinkConfig::limited(0);"), "a limited link has a rate"),
         (
             "budget",
             constant("const BUDGET: PollBudget = PollBudget::for_line(3_000_000, Duration::from_secs(600));"),

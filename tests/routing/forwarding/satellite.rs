@@ -1,4 +1,4 @@
-//! What is forwarded to a link that is paid for: rules, L-3 to L-5.
+//! What is forwarded to a high-latency link: rules, L-3 to L-5.
 
 use super::*;
 
