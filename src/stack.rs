@@ -388,9 +388,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         if let Some((Link { decoder, port }, state)) = self.links.get_mut(index).zip(state) {
             decoder.clear();
             port.transport = Transport::Unknown;
-            port.has_accepted = false;
             port.outbox.restart();
+            // Which may ask whether a peer was heard before.
             self.services.restart(port, state);
+            port.has_accepted = false;
         }
     }
 
