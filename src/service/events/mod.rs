@@ -60,8 +60,7 @@ counters! {
 #[derive(Debug)]
 pub struct EventService<C> {
     pub(crate) counters: EventCounters,
-    /// The links on which a peer was heard since the start, and those on which none was heard since they were opened.
-    heard: LinkMask,
+    /// The links that were opened, and on which no peer was heard since.
     opened: LinkMask,
     checks: C,
 }
@@ -83,6 +82,8 @@ pub struct EventLink {
     told: u16,
     /// Whether any event was sent, to peers that may have received it.
     has_sent: bool,
+    /// Whether a peer was heard before the link was opened.
+    was_heard: bool,
     /// When CURRENT_EVENT_SEQUENCE is due.
     at: Instant,
     share: Share,
@@ -159,11 +160,17 @@ fn send(port: &mut Port, event: &EventEntry, sequence: u16) -> bool {
 }
 
 impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
-    const NEW: Self =
-        Self { counters: EventCounters::ZERO, heard: LinkMask::NONE, opened: LinkMask::NONE, checks: C::NEW };
+    const NEW: Self = Self { counters: EventCounters::ZERO, opened: LinkMask::NONE, checks: C::NEW };
     type Link = EventLink;
-    const VACANT: EventLink =
-        EventLink { sent: 0, told: 0, has_sent: false, at: Instant::ZERO, share: Share::NEW, requested: [None; 2] };
+    const VACANT: EventLink = EventLink {
+        sent: 0,
+        told: 0,
+        has_sent: false,
+        was_heard: false,
+        at: Instant::ZERO,
+        share: Share::NEW,
+        requested: [None; 2],
+    };
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut EventLink>) {
         let unreported = self.checks.poll(cx);
@@ -247,20 +254,32 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
     /// was heard before, nobody has received what was sent: a peer that remembers the vehicle before a reboot learns that the numbers
     /// start again.
     fn restart(&mut self, port: &Port, link: &mut EventLink) {
-        let mask = LinkMask::of(port.id);
-        link.has_sent &= self.heard.contains(mask);
+        link.was_heard |= port.has_accepted;
+        link.has_sent &= link.was_heard;
         link.at = Instant::ZERO;
         link.requested = [None; 2];
-        self.opened = self.opened.with(mask);
+        self.opened = self.opened.with(LinkMask::of(port.id));
     }
 
     fn on_heard(&mut self, _: Instant, from: Peer) {
-        let mask = LinkMask::of(from.link);
-        if self.opened.contains(mask) {
-            self.opened = self.opened.without(mask);
+        if !self.opened.is_empty() {
+            self.on_opened::<F>(from);
+        }
+    }
+}
+
+impl<C> EventService<C> {
+    /// A peer was heard while there are links that were opened. Not inlined: this is rare, and a frame is received often.
+    #[inline(never)]
+    fn on_opened<F: Firmware>(&mut self, from: Peer)
+    where
+        C: Checker<F>,
+    {
+        let link = LinkMask::of(from.link);
+        if self.opened.contains(link) {
+            self.opened = self.opened.without(link);
             self.checks.repeat();
         }
-        self.heard = self.heard.with(mask);
     }
 }
 
