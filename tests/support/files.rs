@@ -6,6 +6,9 @@ use mavstack::files::{FileAccess, FileChange, FileEntry, OpenFile, StaticFile};
 use mavstack::{Address, Context, Files, Peer};
 use std::collections::BTreeMap;
 
+/// The greatest offset and size of a file (bytes): a client may ask for 4 GB.
+const LONGEST: u32 = 1_000_000;
+
 /// The static files of the test vehicle.
 pub const STATIC: &[StaticFile] = &[
     StaticFile::new("general.json", b"{\"version\":1}"),
@@ -143,7 +146,7 @@ impl Files for TestVehicle {
     ) -> Result<(), MavFtpErr> {
         self.files.writes += 1;
         self.files.authorise(from)?;
-        if offset > 1_000_000 {
+        if offset > LONGEST {
             return Err(MavFtpErr::FAIL);
         }
         let path = self.files.open.get(&file).expect("an open file");
@@ -164,6 +167,7 @@ impl Files for TestVehicle {
         files.authorise(from)?;
         match change {
             FileChange::Remove(path) => files.content.remove(text(path)).map(drop).ok_or(MavFtpErr::FILENOTFOUND),
+            FileChange::Truncate { size, .. } if size > LONGEST => Err(MavFtpErr::FAIL),
             FileChange::Truncate { path, size } => files
                 .content
                 .get_mut(text(path))
