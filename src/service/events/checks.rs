@@ -304,7 +304,7 @@ pub struct Checking<const N: usize> {
     /// When to ask the vehicle next.
     at: Instant,
     reported_at: Instant,
-    /// The hash of the last report; 0 for none, or if a new report is requested.
+    /// The hash of the last report, which is odd; [`AT_ONCE`] or [`SOON`] if another one is wanted.
     reported: u32,
 }
 
