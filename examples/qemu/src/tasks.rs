@@ -14,7 +14,7 @@ use mavstack::dialect::{
 };
 use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
 use mavstack::{Address, Instant, LinkId, Message, Text};
-use mavstack_tasks::{Between, CONFIG, Copter, Flight, LINKS, Mavlink};
+use mavstack_tasks::{Between, Copter, Flight, LINKS, Mavlink};
 use semihosting::experimental::env;
 use semihosting::{println, process};
 use static_cell::ConstStaticCell;
@@ -45,9 +45,9 @@ static SENT: AtomicU32 = AtomicU32::new(0);
 /// Returns the two tasks. Call it once. `name` is that of the firmware.
 pub fn start(name: &'static str) -> (FlightTask, MavlinkTask) {
     let load = Load::from_command_line();
-    let (flight, copter) = BETWEEN.take().split();
+    let (flight, copter, config) = BETWEEN.take().split();
     let stack = STACK.take();
-    stack.begin(CONFIG, LINKS);
+    stack.begin(config, LINKS);
     let lines = [2, 3].map(|system| (Line::SILENT, Station::new(system)));
     (
         FlightTask { name, load, flight, began: 0, passes: 0, least: u32::MAX, most: 0 },

@@ -18,10 +18,6 @@ use mavstack::{
 };
 use mavstack_snapshot::{Reader, Snapshot, Writer};
 
-/// Flight ticks it.
-pub static PULSE: Pulse = Pulse::new();
-/// The configuration.
-pub const CONFIG: Config = Config { r#type: MavType::QUADROTOR, ..Config::new(Address::new(1, 1), &PULSE) };
 /// A telemetry radio, and a companion computer.
 pub const LINKS: [LinkConfig; 2] = [LinkConfig::uart(115_200), LinkConfig::uart(921_600)];
 
@@ -81,6 +77,7 @@ const SLOTS: usize = 4;
 
 /// The memory between the two tasks. All zero bits.
 pub struct Between {
+    pulse: Pulse,
     state: Snapshot<State>,
     decisions: Queue<Decision, SLOTS>,
 }
@@ -88,16 +85,18 @@ pub struct Between {
 impl Between {
     /// Nothing written, nothing queued.
     pub const fn new() -> Self {
-        Self { state: Snapshot::new(State::START), decisions: Queue::new() }
+        Self { pulse: Pulse::new(), state: Snapshot::new(State::START), decisions: Queue::new() }
     }
 
-    /// Returns the two sides: one for each task.
-    pub fn split(&'static mut self) -> (Flight, Copter) {
+    /// Returns the two sides, one for each task, and the configuration of the stack, which watches this flight's pulse.
+    pub fn split(&'static mut self) -> (Flight, Copter, Config) {
+        let pulse = &self.pulse;
         let (writer, reader) = self.state.split();
         let (producer, consumer) = self.decisions.split();
         (
-            Flight { state: State::START, target: None, writer, decisions: consumer },
+            Flight { state: State::START, target: None, pulse, writer, decisions: consumer },
             Copter { state: State::START, takeoffs: 0, reader, decisions: producer },
+            Config { r#type: MavType::QUADROTOR, ..Config::new(Address::new(1, 1), pulse) },
         )
     }
 }
@@ -113,6 +112,8 @@ pub struct Flight {
     state: State,
     /// Altitude of a running takeoff.
     target: Option<f32>,
+    /// Ticked by each pass.
+    pulse: &'static Pulse,
     writer: Writer<'static, State>,
     decisions: Consumer<'static, Decision>,
 }
@@ -132,7 +133,7 @@ impl Flight {
             }
         }
         self.writer.write(self.state);
-        PULSE.tick();
+        self.pulse.tick();
     }
 
     /// Returns the state of the last pass.

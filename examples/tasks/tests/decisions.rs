@@ -4,7 +4,7 @@ use mavstack::dialect::{CommandAck, CommandLong, Common, Heartbeat, MavCmd, MavM
 use mavstack::frame::{Decoder, MAX_FRAME_LEN, Version, encode};
 use mavstack::message::Dialect;
 use mavstack::{Address, Duration, Instant, LinkId, Message};
-use mavstack_tasks::{Between, CONFIG, Copter, Flight, LINKS, Mavlink};
+use mavstack_tasks::{Between, Copter, Flight, LINKS, Mavlink};
 
 const LINK: LinkId = LinkId(0);
 const GCS: Address = Address::new(255, 190);
@@ -20,8 +20,8 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        let (flight, copter) = Box::leak(Box::new(Between::new())).split();
-        let stack = Box::new(Mavlink::new(CONFIG, LINKS));
+        let (flight, copter, config) = Box::leak(Box::new(Between::new())).split();
+        let stack = Box::new(Mavlink::new(config, LINKS));
         Self { flight, copter, stack, decoder: Decoder::default(), now: Instant::from_millis(1), sequence: 0 }
     }
 
