@@ -262,6 +262,36 @@ fn parts_of_an_upload_are_taken_in_order() {
     assert_eq!(world.stack.parameters().get(Tuning::CRUISE), 7.25);
 }
 
+/// F-6: a checksum fails when another client uploads, so that no upload waits for it: when the upload begins, and again when it is
+/// complete. Parts between leave it running.
+#[test]
+fn upload_does_not_wait_for_a_checksum() {
+    use MavFtpOpcode as Op;
+    let (mut world, mut client, mut other) = (world(), client(), Client::new(OTHER_STATION, 1, 0));
+    world.vehicle.files.content.insert("big.bin".to_string(), pattern(4_000_000));
+    let failed = |world: &Shelf| {
+        let answers = world.gcs[0].all::<FileTransferProtocol>();
+        answers.iter().map(|(_, message)| Packet::of(message).error()).collect::<Vec<_>>()
+    };
+    world.gcs[0].forget();
+    client.send(&mut world, &request(60, 0, Op::CALCFILECRC, 7, 0, b"big.bin"));
+    assert_eq!(other.create(&mut world, FILE), Ok(vec![0; 4]));
+    assert_eq!(failed(&world), [Some(MavFtpErr::FAIL)]);
+
+    let whole = encode(&[("BAT_LOW", 1, 11.0), ("CRUISE", 4, 7.25)]);
+    let (first, last) = whole.split_at(9);
+    client.send(&mut world, &request(61, 0, Op::CALCFILECRC, 7, 0, b"big.bin"));
+    assert_eq!(other.write(&mut world, 0, first), Ok(vec![]));
+    assert_eq!(failed(&world), [Some(MavFtpErr::FAIL)]);
+    assert_eq!(world.vehicle.files.open.len(), 1, "it is being computed");
+    assert_eq!(other.write(&mut world, 9, last), Ok(vec![]));
+    assert_eq!(failed(&world), [Some(MavFtpErr::FAIL); 2]);
+    assert!(world.vehicle.files.open.is_empty());
+    assert_eq!(world.stack.parameters().get(Tuning::CRUISE), 7.25);
+    client.seq = 62;
+    assert!(client.path(&mut world, Op::CALCFILECRC, "log.bin").is_ok());
+}
+
 /// A vehicle without room for an upload has a file that can only be read.
 #[test]
 fn upload_needs_room() {

@@ -179,9 +179,11 @@ fn each_refusal_has_its_error() {
         (Op::REMOVEFILE, "missing", MavFtpErr::FILENOTFOUND),
         (Op::RENAME, "log.bin", MavFtpErr::FAIL),
         (Op::RENAME, "log.bin\0@PARAM/x", MavFtpErr::FAIL),
+        (Op::RENAME, "log.bin\0general.json", MavFtpErr::FAIL),
         (Op::RENAME, "missing\0other", MavFtpErr::FILENOTFOUND),
         (Op(17), "", MavFtpErr::UNKNOWNCOMMAND),
         (Op(127), "", MavFtpErr::UNKNOWNCOMMAND),
+        (Op(17), "..", MavFtpErr::UNKNOWNCOMMAND),
     ] {
         assert_eq!(client.path(&mut world, opcode, path), Err(error), "{opcode:?} {path}");
     }

@@ -66,6 +66,51 @@ fn delayed_duplicates_are_harmless() {
     assert!(client.read(&mut world, 0, 9).is_ok());
 }
 
+/// F-13: a client that begins each operation with the number 0, as MAVSDK did, sends identical requests that are new. Each is carried
+/// out.
+#[test]
+fn identical_requests_of_a_new_operation_are_carried_out() {
+    use MavFtpOpcode as Op;
+    let (mut world, mut client) = (world(), client());
+    let mut ask = |world: &mut Shelf, seq: u16, opcode: Op, size: u8, data: &[u8]| {
+        client.seq = seq;
+        client.repeat(world, opcode, size, 0, data)
+    };
+    for round in 0..3 {
+        assert!(ask(&mut world, 0, Op::OPENFILERO, 7, b"log.bin").is_ok());
+        assert_eq!(ask(&mut world, 1, Op::READFILE, 3, b""), Ok(pattern(3)));
+        assert_eq!(ask(&mut world, 2, Op::TERMINATESESSION, 0, b""), Ok(vec![]));
+        assert!(world.vehicle.files.open.is_empty(), "{round}: closed");
+
+        let changes = world.vehicle.files.changes;
+        assert_eq!(ask(&mut world, 0, Op::CREATEDIRECTORY, 1, b"d"), Ok(vec![]));
+        assert_eq!(ask(&mut world, 0, Op::REMOVEDIRECTORY, 1, b"d"), Ok(vec![]));
+        assert_eq!(world.vehicle.files.changes, changes + 2, "{round}");
+    }
+    let mut sums = [b"abc", b"xyz"].map(|content| {
+        world.vehicle.files.content.insert("log.bin".to_string(), content.to_vec());
+        ask(&mut world, 0, Op::CALCFILECRC, 7, b"log.bin").unwrap()
+    });
+    sums.sort();
+    assert_ne!(sums[0], sums[1], "the file has changed");
+}
+
+/// F-13: a client that was started again after two seconds, in the middle of an upload, sends an identical request to begin. The file is
+/// the new one alone: no tail of the old one is left.
+#[test]
+fn client_that_was_started_again_begins_again() {
+    use MavFtpOpcode as Op;
+    let (mut world, mut client) = (world(), client());
+    for content in [&b"a long file"[..], b"short"] {
+        client.seq = 0;
+        assert_eq!(client.repeat(&mut world, Op::CREATEFILE, 3, 0, b"new"), Ok(vec![0; 4]));
+        client.write(&mut world, 0, content).unwrap();
+        assert_eq!(world.vehicle.files.content["new"], content);
+        assert_eq!(world.vehicle.files.open.len(), 1);
+        world.run_for(millis(2_000));
+    }
+}
+
 /// F-4: numbers wrap.
 #[test]
 fn sequence_numbers_wrap() {
@@ -170,7 +215,7 @@ fn checksum_ends_with_its_session() {
         let (mut world, mut client, mut other) = (world(), client(), Client { link: 1, ..OTHER });
         world.vehicle.files.content.insert("big.bin".to_string(), pattern(4_000_000));
         client.send(&mut world, &request(60, 0, Op::CALCFILECRC, 7, 0, b"big.bin"));
-        other.send(&mut world, &request(60, 0, Op::CREATEFILE, 16, 0, b"@PARAM/param.pck"));
+        other.send(&mut world, &request(60, 0, Op::CALCFILECRC, 7, 0, b"log.bin"));
         assert_eq!(other.packets(&mut world), [], "{number}: dropped, and the client sends it again");
         assert_eq!(world.vehicle.files.open.len(), 1, "{number}: it is being computed");
         end(&mut world, &mut client);
@@ -180,6 +225,41 @@ fn checksum_ends_with_its_session() {
         let sum = client.path(&mut world, Op::CALCFILECRC, "docs/empty");
         assert_eq!(sum, Ok(vec![0; 4]), "{number}");
     }
+}
+
+/// F-6, F-13: a long checksum keeps its session for two minutes. A client that asks for it again with another number, as MAVSDK does,
+/// gets the one answer to the last request.
+#[test]
+fn long_checksum_reaches_its_client() {
+    use MavFtpOpcode as Op;
+    let (mut world, client) = (world(), client());
+    world.vehicle.files.content.insert("big.bin".to_string(), pattern(4_000_000));
+    world.gcs[0].forget();
+    for (seq, wait) in [(1, 500), (2, 500), (3, 20_000)] {
+        client.send(&mut world, &request(seq, 0, Op::CALCFILECRC, 7, 0, b"big.bin"));
+        world.run_for(millis(wait));
+    }
+    let answers = world.gcs[0].all::<FileTransferProtocol>();
+    let [(_, answer)] = &answers[..] else { panic!("one answer: {answers:?}") };
+    let mut reference = crc_any::CRCu32::create_crc(0xEDB8_8320, 32, 0, 0, true);
+    reference.digest(&pattern(4_000_000));
+    let answer = Packet::of(answer);
+    assert_eq!((answer.seq, answer.data), (4, reference.get_crc().to_le_bytes().to_vec()));
+
+    // Of another file instead: the first one is given up.
+    for (seq, path) in [(10, "big.bin"), (11, "log.bin")] {
+        client.send(&mut world, &request(seq, 0, Op::CALCFILECRC, 7, 0, path.as_bytes()));
+    }
+    let answers = client.packets(&mut world);
+    assert_eq!(answers.iter().map(|answer| answer.seq).collect::<Vec<_>>(), [12]);
+    assert!(world.vehicle.files.open.is_empty());
+
+    world.vehicle.files.content.insert("big.bin".to_string(), vec![7; 100_000_000]);
+    client.send(&mut world, &request(20, 0, Op::CALCFILECRC, 7, 0, b"big.bin"));
+    world.run_for(millis(120_000));
+    assert_eq!(world.vehicle.files.open.len(), 1, "it is being computed");
+    world.run_for(millis(10_100));
+    assert!(world.vehicle.files.open.is_empty());
 }
 
 /// F-6: while a checksum is computed, virtual files whose size is known at once are opened, and read.

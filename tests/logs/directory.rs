@@ -85,6 +85,27 @@ fn a_slow_log_delays_no_other_file() {
     assert!(ask(&mut shelf, 4, MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg").is_ok());
 }
 
+/// LOG-9, LOG-15, D-4: the checksum of a log that has no data yet is continued every five milliseconds, so that a sleeping loop sleeps.
+#[test]
+fn the_checksum_of_a_slow_log_sleeps() {
+    const PATH: &str = "@MAV_LOG/log_0.ulg";
+    let mut shelf = shelf(&[5_000]);
+    let idle = shelf.sleep_for(secs(1));
+    shelf.vehicle.logs.later = usize::MAX;
+    shelf.gcs[0].send(&request(1, 0, MavFtpOpcode::CALCFILECRC, PATH.len() as u8, 0, PATH.as_bytes()));
+    shelf.run_for(millis(20));
+    shelf.vehicle.logs.reads = 0;
+    let passes = shelf.sleep_for(secs(1));
+    assert!((190..=210).contains(&shelf.vehicle.logs.reads), "{}", shelf.vehicle.logs.reads);
+    assert!(passes < idle + 420, "{passes} passes, {idle} without a client");
+
+    shelf.vehicle.logs.later = 0;
+    let mut reference = crc_any::CRCu32::create_crc(0xEDB8_8320, 32, 0, 0, true);
+    reference.digest(&content(0, 5_000));
+    // The client repeats its request.
+    assert_eq!(ask(&mut shelf, 1, MavFtpOpcode::CALCFILECRC, PATH), Ok(reference.get_crc().to_le_bytes().to_vec()));
+}
+
 /// LOG-7: logs are not erased while a client reads the file of one: until it has read its end, or nothing for three seconds.
 #[test]
 fn a_file_that_is_read_is_not_erased() {

@@ -65,6 +65,8 @@ fn uploaded_file_is_stored_before_the_answer() {
         let old = world.stack.mission().id();
         let mut upload = upload(world.now().as_millis() as u16, &items);
         assert_eq!(run(&mut world, &mut upload, secs(2), None), None, "it is not stored");
+        let passes = world.sleep_for(secs(1));
+        assert!(passes < 220, "D-4: {passes} passes while it waits");
         assert_eq!(world.stack.mission().id(), old);
         assert_eq!(run(&mut world, &mut upload, secs(2), Some(&mut store)), Some(Ok(())));
         assert_eq!(world.stack.mission().items().len(), items.len());

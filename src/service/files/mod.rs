@@ -73,6 +73,8 @@ pub struct FileStatus {
     is_used: bool,
     /// When a session may end.
     wake: Instant,
+    /// When the operation continues whose file had no data yet.
+    work_at: Instant,
     counters: FileCounters,
     /// The upload: the bytes received, when the last ones arrived, how many are kept, and the state.
     received: u32,
@@ -135,6 +137,7 @@ where
             status: FileStatus {
                 is_used: false,
                 wake: Instant::ZERO,
+                work_at: Instant::ZERO,
                 counters: FileCounters::ZERO,
                 received: 0,
                 grown: 0,
@@ -151,13 +154,14 @@ where
         if cx.now >= self.status.wake {
             self.server(cx).end(None);
         }
-        if self.work.is_running() {
+        if self.work.is_running() && cx.now >= self.status.work_at {
             self.server(cx).work();
         }
     }
 
     fn deadline(&self) -> Instant {
-        if self.work.is_running() { Instant::ZERO } else { self.status.wake }
+        let FileStatus { wake, work_at, .. } = self.status;
+        if self.work.is_running() { wake.min(work_at) } else { wake }
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut FileLink, received: &Received<'_>) -> Handled {

@@ -3,11 +3,10 @@
 use super::list::directory;
 use super::open::{close, is_virtual, measure, open};
 use super::packet::{MAX_DATA, Request};
-use super::session::{self, Answer, BURST, IDLE, Key, Open, STALLED, Session, State, TAKEOVER};
+use super::session::{self, Answer, BURST, IDLE, Key, Open, REPEAT, STALLED, Session, State, TAKEOVER};
 use super::virtual_files::VirtualFiles;
 use super::work::{Upload, Work};
 use super::{FileAccess, FileChange, Files, OTHERS, Outcome, Server, path, short};
-use crate::crc32::Crc32;
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
 use crate::service::{Handled, Received, increment};
 use crate::time::{Duration, Instant};
@@ -89,9 +88,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             _ => return,
         };
         if working == place {
-            if let Work::Checksum { open, .. } = self.work {
-                close(self.cx, open);
-            }
+            self.end_checksum();
             *self.work = Work::Nothing;
         }
     }
@@ -112,6 +109,9 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         let Some((place, session)) = found.and_then(|place| Some((place, self.sessions.get_mut(place)?))) else {
             return Handled::NoRoom;
         };
+        if session.idle_for(now) >= REPEAT {
+            session.forget_sent();
+        }
         session.touched = now;
         (self.status.is_used, self.status.wake) = (true, Instant::ZERO);
         let opens = matches!(opcode, MavFtpOpcode::OPENFILERO | MavFtpOpcode::OPENFILEWO | MavFtpOpcode::CREATEFILE);
@@ -127,11 +127,13 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             _ if opens => session.opened_by != digest,
             _ => is_data && !is_burst,
         };
-        if !is_executed_again && session.is_repeated(digest) {
+        if !is_executed_again && session.is_repeated(digest, opcode) {
             return Handled::Yes;
         }
-        if matches!(opcode, MavFtpOpcode::TERMINATESESSION | MavFtpOpcode::RESETSESSION) {
-            session.drop_data();
+        match opcode {
+            MavFtpOpcode::TERMINATESESSION | MavFtpOpcode::RESETSESSION => session.drop_data(),
+            MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE | MavFtpOpcode::WRITEFILE => session.forget_end(),
+            _ => {}
         }
         let is_too_long = usize::from(head.size) > MAX_DATA;
         let mut room = session.room();
@@ -163,6 +165,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 Open::Nothing => Err(MavFtpErr::INVALIDSESSION.into()),
             },
             MavFtpOpcode::WRITEFILE => self.write(place, &request),
+            // Before its data is taken for a path: clients look for this error.
+            _ if opcode.0 > MavFtpOpcode::LISTDIRECTORYWITHTIME.0 => Err(MavFtpErr::UNKNOWNCOMMAND.into()),
             // Not by `on_path`, whose frame would be on the call stack too.
             _ if opens => self.open(place, &request, received.from),
             _ => self.on_path(place, &request, received.from),
@@ -197,12 +201,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 return directory::<F, V>(self.cx, path);
             }
             MavFtpOpcode::CALCFILECRC => {
-                if self.work.is_running() {
-                    return Err(Stop::DROPPED);
-                }
-                let (open, _) = open(self.cx, path, FileAccess::Read, from, false)?;
-                *self.work = Work::Checksum { session: short(place), open, offset: 0, crc: Crc32::ZERO };
-                return Err(Stop::LATER);
+                return self.begin_checksum(place, path, from);
             }
             MavFtpOpcode::REMOVEFILE
             | MavFtpOpcode::TRUNCATEFILE
@@ -220,14 +219,13 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             MavFtpOpcode::RENAME => {
                 let second = request.data.iter().position(|byte| *byte == 0).and_then(|end| request.data.get(end..));
                 match second.and_then(|rest| path::of(rest.get(1..)?)) {
-                    Some(to) if !is_virtual(to) && !to.is_empty() => FileChange::Rename { from: path, to },
+                    Some(to) if !is_own::<F>(to) && !to.is_empty() => FileChange::Rename { from: path, to },
                     _ => return Err(MavFtpErr::FAIL.into()),
                 }
             }
             _ => return Err(MavFtpErr::UNKNOWNCOMMAND.into()),
         };
-        let is_own = is_virtual(path) || F::Vehicle::FILES.iter().any(|file| file.path.as_bytes() == path);
-        if is_own {
+        if is_own::<F>(path) {
             return Err(MavFtpErr::FILEPROTECTED.into());
         }
         let (vehicle, mut context) = self.cx.hook();
@@ -273,7 +271,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             _ => false,
         };
         // An upload could not be finished either.
-        if takes_work && self.work.is_running() {
+        if takes_work && !self.make_way() {
             return Err(Stop::DROPPED);
         }
         if V::UPLOADS && matches!(opened, Open::Upload(_)) {
@@ -294,4 +292,9 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         }
         Err(Stop::LATER)
     }
+}
+
+/// Whether a path is one of the stack's own, or that of a static file: no client changes it.
+fn is_own<F: Firmware<Vehicle: Files>>(path: &[u8]) -> bool {
+    is_virtual(path) || F::Vehicle::FILES.iter().any(|file| file.path.as_bytes() == path)
 }

@@ -14,6 +14,11 @@ pub(super) const TAKEOVER: u32 = 2_930;
 /// An upload is closed when no new part has arrived for eight seconds (F-26; by messages, M-41): it excludes all other
 /// uploads, and other requests of its client would keep its session.
 pub(super) const STALLED: u32 = 7_813;
+/// A repeat is an identical request within two seconds of the client's last one (F-13): clients repeat after half a second or one, and
+/// a client that was started again numbers its requests from 0 again.
+pub(super) const REPEAT: u32 = 1_953;
+/// A checksum that takes longer than two minutes ends with its client's session: MAVProxy waits for as long.
+pub(super) const LONGEST_CHECKSUM: u32 = 117_188;
 /// A burst that takes longer than five seconds is cut off, and the client requests the rest: otherwise it would
 /// continue for a client that is gone.
 pub(super) const LONGEST_BURST: u32 = 4_883;
@@ -215,11 +220,24 @@ impl<V> Session<V> {
     }
 
     /// Returns whether an identical request was answered or is being answered. Its answer is sent again; a burst
-    /// continues.
-    pub(super) fn is_repeated(&mut self, digest: u32) -> bool {
+    /// continues. A client awaits one answer before it sends the next request, except for parts of files: so any other
+    /// repeat is one of the last request (F-13).
+    pub(super) fn is_repeated(&mut self, digest: u32, opcode: MavFtpOpcode) -> bool {
+        let is_last = matches!(
+            opcode,
+            MavFtpOpcode::REMOVEFILE
+                | MavFtpOpcode::TRUNCATEFILE
+                | MavFtpOpcode::CREATEDIRECTORY
+                | MavFtpOpcode::REMOVEDIRECTORY
+                | MavFtpOpcode::RENAME
+        );
+        let answers = self.answers.get_mut(if is_last { BURST - 1 } else { 0 }..).unwrap_or_default();
         let is_it = |answer: &&mut Answer| answer.state != State::Empty && answer.digest == digest;
-        let Some(answer) = self.answers.iter_mut().find(is_it) else { return false };
+        let Some(answer) = answers.iter_mut().find(is_it) else { return false };
         if answer.state == State::Sent {
+            if opcode == MavFtpOpcode::CALCFILECRC {
+                return false;
+            }
             answer.state = State::Pending;
         }
         true
@@ -229,6 +247,22 @@ impl<V> Session<V> {
     /// request that ended the previous session does not end this one.
     pub(super) fn forget_answers(&mut self) {
         self.forget(|answer| answer.state == State::Sent && answer.head.opcode != MavFtpOpcode::TERMINATESESSION);
+    }
+
+    /// Forgets the end of the previous session: this one is used, so its own end may be an identical request.
+    pub(super) fn forget_end(&mut self) {
+        self.forget(|answer| answer.state == State::Sent && answer.head.opcode == MavFtpOpcode::TERMINATESESSION);
+    }
+
+    /// Forgets everything that was sent: from now on, an identical request is a new one.
+    pub(super) fn forget_sent(&mut self) {
+        self.opened_by = 0;
+        self.forget(|answer| answer.state == State::Sent);
+    }
+
+    /// Forgets a checksum that is being computed.
+    pub(super) fn forget_checksum(&mut self) {
+        self.forget(|answer| answer.state == State::Working && answer.head.opcode == MavFtpOpcode::CALCFILECRC);
     }
 
     /// Drops pending data of the open file, and a size or checksum that is being computed: the client no longer waits

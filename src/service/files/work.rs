@@ -1,14 +1,15 @@
 //! Operations that take more than one call: checksums, the size of a virtual file, and uploads to virtual directories
 //! (P-22).
 
-use super::open::{close, measure, read};
+use super::open::{close, measure, open, read};
 use super::packet::{MAX_DATA, Request};
 use super::requests::Stop;
-use super::session::{Open, State};
+use super::session::{LONGEST_CHECKSUM, Open, State};
 use super::virtual_files::{Part, VirtualFiles};
-use super::{Files, Outcome, Server, short};
+use super::{FileAccess, Files, Outcome, Server, short};
 use crate::crc32::Crc32;
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
+use crate::service::share::RETRY;
 use crate::service::{Cx, increment};
 use crate::types::{Firmware, Peer};
 
@@ -30,10 +31,12 @@ pub(super) enum Upload {
 #[repr(u8)]
 pub(super) enum Work<V> {
     Nothing,
-    /// The checksum of a file.
+    /// The checksum of a file: of which path, by its own checksum, and when it began.
     Checksum {
         session: u8,
         open: Open<V>,
+        path: u32,
+        began: u32,
         offset: u32,
         crc: Crc32,
     },
@@ -60,9 +63,77 @@ impl<V> Work<V> {
     pub(super) const fn is_running(&self) -> bool {
         !matches!(self, Self::Nothing)
     }
+
+    const fn is_checksum(&self) -> bool {
+        matches!(self, Self::Checksum { .. })
+    }
 }
 
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
+    /// Begins a checksum. A client that asks for the same one again, as another request, gets the answer to that one:
+    /// MAVSDK repeats with new numbers, and takes only the last one's answer.
+    #[inline(never)]
+    pub(super) fn begin_checksum(&mut self, place: usize, path: &[u8], from: Peer) -> Outcome {
+        let mut sum = Crc32::new();
+        sum.add(path);
+        let path_sum = sum.sum();
+        let is_own = matches!(self.work, Work::Checksum { session, .. } if usize::from(*session) == place);
+        let is_same = matches!(self.work, Work::Checksum { path, .. } if *path == path_sum);
+        if is_own {
+            if let Some(session) = self.sessions.get_mut(place) {
+                session.forget_checksum();
+            }
+            if is_same {
+                return Err(Stop::LATER);
+            }
+            self.end_checksum();
+        }
+        if self.work.is_running() {
+            return Err(Stop::DROPPED);
+        }
+        let (open, _) = open(self.cx, path, FileAccess::Read, from, false)?;
+        let began = self.cx.now.coarse();
+        *self.work = Work::Checksum { session: short(place), open, path: path_sum, began, offset: 0, crc: Crc32::ZERO };
+        Err(Stop::LATER)
+    }
+
+    /// Ends a checksum, without an answer.
+    pub(super) fn end_checksum(&mut self) {
+        if let Work::Checksum { open, .. } = self.work {
+            close(self.cx, open);
+            *self.work = Work::Nothing;
+        }
+    }
+
+    /// Makes way for an operation: a checksum fails, because an upload is worth more. Returns whether another operation
+    /// can begin.
+    #[inline(never)]
+    pub(super) fn make_way(&mut self) -> bool {
+        if let Work::Checksum { session, .. } = self.work {
+            let session = *session;
+            self.end_checksum();
+            self.answer(session, Err(MavFtpErr::FAIL.into()));
+        }
+        !self.work.is_running()
+    }
+
+    /// Answers the request that began an operation.
+    #[inline(never)]
+    fn answer(&mut self, session: u8, outcome: Outcome) {
+        let Some(session) = self.sessions.get_mut(usize::from(session)) else { return };
+        // Its client may have gone meanwhile.
+        let found = session.oldest(State::Working);
+        let Some(answer) = found.and_then(|place| session.answers.get_mut(place)) else { return };
+        answer.state = State::Pending;
+        (answer.is_refused, answer.value) = match outcome {
+            Ok(value) => (false, value),
+            Err(Stop(error)) => (true, error),
+        };
+        if answer.head.opcode == MavFtpOpcode::OPENFILERO {
+            session.size = answer.value;
+        }
+    }
+
     /// Writes to a file.
     #[inline(never)]
     pub(super) fn write(&mut self, place: usize, request: &Request<'_>) -> Outcome {
@@ -75,10 +146,11 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             Open::Upload(file) if V::UPLOADS => {
                 let client = session.key.client();
                 // Nothing is taken that could not be finished.
-                if self.work.is_running() {
+                if self.work.is_running() && !self.work.is_checksum() {
                     return Err(Stop::DROPPED);
                 }
                 if self.take_upload(&file, request)? {
+                    self.make_way();
                     self.status.upload = Upload::Complete;
                     *self.work = Work::Upload { session: short(place), client, file };
                     return Err(Stop::LATER);
@@ -141,7 +213,11 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         let (session, outcome) = match self.work {
             Work::Upload { session, client, file } if V::UPLOADS => {
                 let content = self.upload.get(..usize::from(self.status.kept)).unwrap_or_default();
-                let Some(finished) = file.finish(self.cx, *client, content) else { return };
+                let Some(finished) = file.finish(self.cx, *client, content) else {
+                    // It waits for storage.
+                    self.status.work_at = self.cx.now.after(RETRY);
+                    return;
+                };
                 match finished {
                     Ok(()) => increment(&mut self.status.counters.uploads),
                     Err(_) => {
@@ -168,10 +244,18 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             }
             Work::Nothing | Work::Begin { .. } | Work::Upload { .. } => return,
             Work::Measure { session, file } => (*session, measure(self.cx, file)),
-            Work::Checksum { session, open, offset, crc } => {
+            Work::Checksum { session, open, began, offset, crc, .. } => {
+                let (from, now) = (*offset, self.cx.now.coarse());
                 let outcome = add_to_checksum(self.cx, open, offset, crc);
                 if !is_later(outcome) {
                     close(self.cx, open);
+                } else if V::COUNT > 0 && *offset == from {
+                    // The log has no data yet (LOG-9).
+                    self.status.work_at = self.cx.now.after(RETRY);
+                } else if now.wrapping_sub(*began) < LONGEST_CHECKSUM
+                    && let Some(session) = self.sessions.get_mut(usize::from(*session))
+                {
+                    session.touched = now;
                 }
                 (*session, outcome)
             }
@@ -180,18 +264,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             return;
         }
         *self.work = Work::Nothing;
-        let Some(session) = self.sessions.get_mut(usize::from(session)) else { return };
-        // Its client may have gone meanwhile.
-        let found = session.oldest(State::Working);
-        let Some(answer) = found.and_then(|place| session.answers.get_mut(place)) else { return };
-        answer.state = State::Pending;
-        (answer.is_refused, answer.value) = match outcome {
-            Ok(value) => (false, value),
-            Err(Stop(error)) => (true, error),
-        };
-        if answer.head.opcode == MavFtpOpcode::OPENFILERO {
-            session.size = answer.value;
-        }
+        self.answer(session, outcome);
     }
 }
 

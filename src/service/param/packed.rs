@@ -174,7 +174,8 @@ impl Pack {
         // At least one byte of the name is not repeated.
         let common = common.min(name.len().saturating_sub(1)).min(15);
         let rest = name.get(common..).unwrap_or_default();
-        let (kind, value, size) = packed(info.param_type(), bits);
+        let default = if self.has_defaults { info.default_bits() } else { 0 };
+        let (kind, value, size) = packed(info.param_type(), bits, default);
         let mut record = [0; MAX_RECORD];
         let head = rest.len().saturating_add(2);
         let mut len = self.padding(head, size);
@@ -189,7 +190,7 @@ impl Pack {
         push(rest);
         push(value.to_le_bytes().get(..size).unwrap_or_default());
         if self.has_defaults {
-            let default = default_as(kind, info.param_type(), info.default_bits());
+            let default = default_as(kind, info.param_type(), default);
             push(default.to_le_bytes().get(..size).unwrap_or_default());
         }
         Some((record, len))
@@ -244,12 +245,12 @@ fn decimal(digits: &[u8]) -> Option<u16> {
     Some(number).filter(|_| !digits.is_empty())
 }
 
-/// Returns the type of the format, the value in it, and its length.
-fn packed(r#type: MavParamType, bits: u32) -> (u8, u32, usize) {
+/// Returns the type of the format, the value in it, and its length. The default has the same type, which must fit both.
+fn packed(r#type: MavParamType, bits: u32, default: u32) -> (u8, u32, usize) {
     match r#type {
         MavParamType::INT8 => (INT8, bits, 1),
         MavParamType::UINT8 | MavParamType::INT16 => (INT16, bits, 2),
-        MavParamType::UINT32 if bits.cast_signed() < 0 => (FLOAT, num::f32_from_u32(bits).to_bits(), 4),
+        MavParamType::UINT32 if (bits | default).cast_signed() < 0 => (FLOAT, num::f32_from_u32(bits).to_bits(), 4),
         MavParamType::REAL32 => (FLOAT, bits, 4),
         _ => (INT32, bits, 4),
     }
@@ -345,5 +346,23 @@ impl Uploaded {
             (integer, _) => (integer, self.bits),
         };
         value::converted(from, ours, bits)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// P-22: value and default have one type in the file, and it fits both.
+    #[test]
+    fn default_has_the_type_of_the_value() {
+        for (bits, default, expected) in [
+            (5, 3_000_000_000, (FLOAT, 5.0f32.to_bits(), 3e9f32.to_bits())),
+            (3_000_000_000, 5, (FLOAT, 3e9f32.to_bits(), 5.0f32.to_bits())),
+            (5, 6, (INT32, 5, 6)),
+        ] {
+            let (kind, value, _) = packed(MavParamType::UINT32, bits, default);
+            assert_eq!((kind, value, default_as(kind, MavParamType::UINT32, default)), expected);
+        }
     }
 }
