@@ -169,7 +169,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             _ if opcode.0 > MavFtpOpcode::LISTDIRECTORYWITHTIME.0 => Err(MavFtpErr::UNKNOWNCOMMAND.into()),
             // Not by `on_path`, whose frame would be on the call stack too.
             _ if opens => self.open(place, &request, received.from),
-            _ => self.on_path(place, &request, received.from),
+            MavFtpOpcode::CALCFILECRC => self.begin_checksum(place, request.data, received.from),
+            _ => self.on_path(&request, received.from),
         };
         let (is_refused, value) = match outcome {
             Ok(value) => (false, value),
@@ -194,14 +195,11 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
 
     /// Handles a request with a path, except those that open a file.
     #[inline(never)]
-    fn on_path(&mut self, place: usize, request: &Request<'_>, from: Peer) -> Outcome {
+    fn on_path(&mut self, request: &Request<'_>, from: Peer) -> Outcome {
         let Some(path) = path::of(request.data) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
         let change = match request.head.opcode {
             MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME => {
                 return directory::<F, V>(self.cx, path);
-            }
-            MavFtpOpcode::CALCFILECRC => {
-                return self.begin_checksum(place, path, from);
             }
             MavFtpOpcode::REMOVEFILE
             | MavFtpOpcode::TRUNCATEFILE

@@ -4,9 +4,9 @@
 use super::open::{close, measure, open, read};
 use super::packet::{MAX_DATA, Request};
 use super::requests::Stop;
-use super::session::{LONGEST_CHECKSUM, Open, State};
+use super::session::{LONGEST_CHECKSUM, Open, Session, State};
 use super::virtual_files::{Part, VirtualFiles};
-use super::{FileAccess, Files, Outcome, Server, short};
+use super::{FileAccess, Files, Outcome, Server, path, short};
 use crate::crc32::Crc32;
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
 use crate::service::share::RETRY;
@@ -74,6 +74,17 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
     /// MAVSDK repeats with new numbers, and takes only the last one's answer.
     #[inline(never)]
     pub(super) fn begin_checksum(&mut self, place: usize, path: &[u8], from: Peer) -> Outcome {
+        let Some(path) = path::of(path) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
+        let path_sum = self.continue_checksum(place, path)?;
+        let (open, _) = open(self.cx, path, FileAccess::Read, from, false)?;
+        let began = self.cx.now.coarse();
+        *self.work = Work::Checksum { session: short(place), open, path: path_sum, began, offset: 0, crc: Crc32::ZERO };
+        Err(Stop::LATER)
+    }
+
+    /// Returns the checksum of the path, if the checksum of its file can begin.
+    #[inline(never)]
+    fn continue_checksum(&mut self, place: usize, path: &[u8]) -> Outcome {
         let mut sum = Crc32::new();
         sum.add(path);
         let path_sum = sum.sum();
@@ -88,13 +99,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             }
             self.end_checksum();
         }
-        if self.work.is_running() {
-            return Err(Stop::DROPPED);
-        }
-        let (open, _) = open(self.cx, path, FileAccess::Read, from, false)?;
-        let began = self.cx.now.coarse();
-        *self.work = Work::Checksum { session: short(place), open, path: path_sum, began, offset: 0, crc: Crc32::ZERO };
-        Err(Stop::LATER)
+        if self.work.is_running() { Err(Stop::DROPPED) } else { Ok(path_sum) }
     }
 
     /// Ends a checksum, without an answer.
@@ -144,21 +149,28 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 write_hook(self.cx, number, request, session.key.client())?;
             }
             Open::Upload(file) if V::UPLOADS => {
-                let client = session.key.client();
                 // Nothing is taken that could not be finished.
                 if self.work.is_running() && !self.work.is_checksum() {
                     return Err(Stop::DROPPED);
                 }
                 if self.take_upload(&file, request)? {
-                    self.make_way();
-                    self.status.upload = Upload::Complete;
-                    *self.work = Work::Upload { session: short(place), client, file };
-                    return Err(Stop::LATER);
+                    return self.complete_upload(place);
                 }
             }
             _ => return Err(MavFtpErr::FILEPROTECTED.into()),
         }
         Ok(0)
+    }
+
+    /// Begins to apply the upload of a session.
+    #[inline(never)]
+    fn complete_upload(&mut self, place: usize) -> Outcome {
+        self.make_way();
+        if let Some(Session { open: Open::Upload(file), key, .. }) = self.sessions.get(place) {
+            self.status.upload = Upload::Complete;
+            *self.work = Work::Upload { session: short(place), client: key.client(), file: *file };
+        }
+        Err(Stop::LATER)
     }
 
     /// Takes a part of an upload, in order (F-23): a later part is dropped, and the client sends it again. Returns

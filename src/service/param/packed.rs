@@ -174,8 +174,7 @@ impl Pack {
         // At least one byte of the name is not repeated.
         let common = common.min(name.len().saturating_sub(1)).min(15);
         let rest = name.get(common..).unwrap_or_default();
-        let default = if self.has_defaults { info.default_bits() } else { 0 };
-        let (kind, value, size) = packed(info.param_type(), bits, default);
+        let (kind, value, size) = packed(info, bits, self.has_defaults);
         let mut record = [0; MAX_RECORD];
         let head = rest.len().saturating_add(2);
         let mut len = self.padding(head, size);
@@ -190,7 +189,7 @@ impl Pack {
         push(rest);
         push(value.to_le_bytes().get(..size).unwrap_or_default());
         if self.has_defaults {
-            let default = default_as(kind, info.param_type(), default);
+            let default = default_as(kind, info);
             push(default.to_le_bytes().get(..size).unwrap_or_default());
         }
         Some((record, len))
@@ -245,9 +244,11 @@ fn decimal(digits: &[u8]) -> Option<u16> {
     Some(number).filter(|_| !digits.is_empty())
 }
 
-/// Returns the type of the format, the value in it, and its length. The default has the same type, which must fit both.
-fn packed(r#type: MavParamType, bits: u32, default: u32) -> (u8, u32, usize) {
-    match r#type {
+/// Returns the type of the format, the value in it, and its length. The type fits the default too, if that follows.
+#[inline(never)]
+fn packed(info: &ParamInfo, bits: u32, has_default: bool) -> (u8, u32, usize) {
+    let default = if has_default { info.default_bits() } else { 0 };
+    match info.param_type() {
         MavParamType::INT8 => (INT8, bits, 1),
         MavParamType::UINT8 | MavParamType::INT16 => (INT16, bits, 2),
         MavParamType::UINT32 if (bits | default).cast_signed() < 0 => (FLOAT, num::f32_from_u32(bits).to_bits(), 4),
@@ -257,10 +258,10 @@ fn packed(r#type: MavParamType, bits: u32, default: u32) -> (u8, u32, usize) {
 }
 
 /// Returns a default in the type that the value has.
-fn default_as(kind: u8, r#type: MavParamType, default: u32) -> u32 {
-    match r#type {
-        MavParamType::UINT32 if kind == FLOAT => num::f32_from_u32(default).to_bits(),
-        _ => default,
+fn default_as(kind: u8, info: &ParamInfo) -> u32 {
+    match info.param_type() {
+        MavParamType::UINT32 if kind == FLOAT => num::f32_from_u32(info.default_bits()).to_bits(),
+        _ => info.default_bits(),
     }
 }
 
@@ -357,12 +358,13 @@ mod tests {
     #[test]
     fn default_has_the_type_of_the_value() {
         for (bits, default, expected) in [
-            (5, 3_000_000_000, (FLOAT, 5.0f32.to_bits(), 3e9f32.to_bits())),
+            (5, 3_000_000_000u32, (FLOAT, 5.0f32.to_bits(), 3e9f32.to_bits())),
             (3_000_000_000, 5, (FLOAT, 3e9f32.to_bits(), 5.0f32.to_bits())),
             (5, 6, (INT32, 5, 6)),
         ] {
-            let (kind, value, _) = packed(MavParamType::UINT32, bits, default);
-            assert_eq!((kind, value, default_as(kind, MavParamType::UINT32, default)), expected);
+            let info = ParamInfo::new("COUNT", default, 0..=u32::MAX).expect("a good row");
+            let (kind, value, _) = packed(&info, bits, true);
+            assert_eq!((kind, value, default_as(kind, &info)), expected);
         }
     }
 }
