@@ -2,14 +2,14 @@
 //!
 //! | guide | |
 //! |---|---|
-//! | [`porting`] | from a board to a vehicle that a ground station finds: UARTs, clock, pulse, flight in a task of its own, flash |
-//! | [`storage`](mod@storage) | choosing a region, who runs the erases, wear, recipes for families of flash |
-//! | [`ground_stations`] | connecting to the demo vehicle; peculiarities of each client |
+//! | [`porting`] | from a bare board to a vehicle that ground stations detect: UARTs, clock, pulse, flight in a task of its own, flash |
+//! | [`storage`](mod@storage) | choosing a region, where the erases run, wear, recipes for families of flash |
+//! | [`ground_stations`] | connecting to the demo vehicle; quirks of each client |
 //! | [`features`] | what is supported, service by service |
 //! | [`sizing`] | flash and RAM, option by option |
-//! | [`figures`] | aims and results: speed, work, stack, bad lines, coverage |
+//! | [`figures`] | targets and results: speed, work, stack, bad lines, coverage |
 //! | [`architecture`] | on one page |
-//! | [`safety`] | what is shown and how, what your firmware must do, what is not claimed |
+//! | [`safety`] | claims and evidence, what your firmware must do, the limits |
 //! | [`conformance`] | each rule of behaviour: where it is implemented, which tests prove it |
 //! | [`coming_from`] | rust-mavlink, mavio, the C library: what you wrote there, what you write here |
 

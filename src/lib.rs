@@ -131,8 +131,8 @@
 //!
 //! - [Porting](guides::porting): from a UART and a clock to a vehicle that a ground station flies, step by step, and which HAL needs
 //!   what.
-//! - [Storage](guides::storage): choosing a region, who runs the erases, wear, and recipes for families of flash.
-//! - [Ground stations](guides::ground_stations): connecting them to the demo vehicle, and the peculiarities of each.
+//! - [Storage](guides::storage): choosing a region, where the erases run, wear, and recipes for families of flash.
+//! - [Ground stations](guides::ground_stations): connecting them to the demo vehicle, and the quirks of each.
 //! - [Features](guides::features): what is supported, service by service.
 //! - [Sizing](guides::sizing): bytes of flash and RAM, option by option; [figures](guides::figures): speed, work, stack, bad lines.
 //! - [Coming from rust-mavlink, mavio or the C library](guides::coming_from): what you wrote there, what you write here.

@@ -32,7 +32,7 @@ impl Errors {
 fn the_loop<U: Read + ReadReady + Write + WriteReady>(clock: Clock, mut uart: U, mut errors: Errors) -> ! {
     static PULSE: Pulse = Pulse::new();       // ticked by the flight loop, watched by the stack
     const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
-    stack! {                                  // contains all memory; what is not declared is not linked
+    stack! {                                  // owns all memory; undeclared services are not linked
         struct Mavlink for Quadrotor { links: 1, plans: { mission: 250 }, parameters: Tuning, streams }
     }
 

@@ -100,7 +100,7 @@ impl Arguments {
         self.system.unwrap_or(1)
     }
 
-    /// Whether the arguments, and not the storage, have the system ids: in a fleet they would otherwise not be in a row.
+    /// Returns whether the command line sets the system ids. Stored ids would leave gaps in a fleet.
     fn prescribes_systems(&self) -> bool {
         self.system.is_some() || self.count > 1
     }

@@ -86,7 +86,7 @@ fn serve(app: &mut SitlApp, now: Instant, link: LinkId, port: &mut Port) {
     }
 }
 
-/// What a reboot keeps.
+/// State that survives a reboot.
 #[derive(Clone, Copy)]
 struct Kept {
     pulse: &'static Pulse,
