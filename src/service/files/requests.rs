@@ -19,7 +19,7 @@ pub(super) struct Stop(pub(super) u32);
 impl Stop {
     /// It takes more than this call.
     pub(super) const LATER: Self = Self(256);
-    /// The request is dropped without effect, and the client sends it again.
+    /// The request is not carried out, and the client sends it again.
     pub(super) const DROPPED: Self = Self(257);
 
     /// Returns the error, if it is one.

@@ -44,7 +44,8 @@ use crate::types::{Context, Peer};
 ///
 /// # Cost
 ///
-/// Each hook is called at most once for each received request and each sent packet, and must not block. Read a slow
+/// No hook may block. A received request or a sent packet calls a hook at most once; but a checksum calls
+/// [`read`](Self::read) eight times in each poll, and a list calls [`entry`](Self::entry) for each of its entries. Read a slow
 /// medium, such as an SD card, ahead in another task. A hook that has no data yet cannot make the client wait: it
 /// returns [`MavFtpErr::FAIL`].
 #[diagnostic::on_unimplemented(
@@ -58,7 +59,7 @@ pub trait Files {
     /// Whether clients may write or change files. If not, the code for it is not linked.
     const WRITES: bool = false;
 
-    /// Returns the number of a directory; `None` if there is none. The root is the empty path. The stack lists the files
+    /// Returns the number of a directory, at most 65,534; `None` if there is none. The root is the empty path. The stack lists the files
     /// of [`FILES`](Self::FILES) and the directories that begin with `@` by itself: a vehicle whose other files are in
     /// the root returns a number for it too.
     fn directory(&mut self, path: &[u8]) -> Option<u16> {
@@ -188,9 +189,17 @@ impl StaticFile {
                     && path[path.len() - 1] != b'/',
                 "the path of a static file has 1 to 200 bytes, and does not begin with `/` or `@`"
             );
-            let mut k = 0;
+            // The number of dots at the begin of a component; more than two if there is anything else.
+            let (mut k, mut dots) = (0, 0);
             while k < path.len() {
                 assert!(path[k] >= b' ' && path[k] <= b'~', "the path of a static file is printable ASCII");
+                dots = match path[k] {
+                    b'/' => 0,
+                    b'.' => dots + 1,
+                    _ => 3,
+                };
+                let ends = k + 1 == path.len() || path[k + 1] == b'/';
+                assert!(!(ends && dots == 2), "no part of the path of a static file is `..`");
                 k += 1;
             }
             i += 1;

@@ -46,8 +46,8 @@ use crate::types::{Context, Peer};
 ///
 /// # Cost
 ///
-/// No hook may block. [`read_log`](Self::read_log) is called at most once for each sent packet. Read a slow medium,
-/// such as an SD card, ahead in another task; until that has data, the hook returns [`LogRead::Later`].
+/// No hook may block. [`read_log`](Self::read_log) is called at most once for each sent packet, and eight times in each poll
+/// while a client asks for the checksum of a log's file. Read a slow medium, such as an SD card, ahead in another task; until that has data, the hook returns [`LogRead::Later`].
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Logs`",
     note = "`logs` in `stack!` needs `impl Logs for {Self}`: write it, or leave `logs` out"
@@ -79,7 +79,7 @@ pub trait Logs {
 
     /// Whether logs may be listed and read now. By default not while the vehicle is armed, as in ArduPilot: a download
     /// takes a third of a telemetry link, and time of the log's medium. PX4 permits it. The stack calls this hook in
-    /// each poll; when it becomes false, running downloads end and open log files are closed.
+    /// each poll; when it becomes false, running downloads end, and reads of open log files fail.
     fn may_read_logs(&self, is_armed: bool) -> bool {
         !is_armed
     }
@@ -102,7 +102,7 @@ pub struct LogInfo {
 pub enum LogRead {
     /// All bytes were read.
     Done,
-    /// There is no data yet. The stack retries later, while frames of the client arrive.
+    /// There is no data yet. The stack retries later, while frames of the client arrive: requests, if it reads the log's file.
     Later,
     /// The log cannot be read. The download ends without an answer, and the client may request the same part again.
     Failed,

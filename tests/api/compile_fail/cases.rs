@@ -167,6 +167,11 @@ pub fn cases() -> Vec<Case> {
             implements(&FILES.replace("a.txt", "\u{e4}"), "links: 1, files: { sessions: 1 }"),
             "the path of a static file is printable ASCII",
         ),
+        (
+            "files_parent",
+            implements(&FILES.replace("a.txt", "a/../b"), "links: 1, files: { sessions: 1 }"),
+            "no part of the path of a static file is `..`",
+        ),
         ("files_without_hooks", declares("links: 1, files: { sessions: 1 }"), "does not implement `Files`"),
         (
             "files_twice",
