@@ -44,9 +44,9 @@ enum Task {
         /// Also list the largest functions and constants of each firmware, for Cortex-M4F at opt-level s.
         #[arg(long, value_name = "COUNT", num_args = 0..=1, default_value_t = 0, default_missing_value = "20")]
         symbols: usize,
-        /// Measure opt-level s only, which takes half the time. `cargo measure nightly size` measures z too.
+        /// Measure the Cortex-M4F at opt-level s only. `cargo measure nightly size` measures everything.
         #[arg(long, conflicts_with = "accept")]
-        only_s: bool,
+        only_m4: bool,
         #[command(flatten)]
         figures: Figures,
         #[command(flatten)]
@@ -177,8 +177,8 @@ struct Build {
 
 fn main() -> ExitCode {
     let result = match Arguments::parse().task {
-        Task::Size { symbols, only_s, figures, build } => {
-            size::report(build.toolchain, size::Options { accepts: figures.accept, only_s, symbols })
+        Task::Size { symbols, only_m4, figures, build } => {
+            size::report(build.toolchain, size::Options { accepts: figures.accept, only_m4, symbols })
         }
         Task::Options { figures, build } => options::report(build.toolchain, figures.accept),
         Task::Stack { figures, build } => stack::prove(build.toolchain, figures.accept),

@@ -120,8 +120,8 @@ const DEMOS: [(&str, &str, App, bool); 6] = [
 pub struct Options {
     /// Whether the figures become the accepted ones.
     pub accepts: bool,
-    /// Whether only `opt-level` s is measured.
-    pub only_s: bool,
+    /// Whether only the Cortex-M4F at `opt-level` s is measured.
+    pub only_m4: bool,
     /// How many symbols of each firmware are listed.
     pub symbols: usize,
 }
@@ -143,11 +143,8 @@ pub fn report(choice: Option<Choice>, options: Options) -> Result {
     let line = |id, name, apart| Line { id, name, flash: [None; COLUMNS.len()], ram: 0, apart };
     let mut lines: Vec<_> = ROWS.iter().map(|row| line(row.id, row.name, row.apart)).collect();
     // Debian's toolchain links for one target only.
-    let columns = if choice == Choice::Debian { 1 } else { COLUMNS.len() };
+    let columns = if options.only_m4 || choice == Choice::Debian { 1 } else { COLUMNS.len() };
     for (column, (target, level, name, _)) in COLUMNS.into_iter().enumerate().take(columns) {
-        if options.only_s && level != "s" {
-            continue;
-        }
         println!("\n{name}");
         let build = |bin, features| {
             let elf = firmware::build_measured(choice, &Measured { bin, features, target, level })?;
@@ -174,11 +171,11 @@ pub fn report(choice: Option<Choice>, options: Options) -> Result {
     print(&lines);
     print!("{}", goals(&lines));
     let mut figures = figures(&lines);
-    if options.only_s {
+    if options.only_m4 {
         // What is not measured stays as it is.
         let accepted = Figures::read()?;
         for Line { id, .. } in &lines {
-            for (.., column) in COLUMNS.into_iter().filter(|(_, level, ..)| *level != "s") {
+            for (.., column) in COLUMNS.into_iter().skip(1) {
                 let key = format!("{id}.{column}");
                 figures.extend(accepted.get(&format!("size.{key}")).map(|value| Figure::new(key, value)));
             }
