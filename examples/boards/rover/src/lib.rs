@@ -48,7 +48,7 @@ stack! {
 parameters! {
     /// The parameters, in ASCII order.
     pub struct Tuning {
-        /// Battery voltage below which the rover does not arm. 0 disables the check.
+        /// Least battery voltage for arming; an unknown one is too low. 0 disables the check.
         BAT_V_LOW: f32 = 0.0, 0.0..=60.0, "V";
         /// Holds when the last ground station is lost.
         FS_GCS_ENABLE: u8 = 1, 0..=1, "";
@@ -104,9 +104,10 @@ impl Default for Rover {
 impl Rover {
     /// Runs one pass of the driving loop, and ticks the pulse.
     pub fn drive(&mut self, now: Instant, stack: &mut Stack<Mavlink, LINKS>) {
-        let tuning = stack.parameters();
-        self.is_battery_low = self.battery.voltage < tuning.get(Tuning::BAT_V_LOW);
-        let is_lost = self.armed && tuning.get(Tuning::FS_GCS_ENABLE) == 1 && !stack.has_ground_station();
+        let (minimum, voltage) = (stack.parameters().get(Tuning::BAT_V_LOW), self.battery.total_voltage());
+        // An unknown voltage is not a sufficient one.
+        self.is_battery_low = minimum > 0.0 && !(voltage.is_finite() && voltage >= minimum);
+        let is_lost = self.armed && stack.parameters().get(Tuning::FS_GCS_ENABLE) == 1 && !stack.has_ground_station();
         if is_lost && !self.is_station_lost {
             self.mode = HOLD;
             stack.send_text(now, MavSeverity::CRITICAL, "Ground station lost: holding");
@@ -160,14 +161,13 @@ impl Vehicle for Rover {
 
 impl Commands for Rover {
     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
-        // Errors: UNSUPPORTED for another command, DENIED for invalid parameters.
         let arm = match command.decode() {
             Ok(ComponentArmDisarm { arm, .. }) if !command.is_broadcast => arm,
             Ok(_) => return MavResult::DENIED.into(),
-            Err(result) => return result.into(),
+            Err(result) => return result.into(), // UNSUPPORTED: another command. DENIED: invalid parameters.
         };
         if arm && (self.is_battery_low || !self.is_restored) {
-            cx.text(MavSeverity::WARNING, "Not armed: the battery is low, or stored data is unreadable");
+            cx.text(MavSeverity::WARNING, "Not armed: battery low or unknown, or stored data unreadable");
             return MavResult::DENIED.into();
         }
         self.armed = arm;
