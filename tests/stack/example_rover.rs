@@ -4,9 +4,11 @@
 #[allow(dead_code, unexpected_cfgs, unused_attributes, reason = "it is a crate of its own, for boards")]
 mod rover;
 
+use crate::support::flash::{Fault, RamFlash};
 use crate::support::*;
 use mavstack::Text;
 use mavstack::dialect::*;
+use mavstack::storage::{RestoreError, Store};
 use mavstack::telemetry::Battery;
 use rover::{HOLD, MISSION, Mavlink, Tuning};
 
@@ -129,4 +131,34 @@ fn rover_watches_its_battery() {
         let result = if is_sufficient { MavResult::ACCEPTED } else { MavResult::DENIED };
         assert_eq!(arm(&mut world), result, "{voltage} V, {cells:?}");
     }
+}
+
+/// G-18: the rover does not arm while the storage cannot be read. It arms once its plan is restored late, without a restart.
+#[test]
+fn rover_arms_after_a_late_restore() {
+    const LEN: u32 = 64 * 1024;
+    let mut flash = RamFlash::<4, 4096>::new(LEN);
+    let mut writer = world();
+    let mut store = Store::new(&mut flash, 0..LEN);
+    assert_eq!(writer.stack.restore(writer.now(), &mut store, &mut writer.vehicle), Ok(()));
+    writer.upload(0, &waypoints()).unwrap();
+    while writer.stack.persist(writer.now(), &mut store, &mut writer.vehicle) {}
+
+    (flash.reads, flash.fault) = (0, Fault::Reads(0..3));
+    let mut world = world();
+    let mut store = Store::new(&mut flash, 0..LEN);
+    let errors = world.stack.restore(world.now(), &mut store, &mut world.vehicle).expect_err("no read succeeds");
+    assert_eq!((errors.plans, errors.is_empty()), (Some(RestoreError::Unreadable), false));
+    drive(&mut world, 2);
+    assert!(!is_ready(&mut world));
+    assert_eq!(arm(&mut world), MavResult::DENIED);
+    for _ in 0..4 {
+        drive(&mut world, 1);
+        while world.stack.persist(world.now(), &mut store, &mut world.vehicle) {}
+    }
+    drive(&mut world, 1);
+    assert_eq!((world.stack.mission().items().len(), world.stack.restore_errors().is_empty()), (3, true));
+    world.gcs[0].forget();
+    assert!(is_ready(&mut world));
+    assert_eq!(arm(&mut world), MavResult::ACCEPTED);
 }

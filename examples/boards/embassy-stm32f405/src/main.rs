@@ -57,7 +57,8 @@ async fn main(_spawner: Spawner) {
     stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
     let mut store = Store::new(Flash::new_blocking(chip.FLASH), REGION);
     let mut rover = Rover::default();
-    rover.is_restored = stack.restore(now(), &mut store, &mut rover).is_ok();
+    // The rover checks `stack.restore_errors()` in each pass.
+    let _ = stack.restore(now(), &mut store, &mut rover);
     let shared = Shared::new(stack, rover);
     join(shared.drive(store), shared.uart::<BUFFER, _, _>(TELEM, (rx, tx))).await;
 }

@@ -73,14 +73,13 @@ pub struct Rover {
     pub home: Option<Home>,
     /// Your battery.
     pub battery: Battery<'static>,
-    /// False if [`Stack::restore`] failed: an unreadable plan is not an empty plan.
-    pub is_restored: bool,
     armed: bool,
     mode: u32,
     current: u16,
     is_complete: bool,
     is_station_lost: bool,
     is_battery_low: bool,
+    is_restored: bool,
 }
 
 impl Default for Rover {
@@ -90,13 +89,13 @@ impl Default for Rover {
             gps: GpsFix::UNKNOWN,
             home: None,
             battery: Battery::UNKNOWN,
-            is_restored: true,
             armed: false,
             mode: HOLD,
             current: 0,
             is_complete: false,
             is_station_lost: false,
             is_battery_low: false,
+            is_restored: false,
         }
     }
 }
@@ -105,8 +104,9 @@ impl Rover {
     /// Runs one pass of the driving loop, and ticks the pulse.
     pub fn drive(&mut self, now: Instant, stack: &mut Stack<Mavlink, LINKS>) {
         let (minimum, voltage) = (stack.parameters().get(Tuning::BAT_V_LOW), self.battery.total_voltage());
-        // An unknown voltage is not a sufficient one.
+        // An unknown voltage is not a sufficient one, and an unreadable plan is not an empty one.
         self.is_battery_low = minimum > 0.0 && !(voltage.is_finite() && voltage >= minimum);
+        self.is_restored = stack.restore_errors().is_empty();
         let is_lost = self.armed && stack.parameters().get(Tuning::FS_GCS_ENABLE) == 1 && !stack.has_ground_station();
         if is_lost && !self.is_station_lost {
             self.mode = HOLD;

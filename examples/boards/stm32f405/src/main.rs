@@ -70,7 +70,8 @@ fn main() -> ! {
     let stack = STACK.take();
     stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
     let mut store = Store::new(flash::Sectors::new(chip.FLASH), flash::REGION);
-    rover.is_restored = stack.restore(clock.now(), &mut store, &mut rover).is_ok();
+    // The rover checks `stack.restore_errors()` in each pass.
+    let _ = stack.restore(clock.now(), &mut store, &mut rover);
     let mut telem = QUEUES.loop_end();
     loop {
         let now = clock.now();
