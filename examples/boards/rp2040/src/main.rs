@@ -17,10 +17,9 @@
 mod flash;
 
 use cortex_m::peripheral::NVIC;
-use mavstack::config::PollBudget;
 use mavstack::io::Io06;
 use mavstack::storage::Store;
-use mavstack::{Config, Duration, Instant, LinkConfig, LinkId};
+use mavstack::{Instant, LinkConfig, LinkId};
 use mavstack_rover::{CONFIG, Mavlink, Rover};
 // Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
 use panic_halt as _;
@@ -47,12 +46,10 @@ const CRYSTAL_HZ: u32 = 12_000_000;
 const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
 const USB: LinkId = LinkId(1);
-/// USB has no baud rate: backpressure limits the stack.
+/// USB has no baud rate: backpressure limits the stack. The default budget is less than USB carries, and the rest waits in the host: a
+/// pass stays short enough for the UART, also when a host floods the USB.
 const LINKS: [LinkConfig; 2] = [LinkConfig::uart(BAUD), LinkConfig::unlimited()];
-
 const PERIOD_MS: u32 = 1;
-/// All bytes that USB full speed carries in a period.
-const BUDGET: PollBudget = PollBudget::for_line(12_000_000, Duration::from_millis(PERIOD_MS as u64));
 const _: () = assert!(Store::<flash::Sectors>::region_len::<Mavlink>() <= flash::REGION.end - flash::REGION.start);
 
 /// Static because it is too large for the call stack. It is all zero bits until it is begun, so it takes no flash.
@@ -110,7 +107,7 @@ fn main() -> ! {
 
     let mut rover = Rover::default();
     let stack = STACK.take();
-    stack.begin(Config { budget: BUDGET, ..CONFIG }, LINKS);
+    stack.begin(CONFIG, LINKS);
     let mut store = Store::new(flash::Sectors::new(chip.XIP_SSI), flash::REGION);
     let now = |timer: &Timer| Instant::from_micros(timer.get_counter().ticks());
     // The rover checks `stack.restore_errors()` in each pass.
