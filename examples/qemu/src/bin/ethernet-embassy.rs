@@ -107,9 +107,12 @@ impl DatagramSocket for Socket {
     type Endpoint = IpEndpoint;
 
     fn receive(&mut self, buffer: &mut [u8]) -> Option<(usize, IpEndpoint)> {
-        // An error means that a datagram exceeds the buffer.
-        let result = ready(|context| self.0.poll_recv_from(buffer, context))?;
-        result.ok().map(|(len, from)| (len, from.endpoint))
+        loop {
+            // An error means that a datagram exceeds the buffer. It is discarded, and the next one is returned.
+            if let Ok((len, from)) = ready(|context| self.0.poll_recv_from(buffer, context))? {
+                return Some((len, from.endpoint));
+            }
+        }
     }
 
     fn is_ready(&mut self) -> bool {
