@@ -1,7 +1,8 @@
 //! The last 64 KiB of the Pico's flash, for the mission and the parameters. `memory.x` keeps the firmware out of them.
 //!
 //! `rp2040-hal` has no flash driver, but the boot ROM has the functions. No code can run from flash meanwhile, so the code that calls
-//! them is in RAM, with interrupts masked. The second core must not run meanwhile; this firmware does not start it.
+//! them is in RAM, with interrupts masked. Nothing else may read the flash meanwhile: neither the second core, nor a DMA channel whose
+//! source is a constant, nor the XIP stream. The firmwares that use this driver have none of them. The driver does not wait for them.
 
 use core::ops::Range;
 
