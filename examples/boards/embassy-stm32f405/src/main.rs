@@ -3,7 +3,8 @@
 //! The futures are those of `rover-embassy`.
 //!
 //! The mission and the parameters are stored in the last two sectors of the flash, while the rover is disarmed. An erase stops the
-//! processor for 1 s typically, and 2 s at most.
+//! processor for 2 s typically, and 4 s at most: the driver of embassy-stm32 0.6 programs words, but erases with PSIZE 0. All received
+//! bytes are lost meanwhile, because the interrupt's code is in the flash, too.
 //!
 //! When the receive buffer is full, `BufferedUart` of embassy-stm32 0.6 drops bytes without an error; checksums detect that.
 #![no_std]
