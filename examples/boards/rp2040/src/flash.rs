@@ -13,6 +13,12 @@ use rp2040_hal::rom_data;
 /// The region, as offsets in the flash.
 pub const REGION: Range<u32> = 0x1F_0000..0x20_0000;
 
+// `memory.x` compares it with the end of the firmware.
+#[allow(unsafe_code, reason = "a symbol for the linker")]
+mod symbol {
+    core::arch::global_asm!(".global storage_start", ".set storage_start, {}", const super::BASE + super::REGION.start);
+}
+
 /// The address at which the flash is mapped for reading.
 const BASE: u32 = 0x1000_0000;
 const PAGE: usize = 256;
