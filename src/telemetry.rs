@@ -285,15 +285,19 @@ impl Battery<'_> {
     /// main loop is busy (%), 0 to 100; unknown is sent as 0. The sensors and the errors are those of
     /// [`SysStatus::UNKNOWN`].
     pub fn sys_status(&self, load: f32) -> SysStatus {
-        let voltage =
-            if self.voltage.is_finite() || self.cells.is_empty() { self.voltage } else { self.cells.iter().sum() };
         SysStatus {
             load: half(field(load, 10.0, 0, 1_000, 0)),
-            voltage_battery: unsigned(voltage, 1e3),
+            voltage_battery: unsigned(self.total_voltage(), 1e3),
             current_battery: self.current(),
             battery_remaining: self.remaining(),
             ..SysStatus::UNKNOWN
         }
+    }
+
+    /// Returns the voltage of the battery (V): the [measured](Self::voltage) one, otherwise the sum of the
+    /// [`cells`](Self::cells). It is not finite if neither is known.
+    pub fn total_voltage(&self) -> f32 {
+        if self.voltage.is_finite() || self.cells.is_empty() { self.voltage } else { self.cells.iter().sum() }
     }
 
     /// Returns the current in hundredths of an ampere. −1 means "unknown", so a current that is nearest to it becomes 0.

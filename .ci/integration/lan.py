@@ -9,6 +9,8 @@ from pymavlink.dialects.v20 import common
 
 ARP, IPV4, UDP = 0x0806, 0x0800, 17
 PORT = 14550
+DHCP_SERVER, DHCP_CLIENT = 67, 68
+DISCOVER, OFFER, REQUEST, ACK = 1, 2, 3, 5
 
 
 def checksum(header):
@@ -18,7 +20,7 @@ def checksum(header):
 
 
 class Lan:
-    """The hosts are numbers in the vehicle's network, 10.0.2.0/24. No DHCP server is among them."""
+    """The hosts are numbers in the vehicle's network, 10.0.2.0/24. Host 2 is a DHCP server if it has something to assign."""
 
     VEHICLE = 15
 
@@ -29,6 +31,10 @@ class Lan:
         self.nic = f"socket,udp=127.0.0.1:{ours},localaddr=127.0.0.1:{emulators}"
         self.vehicle = b"\xff" * 6
         self.answering = set()
+        # The address to assign, once, and for how long (s).
+        self.lease = None
+        # The last part of the vehicle's address in the last datagram.
+        self.source = None
         self.mav = common.MAVLink(None, srcSystem=255, srcComponent=190)
 
     def close(self):
@@ -44,11 +50,26 @@ class Lan:
 
     def send(self, host, message):
         """Sends a message from a host to the vehicle."""
-        payload = message.pack(self.mav)
-        udp = struct.pack(">HHHH", PORT, PORT, 8 + len(payload), 0) + payload
-        header = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 20 + len(udp), 0, 0, 64, UDP, 0, self.ip(host), self.ip(self.VEHICLE))
+        self.send_datagram(host, self.ip(self.VEHICLE), (PORT, PORT), message.pack(self.mav))
+
+    def send_datagram(self, host, to, ports, payload):
+        udp = struct.pack(">HHHH", *ports, 8 + len(payload), 0) + payload
+        header = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 20 + len(udp), 0, 0, 64, UDP, 0, self.ip(host), to)
         header = header[:10] + struct.pack(">H", checksum(header)) + header[12:]
         self.socket.send(self.vehicle + self.mac(host) + struct.pack(">H", IPV4) + header + udp)
+
+    def assign(self, request):
+        """Answers a request of DHCP. The server then falls silent, so the lease cannot be renewed."""
+        if not self.lease:
+            return
+        host, seconds = self.lease
+        # smoltcp sends the type as the first option.
+        answer = {DISCOVER: OFFER, REQUEST: ACK}[request[242]]
+        if answer == ACK:
+            self.lease = None
+        reply = bytes([2, 1, 6, 0]) + request[4:8] + bytes(8) + self.ip(host) + self.ip(2) + bytes(4) + request[28:240]
+        options = bytes([53, 1, answer, 54, 4, *self.ip(2), 1, 4, 255, 255, 255, 0, 51, 4, *struct.pack(">I", seconds), 255])
+        self.send_datagram(2, b"\xff" * 4, (DHCP_SERVER, DHCP_CLIENT), reply + options)
 
     def receive(self, timeout):
         """Returns the last part of the address and the frame of the next datagram within `timeout` (s), or None. Answers ARP meanwhile."""
@@ -65,6 +86,11 @@ class Lan:
                 asked, sender = frame[41], frame[22:32]
                 reply = struct.pack(">HHBBH", 1, IPV4, 6, 4, 2) + self.mac(asked) + self.ip(asked) + sender
                 self.socket.send(self.vehicle + self.mac(asked) + struct.pack(">H", ARP) + reply)
-            elif kind == IPV4 and frame[23] == UDP and int.from_bytes(frame[36:38], "big") == PORT:
-                return frame[33], frame[42:]
+            elif kind == IPV4 and frame[23] == UDP:
+                port = int.from_bytes(frame[36:38], "big")
+                if port == DHCP_SERVER:
+                    self.assign(frame[42:])
+                elif port == PORT:
+                    self.source = frame[29]
+                    return frame[33], frame[42:]
         return None

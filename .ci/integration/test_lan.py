@@ -41,3 +41,26 @@ def test_a_station_that_answers_no_arp_does_not_stop_the_others(app, request, tm
             assert hears([pilot], 15, silence=2), "the silent station stops the other one"
     finally:
         lan.close()
+
+
+def test_an_expired_address_is_given_up(request, tmp_path):
+    """The lease cannot be renewed. When it expires, the vehicle is silent until it takes its fixed address: another host may have its
+    old one."""
+    option = request.config.getoption
+    base = option("spare_port_base")
+    lan = Lan(base + 3, base)
+    leased, seconds = 77, 8
+    lan.lease = leased, seconds
+    heard = {}
+    try:
+        with running(option, "ethernet", tmp_path / "output.txt", f"--udp=127.0.0.1:{PORT}", f"--nic={lan.nic}"):
+            began = time.monotonic()
+            while lan.VEHICLE not in heard and time.monotonic() - began < 40:
+                if lan.receive(0.1):
+                    heard.setdefault(lan.source, []).append(time.monotonic())
+    finally:
+        lan.close()
+    assert set(heard) == {leased, lan.VEHICLE}, heard
+    assert heard[leased][-1] - heard[leased][0] <= seconds + 1
+    # The fixed address is due three seconds after the lease has ended. Otherwise heartbeats are a second apart.
+    assert heard[lan.VEHICLE][0] - heard[leased][-1] > 2.5

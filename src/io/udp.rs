@@ -25,8 +25,10 @@ pub trait DatagramSocket {
     type Endpoint: Copy + PartialEq;
 
     /// Removes the oldest received datagram and copies it into `buffer`, which is [`MAX_DATAGRAM_LEN`] bytes long.
-    /// Returns its length and its sender; `None` if no datagram was received. Discards a longer datagram, and returns
-    /// length 0 for it.
+    /// Returns its length and its sender; `None` if no datagram was received.
+    ///
+    /// A longer datagram may be truncated, as Linux does: the frames before the cut are handled. A socket that discards it
+    /// returns the next one, or length 0, which is counted as [refused](UdpLinks::refused).
     fn receive(&mut self, buffer: &mut [u8]) -> Option<(usize, Self::Endpoint)>;
 
     /// Returns whether the socket accepts a datagram of [`MAX_FRAME_LEN`](crate::frame::MAX_FRAME_LEN) bytes. It must

@@ -164,7 +164,8 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
         self.storage.is_restoring()
     }
 
-    /// Returns what was not restored so far. Content that was restored late is no longer in it.
+    /// Returns what was not restored so far. Content that was restored late is no longer in it. Without attached storage it
+    /// is [empty](RestoreErrors::is_empty).
     pub fn restore_errors(&self) -> RestoreErrors {
         self.storage.errors
     }

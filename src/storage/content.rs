@@ -63,9 +63,29 @@ pub struct RestoreErrors {
 impl RestoreErrors {
     pub(crate) const NONE: Self = Self { signing: None, parameters: None, plans: None, records: None, region: None };
 
+    /// Returns whether everything was restored. Call it in each pass of the loop, because content that cannot be read at
+    /// first may be restored later:
+    ///
+    /// ```
+    /// # mavstack::stack! { struct Mavlink for Rover { links: 1, storage } }
+    /// # struct Rover { may_arm: bool }
+    /// # impl mavstack::Vehicle for Rover { fn state(&self) -> Option<mavstack::VehicleState> { None } }
+    /// # impl mavstack::Commands for Rover {
+    /// #     fn command(&mut self, _: &mut mavstack::Context<'_>, _: &mavstack::Command) -> mavstack::Outcome {
+    /// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
+    /// #     }
+    /// # }
+    /// # fn pass(stack: &Mavlink, rover: &mut Rover) {
+    /// rover.may_arm = !stack.is_restoring() && stack.restore_errors().is_empty();
+    /// # }
+    /// ```
+    pub fn is_empty(&self) -> bool {
+        *self == Self::NONE
+    }
+
     /// Returns an error if there is any.
     pub(crate) fn result(self) -> Result<(), Self> {
-        if self == Self::NONE { Ok(()) } else { Err(self) }
+        if self.is_empty() { Ok(()) } else { Err(self) }
     }
 }
 

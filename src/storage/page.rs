@@ -33,7 +33,11 @@ pub(crate) mod flag {
 }
 
 /// The buffer for one page: the only large buffer that storage needs. What carries out the [jobs](super::Job) owns it.
+///
+/// It is word-aligned, and so is the part that a job reads or writes. A driver that needs words or DMA can thus use it directly:
+/// esp-storage would otherwise copy through a buffer of 4 KiB on the call stack.
 #[derive(Clone)]
+#[repr(align(4))]
 pub struct Page([u8; PAGE]);
 
 /// What follows the payload of a page.

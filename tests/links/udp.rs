@@ -41,8 +41,10 @@ impl DatagramSocket for Socket {
     fn receive(&mut self, buffer: &mut [u8]) -> Option<(usize, Endpoint)> {
         assert_eq!(buffer.len(), MAX_DATAGRAM_LEN);
         let (from, datagram) = self.received.pop_front()?;
-        buffer[..datagram.len()].copy_from_slice(&datagram);
-        Some((datagram.len(), from))
+        // A longer datagram is truncated, as on Linux.
+        let len = datagram.len().min(buffer.len());
+        buffer[..len].copy_from_slice(&datagram[..len]);
+        Some((len, from))
     }
 
     fn is_ready(&mut self) -> bool {
@@ -271,6 +273,23 @@ fn other_datagrams_take_no_link() {
     }
     lab.run_for(millis(100));
     assert_eq!((lab.stations(), lab.udp.refused()), (vec![], 3));
+}
+
+/// SEC-2: of a datagram that the socket truncates, the frames before the cut are handled. The next datagram is not damaged.
+#[test]
+fn truncated_datagrams_lose_only_their_end() {
+    let mut lab = Lab::new();
+    let mut datagram = Vec::new();
+    while datagram.len() <= MAX_DATAGRAM_LEN {
+        let frame = lab.frame(&long(MavCmd::NAV_LAND));
+        datagram.extend_from_slice(&frame);
+    }
+    let whole = MAX_DATAGRAM_LEN / lab.frame(&long(MavCmd::NAV_LAND)).len();
+    lab.socket.arrive(A, &datagram);
+    lab.command(A, MavCmd::NAV_TAKEOFF);
+    lab.run_for(secs(1));
+    assert_eq!(lab.stations(), [(LinkId(1), A)]);
+    assert_eq!(lab.acks(A), [vec![MavCmd::NAV_LAND; whole], vec![MavCmd::NAV_TAKEOFF]].concat());
 }
 
 /// What begins with a start byte and is no frame: one byte, a frame with a wrong checksum, and the beginning of one.

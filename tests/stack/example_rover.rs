@@ -4,15 +4,18 @@
 #[allow(dead_code, unexpected_cfgs, unused_attributes, reason = "it is a crate of its own, for boards")]
 mod rover;
 
+use crate::support::flash::{Fault, RamFlash};
 use crate::support::*;
 use mavstack::Text;
 use mavstack::dialect::*;
+use mavstack::storage::{RestoreError, Store};
 use mavstack::telemetry::Battery;
 use rover::{HOLD, MISSION, Mavlink, Tuning};
 
 fn world() -> World<1, Mavlink> {
     let mut setup = Setup::<1>::new();
-    setup.config = mavstack::Config { r#type: rover::CONFIG.r#type, ..setup.config };
+    let mavstack::Config { r#type, durability, .. } = rover::CONFIG;
+    setup.config = mavstack::Config { r#type, durability, ..setup.config };
     World::of(setup)
 }
 
@@ -28,6 +31,17 @@ fn drive(world: &mut World<1, Mavlink>, seconds: u64) {
 fn arm(world: &mut World<1, Mavlink>) -> MavResult {
     world.gcs[0].command_long(MavCmd::COMPONENT_ARM_DISARM, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     world.expect::<CommandAck>(0, secs(1)).result
+}
+
+/// Three items that the rover can drive to.
+fn waypoints() -> Vec<MissionItemInt> {
+    let (command, frame) = (MavCmd::NAV_WAYPOINT, MavFrame::GLOBAL_RELATIVE_ALT);
+    plan(3, 0).into_iter().map(|item| MissionItemInt { command, frame, ..item }).collect()
+}
+
+/// Whether QGroundControl shows "ready".
+fn is_ready(world: &mut World<1, Mavlink>) -> bool {
+    world.expect::<SysStatus>(0, secs(2)).onboard_control_sensors_health.contains(MavSysStatusSensor::PREARM_CHECK)
 }
 
 /// P-18: QGroundControl considers a vehicle ready when its parameters are loaded, and needs at least one.
@@ -57,14 +71,8 @@ fn rover_drives_and_holds_when_the_station_is_lost() {
     let mut world = world();
     world.gcs[0].heartbeat_period = Some(secs(1));
     drive(&mut world, 2);
-    let status: SysStatus = world.expect(0, secs(2));
-    assert!(status.onboard_control_sensors_health.contains(MavSysStatusSensor::PREARM_CHECK));
-    let items = plan(3, 0).into_iter().map(|item| MissionItemInt {
-        command: MavCmd::NAV_WAYPOINT,
-        frame: MavFrame::GLOBAL_RELATIVE_ALT,
-        ..item
-    });
-    world.upload(0, &items.collect::<Vec<_>>()).unwrap();
+    assert!(is_ready(&mut world));
+    world.upload(0, &waypoints()).unwrap();
     let target = |world: &World<1, Mavlink>| world.vehicle.target(&world.stack).map(|item| item.command);
     let select = |world: &mut World<1, Mavlink>, mode: u32| {
         world.gcs[0].send(&SetMode {
@@ -93,7 +101,8 @@ fn rover_drives_and_holds_when_the_station_is_lost() {
     assert_eq!(world.expect::<Heartbeat>(0, secs(2)).system_status, MavState::CRITICAL);
 }
 
-/// The battery is unknown until it is measured; a low one prevents arming if the parameter says so.
+/// The battery is unknown until it is measured. If the parameter says so, an unknown or a low one prevents arming, by its own voltage
+/// or by that of its cells.
 #[test]
 fn rover_watches_its_battery() {
     let mut world = world();
@@ -101,11 +110,55 @@ fn rover_watches_its_battery() {
     world.vehicle.battery = Battery { voltage: 9.5, ..Battery::UNKNOWN };
     world.gcs[0].forget();
     assert_eq!(world.expect::<BatteryStatus>(0, secs(3)).voltages[..2], [9_500, u16::MAX]);
-    drive(&mut world, 1);
-    assert_eq!(arm(&mut world), MavResult::ACCEPTED);
-    assert!(world.stack.parameters_mut().set(Tuning::BAT_V_LOW, 10.0));
-    drive(&mut world, 1);
-    world.run_for(secs(3));
-    world.gcs[0].forget();
+    for (minimum, cells, voltage, is_sufficient) in [
+        (0.0, &[][..], 9.5, true),
+        (0.0, &[], f32::NAN, true),
+        (10.0, &[], 9.5, false),
+        (10.0, &[], 10.0, true),
+        (10.0, &[], f32::NAN, false),
+        (10.0, &[3.2, 3.3, 3.4], f32::NAN, false),
+        (10.0, &[3.4, 3.5, 3.4], f32::NAN, true),
+        (10.0, &[3.4, f32::NAN, 3.4], f32::NAN, false),
+        // The measured voltage counts, not the sum.
+        (10.0, &[3.4, 3.5, 3.4], 9.9, false),
+    ] {
+        world.vehicle.battery = Battery { cells, voltage, ..Battery::UNKNOWN };
+        assert!(world.stack.parameters_mut().set(Tuning::BAT_V_LOW, minimum));
+        drive(&mut world, 4);
+        world.gcs[0].forget();
+        assert_eq!(is_ready(&mut world), is_sufficient, "{voltage} V, {cells:?}");
+        world.gcs[0].forget();
+        let result = if is_sufficient { MavResult::ACCEPTED } else { MavResult::DENIED };
+        assert_eq!(arm(&mut world), result, "{voltage} V, {cells:?}");
+    }
+}
+
+/// G-18: the rover does not arm while the storage cannot be read. It arms once its plan is restored late, without a restart.
+#[test]
+fn rover_arms_after_a_late_restore() {
+    const LEN: u32 = 64 * 1024;
+    let mut flash = RamFlash::<4, 4096>::new(LEN);
+    let mut writer = world();
+    let mut store = Store::new(&mut flash, 0..LEN);
+    assert_eq!(writer.stack.restore(writer.now(), &mut store, &mut writer.vehicle), Ok(()));
+    writer.upload(0, &waypoints()).unwrap();
+    while writer.stack.persist(writer.now(), &mut store, &mut writer.vehicle) {}
+
+    (flash.reads, flash.fault) = (0, Fault::Reads(0..3));
+    let mut world = world();
+    let mut store = Store::new(&mut flash, 0..LEN);
+    let errors = world.stack.restore(world.now(), &mut store, &mut world.vehicle).expect_err("no read succeeds");
+    assert_eq!((errors.plans, errors.is_empty()), (Some(RestoreError::Unreadable), false));
+    drive(&mut world, 2);
+    assert!(!is_ready(&mut world));
     assert_eq!(arm(&mut world), MavResult::DENIED);
+    for _ in 0..4 {
+        drive(&mut world, 1);
+        while world.stack.persist(world.now(), &mut store, &mut world.vehicle) {}
+    }
+    drive(&mut world, 1);
+    assert_eq!((world.stack.mission().items().len(), world.stack.restore_errors().is_empty()), (3, true));
+    world.gcs[0].forget();
+    assert!(is_ready(&mut world));
+    assert_eq!(arm(&mut world), MavResult::ACCEPTED);
 }

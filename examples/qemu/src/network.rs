@@ -1,6 +1,7 @@
 //! The vehicle on a network: UDP over smoltcp, on the Ethernet controller of the board.
 //!
-//! The address is assigned by DHCP. Without an answer the vehicle takes a fixed one, and repeats the request.
+//! The address is assigned by DHCP. Without an answer the vehicle takes a fixed one, and repeats the request. When a lease expires, it
+//! gives up the address at once, as another host may have it now.
 
 use mavstack::Instant;
 use mavstack::frame::MAX_FRAME_LEN;
@@ -16,13 +17,14 @@ use crate::lan9118::Lan9118;
 
 /// The vehicle's own UDP port.
 pub const PORT: u16 = 14_550;
-/// The address without DHCP, and its router.
+/// The address without DHCP, and its router: those of QEMU's network. A product takes a configured address, or a link-local one
+/// (169.254.0.0/16) that no other host answers for.
 pub const FIXED: (Ipv4Cidr, Ipv4Address) =
     (Ipv4Cidr::new(Ipv4Address::new(10, 0, 2, 15), 24), Ipv4Address::new(10, 0, 2, 2));
 /// Where heartbeats are sent as long as no station is known. Not the broadcast address of the subnet: QEMU passes only this one on to
 /// the host.
 pub const BROADCAST: Ipv4Address = Ipv4Address::BROADCAST;
-/// How long to wait for DHCP.
+/// How long to wait for DHCP. QEMU's link is up at once. A PHY needs up to this long to negotiate: wait for its link first.
 pub const PATIENCE: mavstack::Duration = mavstack::Duration::from_secs(3);
 /// How long the send queue may stay full before it is discarded. smoltcp never drops a datagram to a host that does not answer ARP, and
 /// sends nothing behind it.
@@ -76,6 +78,7 @@ impl Network {
 
         let Queues { rx, tx, sockets } = QUEUES.try_take()?;
         let mut config = Config::new(EthernetAddress(device.address()).into());
+        // Predictable. A product takes it from a random number generator, because it determines the ids of DHCP's requests.
         config.random_seed = board::ticks().into();
         let now = time(now);
         let interface = Interface::new(config, &mut device, now);
@@ -107,9 +110,12 @@ impl Network {
         let net = &mut self.net;
         let (address, router, origin) = match net.sockets.get_mut::<dhcpv4::Socket>(net.dhcp).poll() {
             Some(dhcpv4::Event::Configured(config)) => (config.address, config.router, "DHCP"),
-            // Also the first event.
+            // The lease has expired. It is also the first event.
             Some(dhcpv4::Event::Deconfigured) => {
                 self.fixed_due = Some(now.after(PATIENCE));
+                net.interface.update_ip_addrs(|addresses| addresses.clear());
+                net.interface.routes_mut().remove_default_ipv4_route();
+                self.links.set_broadcast(None);
                 return;
             }
             None if self.fixed_due.is_some_and(|due| now >= due) => (FIXED.0, Some(FIXED.1), "no DHCP"),

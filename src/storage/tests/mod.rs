@@ -66,8 +66,11 @@ impl<const W: usize, const E: usize> Rig<W, E> {
         Self::start(RamFlash::new(len))
     }
 
-    /// Carries out a job and passes on its result.
+    /// Carries out a job and passes on its result. Drivers that need words or DMA get aligned bytes.
     fn run(&mut self, job: &Job) -> Event {
+        if let Job::Read { range, .. } | Job::Write { range, .. } = job {
+            assert_eq!((align_of::<Page>() % 4, range.start % 4), (0, 0), "{job:?}");
+        }
         let is_done = match job {
             Job::Read { offset, range } => {
                 assert!(matches!(range.len(), 32 | 256));

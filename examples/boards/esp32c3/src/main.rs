@@ -7,7 +7,11 @@
 //! With its feature `unstable`, `esp-hal` implements the traits that the stack needs, so the UART is passed to the stack directly.
 //! Its FIFO holds 128 bytes. At 5,760 bytes per second the loop must run at least every 22 ms. This loop never sleeps.
 //!
-//! The mission and the parameters are stored in the partition `nvs` of the default partition table, which only Espressif's radio uses.
+//! The mission and the parameters are stored in the partition `nvs` of the default partition table, while the rover is disarmed. Only
+//! Espressif's radio uses it: with the radio, or with another partition table, give the storage a partition of its own. An erase stops
+//! the processor for up to 400 ms, with interrupts masked. Received bytes beyond the FIFO are lost meanwhile.
+//!
+//! `esp_hal::init` disables all watchdogs. A real vehicle enables one again, for longer than an erase.
 #![no_std]
 #![no_main]
 #![forbid(unsafe_code)]
@@ -27,7 +31,7 @@ esp_bootloader_esp_idf::esp_app_desc!();
 const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
 
-/// The partition `nvs`, as offsets in the flash: six sectors.
+/// The partition `nvs`, as offsets in the flash: six sectors. The firmware does not read the partition table.
 const REGION: core::ops::Range<u32> = 0x9000..0xF000;
 const _: () = assert!(Store::<FlashStorage<'_>>::region_len::<Mavlink>() <= REGION.end - REGION.start);
 
@@ -46,7 +50,8 @@ fn main() -> ! {
     let stack = STACK.take();
     stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
     let mut store = Store::new(FlashStorage::new(chip.FLASH), REGION);
-    rover.is_restored = stack.restore(now(), &mut store, &mut rover).is_ok();
+    // The rover checks `stack.restore_errors()` in each pass.
+    let _ = stack.restore(now(), &mut store, &mut rover);
     loop {
         let now = now();
         rover.drive(now, stack);

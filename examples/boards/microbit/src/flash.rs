@@ -10,6 +10,12 @@ use nrf51_hal::pac::NVMC;
 /// The region as addresses, which are also the offsets in the flash.
 pub const REGION: Range<u32> = 0x3_8000..0x4_0000;
 
+// `memory.x` compares it with the end of the firmware.
+#[allow(unsafe_code, reason = "a symbol for the linker")]
+mod symbol {
+    core::arch::global_asm!(".global storage_start", ".set storage_start, {}", const super::REGION.start);
+}
+
 /// The flash. Erasing a page stops the processor for 22 ms, writing a word for 46 µs.
 pub struct Pages(NVMC);
 

@@ -1,10 +1,11 @@
 //! A rover on a BBC micro:bit: an nRF51822, a Cortex-M0 at 16 MHz with 16 KiB of RAM. Telemetry is on UART0, P0.24 (TX) and P0.25
 //! (RX), at 57,600 bit/s, which the micro:bit's USB interface carries.
 //!
-//! The UART buffers six received bytes, which arrive in 1 ms. Its interrupt therefore moves each byte to a queue. The loop runs at
-//! least every 4 ms and passes the other end of the queue to the stack.
+//! The UART buffers six received bytes, which arrive in 1 ms. Its interrupt therefore moves each byte to a queue. The loop passes the
+//! other end of the queue to the stack. It runs at least every 4 ms, unless it erases or writes flash.
 //!
-//! The mission and the parameters are stored in the last 32 KiB of the flash, while the rover is disarmed.
+//! The mission and the parameters are stored in the last 32 KiB of the flash, while the rover is disarmed. An erase stops the processor
+//! for 22 ms, so received bytes are lost meanwhile.
 //!
 //! `cargo xtask boards --run` runs this firmware in QEMU, unchanged.
 #![no_std]
@@ -34,7 +35,7 @@ const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
 const _: () = assert!(Store::<flash::Pages>::region_len::<Mavlink>() <= flash::REGION.end - flash::REGION.start);
 
-/// Queues between the interrupt and the loop, which runs at least this often.
+/// Queues between the interrupt and the loop, which runs at least this often, except while it erases or writes flash.
 static QUEUES: SerialQueues<QUEUE, QUEUE> = SerialQueues::new();
 const QUEUE: usize = queue_len(BAUD, Duration::from_millis(4));
 
@@ -66,7 +67,8 @@ fn main() -> ! {
     let stack = STACK.take();
     stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
     let mut store = Store::new(flash::Pages::new(chip.NVMC), flash::REGION);
-    rover.is_restored = stack.restore(clock.now(), &mut store, &mut rover).is_ok();
+    // The rover checks `stack.restore_errors()` in each pass.
+    let _ = stack.restore(clock.now(), &mut store, &mut rover);
     let mut telem = QUEUES.loop_end();
     loop {
         let now = clock.now();

@@ -11,7 +11,7 @@ use embassy_futures::join::join;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
-use embassy_time::{Duration, Ticker, Timer, with_timeout};
+use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 use embedded_storage::nor_flash::NorFlash;
 use mavstack::io::{AsyncReceiver, AsyncTransmitter};
@@ -20,7 +20,7 @@ use mavstack::storage::Store;
 use mavstack::{Instant, LinkId};
 use mavstack_rover::{LINKS, Mavlink, Rover};
 
-/// Period of the driving loop. Received bytes wait no longer than this.
+/// Period of the driving loop. Received bytes wait no longer than this, unless a pass erases flash or writes a page.
 pub const PERIOD: Duration = Duration::from_millis(4);
 
 /// Several times the time that a line needs for a buffer.
@@ -50,7 +50,7 @@ impl Shared {
 
     /// Runs the driving loop, which also stores changes.
     pub async fn drive<F: NorFlash>(&self, mut store: Store<F>) -> ! {
-        let mut pass = Ticker::every(PERIOD);
+        let mut next = embassy_time::Instant::now();
         loop {
             {
                 let (stack, rover) = &mut *self.vehicle.borrow_mut();
@@ -59,7 +59,10 @@ impl Shared {
             }
             // The rover's state may have changed.
             self.wake();
-            pass.next().await;
+            // Passes that an erase has prevented are skipped. A `Ticker` would run them at once, and the other futures would wait: its
+            // `next` does not yield when it is late. A `Timer` always yields.
+            next = (next + PERIOD).max(embassy_time::Instant::now());
+            Timer::at(next).await;
         }
     }
 

@@ -48,7 +48,7 @@ stack! {
 parameters! {
     /// The parameters, in ASCII order.
     pub struct Tuning {
-        /// Battery voltage below which the rover does not arm. 0 disables the check.
+        /// Least battery voltage for arming; an unknown one is too low. 0 disables the check.
         BAT_V_LOW: f32 = 0.0, 0.0..=60.0, "V";
         /// Holds when the last ground station is lost.
         FS_GCS_ENABLE: u8 = 1, 0..=1, "";
@@ -73,14 +73,13 @@ pub struct Rover {
     pub home: Option<Home>,
     /// Your battery.
     pub battery: Battery<'static>,
-    /// False if [`Stack::restore`] failed: an unreadable plan is not an empty plan.
-    pub is_restored: bool,
     armed: bool,
     mode: u32,
     current: u16,
     is_complete: bool,
     is_station_lost: bool,
     is_battery_low: bool,
+    is_restored: bool,
 }
 
 impl Default for Rover {
@@ -90,13 +89,13 @@ impl Default for Rover {
             gps: GpsFix::UNKNOWN,
             home: None,
             battery: Battery::UNKNOWN,
-            is_restored: true,
             armed: false,
             mode: HOLD,
             current: 0,
             is_complete: false,
             is_station_lost: false,
             is_battery_low: false,
+            is_restored: false,
         }
     }
 }
@@ -104,9 +103,11 @@ impl Default for Rover {
 impl Rover {
     /// Runs one pass of the driving loop, and ticks the pulse.
     pub fn drive(&mut self, now: Instant, stack: &mut Stack<Mavlink, LINKS>) {
-        let tuning = stack.parameters();
-        self.is_battery_low = self.battery.voltage < tuning.get(Tuning::BAT_V_LOW);
-        let is_lost = self.armed && tuning.get(Tuning::FS_GCS_ENABLE) == 1 && !stack.has_ground_station();
+        let (minimum, voltage) = (stack.parameters().get(Tuning::BAT_V_LOW), self.battery.total_voltage());
+        // An unknown voltage is not a sufficient one, and an unreadable plan is not an empty one.
+        self.is_battery_low = minimum > 0.0 && !(voltage.is_finite() && voltage >= minimum);
+        self.is_restored = stack.restore_errors().is_empty();
+        let is_lost = self.armed && stack.parameters().get(Tuning::FS_GCS_ENABLE) == 1 && !stack.has_ground_station();
         if is_lost && !self.is_station_lost {
             self.mode = HOLD;
             stack.send_text(now, MavSeverity::CRITICAL, "Ground station lost: holding");
@@ -160,14 +161,13 @@ impl Vehicle for Rover {
 
 impl Commands for Rover {
     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
-        // Errors: UNSUPPORTED for another command, DENIED for invalid parameters.
         let arm = match command.decode() {
             Ok(ComponentArmDisarm { arm, .. }) if !command.is_broadcast => arm,
             Ok(_) => return MavResult::DENIED.into(),
-            Err(result) => return result.into(),
+            Err(result) => return result.into(), // UNSUPPORTED: another command. DENIED: invalid parameters.
         };
         if arm && (self.is_battery_low || !self.is_restored) {
-            cx.text(MavSeverity::WARNING, "Not armed: the battery is low, or stored data is unreadable");
+            cx.text(MavSeverity::WARNING, "Not armed: battery low or unknown, or stored data unreadable");
             return MavResult::DENIED.into();
         }
         self.armed = arm;

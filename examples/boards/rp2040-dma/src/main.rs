@@ -14,33 +14,21 @@
 #![no_main]
 #![deny(unsafe_code)]
 
+#[path = "../../rp2040/src/board.rs"]
+mod board;
 mod dma;
 #[path = "../../rp2040/src/flash.rs"]
 mod flash;
 
-use cortex_m::peripheral::NVIC;
+use board::Board;
 use mavstack::storage::Store;
-use mavstack::{Duration, Instant, LinkConfig, LinkId};
+use mavstack::{Duration, LinkConfig, LinkId};
 use mavstack_rover::{CONFIG, Mavlink, Rover};
 // Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
 use panic_halt as _;
-use rp2040_hal::clocks::init_clocks_and_plls;
 use rp2040_hal::dma::DMAExt;
-use rp2040_hal::fugit::{ExtU32, RateExtU32};
-use rp2040_hal::gpio::Pins;
-use rp2040_hal::pac::{self, Interrupt};
-use rp2040_hal::timer::Alarm;
-use rp2040_hal::uart::{DataBits, StopBits, UartConfig, UartPeripheral};
-use rp2040_hal::{Clock, Sio, Timer, Watchdog};
 use static_cell::ConstStaticCell;
 
-/// The second-stage boot loader for the Pico's flash chip. The boot ROM expects it at a fixed address: see `memory.x`.
-#[allow(unsafe_code, reason = "a section that contains nothing else")]
-#[unsafe(link_section = ".boot2")]
-#[used]
-static BOOT2: [u8; 256] = rp2040_boot2::BOOT_LOADER_W25Q080;
-
-const CRYSTAL_HZ: u32 = 12_000_000;
 const BAUD: u32 = 115_200;
 const TELEM: LinkId = LinkId(0);
 const PERIOD_MS: u32 = 4;
@@ -54,52 +42,21 @@ static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
 
 #[rp2040_hal::entry]
 fn main() -> ! {
-    let mut chip = pac::Peripherals::take().expect("main runs once");
-    let mut watchdog = Watchdog::new(chip.WATCHDOG);
-    let clocks = init_clocks_and_plls(
-        CRYSTAL_HZ,
-        chip.XOSC,
-        chip.CLOCKS,
-        chip.PLL_SYS,
-        chip.PLL_USB,
-        &mut chip.RESETS,
-        &mut watchdog,
-    )
-    .expect("12 MHz is a valid crystal frequency");
-
-    let sio = Sio::new(chip.SIO);
-    let pins = Pins::new(chip.IO_BANK0, chip.PADS_BANK0, sio.gpio_bank0, &mut chip.RESETS);
-    let pins = (pins.gpio0.into_function(), pins.gpio1.into_function());
-    let format = UartConfig::new(BAUD.Hz(), DataBits::Eight, None, StopBits::One);
-    // It enables the UART's requests to the DMA, too.
-    let uart = UartPeripheral::new(chip.UART0, pins, &mut chip.RESETS)
-        .enable(format, clocks.peripheral_clock.freq())
-        .expect("the baud rate is supported");
+    let Board { uart, mut clock, flash, dma, mut resets, .. } = Board::start(BAUD);
     let (receiver, transmitter) = uart.split();
-    let channels = chip.DMA.split(&mut chip.RESETS);
+    let channels = dma.split(&mut resets);
     let mut receiver = dma::Receiver::new(receiver, channels.ch0, channels.ch1);
     let mut transmitter = dma::Transmitter::new(transmitter, channels.ch2);
-
-    // A 64-bit counter of microseconds since reset, as the stack needs it.
-    let mut timer = Timer::new(chip.TIMER, &mut chip.RESETS, &clocks);
-    let mut alarm = timer.alarm_0().expect("an alarm is taken once");
-    alarm.enable_interrupt();
-    cortex_m::interrupt::disable();
-    // SAFETY: interrupts are masked, so no handler runs.
-    #[allow(unsafe_code, reason = "an interrupt is unmasked, to wake the processor")]
-    unsafe {
-        NVIC::unmask(Interrupt::TIMER_IRQ_0);
-    };
 
     let mut rover = Rover::default();
     let stack = STACK.take();
     stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
-    let mut store = Store::new(flash::Sectors::new(chip.XIP_SSI), flash::REGION);
-    let now = |timer: &Timer| Instant::from_micros(timer.get_counter().ticks());
-    rover.is_restored = stack.restore(now(&timer), &mut store, &mut rover).is_ok();
+    let mut store = Store::new(flash, flash::REGION);
+    // The rover checks `stack.restore_errors()` in each pass.
+    let _ = stack.restore(clock.now(), &mut store, &mut rover);
     loop {
-        let _ = alarm.schedule(PERIOD_MS.millis());
-        let now = now(&timer);
+        clock.begin_pass(PERIOD_MS);
+        let now = clock.now();
         rover.drive(now, stack);
         stack.poll(now, &mut rover);
         // The receiver counts the bytes that were overwritten before they were read. The link continues.
@@ -115,8 +72,6 @@ fn main() -> ! {
             transmitter.start();
         }
         stack.persist(now, &mut store, &mut rover);
-        cortex_m::asm::wfi();
-        alarm.clear_interrupt();
-        NVIC::unpend(Interrupt::TIMER_IRQ_0);
+        clock.sleep();
     }
 }

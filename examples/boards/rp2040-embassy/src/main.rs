@@ -89,7 +89,8 @@ async fn main(_spawner: Spawner) {
     stack.begin(Config { budget: BUDGET, ..CONFIG }, LINKS);
     let mut store = Store::new(Sectors::new_blocking(chip.FLASH), REGION);
     let mut rover = Rover::default();
-    rover.is_restored = stack.restore(now(), &mut store, &mut rover).is_ok();
+    // The rover checks `stack.restore_errors()` in each pass.
+    let _ = stack.restore(now(), &mut store, &mut rover);
     let shared = Shared::new(stack, rover);
     let port = async {
         loop {

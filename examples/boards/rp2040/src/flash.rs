@@ -1,7 +1,8 @@
 //! The last 64 KiB of the Pico's flash, for the mission and the parameters. `memory.x` keeps the firmware out of them.
 //!
 //! `rp2040-hal` has no flash driver, but the boot ROM has the functions. No code can run from flash meanwhile, so the code that calls
-//! them is in RAM, with interrupts masked. The second core must not run meanwhile; this firmware does not start it.
+//! them is in RAM, with interrupts masked. Nothing else may read the flash meanwhile: neither the second core, nor a DMA channel whose
+//! source is a constant, nor the XIP stream. The firmwares that use this driver have none of them. The driver does not wait for them.
 
 use core::ops::Range;
 
@@ -11,6 +12,12 @@ use rp2040_hal::rom_data;
 
 /// The region, as offsets in the flash.
 pub const REGION: Range<u32> = 0x1F_0000..0x20_0000;
+
+// `memory.x` compares it with the end of the firmware.
+#[allow(unsafe_code, reason = "a symbol for the linker")]
+mod symbol {
+    core::arch::global_asm!(".global storage_start", ".set storage_start, {}", const super::BASE + super::REGION.start);
+}
 
 /// The address at which the flash is mapped for reading.
 const BASE: u32 = 0x1000_0000;

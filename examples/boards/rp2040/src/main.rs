@@ -14,45 +14,31 @@
 #![no_main]
 #![deny(unsafe_code)]
 
+mod board;
 mod flash;
 
+use board::Board;
 use cortex_m::peripheral::NVIC;
-use mavstack::config::PollBudget;
 use mavstack::io::Io06;
 use mavstack::storage::Store;
-use mavstack::{Config, Duration, Instant, LinkConfig, LinkId};
+use mavstack::{LinkConfig, LinkId};
 use mavstack_rover::{CONFIG, Mavlink, Rover};
 // Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
 use panic_halt as _;
-use rp2040_hal::clocks::init_clocks_and_plls;
-use rp2040_hal::fugit::{ExtU32, RateExtU32};
-use rp2040_hal::gpio::Pins;
-use rp2040_hal::pac::{self, Interrupt};
-use rp2040_hal::timer::Alarm;
-use rp2040_hal::uart::{DataBits, StopBits, UartConfig, UartPeripheral};
+use rp2040_hal::pac::Interrupt;
 use rp2040_hal::usb::UsbBus;
-use rp2040_hal::{Clock, Sio, Timer, Watchdog};
 use static_cell::ConstStaticCell;
 use usb_device::bus::UsbBusAllocator;
 use usb_device::device::{StringDescriptors, UsbDeviceBuilder, UsbDeviceState, UsbVidPid};
 use usbd_serial::{SerialPort, USB_CLASS_CDC};
 
-/// The second-stage boot loader for the Pico's flash chip. The boot ROM expects it at a fixed address: see `memory.x`.
-#[allow(unsafe_code, reason = "a section that contains nothing else")]
-#[unsafe(link_section = ".boot2")]
-#[used]
-static BOOT2: [u8; 256] = rp2040_boot2::BOOT_LOADER_W25Q080;
-
-const CRYSTAL_HZ: u32 = 12_000_000;
 const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
 const USB: LinkId = LinkId(1);
-/// USB has no baud rate: backpressure limits the stack.
+/// USB has no baud rate: backpressure limits the stack. The default budget is less than USB carries, and the rest waits in the host: a
+/// pass stays short enough for the UART, also when a host floods the USB.
 const LINKS: [LinkConfig; 2] = [LinkConfig::uart(BAUD), LinkConfig::unlimited()];
-
 const PERIOD_MS: u32 = 1;
-/// All bytes that USB full speed carries in a period.
-const BUDGET: PollBudget = PollBudget::for_line(12_000_000, Duration::from_millis(PERIOD_MS as u64));
 const _: () = assert!(Store::<flash::Sectors>::region_len::<Mavlink>() <= flash::REGION.end - flash::REGION.start);
 
 /// Static because it is too large for the call stack. It is all zero bits until it is begun, so it takes no flash.
@@ -60,33 +46,10 @@ static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
 
 #[rp2040_hal::entry]
 fn main() -> ! {
-    let mut chip = pac::Peripherals::take().expect("main runs once");
-    let mut watchdog = Watchdog::new(chip.WATCHDOG);
-    let clocks = init_clocks_and_plls(
-        CRYSTAL_HZ,
-        chip.XOSC,
-        chip.CLOCKS,
-        chip.PLL_SYS,
-        chip.PLL_USB,
-        &mut chip.RESETS,
-        &mut watchdog,
-    )
-    .expect("12 MHz is a valid crystal frequency");
-
-    let sio = Sio::new(chip.SIO);
-    let pins = Pins::new(chip.IO_BANK0, chip.PADS_BANK0, sio.gpio_bank0, &mut chip.RESETS);
-    let pins = (pins.gpio0.into_function(), pins.gpio1.into_function());
-    let format = UartConfig::new(BAUD.Hz(), DataBits::Eight, None, StopBits::One);
-    let mut uart = UartPeripheral::new(chip.UART0, pins, &mut chip.RESETS)
-        .enable(format, clocks.peripheral_clock.freq())
-        .expect("the baud rate is supported");
-
-    // A 64-bit counter of microseconds since reset, as the stack needs it.
-    let mut timer = Timer::new(chip.TIMER, &mut chip.RESETS, &clocks);
-    let mut alarm = timer.alarm_0().expect("an alarm is taken once");
+    let Board { mut uart, mut clock, flash, usb: (registers, memory, usb_clock), mut resets, .. } = Board::start(BAUD);
 
     // The USB. The ids are those of usb-device for tests; your product needs its own.
-    let bus = UsbBus::new(chip.USBCTRL_REGS, chip.USBCTRL_DPRAM, clocks.usb_clock, true, &mut chip.RESETS);
+    let bus = UsbBus::new(registers, memory, usb_clock, true, &mut resets);
     let bus = UsbBusAllocator::new(bus);
     let mut port = Io06::new(SerialPort::new(&bus));
     let names = StringDescriptors::default().manufacturer("mavstack").product("Rover").serial_number("1");
@@ -99,24 +62,21 @@ fn main() -> ! {
         .build();
     let mut was_configured = false;
 
-    alarm.enable_interrupt();
-    cortex_m::interrupt::disable();
     // SAFETY: interrupts are masked, so no handler runs.
-    #[allow(unsafe_code, reason = "interrupts are unmasked, to wake the processor")]
+    #[allow(unsafe_code, reason = "an interrupt is unmasked, to wake the processor")]
     unsafe {
-        NVIC::unmask(Interrupt::TIMER_IRQ_0);
         NVIC::unmask(Interrupt::USBCTRL_IRQ);
     };
 
     let mut rover = Rover::default();
     let stack = STACK.take();
-    stack.begin(Config { budget: BUDGET, ..CONFIG }, LINKS);
-    let mut store = Store::new(flash::Sectors::new(chip.XIP_SSI), flash::REGION);
-    let now = |timer: &Timer| Instant::from_micros(timer.get_counter().ticks());
-    rover.is_restored = stack.restore(now(&timer), &mut store, &mut rover).is_ok();
+    stack.begin(CONFIG, LINKS);
+    let mut store = Store::new(flash, flash::REGION);
+    // The rover checks `stack.restore_errors()` in each pass.
+    let _ = stack.restore(clock.now(), &mut store, &mut rover);
     loop {
-        let _ = alarm.schedule(PERIOD_MS.millis());
-        let now = now(&timer);
+        clock.begin_pass(PERIOD_MS);
+        let now = clock.now();
         rover.drive(now, stack);
         stack.poll(now, &mut rover);
         // Errors, such as overruns, are counted in `stack.link_counters(TELEM)`. The link continues.
@@ -134,9 +94,7 @@ fn main() -> ! {
         was_configured = is_configured;
 
         stack.persist(now, &mut store, &mut rover);
-        cortex_m::asm::wfi();
-        alarm.clear_interrupt();
-        NVIC::unpend(Interrupt::TIMER_IRQ_0);
+        clock.sleep();
         // While the USB has something to do, it raises its interrupt again.
         NVIC::unpend(Interrupt::USBCTRL_IRQ);
     }

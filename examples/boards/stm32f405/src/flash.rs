@@ -13,6 +13,12 @@ pub type Sectors = Driver<FLASH>;
 /// Where the flash is in memory.
 const BASE: u32 = 0x0800_0000;
 
+// `memory.x` compares the start of `REGION` with the end of the firmware.
+#[allow(unsafe_code, reason = "a symbol for the linker")]
+mod symbol {
+    core::arch::global_asm!(".global storage_start", ".set storage_start, {}", const super::BASE + super::REGION.start);
+}
+
 #[allow(unsafe_code, reason = "registers by their number, and memory that the linker does not know")]
 impl Hardware for FLASH {
     fn read(&mut self, register: Register) -> u32 {

@@ -1,11 +1,11 @@
 //! A rover on an STM32F405, as on many flight controllers. Telemetry is on USART1, PA9 (TX) and PA10 (RX), at 57,600 bit/s.
 //!
 //! A USART of this chip buffers one received byte, and the next one arrives 174 µs later. Its interrupt therefore moves each byte
-//! to a queue. The loop runs at least every 4 ms and passes the other end of the queue to the stack. The UART of `stm32f4xx-hal`
-//! cannot be passed directly, because it does not implement `Read`, `ReadReady` and `WriteReady`.
+//! to a queue. The loop passes the other end of the queue to the stack. It runs at least every 4 ms, unless it erases or writes flash. The
+//! UART of `stm32f4xx-hal` cannot be passed directly, because it does not implement `Read`, `ReadReady` and `WriteReady`.
 //!
 //! The mission and the parameters are stored in the last two sectors of the flash, while the rover is disarmed. An erase stops the
-//! processor for 2 s typically, and 4 s at most.
+//! processor for 2 s typically, and 4 s at most. All received bytes are lost meanwhile, because the interrupt's code is in the flash, too.
 //!
 //! `cargo xtask boards --run` runs this firmware in QEMU. The feature `qemu` is only for that.
 #![no_std]
@@ -37,7 +37,7 @@ const BAUD: u32 = 57_600;
 const TELEM: LinkId = LinkId(0);
 const _: () = assert!(Store::<flash::Sectors>::region_len::<Mavlink>() <= flash::REGION.end - flash::REGION.start);
 
-/// Queues between the interrupt and the loop, which runs at least this often.
+/// Queues between the interrupt and the loop, which runs at least this often, except while it erases or writes flash.
 static QUEUES: SerialQueues<QUEUE, QUEUE> = SerialQueues::new();
 const QUEUE: usize = queue_len(BAUD, Duration::from_millis(4));
 
@@ -70,7 +70,8 @@ fn main() -> ! {
     let stack = STACK.take();
     stack.begin(CONFIG, [LinkConfig::uart(BAUD)]);
     let mut store = Store::new(flash::Sectors::new(chip.FLASH), flash::REGION);
-    rover.is_restored = stack.restore(clock.now(), &mut store, &mut rover).is_ok();
+    // The rover checks `stack.restore_errors()` in each pass.
+    let _ = stack.restore(clock.now(), &mut store, &mut rover);
     let mut telem = QUEUES.loop_end();
     loop {
         let now = clock.now();

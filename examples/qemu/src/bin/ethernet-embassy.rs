@@ -80,6 +80,7 @@ async fn network(app: &'static SharedApp, driver: EmbassyDriver) -> ! {
 
     let config = embassy_net::Config::dhcpv4(embassy_net::DhcpConfig::default());
     let resources = RESOURCES.init(StackResources::new());
+    // The seed is predictable. A product takes it from a random number generator.
     let (net, mut runner) = embassy_net::new(driver, config, resources, board::ticks().into());
     spawner().await.spawn(stations(app, net).unwrap());
     runner.run().await
@@ -107,9 +108,12 @@ impl DatagramSocket for Socket {
     type Endpoint = IpEndpoint;
 
     fn receive(&mut self, buffer: &mut [u8]) -> Option<(usize, IpEndpoint)> {
-        // An error means that a datagram exceeds the buffer.
-        let result = ready(|context| self.0.poll_recv_from(buffer, context))?;
-        result.ok().map(|(len, from)| (len, from.endpoint))
+        loop {
+            // An error means that a datagram exceeds the buffer. It is discarded, and the next one is returned.
+            if let Ok((len, from)) = ready(|context| self.0.poll_recv_from(buffer, context))? {
+                return Some((len, from.endpoint));
+            }
+        }
     }
 
     fn is_ready(&mut self) -> bool {
@@ -165,8 +169,10 @@ async fn stations(app: &'static SharedApp, net: Stack<'static>) {
     }
 }
 
-/// Waits until DHCP has assigned an address. Without an answer the vehicle takes the fixed one.
+/// Waits until DHCP has assigned an address. Without an answer the vehicle takes the fixed one and keeps it: embassy-net does not run
+/// DHCP beside a static address.
 async fn wait_for_address(net: Stack<'static>) {
+    net.wait_link_up().await;
     let patience = Timer::after(embassy_time::Duration::from_micros(PATIENCE.as_micros()));
     select(net.wait_config_up(), patience).await;
     if let Some(config) = net.config_v4() {

@@ -49,11 +49,13 @@ const BUSY: u32 = 1 << 16;
 const WRITE_PROTECTED: u32 = 1 << 4;
 /// OPERR, WRPERR, PGAERR, PGPERR and PGSERR.
 const ERRORS: u32 = 1 << 1 | 0b1111 << 4;
-// FLASH_CR. PSIZE is 0: bytes, which work at any supply voltage.
+// FLASH_CR. PSIZE is 0 while bytes are programmed.
 const PROGRAM: u32 = 1 << 0;
 const ERASE: u32 = 1 << 1;
 const SECTOR_NUMBER: u32 = 3;
 const START: u32 = 1 << 16;
+/// PSIZE of an erase. 0 works at any supply voltage. At 2.7 to 3.6 V, `0b10 << 8` halves the duration.
+const ERASE_PSIZE: u32 = 0;
 const LOCK: u32 = 1 << 31;
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
 
@@ -161,7 +163,7 @@ impl<H: Hardware> NorFlash for Driver<H> {
             return Err(Error::NotAligned);
         }
         for offset in range.step_by(SECTOR as usize) {
-            let control = ERASE | (FIRST + offset / SECTOR) << SECTOR_NUMBER;
+            let control = ERASE | ERASE_PSIZE | (FIRST + offset / SECTOR) << SECTOR_NUMBER;
             let result = self.run(control, |hardware| hardware.write(Register::Control, control | START));
             self.reset_cache();
             result?;

@@ -6,7 +6,7 @@ use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::mutex::Mutex;
 use embassy_sync::signal::Signal;
-use embassy_time::{Duration, Instant, Ticker, Timer};
+use embassy_time::{Duration, Instant, Timer};
 use mavstack::LinkId;
 use mavstack::frame::MAX_FRAME_LEN;
 use mavstack::io::{AsyncReceiver, AsyncTransmitter};
@@ -15,6 +15,9 @@ use mavstack_qemu::board::{self, Board};
 use mavstack_qemu::memory::FlashStore;
 
 use crate::uart::{Receiver, Sender};
+
+/// Period of the flight loop.
+const PERIOD: Duration = Duration::from_millis(10);
 
 /// The most bytes for one call of the stack: not much more than one frame, so that flight waits for one frame.
 const PIECE: usize = 16;
@@ -39,7 +42,7 @@ static DONE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 /// Runs the flight loop, which ticks the pulse.
 #[embassy_executor::task]
 pub async fn flight(app: &'static SharedApp) {
-    let mut ticker = Ticker::every(Duration::from_millis(10));
+    let mut next = Instant::now();
     loop {
         let (has_output, hangs) = {
             let mut app = app.lock().await;
@@ -52,7 +55,9 @@ pub async fn flight(app: &'static SharedApp) {
             // For example for a sensor that does not answer.
             pending::<()>().await;
         }
-        ticker.next().await;
+        // Missed passes are skipped. A `Ticker` would run them at once, without yielding.
+        next = (next + PERIOD).max(Instant::now());
+        Timer::at(next).await;
     }
 }
 
