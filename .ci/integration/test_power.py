@@ -27,9 +27,9 @@ LONG = {"qemu": {MISSION: 250, FENCE: 64, RALLY: 16}, "sitl": {MISSION: 500, FEN
 
 def store(gcs, kind, items):
     """Uploads a plan. Returns its id, and the time from the last item to the acknowledgement (s)."""
-    upload_part(gcs, items, len(items), kind)
+    started = upload_part(gcs, items, len(items), kind)
     sent = time.monotonic()
-    ack = next_word(gcs, kind, 10)
+    ack = started.next(10)
     assert ack and ack.get_type() == "MISSION_ACK" and ack.type == ACCEPTED
     return plan_id(ack), time.monotonic() - sent
 
