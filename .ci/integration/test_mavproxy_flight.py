@@ -9,6 +9,7 @@ from pymavlink import mavutil
 from rates import Meter
 from test_mavproxy import MavProxy
 from test_messages import STREAMS, set_interval
+from test_payload import tuned
 
 mavlink = mavutil.mavlink
 
@@ -58,7 +59,14 @@ def test_modes(mavproxy, other):
     mavproxy.expect("DISARMED", timeout=40)
 
 
-def test_radio_channels(mavproxy, other):
+@pytest.fixture
+def patience(other):
+    """A longer timeout of manual control: on a busy machine MAVProxy may not send for half a second."""
+    with tuned(other, COM_RC_LOSS_T=2.0):
+        yield
+
+
+def test_radio_channels(mavproxy, other, patience):
     """J-4: overrides fly the vehicle like a radio, and RC_CHANNELS reports them. When they are released, the vehicle holds."""
     mavproxy.say("arm throttle")
     mavproxy.expect("COMMAND_ACK: COMPONENT_ARM_DISARM: ACCEPTED")
