@@ -1,5 +1,7 @@
 """After a power cut at any moment, each plan is the old one or the new one (SEC-11, M-1, M-44)."""
 
+import functools
+import math
 import time
 from collections import Counter
 
@@ -39,9 +41,23 @@ def is_accepted(messages):
     return any(message.get_type() == "MISSION_ACK" and message.type == ACCEPTED for message in messages)
 
 
+# The moment of a cut after the acknowledgement.
+ACKNOWLEDGED = math.inf
+
+
 def spread(positions, duration):
-    """Returns moments (s) from the start to after the end, and one long after it."""
-    return [*(1.4 * duration * position / (positions - 2) for position in range(positions - 1)), 5 * duration]
+    """Returns moments (s) from the start to after the usual end, and the one after the acknowledgement."""
+    return [*(1.4 * duration * position / (positions - 2) for position in range(positions - 1)), ACKNOWLEDGED]
+
+
+def cut_at(vehicle, moment, next_answer):
+    """Cuts the power after this time, or after the acknowledgement. Returns whether the vehicle has sent ACCEPTED."""
+    if moment == ACKNOWLEDGED:
+        answers = [next_answer(timeout=10)]
+    else:
+        time.sleep(moment)
+        answers = []
+    return is_accepted([*answers, *vehicle.cut()])
 
 
 def test_all_plans_survive(vehicle):
@@ -100,9 +116,7 @@ def test_power_cut_during_a_commit_leaves_a_whole_plan(vehicle, target, kind, fi
     outcomes = Counter()
     for variant, moment in enumerate(spread(POSITIONS[target], duration), 1):
         gcs, new = vehicle.gcs, make(count, variant)
-        upload_part(gcs, new, count, kind)
-        time.sleep(moment)
-        accepted = is_accepted(vehicle.cut())
+        accepted = cut_at(vehicle, moment, upload_part(gcs, new, count, kind).next)
         back = download(vehicle.gcs, kind)
         is_new = differences(new, back.items) == []
         where = f"cut {1000 * moment:.1f} ms after the last item"
@@ -146,8 +160,7 @@ def test_power_cut_during_a_clear_leaves_all_or_nothing(vehicle, target, kind, f
             if ask_count(vehicle.gcs, each).count == 0:
                 assert store(vehicle.gcs, each, plans[each])[0] == stored[each]
         begin()
-        time.sleep(moment)
-        accepted = is_accepted(vehicle.cut())
+        accepted = cut_at(vehicle, moment, functools.partial(next_word, vehicle.gcs, kind))
         found = ids(vehicle.gcs)
         where = f"cut {1000 * moment:.1f} ms after the request"
         assert found in (whole, cleared), f"{where}: {found} is neither {whole} nor {cleared}"
