@@ -93,8 +93,8 @@ fn free_ports(count: u8) -> u16 {
         ports.into_iter().all(|port| TcpListener::bind((Ipv4Addr::LOCALHOST, port)).is_ok())
     };
     loop {
-        let base = NEXT.fetch_add(3_000, Ordering::Relaxed);
-        assert!(base < 60_000, "no free ports");
+        let base = NEXT.fetch_add(10 * u16::from(count), Ordering::Relaxed);
+        assert!(base < 30_000, "no free ports");
         if is_free(base) {
             return base;
         }
