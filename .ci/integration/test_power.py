@@ -19,6 +19,9 @@ from transfer import (
     upload_part,
 )
 
+# In QEMU the vehicle starts 25 times in a test, with an upload and a download each time.
+pytestmark = pytest.mark.timeout(600)
+
 # The number of moments at which the power is cut.
 POSITIONS = {"qemu": 22, "sitl": 12}
 # The sizes of the plans that do not change.
@@ -45,9 +48,15 @@ def is_accepted(messages):
 ACKNOWLEDGED = math.inf
 
 
-def spread(positions, duration):
-    """Returns moments (s) from the start to after the usual end, and the one after the acknowledgement."""
-    return [*(1.4 * duration * position / (positions - 2) for position in range(positions - 1)), ACKNOWLEDGED]
+def spread(positions, duration, is_early):
+    """Yields moments (s) from the start to after the usual end, and the one after the acknowledgement. On a busy machine all cuts may be
+    late. Then it yields the start again until `is_early` returns true for a cut."""
+    yield from (1.4 * duration * position / (positions - 2) for position in range(positions - 1))
+    yield ACKNOWLEDGED
+    for _ in range(20):
+        if is_early():
+            return
+        yield 0.0
 
 
 def cut_at(vehicle, moment, next_answer):
@@ -114,7 +123,7 @@ def test_power_cut_during_a_commit_leaves_a_whole_plan(vehicle, target, kind, fi
         times.append(took)
     duration = sorted(times)[1]
     outcomes = Counter()
-    for variant, moment in enumerate(spread(POSITIONS[target], duration), 1):
+    for variant, moment in enumerate(spread(POSITIONS[target], duration, lambda: outcomes["old"]), 1):
         gcs, new = vehicle.gcs, make(count, variant)
         accepted = cut_at(vehicle, moment, upload_part(gcs, new, count, kind).next)
         back = download(vehicle.gcs, kind)
@@ -155,7 +164,7 @@ def test_power_cut_during_a_clear_leaves_all_or_nothing(vehicle, target, kind, f
     cleared = [0 if each in meant else stored[each] for each in plans]
     whole = list(stored.values())
     outcomes = Counter()
-    for moment in spread(POSITIONS[target], duration):
+    for moment in spread(POSITIONS[target], duration, lambda: outcomes["whole"]):
         for each in meant:
             if ask_count(vehicle.gcs, each).count == 0:
                 assert store(vehicle.gcs, each, plans[each])[0] == stored[each]
