@@ -11,7 +11,7 @@ use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::*;
 use mavstack::frame::{Decoder, Version, encode};
 use mavstack::message::Dialect;
-use mavstack::{Address, Duration, Instant, Item, LinkId, Message};
+use mavstack::{Address, Duration, Instant, Item, LinkId, Message, Pulse};
 use mavstack_demo::{App, COMPANION, LINKS, Mavlink, Quadrotor, TELEMETRY};
 pub use rng::Rng;
 
@@ -116,7 +116,7 @@ pub struct Wire {
 impl Wire {
     pub fn new() -> Self {
         Self {
-            app: App::new(Box::new(Mavlink::VACANT)),
+            app: App::in_fleet(Box::new(Mavlink::VACANT), Box::leak(Box::new(Pulse::new())), 1),
             millis: 0,
             pass: 1,
             lines: Default::default(),
