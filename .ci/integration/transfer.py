@@ -15,7 +15,7 @@ DENIED = mavlink.MAV_MISSION_DENIED
 # The offsets of plan ids in the payload. pymavlink's definitions do not have these fields yet.
 IDS = {"MISSION_COUNT": 5, "MISSION_ACK": 4, "MISSION_CURRENT": 6}
 
-# The vehicle repeats a request after this time, at the earliest (s): M-40, less a pass of the vehicle's loop.
+# The vehicle repeats a request after this time, at the earliest (s), less a pass of the vehicle's loop.
 REPEAT = 0.24
 
 # If a request is still repeated this long after its answer, the answer has been lost (s).
@@ -50,7 +50,7 @@ def next_word(gcs, kind, timeout=3.0):
 class Upload:
     """An upload, message by message.
 
-    On a busy machine this program may answer so late that the vehicle has repeated its request (M-40). `next` then skips the repetition
+    On a busy machine this program may answer so late that the vehicle has repeated its request. `next` then skips the repetition
     of the request that was answered last, but only if the vehicle can have waited for the answer: it sent that request after the
     previous answer. An earlier repetition is returned.
     """
