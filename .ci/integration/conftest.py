@@ -15,8 +15,8 @@ CAPACITY = {
     "sitl": {MISSION: 1000, FENCE: 256, RALLY: 64},
 }
 
-# The time limit of a test (s).
-TIMEOUT = 180
+# The time limit of a test (s). Some start a firmware of their own, which may take 120 s.
+TIMEOUT = 300
 
 FIGURES = []
 

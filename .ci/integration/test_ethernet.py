@@ -73,7 +73,7 @@ def test_heartbeats_are_broadcast_without_a_station(ports):
         assert ids == {mavlink.MAVLINK_MSG_ID_HEARTBEAT}, "only heartbeats are broadcast"
 
 
-# Each try may take twice as long, and the firmware is built before.
+# Each try takes up to twice the configured time.
 @pytest.mark.timeout(900)
 def test_a_thousand_frames_a_second_in_each_direction(ports, app, request, figure):
     """Telemetry at over 1,000 frames/s, and 1,000 PINGs/s that are all answered: no frame is lost."""

@@ -19,9 +19,6 @@ LINE_RATE = 11_520
 # Those that have heartbeats.
 COMPONENTS = (mavlink.MAV_COMP_ID_AUTOPILOT1, mavlink.MAV_COMP_ID_CAMERA, mavlink.MAV_COMP_ID_GIMBAL)
 
-# A test may take a minute after the start.
-pytestmark = pytest.mark.timeout(300)
-
 # The heartbeats of a component are steady if so many gaps in a row are between these limits (s).
 STEADY, MIN_GAP, MAX_GAP = 8, 0.5, 1.5
 
