@@ -4,6 +4,7 @@ import collections
 import select
 import socket
 import statistics
+import sys
 import time
 
 from pymavlink import mavutil
@@ -21,6 +22,8 @@ TIMED = [
 ]
 # The most PINGs without an answer.
 UNANSWERED = 64
+# Linux's socket option to report discarded datagrams.
+SO_RXQ_OVFL = 40
 
 
 class Counter:
@@ -30,6 +33,8 @@ class Counter:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         # As much as the system permits: this program may not run for a while.
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+        if sys.platform == "linux":
+            self.socket.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
         self.socket.connect(("127.0.0.1", port))
         self.mav = common.MAVLink(None, srcSystem=253, srcComponent=190)
         self.mav.seq = 0
@@ -38,6 +43,18 @@ class Counter:
         # Frames of telemetry, by the vehicle's quarter of a second.
         self.quarters = collections.Counter()
         self.lost = 0
+        # Datagrams that the system has discarded, because this program did not receive them in time: in all, and before `restart`.
+        self.discarded_in_all = self.discarded_before = 0
+
+    def restart(self):
+        """Counts from 0."""
+        self.counts.clear()
+        self.quarters.clear()
+        self.lost, self.discarded_before = 0, self.discarded_in_all
+
+    @property
+    def discarded(self):
+        return self.discarded_in_all - self.discarded_before
 
     def send(self, message):
         self.socket.send(message.pack(self.mav))
@@ -57,9 +74,11 @@ class Counter:
             return
         while True:
             try:
-                datagram = self.socket.recv(2048, socket.MSG_DONTWAIT)
+                datagram, reports, *_ = self.socket.recvmsg(2048, socket.CMSG_SPACE(4), socket.MSG_DONTWAIT)
             except BlockingIOError:
                 return
+            for _, _, report in reports:
+                self.discarded_in_all = int.from_bytes(report, sys.byteorder)
             assert len(datagram) == 12 + datagram[1], "a datagram is one frame"
             component = datagram[COMPONENT]
             expected = self.seqs.get(component, datagram[SEQ])
@@ -88,7 +107,7 @@ class Counter:
             if elapsed >= beats:
                 self.heartbeat()
                 beats += 1
-            unanswered = sent - (self.counts[mavlink.MAVLINK_MSG_ID_PING] - answered)
+            unanswered = sent - (self.counts[mavlink.MAVLINK_MSG_ID_PING] - answered) - self.discarded
             for _ in range(min(int(min(elapsed, duration) * pings) - sent, UNANSWERED - unanswered)):
                 self.send(self.mav.ping_encode(0, sent, 0, 0))
                 sent += 1

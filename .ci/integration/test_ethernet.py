@@ -20,6 +20,8 @@ mavlink = mavutil.mavlink
 STATIONS, TIMEOUT = 4, 5
 # The load: telemetry, and as many pings (frames/s).
 RATE = 1000
+# On a busy machine this program may not receive in time what the vehicle has sent. Then the load is repeated.
+TRIES = 3
 # For tests that do not depend on the network stack.
 on_one = pytest.mark.parametrize("app", ["ethernet"], scope="module")
 
@@ -71,22 +73,26 @@ def test_heartbeats_are_broadcast_without_a_station(ports):
         assert ids == {mavlink.MAVLINK_MSG_ID_HEARTBEAT}, "only heartbeats are broadcast"
 
 
+# Each try takes up to twice the configured time.
+@pytest.mark.timeout(900)
 def test_a_thousand_frames_a_second_in_each_direction(ports, app, request, figure):
     """Telemetry at over 1,000 frames/s, and 1,000 PINGs/s that are all answered: no frame is lost."""
     duration = request.config.getoption("load_seconds")
     station = Counter(ports[1])
     try:
-        for message in TIMED:
-            station.request(message, 2_500)
-        station.run(1, 0)
-        station.counts.clear()
-        station.quarters.clear()
-        sent, elapsed = station.run(duration, RATE)
-        telemetry = station.rate()
-        station.receive(1)
-        for message in TIMED:
-            station.request(message, 0)
-        station.run(0.5, 0)
+        for _ in range(TRIES):
+            for message in TIMED:
+                station.request(message, 2_500)
+            station.run(1, 0)
+            station.restart()
+            sent, elapsed = station.run(duration, RATE)
+            telemetry = station.rate()
+            station.receive(1)
+            for message in TIMED:
+                station.request(message, 0)
+            station.run(0.5, 0)
+            if not station.discarded:
+                break
         answers = station.counts[mavlink.MAVLINK_MSG_ID_PING]
         figure(f"{app}, {elapsed:.1f} s: {telemetry:.0f} frames/s of telemetry, {answers} of {sent} pings answered, {station.lost} lost")
         assert station.lost == 0

@@ -33,7 +33,7 @@ def is_free(port):
 def free_ports(count):
     """Returns the first ports for this many vehicles. They are none of those that the system gives to clients, which could take
     one before its vehicle does."""
-    blocks = list(range(20_000, 30_000, PORTS))
+    blocks = list(range(30_000, 32_768, PORTS))
     random.shuffle(blocks)
     free = (first for first in blocks if all(map(is_free, range(first, first + PORTS))))
     return list(itertools.islice(free, count))

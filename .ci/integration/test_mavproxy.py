@@ -121,10 +121,14 @@ class MavProxy:
 
     def ask_until(self, command, text, timeout=15):
         """Repeats a command whose output may be of the time before the last message arrived, until MAVProxy prints this text."""
+        self.repeat_until(lambda: self.say(command), text, timeout)
+
+    def repeat_until(self, act, text, timeout=15):
+        """Calls `act` until MAVProxy prints this text."""
         deadline = time.monotonic() + timeout
         while text not in self.output:
-            assert time.monotonic() < deadline, f"no {text!r} after {command!r} in:\n{self.output}"
-            self.say(command)
+            assert time.monotonic() < deadline, f"no {text!r} in:\n{self.output}"
+            act()
             time.sleep(0.5)
 
     def end(self):

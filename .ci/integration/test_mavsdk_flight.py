@@ -27,7 +27,7 @@ from mavsdk.plugins.param import Param
 from mavsdk.plugins.telemetry import Telemetry
 from mavsdk.plugins.telemetry.telemetry import FlightMode, LandedState, TelemetryError, TelemetryResult
 from pymavlink import mavutil
-from rates import Meter
+from rates import Meter, settled_errors
 
 mavlink = mavutil.mavlink
 
@@ -128,6 +128,7 @@ def action(system, port):
     params.set_param_float("MIS_TAKEOFF_ALT", 10.0)
     params.set_param_float("RTL_RETURN_ALT", 15.0)
     params.set_param_float("MPC_XY_CRUISE", 8.0)
+    params.set_param_float("COM_RC_LOSS_T", 0.5)
     for name in RATES.values():
         MavlinkDirect(system).send_command(command_long(511, getattr(mavlink, f"MAVLINK_MSG_ID_{name}"), 0))
 
@@ -222,6 +223,8 @@ class Sticks:
 def test_manual_flight(system, action):
     """J-3: the vehicle flies forward, climbs and turns. With centred sticks it stands still; when they are released, it holds."""
     watched, control = Watched(system), ManualControl(system)
+    # On a busy machine the thread that sends the sticks may not run for longer than half a second.
+    Param(system).set_param_float("COM_RC_LOSS_T", 2.0)
     action.set_takeoff_altitude(3.0)
     action.arm()
     action.takeoff()
@@ -386,13 +389,14 @@ def test_rates(system, action, figure):
     messages = queue.SimpleQueue()
     direct.subscribe_message("", lambda message, _: messages.put(message))
     meter = Meter()
-    while not meter.has_enough(RATES.values()):
+
+    def take():
         message = messages.get(timeout=3)
         meter.take(message.message_name, json.loads(message.fields_json))
-    errors = {name: meter.interval(name) / 125_000 - 1 for name in RATES.values()}
-    worst = max(errors, key=lambda name: abs(errors[name]))
-    figure(f"MAVSDK: {len(RATES)} rates of 8 Hz within {100 * abs(errors[worst]):.2f} % ({worst})")
-    assert all(abs(error) < 0.05 for error in errors.values()), errors
+        return meter
+
+    error, worst = settled_errors(take, dict.fromkeys(RATES.values(), 125_000))
+    figure(f"MAVSDK: {len(RATES)} rates of 8 Hz within {100 * abs(error):.2f} % ({worst})")
 
 
 def test_rate_of_an_unavailable_message_is_denied(system):

@@ -13,16 +13,30 @@ from test_params import INT8, INT16, INT32, REAL32, UINT8, UINT16, UINT32, fetch
 
 TYPES = {"Uint8": UINT8, "Int8": INT8, "Uint16": UINT16, "Int16": INT16, "Uint32": UINT32, "Int32": INT32, "Float": REAL32}
 
-# Requests the metadata and exits, without waiting for MAVSDK.
+# Requests the metadata, waits for another file in the cache, and exits without waiting for MAVSDK.
 ASK = """
 import os, sys, time
 from conftest import found_by_mavsdk
 from mavsdk.plugins.component_metadata import ComponentMetadata
+from test_metadata import cached
 with found_by_mavsdk(sys.argv[1]) as system:
+    count, deadline = len(cached()), time.monotonic() + 20
     ComponentMetadata(system).request_autopilot_component()
-    time.sleep(3)
+    while len(cached()) <= count and time.monotonic() < deadline:
+        time.sleep(0.1)
     os._exit(0)
 """
+
+
+def cached():
+    """Returns the files of the vehicle in MAVSDK's cache, which is in the home folder of this run of the tests. A second file belongs to
+    each."""
+    cache = (pathlib.Path.home() / ".cache/mavsdk/component_metadata").glob("compid-001_*.cache")
+    return [file for file in cache if is_written(file) and is_written(file.with_suffix(".meta"))]
+
+
+def is_written(file):
+    return file.exists() and file.stat().st_size > 0
 
 
 # The general file, the parameters and the events.
@@ -31,14 +45,13 @@ FILES = 3
 
 def cache_metadata(port, files=FILES):
     """MAVSDK 4.1 hangs when it has to fetch several files at once. Each try leaves at least one more of them in its cache. What earlier
-    tests have left there is removed: the vehicle serves the files. The cache is in the home folder of this run of the tests."""
-    cache = pathlib.Path.home() / ".cache/mavsdk/component_metadata"
-    for cached in cache.glob("compid-001_*"):
-        cached.unlink()
+    tests have left there is removed: the vehicle serves the files."""
+    for file in cached():
+        file.unlink()
     command = [sys.executable, "-c", ASK, f"tcpout://127.0.0.1:{port}"]
     for _ in range(files + 1):
-        subprocess.run(command, cwd=pathlib.Path(__file__).parent, timeout=30, check=True)
-        if len(list(cache.glob("compid-001_*"))) >= files:
+        subprocess.run(command, cwd=pathlib.Path(__file__).parent, timeout=60, check=True)
+        if len(cached()) >= files:
             return
     raise AssertionError("MAVSDK does not fetch the files")
 

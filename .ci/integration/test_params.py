@@ -85,16 +85,14 @@ def write(gcs, name, kind, value):
     return next_answer(gcs, name)
 
 
-def collect(gcs, until=lambda values: False, timeout=10.0):
-    """Returns the received values by index. Ends when `until` holds, or after a second of silence."""
+def collect(gcs, until, timeout=10.0):
+    """Returns the values received until `until` holds, by index."""
     values = {}
     deadline = time.monotonic() + timeout
-    while time.monotonic() < deadline and not until(values):
-        message = gcs.link.recv_match(type="PARAM_VALUE", blocking=True, timeout=1)
-        if not message:
-            break
-        value = param_value(message)
-        values[value.index] = value
+    while (left := deadline - time.monotonic()) > 0 and not until(values):
+        if message := gcs.hear("PARAM_VALUE", left):
+            value = param_value(message)
+            values[value.index] = value
     return values
 
 

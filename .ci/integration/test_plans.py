@@ -11,6 +11,7 @@ from transfer import (
     ACCEPTED,
     CANCELLED,
     DENIED,
+    Upload,
     as_dict,
     ask_count,
     ask_item,
@@ -173,14 +174,17 @@ def test_unrequested_items_are_answered_once_a_second(client):
     assert next_word(client, MISSION, 0.5) is None, "one answer a second is enough"
 
 
+def send_float_item(gcs, item, kind=MISSION):
+    item = dict(item, x=item["x"] / 1e7, y=item["y"] / 1e7)
+    gcs.mav.mission_item_send(1, 1, *item.values(), kind)
+
+
 def test_float_messages_are_supported(client):
     """M-37, M-61: MISSION_ITEM is accepted for MISSION_ITEM_INT, and MISSION_REQUEST for MISSION_REQUEST_INT."""
     items = plan(12)
-    client.mav.mission_count_send(1, 1, len(items), MISSION)
-    while (word := next_word(client, MISSION)).get_type() == "MISSION_REQUEST_INT":
-        item = dict(items[word.seq])
-        item["x"], item["y"] = item["x"] / 1e7, item["y"] / 1e7
-        client.mav.mission_item_send(1, 1, *item.values(), MISSION)
+    started = Upload(client, items, send=send_float_item)
+    while (word := started.next()).get_type() == "MISSION_REQUEST_INT":
+        started.send(word.seq)
     assert word.type == ACCEPTED
     back = download(client).items
     for item, received in zip(items, back):
@@ -198,9 +202,7 @@ def test_client_of_the_old_messages(client):
     items = plan(6)
     client.mav.mission_count_send(1, 1, len(items), MISSION)
     while (word := client.wait(["MISSION_REQUEST", "MISSION_ACK"])).get_type() == "MISSION_REQUEST":
-        item = dict(items[word.seq])
-        item["x"], item["y"] = item["x"] / 1e7, item["y"] / 1e7
-        client.mav.mission_item_send(1, 1, *item.values(), MISSION)
+        send_float_item(client, items[word.seq])
     assert word.type == ACCEPTED
     client.mav.mission_request_list_send(1, 1, MISSION)
     assert client.wait("MISSION_COUNT").count == len(items)
@@ -213,13 +215,12 @@ def test_client_of_the_old_messages(client):
 def test_duplicate_item_causes_no_request(client):
     """M-30: a duplicate item causes no second request, which would double the traffic."""
     items = plan(20)
-    client.mav.mission_count_send(1, 1, len(items), MISSION)
-    requests = 0
-    while (word := next_word(client, MISSION)).get_type() == "MISSION_REQUEST_INT":
-        requests += 1
+    started, requests = Upload(client, items), []
+    while (word := started.next()).get_type() == "MISSION_REQUEST_INT":
+        requests.append(word.seq)
+        started.send(word.seq)
         send_item(client, items[word.seq])
-        send_item(client, items[word.seq])
-    assert word.type == ACCEPTED and requests == len(items)
+    assert word.type == ACCEPTED and requests == list(range(len(items)))
     assert differences(items, download(client).items) == []
 
 
@@ -227,7 +228,7 @@ def test_second_client_is_refused_until_the_first_is_done(gcs, other):
     """M-23, M-33, M-51: two clients with two ids, on two links."""
     old, first, second = plan(6), plan(30, 1), plan(8, 2)
     assert upload(gcs, old).type == ACCEPTED
-    upload_part(gcs, first, 20)
+    started = upload_part(gcs, first, 20)
     assert upload(other, second).type == DENIED
     assert upload(other, PLANS[FENCE](10), FENCE).type == DENIED
     assert clear(other) == DENIED
@@ -235,9 +236,9 @@ def test_second_client_is_refused_until_the_first_is_done(gcs, other):
     send_item(other, first[20])
     assert next_word(other, MISSION).type == DENIED
     for seq in range(20, 30):
-        assert next_word(gcs, MISSION).seq == seq
-        send_item(gcs, first[seq])
-    assert next_word(gcs, MISSION).type == ACCEPTED
+        assert started.next().seq == seq
+        started.send(seq)
+    assert started.next().type == ACCEPTED
     assert differences(first, download(other).items) == []
     assert upload(other, second).type == ACCEPTED
     assert differences(second, download(gcs).items) == []
@@ -269,12 +270,12 @@ def test_old_plan_is_served_during_an_upload(gcs, other):
     """M-62"""
     old, new = plan(10), plan(15, 1)
     stored = plan_id(upload(gcs, old))
-    upload_part(gcs, new, 14)
+    started = upload_part(gcs, new, 14)
     back = download(other)
     assert back.id == stored and differences(old, back.items) == []
-    send_item(gcs, new[14])
-    assert next_word(gcs, MISSION).seq == 14
-    assert next_word(gcs, MISSION).type == ACCEPTED
+    assert started.next().seq == 14
+    started.send(14)
+    assert started.next().type == ACCEPTED
     assert differences(new, download(other).items) == []
 
 
@@ -303,10 +304,10 @@ def test_client_can_cancel_an_upload(gcs, other):
     """M-35: the vehicle does not answer a cancellation, and another client may upload at once."""
     old, new = plan(10), plan(12, 1)
     assert upload(gcs, old).type == ACCEPTED
-    upload_part(gcs, new, 5)
-    assert next_word(gcs, MISSION).seq == 5
-    gcs.mav.mission_ack_send(1, 1, CANCELLED, MISSION)
-    assert next_word(gcs, MISSION, 0.7) is None
+    started = upload_part(gcs, new, 5)
+    assert started.next().seq == 5
+    started.cancel(5)
+    assert started.next(0.7) is None
     assert differences(old, download(gcs).items) == []
     assert upload(other, new).type == ACCEPTED
 
@@ -317,8 +318,7 @@ def test_vanished_client_does_not_block_others(connect, other, sent, figure):
     gcs = connect()
     old = plan(7)
     assert upload(gcs, old).type == ACCEPTED
-    upload_part(gcs, plan(20, 1), sent)
-    assert next_word(gcs, MISSION).seq == sent
+    assert upload_part(gcs, plan(20, 1), sent).next().seq == sent
     died = time.monotonic()
     gcs.close()
     new = PLANS[FENCE](12, 2)
@@ -337,8 +337,7 @@ def test_vanished_client_does_not_block_others(connect, other, sent, figure):
 def test_next_client_after_a_vanished_one(connect):
     """M-41, for the next client on the same link and the same plan."""
     gcs = connect()
-    upload_part(gcs, plan(20), 11)
-    assert next_word(gcs, MISSION).seq == 11
+    assert upload_part(gcs, plan(20), 11).next().seq == 11
     died = time.monotonic()
     gcs.close()
     successor = connect(system=253)

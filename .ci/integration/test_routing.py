@@ -19,6 +19,8 @@ mavlink = mavutil.mavlink
 ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 REQUEST = mavlink.MAV_CMD_REQUEST_MESSAGE
 VERSION = mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+# MAVSDK retransmits a command after 0.5 s without an answer; less the time of the answer on its way (s).
+MAVSDK_RETRY = 0.45
 
 
 @pytest.fixture
@@ -61,16 +63,20 @@ def test_mavsdk_and_the_companion(system, companion, satellite):
     answers = queue.SimpleQueue()
     fields = dict(target_system=1, target_component=ADDRESS[1], command=31_010, param1=7.5, param2=-1.0)
     command = MavlinkMessage("COMMAND_LONG", 0, 0, *ADDRESS, json.dumps(fields))
+    began = time.monotonic()
     threading.Thread(target=lambda: answers.put(direct.send_command(command)), daemon=True).start()
     asked = companion.hear("COMMAND_LONG")
     assert asked and is_from(asked, ground)
     assert (asked.command, asked.param1, asked.param2) == (31_010, 7.5, -1.0)
     companion.mav.command_ack_send(31_010, ACCEPTED, 0, 42, *ground)
+    took = time.monotonic() - began
     answer = answers.get(timeout=5)
     assert (answer.system_id, answer.component_id) == ADDRESS
     told = json.loads(answer.fields_json)
     assert (told["result"], told["result_param2"]) == (ACCEPTED, 42)
-    assert not companion.hear("COMMAND_LONG", 1), "MAVSDK retransmitted the command: the answer was late or lost"
+    # MAVSDK retransmits after half a second. On a busy machine this program may answer later.
+    again = companion.hear("COMMAND_LONG", 1)
+    assert not again or took > MAVSDK_RETRY, "MAVSDK retransmitted the command: the answer was late or lost"
 
     # The companion sends a command to MAVSDK, and the test answers it.
     asked = queue.SimpleQueue()
@@ -127,9 +133,9 @@ def test_addressed_and_broadcast_commands(gcs, companion, satellite):
         ((9, 1), False, False),
     ]:
         ask(*target)
-        ack = gcs.wait("COMMAND_ACK", 0.7)
+        ack = gcs.wait("COMMAND_ACK", 3 if is_answered else 0.7)
         assert bool(ack) == is_answered, target
-        asked = companion.hear("COMMAND_LONG", 0.3)
+        asked = companion.hear("COMMAND_LONG", 3 if is_forwarded else 0.3)
         assert bool(asked) == is_forwarded, target
         assert not asked or (asked.target_system, asked.target_component) == target
     # No frame is sent back to its sender.
@@ -214,9 +220,8 @@ def test_mavproxy_detects_the_companion(companion, satellite, port, tmp_path):
         mavproxy.expect_all("Detected vehicle 1:1 ", f"Detected vehicle 1:{ADDRESS[1]} ")
         # MAVProxy shows the texts of one component at a time.
         mavproxy.say(f"vehicle 1:{ADDRESS[1]}")
-        time.sleep(0.5)
-        companion.mav.statustext_send(mavlink.MAV_SEVERITY_NOTICE, b"obstacle map ready")
-        mavproxy.expect("obstacle map ready")
+        text = "obstacle map ready"
+        mavproxy.repeat_until(lambda: companion.mav.statustext_send(mavlink.MAV_SEVERITY_NOTICE, text.encode()), text)
         assert companion.hear("HEARTBEAT", 3, lambda beat: beat.type == mavlink.MAV_TYPE_GCS)
     finally:
         mavproxy.end()

@@ -8,7 +8,7 @@ from mavsdk.plugins.mission_raw import MissionItem, MissionRaw
 from plans import FENCE, MISSION, PLANS, RALLY, differences, plan
 from pymavlink import mavutil
 from qgc import Qgc
-from transfer import ACCEPTED, DENIED, as_dict, download, next_word, send_item, upload, upload_part
+from transfer import ACCEPTED, DENIED, as_dict, download, upload, upload_part
 
 V2 = 0xFD
 
@@ -87,12 +87,12 @@ def test_two_clients(port, other):
     """One client over UDP, one over TCP."""
     gcs = Gcs(port, "udpin")
     try:
-        upload_part(gcs, plan(20), 10)
+        started = upload_part(gcs, plan(20), 10)
         assert upload(other, plan(5, 1)).type == DENIED
-        for item in plan(20)[10:]:
-            assert next_word(gcs, MISSION).seq == item["seq"]
-            send_item(gcs, item)
-        assert next_word(gcs, MISSION).type == ACCEPTED
+        for seq in range(10, 20):
+            assert started.next().seq == seq
+            started.send(seq)
+        assert started.next().type == ACCEPTED
         assert differences(plan(20), download(other).items) == []
         bad = plan(5, 1)
         bad[3]["x"] = 900_000_001

@@ -1,5 +1,6 @@
 """Plan transfers, message by message, as a ground station performs them."""
 
+import time
 from collections import namedtuple
 
 from plans import ALL, FENCE, FIELDS, MISSION, RALLY
@@ -13,6 +14,12 @@ DENIED = mavlink.MAV_MISSION_DENIED
 
 # The offsets of plan ids in the payload. pymavlink's definitions do not have these fields yet.
 IDS = {"MISSION_COUNT": 5, "MISSION_ACK": 4, "MISSION_CURRENT": 6}
+
+# The vehicle repeats a request after this time, at the earliest (s), less a pass of the vehicle's loop.
+REPEAT = 0.24
+
+# If a request is still repeated this long after its answer, the answer has been lost (s).
+LOST = 2.0
 
 # A downloaded plan.
 Plan = namedtuple("Plan", "id items")
@@ -40,24 +47,65 @@ def next_word(gcs, kind, timeout=3.0):
     return message
 
 
+class Upload:
+    """An upload, message by message.
+
+    On a busy machine this program may answer so late that the vehicle has repeated its request. `next` then skips the repetition
+    of the request that was answered last, but only if the vehicle can have waited for the answer: it sent that request after the
+    previous answer. An earlier repetition is returned.
+    """
+
+    def __init__(self, gcs, items, kind=MISSION, send=send_item):
+        self.gcs, self.items, self.kind, self.send_item = gcs, items, kind, send
+        self.answered = None
+        self.answered_at = time.monotonic()
+        gcs.mav.mission_count_send(1, 1, len(items), kind)
+
+    def send(self, seq):
+        """Answers the request for an item with the item."""
+        self._answer(seq)
+        self.send_item(self.gcs, self.items[seq], self.kind)
+
+    def cancel(self, seq):
+        """Answers the request for an item by cancelling the upload."""
+        self._answer(seq)
+        self.gcs.mav.mission_ack_send(1, 1, CANCELLED, self.kind)
+
+    def _answer(self, seq):
+        self.answered = seq
+        # The earliest moment of the request.
+        self.requested_at, self.answered_at = self.answered_at, time.monotonic()
+
+    def next(self, timeout=3.0):
+        """Returns the vehicle's next message about the upload, or None."""
+        while True:
+            word = next_word(self.gcs, self.kind, timeout)
+            if not word or word.get_type() != "MISSION_REQUEST_INT" or word.seq != self.answered:
+                return word
+            if not self.requested_at + REPEAT <= time.monotonic() <= self.answered_at + LOST:
+                return word
+            self.requested_at += REPEAT
+
+
 def upload(gcs, items, kind=MISSION, timeout=3.0):
     """Uploads a plan and returns the acknowledgement."""
-    gcs.mav.mission_count_send(1, 1, len(items), kind)
+    started = Upload(gcs, items, kind)
     while True:
-        message = next_word(gcs, kind, timeout)
+        message = started.next(timeout)
         assert message, "the vehicle stopped asking"
         if message.get_type() == "MISSION_ACK":
             return message
-        send_item(gcs, items[message.seq], kind)
+        started.send(message.seq)
 
 
 def upload_part(gcs, items, count, kind=MISSION):
-    """Starts an upload and sends the first `count` items."""
-    gcs.mav.mission_count_send(1, 1, len(items), kind)
+    """Starts an upload and sends the first `count` items. Returns the upload."""
+    started = Upload(gcs, items, kind)
     for seq in range(count):
-        request = next_word(gcs, kind)
+        request = started.next()
         assert request and request.get_type() == "MISSION_REQUEST_INT" and request.seq == seq, request
-        send_item(gcs, items[seq], kind)
+        started.send(seq)
+    return started
 
 
 def ask_count(gcs, kind=MISSION, timeout=3.0):

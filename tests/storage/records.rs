@@ -70,8 +70,8 @@ struct Rig<'a> {
 
 impl<'a> Rig<'a> {
     fn start(flash: &'a mut Flash) -> Self {
-        static PULSE: Pulse = Pulse::new();
-        let mut stack = Box::new(Mavlink::new(Config::new(VEHICLE, &PULSE), [LinkConfig::unlimited()]));
+        let config = Config::new(VEHICLE, Box::leak(Box::new(Pulse::new())));
+        let mut stack = Box::new(Mavlink::new(config, [LinkConfig::unlimited()]));
         let mut store = Store::new(flash, 0..REGION);
         let (mut vehicle, now) = (Logger::default(), Instant::from_millis(1_000));
         let restored = stack.restore(now, &mut store, &mut vehicle);

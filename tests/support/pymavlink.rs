@@ -32,7 +32,7 @@ fn environment() -> Result<PathBuf, String> {
         return Ok(python);
     }
     run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&environment))?;
-    run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "--no-input", "--retries", "1", PYMAVLINK]))?;
+    run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "--no-input", PYMAVLINK]))?;
     Ok(python)
 }
 

@@ -86,9 +86,10 @@ pub fn run(mut command: Command, mut each: impl FnMut(&str, Duration)) -> Result
     }
 }
 
-/// Returns the command that runs the firmware with these arguments, at 16 ns for an instruction.
+/// Returns the command that runs the firmware with these arguments, at 16 ns for an instruction. While the processor sleeps, its time jumps
+/// to the next interrupt and does not depend on the host's.
 fn command(elf: &Path, arguments: &[&str]) -> Command {
-    command_at("shift=4", elf, arguments)
+    command_at("shift=4,sleep=off", elf, arguments)
 }
 
 /// Returns the command that runs the firmware with these arguments, at this speed.

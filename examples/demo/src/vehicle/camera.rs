@@ -71,6 +71,11 @@ impl Photographer {
         recording: None,
     };
 
+    /// Whether an image by distance is due.
+    pub(super) fn is_due(&self) -> bool {
+        self.is_due
+    }
+
     fn used(&self, now: Instant) -> f32 {
         let recorded = self.recording.map_or(0.0, |since| VIDEO * now.since(since).as_millis() as f32 * 1e-3);
         (self.used + recorded).min(CAPACITY)

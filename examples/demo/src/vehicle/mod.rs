@@ -230,13 +230,19 @@ impl Quadrotor {
         };
     }
 
+    /// Simulates up to the context's time, or up to a step in which the camera triggers: the image shows the place of that step, even
+    /// if passes are rare. The next pass catches up.
     fn take_steps(&mut self, cx: &mut Context<'_>) {
         for _ in 0..MAX_STEPS {
             if self.time.after(STEP) > cx.now() {
                 return;
             }
             self.time = self.time.after(STEP);
+            let was_due = self.camera.is_due();
             self.step(cx);
+            if self.camera.is_due() && !was_due {
+                return;
+            }
         }
         self.time = cx.now();
     }

@@ -40,7 +40,18 @@ fn trigger(distance: f32) -> Item {
 /// Three lines of a survey as QGroundControl writes it: the camera triggers by distance on each line, and not between them.
 #[test]
 fn a_survey_takes_an_image_every_so_many_metres() {
+    fly_survey(1);
+}
+
+/// The image is taken where it is due, also if the flight loop runs rarely.
+#[test]
+fn a_survey_is_as_exact_with_rare_passes() {
+    fly_survey(90);
+}
+
+fn fly_survey(pass: u64) {
     let mut wire = Wire::airborne();
+    wire.pass = pass;
     let plan = [
         act(MavCmd::SET_CAMERA_MODE, [0.0, 2.0, NAN, NAN]),
         act(MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, [-90.0, 0.0, NAN, NAN]),

@@ -31,8 +31,7 @@ struct Upload {
 
 impl Upload {
     fn new() -> Self {
-        static PULSE: Pulse = Pulse::new();
-        let config = Config::new(Address::new(1, 1), &PULSE);
+        let config = Config::new(Address::new(1, 1), Box::leak(Box::new(Pulse::new())));
         Self {
             stack: Box::new(Mavlink::new(config, [LinkConfig::uart(921_600)])),
             vehicle: Quadrotor::new(),

@@ -18,10 +18,9 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        static PULSE: Pulse = Pulse::new();
-        const CONFIG: Config = Config::new(Address::new(7, 1), &PULSE);
+        let config = Config::new(Address::new(7, 1), Box::leak(Box::new(Pulse::new())));
         Self {
-            stack: Mavlink::new(CONFIG, [LinkConfig::uart(57_600)]),
+            stack: Mavlink::new(config, [LinkConfig::uart(57_600)]),
             crane: Crane::default(),
             decoder: Decoder::default(),
             now: Instant::from_millis(1),

@@ -25,9 +25,8 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        static PULSE: Pulse = Pulse::new();
-        const CONFIG: Config = Config::new(Address::new(7, 1), &PULSE);
-        let stack = Mavlink::new(CONFIG, [LinkConfig::uart(57_600)]);
+        let config = Config::new(Address::new(7, 1), Box::leak(Box::new(Pulse::new())));
+        let stack = Mavlink::new(config, [LinkConfig::uart(57_600)]);
         Self { stack, vessel: Vessel::default(), now: Instant::from_millis(1) }
     }
 

@@ -48,8 +48,7 @@ pub struct Flight {
 
 impl Flight {
     pub fn new() -> Self {
-        static PULSE: Pulse = Pulse::new();
-        let config = Config::new(Address::new(1, 1), &PULSE);
+        let config = Config::new(Address::new(1, 1), Box::leak(Box::new(Pulse::new())));
         Self {
             vehicle: Quadrotor::new(),
             stack: Box::new(Bench::new(config, [LinkConfig::uart(921_600)])),

@@ -11,7 +11,7 @@ use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::*;
 use mavstack::frame::{Decoder, Version, encode};
 use mavstack::message::Dialect;
-use mavstack::{Address, Duration, Instant, Item, LinkId, Message};
+use mavstack::{Address, Duration, Instant, Item, LinkId, Message, Pulse};
 use mavstack_demo::{App, COMPANION, LINKS, Mavlink, Quadrotor, TELEMETRY};
 pub use rng::Rng;
 
@@ -99,6 +99,8 @@ impl Received {
 pub struct Wire {
     pub app: App<Box<Mavlink>>,
     pub millis: u64,
+    /// The time from one pass of the flight loop to the next (ms).
+    pub pass: u64,
     pub lines: [Line; LINKS],
     /// Number of bytes received on each link.
     pub bytes: [usize; LINKS],
@@ -114,8 +116,9 @@ pub struct Wire {
 impl Wire {
     pub fn new() -> Self {
         Self {
-            app: App::new(Box::new(Mavlink::VACANT)),
+            app: App::in_fleet(Box::new(Mavlink::VACANT), Box::leak(Box::new(Pulse::new())), 1),
             millis: 0,
+            pass: 1,
             lines: Default::default(),
             bytes: [0; LINKS],
             decoders: [(); LINKS].map(|()| Decoder::new(Duration::from_secs(1))),
@@ -142,10 +145,10 @@ impl Wire {
         wire
     }
 
-    /// Runs the flight loop once per millisecond.
+    /// Runs the flight loop for at least this long.
     pub fn run(&mut self, millis: u64) {
-        for _ in 0..millis {
-            self.millis += 1;
+        for _ in 0..millis.div_ceil(self.pass) {
+            self.millis += self.pass;
             let now = Instant::from_millis(self.millis);
             self.app.control(now);
             for (index, (line, decoder)) in self.lines.iter_mut().zip(&mut self.decoders).enumerate() {
