@@ -50,7 +50,7 @@ class Lan:
 
     def send(self, host, message):
         """Sends a message from a host to the vehicle."""
-        self.send_datagram(host, self.ip(self.VEHICLE), (PORT, PORT), message.pack(self.mav))
+        self.send_datagram(host, self.ip(self.source or self.VEHICLE), (PORT, PORT), message.pack(self.mav))
 
     def send_datagram(self, host, to, ports, payload):
         udp = struct.pack(">HHHH", *ports, 8 + len(payload), 0) + payload

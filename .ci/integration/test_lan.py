@@ -49,13 +49,18 @@ def test_an_expired_address_is_given_up(request, tmp_path):
     option = request.config.getoption
     base = option("spare_port_base")
     lan = Lan(base + 3, base)
-    leased, seconds = 77, 8
+    heartbeat = lan.mav.heartbeat_encode(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+    pilot, leased, seconds = 50, 77, 8
+    lan.answering.add(pilot)
     lan.lease = leased, seconds
     heard = {}
     try:
         with running(option, "ethernet", tmp_path / "output.txt", f"--udp=127.0.0.1:{PORT}", f"--nic={lan.nic}"):
-            began = time.monotonic()
-            while lan.VEHICLE not in heard and time.monotonic() - began < 40:
+            began, due = time.monotonic(), 0
+            while lan.VEHICLE not in heard and (elapsed := time.monotonic() - began) < 40:
+                if lan.source and elapsed >= due:
+                    due = elapsed + 1
+                    lan.send(pilot, heartbeat)
                 if lan.receive(0.1):
                     heard.setdefault(lan.source, []).append(time.monotonic())
     finally:
