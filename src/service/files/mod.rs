@@ -154,14 +154,19 @@ where
         if cx.now >= self.status.wake {
             self.server(cx).end(None);
         }
-        if self.work.is_running() && cx.now >= self.status.work_at {
+        if self.work.is_running() && (V::COUNT == 0 || cx.now >= self.status.work_at) {
             self.server(cx).work();
         }
     }
 
     fn deadline(&self) -> Instant {
         let FileStatus { wake, work_at, .. } = self.status;
-        if self.work.is_running() { wake.min(work_at) } else { wake }
+        match self.work.is_running() {
+            // Only files of virtual directories have data later.
+            true if V::COUNT == 0 => Instant::ZERO,
+            true => wake.min(work_at),
+            false => wake,
+        }
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut FileLink, received: &Received<'_>) -> Handled {

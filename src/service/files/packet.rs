@@ -109,8 +109,6 @@ pub(super) fn complete(payload: &mut Payload, key: Key, head: &Head, content: Ou
         Ok(len) => (MavFtpOpcode::ACK, u8::try_from(len).unwrap_or(0)),
         Err(stop) => {
             let Some(error) = stop.error() else { return false };
-            // FailErrno would need a second byte.
-            let error = if error == MavFtpErr::FAILERRNO { MavFtpErr::FAIL } else { error };
             if let Some(first) = data(payload).first_mut() {
                 *first = error.0;
             }

@@ -34,6 +34,34 @@ impl From<MavFtpErr> for Stop {
     }
 }
 
+/// Sets of operations, a bit for each: the least code to tell them apart.
+const OPENS: u32 = set(&[MavFtpOpcode::OPENFILERO, MavFtpOpcode::OPENFILEWO, MavFtpOpcode::CREATEFILE]);
+const BURSTS: u32 = set(&[MavFtpOpcode::BURSTREADFILE]);
+/// Executed again when they are repeated.
+const READS: u32 = set(&[MavFtpOpcode::READFILE, MavFtpOpcode::LISTDIRECTORY, MavFtpOpcode::LISTDIRECTORYWITHTIME]);
+/// Executed again too: one that is running continues.
+const CHECKSUMS: u32 = set(&[MavFtpOpcode::CALCFILECRC]);
+const WRITES: u32 = set(&[MavFtpOpcode::WRITEFILE]);
+const ENDS: u32 = set(&[MavFtpOpcode::TERMINATESESSION]);
+const RESETS: u32 = set(&[MavFtpOpcode::RESETSESSION]);
+/// A client awaits the answer to a change before it sends another request, so its repeat is one of the last request.
+const CHANGES: u32 = set(&[
+    MavFtpOpcode::REMOVEFILE,
+    MavFtpOpcode::TRUNCATEFILE,
+    MavFtpOpcode::CREATEDIRECTORY,
+    MavFtpOpcode::REMOVEDIRECTORY,
+    MavFtpOpcode::RENAME,
+]);
+
+const fn set(mut opcodes: &[MavFtpOpcode]) -> u32 {
+    let mut set = 0;
+    while let [opcode, rest @ ..] = opcodes {
+        set |= 1u32.wrapping_shl(opcode.0 as u32);
+        opcodes = rest;
+    }
+    set
+}
+
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
     /// Ends the sessions of silent clients, and the upload if it has stalled (F-26). If a session is given, closes all
     /// files of its client.
@@ -109,31 +137,26 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         let Some((place, session)) = found.and_then(|place| Some((place, self.sessions.get_mut(place)?))) else {
             return Handled::NoRoom;
         };
-        if session.idle_for(now) >= REPEAT {
-            session.forget_sent();
+        if now.wrapping_sub(session.touched) >= REPEAT {
+            session.opened_by = 0;
+            session.forget_sent(true, true);
         }
         session.touched = now;
         (self.status.is_used, self.status.wake) = (true, Instant::ZERO);
-        let opens = matches!(opcode, MavFtpOpcode::OPENFILERO | MavFtpOpcode::OPENFILEWO | MavFtpOpcode::CREATEFILE);
-        let is_burst = opcode == MavFtpOpcode::BURSTREADFILE;
-        let is_data = is_burst
-            || matches!(
-                opcode,
-                MavFtpOpcode::READFILE | MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME
-            );
-        // Reads, lists and resets are executed again, and so is an open whose file was closed since.
-        let is_executed_again = match opcode {
-            MavFtpOpcode::RESETSESSION => true,
-            _ if opens => session.opened_by != digest,
-            _ => is_data && !is_burst,
-        };
-        if !is_executed_again && session.is_repeated(digest, opcode) {
+        let bit = 1u32.checked_shl(opcode.0.into()).unwrap_or(0);
+        let is = |set: u32| bit & set != 0;
+        let (opens, is_burst, is_data) = (is(OPENS), is(BURSTS), is(READS | BURSTS));
+        // An open whose file was closed since is executed again.
+        let is_executed_again = is(READS | CHECKSUMS | RESETS) || (opens && session.opened_by != digest);
+        let is_last = F::Vehicle::WRITES && is(CHANGES);
+        if !is_executed_again && session.is_repeated(digest, is_last) {
             return Handled::Yes;
         }
-        match opcode {
-            MavFtpOpcode::TERMINATESESSION | MavFtpOpcode::RESETSESSION => session.drop_data(),
-            MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE | MavFtpOpcode::WRITEFILE => session.forget_end(),
-            _ => {}
+        if is(ENDS | RESETS) {
+            session.drop_data();
+        } else if is(READS | BURSTS | WRITES) {
+            // Until this session is used, a late repeat of the end of the one before does not end it.
+            session.forget_sent(true, false);
         }
         let is_too_long = usize::from(head.size) > MAX_DATA;
         let mut room = session.room();
@@ -165,12 +188,9 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 Open::Nothing => Err(MavFtpErr::INVALIDSESSION.into()),
             },
             MavFtpOpcode::WRITEFILE => self.write(place, &request),
-            // Before its data is taken for a path: clients look for this error.
-            _ if opcode.0 > MavFtpOpcode::LISTDIRECTORYWITHTIME.0 => Err(MavFtpErr::UNKNOWNCOMMAND.into()),
             // Not by `on_path`, whose frame would be on the call stack too.
             _ if opens => self.open(place, &request, received.from),
-            MavFtpOpcode::CALCFILECRC => self.begin_checksum(place, request.data, received.from),
-            _ => self.on_path(&request, received.from),
+            _ => self.on_path(place, &request, received.from),
         };
         let (is_refused, value) = match outcome {
             Ok(value) => (false, value),
@@ -195,12 +215,13 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
 
     /// Handles a request with a path, except those that open a file.
     #[inline(never)]
-    fn on_path(&mut self, request: &Request<'_>, from: Peer) -> Outcome {
+    fn on_path(&mut self, place: usize, request: &Request<'_>, from: Peer) -> Outcome {
         let Some(path) = path::of(request.data) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
         let change = match request.head.opcode {
             MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME => {
                 return directory::<F, V>(self.cx, path);
             }
+            MavFtpOpcode::CALCFILECRC => return self.begin_checksum(place, path, from),
             MavFtpOpcode::REMOVEFILE
             | MavFtpOpcode::TRUNCATEFILE
             | MavFtpOpcode::CREATEDIRECTORY
@@ -279,7 +300,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         increment(&mut self.status.counters.opened);
         if let Some(session) = self.sessions.get_mut(place) {
             (session.open, session.opened_by, session.size) = (opened, request.digest, size);
-            session.forget_answers();
+            // For another file, an identical request is a new one.
+            session.forget_sent(false, true);
         }
         match opened {
             Open::Virtual(file) if takes_work => *self.work = Work::Measure { session: short(place), file },

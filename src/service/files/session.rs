@@ -220,49 +220,25 @@ impl<V> Session<V> {
     }
 
     /// Returns whether an identical request was answered or is being answered. Its answer is sent again; a burst
-    /// continues. A client awaits one answer before it sends the next request, except for parts of files: so any other
-    /// repeat is one of the last request (F-13).
-    pub(super) fn is_repeated(&mut self, digest: u32, opcode: MavFtpOpcode) -> bool {
-        let is_last = matches!(
-            opcode,
-            MavFtpOpcode::REMOVEFILE
-                | MavFtpOpcode::TRUNCATEFILE
-                | MavFtpOpcode::CREATEDIRECTORY
-                | MavFtpOpcode::REMOVEDIRECTORY
-                | MavFtpOpcode::RENAME
-        );
+    /// continues. `is_last`: whether only the last request can be repeated.
+    pub(super) fn is_repeated(&mut self, digest: u32, is_last: bool) -> bool {
         let answers = self.answers.get_mut(if is_last { BURST - 1 } else { 0 }..).unwrap_or_default();
         let is_it = |answer: &&mut Answer| answer.state != State::Empty && answer.digest == digest;
         let Some(answer) = answers.iter_mut().find(is_it) else { return false };
         if answer.state == State::Sent {
-            if opcode == MavFtpOpcode::CALCFILECRC {
-                return false;
-            }
             answer.state = State::Pending;
         }
         true
     }
 
-    /// Forgets the sent answers: for another file, an identical request is a new one. But a delayed duplicate of the
-    /// request that ended the previous session does not end this one.
-    pub(super) fn forget_answers(&mut self) {
-        self.forget(|answer| answer.state == State::Sent && answer.head.opcode != MavFtpOpcode::TERMINATESESSION);
-    }
-
-    /// Forgets the end of the previous session: this one is used, so its own end may be an identical request.
-    pub(super) fn forget_end(&mut self) {
-        self.forget(|answer| answer.state == State::Sent && answer.head.opcode == MavFtpOpcode::TERMINATESESSION);
-    }
-
-    /// Forgets everything that was sent: from now on, an identical request is a new one.
-    pub(super) fn forget_sent(&mut self) {
-        self.opened_by = 0;
-        self.forget(|answer| answer.state == State::Sent);
-    }
-
-    /// Forgets a checksum that is being computed.
-    pub(super) fn forget_checksum(&mut self) {
-        self.forget(|answer| answer.state == State::Working && answer.head.opcode == MavFtpOpcode::CALCFILECRC);
+    /// Forgets what was sent: from now on, an identical request is a new one. `ends`: the ends of sessions. `others`: everything
+    /// else.
+    #[inline(never)]
+    pub(super) fn forget_sent(&mut self, ends: bool, others: bool) {
+        self.forget(|answer| {
+            let forgets = if answer.head.opcode == MavFtpOpcode::TERMINATESESSION { ends } else { others };
+            answer.state == State::Sent && forgets
+        });
     }
 
     /// Drops pending data of the open file, and a size or checksum that is being computed: the client no longer waits

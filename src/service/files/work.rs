@@ -6,7 +6,7 @@ use super::packet::{MAX_DATA, Request};
 use super::requests::Stop;
 use super::session::{LONGEST_CHECKSUM, Open, Session, State};
 use super::virtual_files::{Part, VirtualFiles};
-use super::{FileAccess, Files, Outcome, Server, path, short};
+use super::{FileAccess, Files, Outcome, Server, short};
 use crate::crc32::Crc32;
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
 use crate::service::share::RETRY;
@@ -31,7 +31,7 @@ pub(super) enum Upload {
 #[repr(u8)]
 pub(super) enum Work<V> {
     Nothing,
-    /// The checksum of a file: of which path, by its own checksum, and when it began.
+    /// The checksum of a file, that of its path, and when it began.
     Checksum {
         session: u8,
         open: Open<V>,
@@ -74,32 +74,25 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
     /// MAVSDK repeats with new numbers, and takes only the last one's answer.
     #[inline(never)]
     pub(super) fn begin_checksum(&mut self, place: usize, path: &[u8], from: Peer) -> Outcome {
-        let Some(path) = path::of(path) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
-        let path_sum = self.continue_checksum(place, path)?;
-        let (open, _) = open(self.cx, path, FileAccess::Read, from, false)?;
-        let began = self.cx.now.coarse();
-        *self.work = Work::Checksum { session: short(place), open, path: path_sum, began, offset: 0, crc: Crc32::ZERO };
-        Err(Stop::LATER)
-    }
-
-    /// Returns the checksum of the path, if the checksum of its file can begin.
-    #[inline(never)]
-    fn continue_checksum(&mut self, place: usize, path: &[u8]) -> Outcome {
         let mut sum = Crc32::new();
         sum.add(path);
-        let path_sum = sum.sum();
-        let is_own = matches!(self.work, Work::Checksum { session, .. } if usize::from(*session) == place);
-        let is_same = matches!(self.work, Work::Checksum { path, .. } if *path == path_sum);
-        if is_own {
-            if let Some(session) = self.sessions.get_mut(place) {
-                session.forget_checksum();
-            }
-            if is_same {
+        let sum = sum.sum();
+        if let (Work::Checksum { session, path, .. }, Some(own)) = (&mut *self.work, self.sessions.get_mut(place))
+            && usize::from(*session) == place
+        {
+            own.drop_data();
+            if *path == sum {
                 return Err(Stop::LATER);
             }
             self.end_checksum();
         }
-        if self.work.is_running() { Err(Stop::DROPPED) } else { Ok(path_sum) }
+        if self.work.is_running() {
+            return Err(Stop::DROPPED);
+        }
+        let (open, _) = open(self.cx, path, FileAccess::Read, from, false)?;
+        let began = self.cx.now.coarse();
+        *self.work = Work::Checksum { session: short(place), open, path: sum, began, offset: 0, crc: Crc32::ZERO };
+        Err(Stop::LATER)
     }
 
     /// Ends a checksum, without an answer.
@@ -123,7 +116,6 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
     }
 
     /// Answers the request that began an operation.
-    #[inline(never)]
     fn answer(&mut self, session: u8, outcome: Outcome) {
         let Some(session) = self.sessions.get_mut(usize::from(session)) else { return };
         // Its client may have gone meanwhile.
@@ -134,7 +126,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             Ok(value) => (false, value),
             Err(Stop(error)) => (true, error),
         };
-        if answer.head.opcode == MavFtpOpcode::OPENFILERO {
+        if V::COUNT > 0 && answer.head.opcode == MavFtpOpcode::OPENFILERO {
             session.size = answer.value;
         }
     }

@@ -68,12 +68,13 @@ impl Pack {
     /// query is wrong, or there is no such parameter; also any query for an upload.
     #[inline(never)]
     pub(super) fn open(path: &[u8], total: u16, is_upload: bool) -> Result<Self, MavFtpErr> {
-        match path.strip_prefix(NAME) {
-            Some([]) => Self::of(b"", total).ok_or(MavFtpErr::FAIL),
-            Some([b'?', ..]) if is_upload => Err(MavFtpErr::FILEPROTECTED),
-            Some([b'?', query @ ..]) => Self::of(query, total).ok_or(MavFtpErr::FAIL),
-            _ => Err(MavFtpErr::FILENOTFOUND),
-        }
+        let query = match path.strip_prefix(NAME) {
+            Some([]) => b"",
+            Some([b'?', ..]) if is_upload => return Err(MavFtpErr::FILEPROTECTED),
+            Some([b'?', query @ ..]) => query,
+            _ => return Err(MavFtpErr::FILENOTFOUND),
+        };
+        Self::of(query, total).ok_or(MavFtpErr::FAIL)
     }
 
     fn of(query: &[u8], total: u16) -> Option<Self> {

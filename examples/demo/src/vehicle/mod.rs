@@ -238,9 +238,8 @@ impl Quadrotor {
                 return;
             }
             self.time = self.time.after(STEP);
-            let was_due = self.camera.is_due();
             self.step(cx);
-            if self.camera.is_due() && !was_due {
+            if self.camera.is_due() {
                 return;
             }
         }
