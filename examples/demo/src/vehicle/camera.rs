@@ -34,6 +34,8 @@ pub(super) struct Photographer {
     is_of_mission: bool,
     /// The distance was flown: the next poll takes an image.
     is_due: bool,
+    /// Whether it became due in this step.
+    has_triggered: bool,
     /// The settings have changed without a command to the camera.
     is_changed: bool,
     /// What an item of the mission wants.
@@ -59,6 +61,7 @@ impl Photographer {
         last: Vector::ZERO,
         is_of_mission: false,
         is_due: false,
+        has_triggered: false,
         is_changed: false,
         order: None,
         has_started: [false; 2],
@@ -71,9 +74,9 @@ impl Photographer {
         recording: None,
     };
 
-    /// Whether an image by distance is due.
-    pub(super) fn is_due(&self) -> bool {
-        self.is_due
+    /// Whether an image by distance has become due since the last call.
+    pub(super) fn has_triggered(&mut self) -> bool {
+        core::mem::take(&mut self.has_triggered)
     }
 
     fn used(&self, now: Instant) -> f32 {
@@ -88,7 +91,7 @@ impl Quadrotor {
         let is_on = !self.camera.is_of_mission || self.mode == Mode::Mission;
         let (camera, here) = (&mut self.camera, self.body.position);
         if is_on && camera.distance > 0.0 && here.distance(camera.last) >= camera.distance {
-            (camera.last, camera.is_due) = (here, true);
+            (camera.last, camera.is_due, camera.has_triggered) = (here, true, true);
         }
     }
 

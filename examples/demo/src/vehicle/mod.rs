@@ -239,7 +239,7 @@ impl Quadrotor {
             }
             self.time = self.time.after(STEP);
             self.step(cx);
-            if self.camera.is_due() {
+            if self.camera.has_triggered() {
                 return;
             }
         }
