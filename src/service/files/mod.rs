@@ -4,11 +4,11 @@
 //! Left out: the error FailErrno, and the swap of files that MAVLink defines without a user.
 //!
 //! A request is executed when it is received. The client's session keeps the answer without its data, which is read
-//! when the link has room. A repeated request is answered again, but not executed again. A session belongs to a client,
-//! a link and the number that the client has chosen.
+//! when the link has room. A repeated request is answered again; only reads, lists and checksums are executed again. A
+//! session belongs to a client, a link and the number that the client has chosen.
 //!
 //! ```text
-//!                open                     close, or 10 s without a request and a packet of a burst
+//!                open                     close, or 10 s without a request, a burst or a checksum
 //!   nothing ───────────────▶ open ──────────────────────────────────────────────▶ nothing
 //!                             │ ▲ burst                 another client opens after 3 s
 //!                             └─┘
@@ -73,7 +73,7 @@ pub struct FileStatus {
     is_used: bool,
     /// When a session may end.
     wake: Instant,
-    /// When the operation continues whose file had no data yet.
+    /// When to retry an operation that waits for data or for storage.
     work_at: Instant,
     counters: FileCounters,
     /// The upload: the bytes received, when the last ones arrived, how many are kept, and the state.
@@ -162,7 +162,7 @@ where
     fn deadline(&self) -> Instant {
         let FileStatus { wake, work_at, .. } = self.status;
         match self.work.is_running() {
-            // Only files of virtual directories have data later.
+            // Only files of virtual directories have data later, or are stored.
             true if V::COUNT == 0 => Instant::ZERO,
             true => wake.min(work_at),
             false => wake,

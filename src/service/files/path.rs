@@ -14,7 +14,7 @@ pub(super) fn of(data: &[u8]) -> Option<&[u8]> {
     while let Some((b'/', rest)) = path.split_last() {
         path = rest;
     }
-    // The number of dots at the begin of a component; more than two if there is anything else.
+    // The number of dots at the beginning of a component; more than two if there is anything else.
     let mut dots = 0u8;
     for byte in path.iter().chain(b"/") {
         dots = match byte {

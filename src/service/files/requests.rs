@@ -44,7 +44,7 @@ const CHECKSUMS: u32 = set(&[MavFtpOpcode::CALCFILECRC]);
 const WRITES: u32 = set(&[MavFtpOpcode::WRITEFILE]);
 const ENDS: u32 = set(&[MavFtpOpcode::TERMINATESESSION]);
 const RESETS: u32 = set(&[MavFtpOpcode::RESETSESSION]);
-/// A client awaits the answer to a change before it sends another request, so its repeat is one of the last request.
+/// A client awaits the answer to a change before it sends another request, so only its last request can be a repeat.
 const CHANGES: u32 = set(&[
     MavFtpOpcode::REMOVEFILE,
     MavFtpOpcode::TRUNCATEFILE,
@@ -53,6 +53,7 @@ const CHANGES: u32 = set(&[
     MavFtpOpcode::RENAME,
 ]);
 
+#[allow(clippy::as_conversions, reason = "lossless: `u32::from` is not const")]
 const fn set(mut opcodes: &[MavFtpOpcode]) -> u32 {
     let mut set = 0;
     while let [opcode, rest @ ..] = opcodes {

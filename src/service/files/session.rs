@@ -6,7 +6,7 @@ use crate::message::Address;
 use crate::time::Instant;
 use crate::types::{LinkId, Peer};
 
-/// A session ends when its client was silent for ten seconds, and nothing was sent to it either (F-6). In units of
+/// A session ends when its client was silent for ten seconds, no packet of a burst was sent to it, and no checksum advanced (F-6). In units of
 /// 1,024 µs, like all times of sessions.
 pub(super) const IDLE: u32 = 9_766;
 /// Another client takes over a session that was idle for three seconds.
@@ -129,7 +129,7 @@ impl Key {
 #[repr(C)]
 pub struct Session<V> {
     pub(super) key: Key,
-    /// When the client was last heard, or was last sent a packet of a burst.
+    /// When the client was last heard, a packet of a burst was sent to it, or its checksum advanced.
     pub(super) touched: u32,
     /// When the burst began.
     pub(super) burst_began: u32,

@@ -44,9 +44,9 @@ use crate::types::{Context, Peer};
 ///
 /// # Cost
 ///
-/// No hook may block. A received request or a sent packet calls a hook at most once; but a checksum calls
-/// [`read`](Self::read) eight times in each poll, and a list calls [`entry`](Self::entry) for each of its entries. Read a slow
-/// medium, such as an SD card, ahead in another task. A hook that has no data yet cannot make the client wait: it
+/// No hook may block. A sent packet calls [`read`](Self::read) once; a checksum calls it up to eight times in each poll.
+/// A list calls [`entry`](Self::entry) for each of its entries. Read a slow medium, such as an SD card, ahead in another
+/// task. A hook that has no data yet cannot make the client wait: it
 /// returns [`MavFtpErr::FAIL`].
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Files`",
@@ -125,14 +125,15 @@ pub trait Files {
     }
 
     /// Closes a file. Called once for each [open](Self::open) file: when its client closes it or is silent for ten
-    /// seconds, when another client takes its session over, or when its link is opened again. The session opens its
-    /// next file after this.
+    /// seconds, when another client takes its session over, when its link is opened again, or when the checksum for which
+    /// it was opened ends. The session opens its next file after this.
     fn close(&mut self, cx: &mut Context<'_>, file: u16) {
         let _ = (cx, file);
     }
 
-    /// Removes, renames or truncates a file, or makes or removes a directory, for the client `from`. Called once even
-    /// if the request is repeated, and only if the vehicle [`WRITES`](Self::WRITES) files.
+    /// Removes, renames or truncates a file, or makes or removes a directory, for the client `from`. Called
+    /// only if the vehicle [`WRITES`](Self::WRITES) files. Not called again if the client repeats the request within two
+    /// seconds and before another one.
     ///
     /// # Errors
     ///
@@ -186,10 +187,11 @@ impl StaticFile {
                     && path.len() <= 200
                     && path[0] != b'/'
                     && path[0] != b'@'
+                    && (path.len() > 1 || path[0] != b'.')
                     && path[path.len() - 1] != b'/',
                 "the path of a static file has 1 to 200 bytes, and does not begin with `/` or `@`"
             );
-            // The number of dots at the begin of a component; more than two if there is anything else.
+            // The number of dots at the beginning of a component; more than two if there is anything else.
             let (mut k, mut dots) = (0, 0);
             while k < path.len() {
                 assert!(path[k] >= b' ' && path[k] <= b'~', "the path of a static file is printable ASCII");

@@ -80,6 +80,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         if let (Work::Checksum { session, path, .. }, Some(own)) = (&mut *self.work, self.sessions.get_mut(place))
             && usize::from(*session) == place
         {
+            // It reads nothing while it waits for a checksum.
             own.drop_data();
             if *path == sum {
                 return Err(Stop::LATER);
@@ -103,8 +104,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         }
     }
 
-    /// Makes way for an operation: a checksum fails, because an upload is worth more. Returns whether another operation
-    /// can begin.
+    /// Makes way for an operation: a checksum fails, because what a client waits for to open a file is worth more.
+    /// Returns whether another operation can begin.
     #[inline(never)]
     pub(super) fn make_way(&mut self) -> bool {
         if let Work::Checksum { session, .. } = self.work {
@@ -258,6 +259,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                     self.status.work_at = self.cx.now.after(RETRY);
                 } else if now.wrapping_sub(*began) < LONGEST_CHECKSUM
                     && let Some(session) = self.sessions.get_mut(usize::from(*session))
+                    && !session.is_open()
                 {
                     session.touched = now;
                 }
