@@ -170,6 +170,25 @@ fn idle_session_is_taken_over() {
     assert_eq!(world.stack.files().counters().taken_over, 2, "a session is free");
 }
 
+/// F-6: a checksum does not keep the file that is open in its session: another client takes it over after three seconds.
+#[test]
+fn checksum_keeps_no_open_file() {
+    use MavFtpOpcode as Op;
+    let (mut world, mut first, mut second) = (world(), client(), OTHER);
+    let mut third = Client::new(Address::new(77, 1), 1, 5);
+    world.vehicle.files.content.insert("big.bin".to_string(), pattern(4_000_000));
+    first.open(&mut world, "log.bin").unwrap();
+    first.send(&mut world, &request(60, 0, Op::CALCFILECRC, 7, 0, b"big.bin"));
+    second.open(&mut world, "log.bin").unwrap();
+    world.run_for(millis(2_700));
+    second.read(&mut world, 0, 1).unwrap();
+    assert_eq!(third.open(&mut world, "log.bin"), Err(MavFtpErr::NOSESSIONSAVAILABLE));
+    world.run_for(millis(300));
+    assert_eq!(third.open(&mut world, "log.bin"), Ok(1_000));
+    assert_eq!(first.read(&mut world, 0, 1), Err(MavFtpErr::INVALIDSESSION));
+    assert_eq!(world.vehicle.files.open.len(), 2, "the checksum has ended with it");
+}
+
 /// F-6: a client that vanishes keeps its session for ten seconds, or fifteen with a burst, whatever it was doing.
 #[test]
 fn dead_client_frees_its_session() {

@@ -6,16 +6,16 @@ use crate::message::Address;
 use crate::time::Instant;
 use crate::types::{LinkId, Peer};
 
-/// A session ends when its client was silent for ten seconds, no packet of a burst was sent to it, and no checksum advanced (F-6). In units of
-/// 1,024 µs, like all times of sessions.
+/// A session ends when its client was silent for ten seconds, no packet of a burst was sent to it, and no checksum
+/// advanced (F-6). In units of 1,024 µs, like all times of sessions.
 pub(super) const IDLE: u32 = 9_766;
 /// Another client takes over a session that was idle for three seconds.
 pub(super) const TAKEOVER: u32 = 2_930;
 /// An upload is closed when no new part has arrived for eight seconds (F-26; by messages, M-41): it excludes all other
 /// uploads, and other requests of its client would keep its session.
 pub(super) const STALLED: u32 = 7_813;
-/// A repeat is an identical request within two seconds of the client's last one (F-13): clients repeat after half a second or one, and
-/// a client that was started again numbers its requests from 0 again.
+/// A repeat is an identical request within two seconds of the client's last one (F-13): clients repeat after half a
+/// second or one, and a client that was started again numbers its requests from 0 again.
 pub(super) const REPEAT: u32 = 1_953;
 /// A checksum that takes longer than two minutes ends with its client's session: MAVProxy waits for as long.
 pub(super) const LONGEST_CHECKSUM: u32 = 117_188;

@@ -46,8 +46,9 @@ use crate::types::{Context, Peer};
 ///
 /// # Cost
 ///
-/// No hook may block. [`read_log`](Self::read_log) is called at most once for each sent packet, and up to eight times in each
-/// poll while a client asks for the checksum of a log's file. Read a slow medium, such as an SD card, ahead in another task; until that has data, the hook returns [`LogRead::Later`].
+/// No hook may block. [`read_log`](Self::read_log) is called at most once for each sent packet, and up to eight times in
+/// each poll while a client asks for the checksum of a log's file. Read a slow medium, such as an SD card, ahead in
+/// another task; until that has data, the hook returns [`LogRead::Later`].
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Logs`",
     note = "`logs` in `stack!` needs `impl Logs for {Self}`: write it, or leave `logs` out"
