@@ -30,7 +30,7 @@ const BUDGETS: [Budget; 2] = [
 /// The usual traffic, which the worst is compared with: a pair of COMMAND_LONG.
 const TYPICAL: &str = "two-commands";
 /// The instructions of a poll without signatures at most, whatever is received.
-const BOUND: u32 = 25_000;
+const BOUND: u32 = 30_000;
 /// The same, as a multiple of the worst poll with that pair: twice, and the tolerance.
 const TIMES: f64 = 2.2;
 /// How many kinds of traffic there are: with the noise, and with the fuzzer's corpus.
