@@ -1,4 +1,4 @@
-"""Adds messages that pymavlink's definitions of common lack. They leave out what is marked as work in progress."""
+"""Adds messages that pymavlink's definitions of common lack. They leave out what was work in progress at their time."""
 
 import struct
 
@@ -40,6 +40,7 @@ def declare(number, name, crc_extra, **fields):
 ControlStatus = declare(512, "CONTROL_STATUS", 21, flags="B", gcs_main="B", gcs_secondary="10B")
 # Work in progress.
 CommandCancel = declare(80, "COMMAND_CANCEL", 14, command="H", target_system="B", target_component="B")
+# No longer work in progress, but newer than pymavlink's definitions.
 Event = declare(
     410,
     "EVENT",

@@ -97,8 +97,18 @@ pub struct Entry {
     pub has_location: Option<bool>,
     /// Whether the vehicle flies to that position.
     pub is_destination: Option<bool>,
-    /// Whether the command is allowed in plans only.
+    /// Whether parameter 7 of the command is an altitude, without a position.
+    pub has_altitude_only: bool,
+    /// Whether the command is allowed in plans only. Newer definitions list the places instead.
     pub mission_only: bool,
+    /// Whether missions may contain the command.
+    pub in_mission: bool,
+    /// Whether geofences may contain the command.
+    pub in_fence: bool,
+    /// Whether sets of rally points may contain the command.
+    pub in_rally: bool,
+    /// Whether the command may be sent in COMMAND_INT and COMMAND_LONG.
+    pub as_command: bool,
     /// The command's parameters, sorted by index.
     pub params: Vec<Param>,
     /// Position of the definition.

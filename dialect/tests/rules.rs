@@ -278,7 +278,7 @@ fn rules_are_written_as_constants() {
         (
             "PREFLIGHT_CALIBRATION",
             "CommandRule::without_position(241, &[ \
-             ParamRule::integers(1, 0, 3), ParamRule::one_of(2, &[0, 1, 76]), ParamRule::bits(3, 0x1), \
+             ParamRule::integers(1, 0, 3), ParamRule::one_of(2, &[0, 1, 76]), ParamRule::integers(3, 0, 1), \
              ParamRule::integers(4, 0, 1), ParamRule::one_of(5, &[0, 1, 2, 3, 4, 76]), \
              ParamRule::integers(6, 0, 2).or_nan(), ParamRule::integers(7, 0, 3).or_nan(), ])",
         ),

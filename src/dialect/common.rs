@@ -530,6 +530,11 @@ crate::wire_enum! {
         SYSTEM_MAVLINK_SIGNAL = 105,
         SYSTEM_ESC = 106,
         SYSTEM_TRAFFIC_AVOIDANCE = 107,
+        DATALINK_LTE = 150,
+        DATALINK_WIFI = 151,
+        DATALINK_TELEM_RADIO = 152,
+        BUS_CAN = 200,
+        BUS_I2C = 201,
     }
 }
 
@@ -570,6 +575,16 @@ crate::wire_enum! {
         BETA = 128,
         RC = 192,
         OFFICIAL = 255,
+    }
+}
+
+crate::wire_bitmask! {
+    /// `FOLLOW_TARGET_CAP_FLAGS`.
+    pub struct FollowTargetCapFlags: u8 {
+        POS = 1,
+        VEL = 2,
+        ACCEL = 4,
+        ATT_RATES = 8,
     }
 }
 
@@ -897,6 +912,7 @@ crate::wire_enum! {
         SMARTAP = 18,
         AIRRAILS = 19,
         REFLEX = 20,
+        FLIX = 21,
     }
 }
 
@@ -960,7 +976,7 @@ crate::wire_enum! {
     }
 }
 
-crate::wire_bitmask! {
+crate::wire_enum! {
     /// A boolean. (`MAV_BOOL`)
     pub struct MavBool: u8 {
         FALSE = 0,
@@ -996,9 +1012,6 @@ crate::wire_enum! {
         NAV_LAND_LOCAL = 23,
         /// 1: Pitch (rad); 3: Ascend Rate (m/s); 4: Yaw (rad); 5: Y Position (m); 6: X Position (m); 7: Z Position (m).
         NAV_TAKEOFF_LOCAL = 24,
-        /// 1: Following; 2: Ground Speed (m/s); 3: Radius (m); 4: Yaw (deg); 5: Latitude; 6: Longitude;
-        /// 7: Altitude (m).
-        NAV_FOLLOW = 25,
         /// Change altitude and keep the course. 1: Action (0 to 2); 7: Altitude (m).
         NAV_CONTINUE_AND_CHANGE_ALT = 30,
         /// Circle at a position until an altitude is reached. 1: Heading Required (`MAV_BOOL`); 2: Radius (m);
@@ -1162,8 +1175,7 @@ crate::wire_enum! {
         /// 1: Actuator ID.
         PREFLIGHT_UAVCAN = 243,
         /// Load, save or reset stored parameters; only on the ground.
-        /// 1: Parameter Storage (`PREFLIGHT_STORAGE_PARAMETER_ACTION`);
-        /// 2: Mission Storage (`PREFLIGHT_STORAGE_MISSION_ACTION`); 3: Logging Rate (Hz, ≥ -1).
+        /// 1: Parameter Storage (`PREFLIGHT_STORAGE_PARAMETER_ACTION`); 3: Logging Rate (Hz, ≥ -1).
         PREFLIGHT_STORAGE = 245,
         /// Restart or shut down the autopilot or its components; only on the ground.
         /// 1: Autopilot (`REBOOT_SHUTDOWN_ACTION`); 2: Companion (`REBOOT_SHUTDOWN_ACTION`);
@@ -1295,8 +1307,7 @@ crate::wire_enum! {
         SET_GUIDED_SUBMODE_STANDARD = 4000,
         /// 1: Radius (m); 5: Latitude (degE7); 6: Longitude (degE7).
         SET_GUIDED_SUBMODE_CIRCLE = 4001,
-        /// Work in progress. 1: Geometry (≥ 0); 2: UseAltitude (`MAV_BOOL`); 5: Latitude; 6: Longitude;
-        /// 7: Altitude (m).
+        /// 1: Geometry (≥ 0); 2: UseAltitude (`MAV_BOOL`); 5: Latitude; 6: Longitude; 7: Altitude (m).
         CONDITION_GATE = 4501,
         /// The position to fly to after a fence breach. 5: Latitude; 6: Longitude; 7: Altitude (m).
         NAV_FENCE_RETURN_POINT = 5000,
@@ -1316,11 +1327,11 @@ crate::wire_enum! {
         /// 1: Desired State (`SAFETY_SWITCH_STATE`).
         DO_SET_SAFETY_SWITCH_STATE = 5300,
         DO_ADSB_OUT_IDENT = 10001,
-        /// Superseded since 2021-06. 1: Operation Mode (0 to 2); 2: Approach Vector (deg, -1 to 360);
+        /// Deprecated since 2021-06. 1: Operation Mode (0 to 2); 2: Approach Vector (deg, -1 to 360);
         /// 3: Ground Speed (≥ -1); 4: Altitude Clearance (m, ≥ -1); 5: Latitude (degE7); 6: Longitude (degE7);
         /// 7: Altitude (m).
         PAYLOAD_PREPARE_DEPLOY = 30001,
-        /// Superseded since 2021-06. 1: Operation Mode (0 to 101).
+        /// Deprecated since 2021-06. 1: Operation Mode (0 to 101).
         PAYLOAD_CONTROL_DEPLOY = 30002,
         /// 5: Latitude; 6: Longitude; 7: Altitude (m).
         WAYPOINT_USER_1 = 31000,
@@ -2086,7 +2097,7 @@ crate::wire_enum! {
 }
 
 crate::wire_enum! {
-    /// Why a parameter could not be read or set. (`MAV_PARAM_ERROR`) Work in progress.
+    /// Why a parameter could not be read or set. (`MAV_PARAM_ERROR`)
     pub struct MavParamError: u8 {
         NO_ERROR = 0,
         DOES_NOT_EXIST = 1,
@@ -2485,7 +2496,7 @@ crate::wire_bitmask! {
         HEALTHY = 1,
         FULLY_RETRACTED = 2,
         MOVING = 4,
-        CLUTCH_ENGAGED = 8,
+        CLUTCH_DISENGAGED = 8,
         LOCKED = 0x10,
         DROPPING = 0x20,
         ARRESTING = 0x40,
@@ -2632,15 +2643,6 @@ crate::wire_enum! {
 }
 
 crate::wire_enum! {
-    /// Actions for a stored mission. (`PREFLIGHT_STORAGE_MISSION_ACTION`)
-    pub struct PreflightStorageMissionAction: u8 {
-        READ_PERSISTENT = 0,
-        WRITE_PERSISTENT = 1,
-        RESET_DEFAULT = 2,
-    }
-}
-
-crate::wire_enum! {
     /// Actions for stored parameters. (`PREFLIGHT_STORAGE_PARAMETER_ACTION`)
     pub struct PreflightStorageParameterAction: u8 {
         READ_PERSISTENT = 0,
@@ -2648,6 +2650,14 @@ crate::wire_enum! {
         RESET_FACTORY_DEFAULT = 2,
         RESET_SENSOR_DEFAULT = 3,
         RESET_ALL_DEFAULT = 4,
+    }
+}
+
+crate::wire_bitmask! {
+    /// The state of the channels in RADIO_RC_CHANNELS. (`RADIO_RC_CHANNELS_FLAGS`)
+    pub struct RadioRcChannelsFlags: u16 {
+        FAILSAFE = 1,
+        OUTDATED = 2,
     }
 }
 
@@ -2676,6 +2686,7 @@ crate::wire_enum! {
         SHUTDOWN = 2,
         REBOOT_TO_BOOTLOADER = 3,
         POWER_ON = 4,
+        REBOOT_TO_MASS_STORAGE = 5,
     }
 }
 
@@ -2949,11 +2960,11 @@ pub mod rules {
     pub const NAV_LOITER_UNLIM: CommandRule = CommandRule::at_position(17, &[]).position_optional();
     pub const NAV_LOITER_TURNS: CommandRule = CommandRule::at_position(18, &[
         ParamRule::at_least(1, 0.0),
-        ParamRule::bits(2, 0x1),
+        ParamRule::integers(2, 0, 1),
     ]).position_optional();
     pub const NAV_LOITER_TIME: CommandRule = CommandRule::at_position(19, &[
         ParamRule::at_least(1, 0.0),
-        ParamRule::bits(2, 0x1),
+        ParamRule::integers(2, 0, 1),
     ]).position_optional();
     pub const NAV_RETURN_TO_LAUNCH: CommandRule = CommandRule::without_position(20, &[]);
     pub const NAV_LAND: CommandRule = CommandRule::at_position(21, &[
@@ -2967,14 +2978,11 @@ pub mod rules {
         ParamRule::at_least(2, 0.0),
     ]);
     pub const NAV_TAKEOFF_LOCAL: CommandRule = CommandRule::at_position(24, &[]);
-    pub const NAV_FOLLOW: CommandRule = CommandRule::at_position(25, &[
-        ParamRule::integers(1, i32::MIN, i32::MAX),
-    ]);
     pub const NAV_CONTINUE_AND_CHANGE_ALT: CommandRule = CommandRule::without_position(30, &[
         ParamRule::integers(1, 0, 2),
     ]);
     pub const NAV_LOITER_TO_ALT: CommandRule = CommandRule::at_position(31, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
         ParamRule::integers(4, 0, 1),
     ]).position_optional();
     pub const DO_FOLLOW: CommandRule = CommandRule::without_position(32, &[
@@ -3010,7 +3018,7 @@ pub mod rules {
         ParamRule::integers(1, 0, 2),
     ]).position_optional();
     pub const NAV_GUIDED_ENABLE: CommandRule = CommandRule::without_position(92, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
     ]);
     pub const NAV_DELAY: CommandRule = CommandRule::without_position(93, &[
         ParamRule::at_least(1, -1.0),
@@ -3033,7 +3041,7 @@ pub mod rules {
         ParamRule::range(1, 0.0, 360.0),
         ParamRule::at_least(2, 0.0),
         ParamRule::integers(3, -1, 1),
-        ParamRule::bits(4, 0x1),
+        ParamRule::integers(4, 0, 1),
     ]);
     pub const CONDITION_LAST: CommandRule = CommandRule::without_position(159, &[]);
     pub const DO_SET_MODE: CommandRule = CommandRule::without_position(176, &[
@@ -3049,7 +3057,7 @@ pub mod rules {
         ParamRule::at_least(3, -2.0),
     ]);
     pub const DO_SET_HOME: CommandRule = CommandRule::at_position(179, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
         ParamRule::range(2, -180.0, 180.0).or_nan(),
         ParamRule::range(3, -90.0, 90.0).or_nan(),
         ParamRule::range(4, -180.0, 180.0).or_nan(),
@@ -3098,10 +3106,10 @@ pub mod rules {
         ParamRule::bits(2, 0x3),
     ]).position_optional().altitude_optional();
     pub const DO_PAUSE_CONTINUE: CommandRule = CommandRule::without_position(193, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
     ]);
     pub const DO_SET_REVERSE: CommandRule = CommandRule::without_position(194, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
     ]);
     pub const DO_SET_ROI_LOCATION: CommandRule = CommandRule::at_position(195, &[]);
     pub const DO_SET_ROI_WPNEXT_OFFSET: CommandRule = CommandRule::without_position(196, &[]);
@@ -3130,9 +3138,9 @@ pub mod rules {
     pub const DO_DIGICAM_CONTROL: CommandRule = CommandRule::without_position(203, &[]);
     pub const DO_MOUNT_CONFIGURE: CommandRule = CommandRule::without_position(204, &[
         ParamRule::integers(1, 0, 7),
-        ParamRule::bits(2, 0x1),
-        ParamRule::bits(3, 0x1),
-        ParamRule::bits(4, 0x1),
+        ParamRule::integers(2, 0, 1),
+        ParamRule::integers(3, 0, 1),
+        ParamRule::integers(4, 0, 1),
     ]);
     pub const DO_MOUNT_CONTROL: CommandRule = CommandRule::without_position(205, &[
         ParamRule::integers(7, 0, 7),
@@ -3140,7 +3148,7 @@ pub mod rules {
     pub const DO_SET_CAM_TRIGG_DIST: CommandRule = CommandRule::without_position(206, &[
         ParamRule::at_least(1, 0.0),
         ParamRule::at_least(2, -1.0),
-        ParamRule::bits(3, 0x1),
+        ParamRule::integers(3, 0, 1),
         ParamRule::integers(4, 0, 255).or_nan(),
     ]);
     pub const DO_FENCE_ENABLE: CommandRule = CommandRule::without_position(207, &[
@@ -3158,18 +3166,18 @@ pub mod rules {
         ParamRule::integers(6, 0, 2),
     ]);
     pub const DO_INVERTED_FLIGHT: CommandRule = CommandRule::without_position(210, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
     ]);
     pub const DO_GRIPPER: CommandRule = CommandRule::without_position(211, &[
         ParamRule::integers(1, 0, i32::MAX),
         ParamRule::integers(2, 0, 2),
     ]);
     pub const DO_AUTOTUNE_ENABLE: CommandRule = CommandRule::without_position(212, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
         ParamRule::bits(2, 0x7),
     ]);
     pub const NAV_SET_YAW_SPEED: CommandRule = CommandRule::without_position(213, &[
-        ParamRule::bits(3, 0x1),
+        ParamRule::integers(3, 0, 1),
     ]);
     pub const DO_SET_CAM_TRIGG_INTERVAL: CommandRule = CommandRule::without_position(214, &[
         ParamRule::at_least(1, -1.0),
@@ -3186,20 +3194,20 @@ pub mod rules {
         ParamRule::at_least(4, 0.0),
     ]);
     pub const DO_ENGINE_CONTROL: CommandRule = CommandRule::without_position(223, &[
-        ParamRule::bits(1, 0x1),
-        ParamRule::bits(2, 0x1),
+        ParamRule::integers(1, 0, 1),
+        ParamRule::integers(2, 0, 1),
         ParamRule::at_least(3, 0.0),
         ParamRule::bits(4, 0x1),
     ]);
     pub const DO_SET_MISSION_CURRENT: CommandRule = CommandRule::without_position(224, &[
         ParamRule::integers(1, -1, i32::MAX),
-        ParamRule::bits(2, 0x1),
+        ParamRule::integers(2, 0, 1),
     ]);
     pub const DO_LAST: CommandRule = CommandRule::without_position(240, &[]);
     pub const PREFLIGHT_CALIBRATION: CommandRule = CommandRule::without_position(241, &[
         ParamRule::integers(1, 0, 3),
         ParamRule::one_of(2, &[0, 1, 76]),
-        ParamRule::bits(3, 0x1),
+        ParamRule::integers(3, 0, 1),
         ParamRule::integers(4, 0, 1),
         ParamRule::one_of(5, &[0, 1, 2, 3, 4, 76]),
         ParamRule::integers(6, 0, 2).or_nan(),
@@ -3211,13 +3219,12 @@ pub mod rules {
     pub const PREFLIGHT_UAVCAN: CommandRule = CommandRule::without_position(243, &[]);
     pub const PREFLIGHT_STORAGE: CommandRule = CommandRule::without_position(245, &[
         ParamRule::integers(1, 0, 4),
-        ParamRule::integers(2, 0, 2),
         ParamRule::at_least(3, -1.0),
     ]);
     pub const PREFLIGHT_REBOOT_SHUTDOWN: CommandRule = CommandRule::without_position(246, &[
-        ParamRule::integers(1, 0, 4),
-        ParamRule::integers(2, 0, 4).or_nan(),
-        ParamRule::integers(3, 0, 4).or_nan(),
+        ParamRule::integers(1, 0, 5),
+        ParamRule::integers(2, 0, 5).or_nan(),
+        ParamRule::integers(3, 0, 5).or_nan(),
         ParamRule::integers(4, 0, 255).or_nan(),
         ParamRule::one_of(6, &[0, 20190226]).or_nan(),
     ]);
@@ -3251,12 +3258,12 @@ pub mod rules {
         ParamRule::one_of(5, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 33, 34, 35, 36, 37, 38, 39, 40, 41, 42, 43, 44, 45, 46, 47, 48]),
     ]);
     pub const COMPONENT_ARM_DISARM: CommandRule = CommandRule::without_position(400, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
         ParamRule::one_of(2, &[0, 21196]).or_nan(),
     ]);
     pub const RUN_PREARM_CHECKS: CommandRule = CommandRule::without_position(401, &[]);
     pub const ILLUMINATOR_ON_OFF: CommandRule = CommandRule::without_position(405, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
     ]);
     pub const DO_ILLUMINATOR_CONFIGURE: CommandRule = CommandRule::without_position(406, &[
         ParamRule::integers(1, 0, 2),
@@ -3266,7 +3273,7 @@ pub mod rules {
     ]);
     pub const GET_HOME_POSITION: CommandRule = CommandRule::without_position(410, &[]);
     pub const INJECT_FAILURE: CommandRule = CommandRule::without_position(420, &[
-        ParamRule::one_of(1, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 100, 101, 102, 103, 104, 105, 106, 107]),
+        ParamRule::one_of(1, &[0, 1, 2, 3, 4, 5, 6, 7, 8, 100, 101, 102, 103, 104, 105, 106, 107, 150, 151, 152, 200, 201]),
         ParamRule::integers(2, 0, 8),
         ParamRule::integers(3, 0, i32::MAX),
         ParamRule::at_least(4, 0.0),
@@ -3288,34 +3295,34 @@ pub mod rules {
         ParamRule::integers(7, 0, 2),
     ]);
     pub const REQUEST_PROTOCOL_VERSION: CommandRule = CommandRule::without_position(519, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
     ]);
     pub const REQUEST_AUTOPILOT_CAPABILITIES: CommandRule = CommandRule::without_position(520, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
     ]);
     pub const REQUEST_CAMERA_INFORMATION: CommandRule = CommandRule::without_position(521, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
     ]);
     pub const REQUEST_CAMERA_SETTINGS: CommandRule = CommandRule::without_position(522, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
     ]);
     pub const REQUEST_STORAGE_INFORMATION: CommandRule = CommandRule::without_position(525, &[
         ParamRule::integers(1, 0, i32::MAX),
-        ParamRule::bits(2, 0x1),
+        ParamRule::integers(2, 0, 1),
     ]);
     pub const STORAGE_FORMAT: CommandRule = CommandRule::without_position(526, &[
         ParamRule::integers(1, 0, i32::MAX),
-        ParamRule::bits(2, 0x1),
-        ParamRule::bits(3, 0x1),
+        ParamRule::integers(2, 0, 1),
+        ParamRule::integers(3, 0, 1),
     ]);
     pub const REQUEST_CAMERA_CAPTURE_STATUS: CommandRule = CommandRule::without_position(527, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
     ]);
     pub const REQUEST_FLIGHT_INFORMATION: CommandRule = CommandRule::without_position(528, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
     ]);
     pub const RESET_CAMERA_SETTINGS: CommandRule = CommandRule::without_position(529, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
         ParamRule::integers(2, 0, 255).or_nan(),
     ]);
     pub const SET_CAMERA_MODE: CommandRule = CommandRule::without_position(530, &[
@@ -3417,7 +3424,7 @@ pub mod rules {
         ParamRule::integers(1, -1, i32::MAX),
     ]);
     pub const CONTROL_HIGH_LATENCY: CommandRule = CommandRule::without_position(2600, &[
-        ParamRule::bits(1, 0x1),
+        ParamRule::integers(1, 0, 1),
     ]);
     pub const PANORAMA_CREATE: CommandRule = CommandRule::without_position(2800, &[]);
     pub const DO_VTOL_TRANSITION: CommandRule = CommandRule::without_position(3000, &[
@@ -3430,7 +3437,7 @@ pub mod rules {
     pub const SET_GUIDED_SUBMODE_CIRCLE: CommandRule = CommandRule::at_position(4001, &[]).altitude_optional();
     pub const CONDITION_GATE: CommandRule = CommandRule::at_position(4501, &[
         ParamRule::integers(1, 0, i32::MAX),
-        ParamRule::bits(2, 0x1),
+        ParamRule::integers(2, 0, 1),
     ]);
     pub const NAV_FENCE_RETURN_POINT: CommandRule = CommandRule::at_position(5000, &[]);
     pub const NAV_FENCE_POLYGON_VERTEX_INCLUSION: CommandRule = CommandRule::at_position(5001, &[
@@ -3495,7 +3502,7 @@ pub mod rules {
     /// All rules, for tools. A vehicle lists only the commands that it supports.
     pub const ALL: &[CommandRule] = &[
         NAV_WAYPOINT, NAV_LOITER_UNLIM, NAV_LOITER_TURNS, NAV_LOITER_TIME, NAV_RETURN_TO_LAUNCH, NAV_LAND, NAV_TAKEOFF,
-        NAV_LAND_LOCAL, NAV_TAKEOFF_LOCAL, NAV_FOLLOW, NAV_CONTINUE_AND_CHANGE_ALT, NAV_LOITER_TO_ALT, DO_FOLLOW,
+        NAV_LAND_LOCAL, NAV_TAKEOFF_LOCAL, NAV_CONTINUE_AND_CHANGE_ALT, NAV_LOITER_TO_ALT, DO_FOLLOW,
         DO_FOLLOW_REPOSITION, DO_ORBIT, DO_FIGURE_EIGHT, NAV_ARC_WAYPOINT, NAV_ROI, NAV_PATHPLANNING,
         NAV_SPLINE_WAYPOINT, NAV_VTOL_TAKEOFF, NAV_VTOL_LAND, NAV_GUIDED_ENABLE, NAV_DELAY, NAV_PAYLOAD_PLACE, NAV_LAST,
         CONDITION_DELAY, CONDITION_CHANGE_ALT, CONDITION_DISTANCE, CONDITION_YAW, CONDITION_LAST, DO_SET_MODE, DO_JUMP,
@@ -3606,20 +3613,6 @@ pub mod commands {
             /// (deg)
             pitch: Option<f32> = 1,
             flags: Option<super::NavTakeoffFlags> = 3,
-            /// (deg)
-            yaw: Option<f32> = 4,
-            location: Location = 5,
-        }
-    }
-
-    crate::command! {
-        /// `MAV_CMD_NAV_FOLLOW`.
-        pub struct NavFollow = rules::NAV_FOLLOW {
-            following: i32 = 1,
-            /// (m/s)
-            ground_speed: Option<f32> = 2,
-            /// (m)
-            radius: Option<f32> = 3,
             /// (deg)
             yaw: Option<f32> = 4,
             location: Location = 5,
@@ -4341,7 +4334,6 @@ pub mod commands {
         /// Load, save or reset stored parameters; only on the ground.
         pub struct PreflightStorage = rules::PREFLIGHT_STORAGE {
             parameter_storage: super::PreflightStorageParameterAction = 1,
-            mission_storage: super::PreflightStorageMissionAction = 2,
             /// (Hz) Range: ≥ -1.
             logging_rate: f32 = 3,
         }
@@ -4889,7 +4881,7 @@ pub mod commands {
     }
 
     crate::command! {
-        /// `MAV_CMD_CONDITION_GATE`. Work in progress.
+        /// `MAV_CMD_CONDITION_GATE`.
         pub struct ConditionGate = rules::CONDITION_GATE {
             /// Range: ≥ 0.
             geometry: u32 = 1,
@@ -4960,7 +4952,7 @@ pub mod commands {
     }
 
     crate::command! {
-        /// `MAV_CMD_PAYLOAD_PREPARE_DEPLOY`. Superseded since 2021-06.
+        /// `MAV_CMD_PAYLOAD_PREPARE_DEPLOY`. Deprecated since 2021-06.
         pub struct PayloadPrepareDeploy = rules::PAYLOAD_PREPARE_DEPLOY {
             /// Range: 0 to 2.
             operation_mode: u8 = 1,
@@ -4975,7 +4967,7 @@ pub mod commands {
     }
 
     crate::command! {
-        /// `MAV_CMD_PAYLOAD_CONTROL_DEPLOY`. Superseded since 2021-06.
+        /// `MAV_CMD_PAYLOAD_CONTROL_DEPLOY`. Deprecated since 2021-06.
         pub struct PayloadControlDeploy = rules::PAYLOAD_CONTROL_DEPLOY {
             /// Range: 0 to 101.
             operation_mode: u8 = 1,
@@ -5220,7 +5212,7 @@ crate::message! {
 }
 
 crate::message! {
-    /// `LINK_NODE_STATUS`. Work in progress.
+    /// `LINK_NODE_STATUS`. Deprecated since 2026-09: Nothing.
     pub struct LinkNodeStatus: LINK_NODE_STATUS = 8, crc_extra = 117 {
         /// (ms)
         timestamp: u64,
@@ -7409,10 +7401,10 @@ crate::message! {
         acc: [f32; 3],
         /// Unknown: `[0]`.
         attitude_q: [f32; 4],
-        /// Unknown: `[0]`.
+        /// (rad/s) Unknown: `[0]`.
         rates: [f32; 3],
         position_cov: [f32; 3],
-        est_capabilities: u8,
+        est_capabilities: FollowTargetCapFlags,
     }
 }
 
@@ -8606,7 +8598,7 @@ crate::message! {
 }
 
 crate::message! {
-    /// `ESC_INFO`. Work in progress.
+    /// `ESC_INFO`.
     pub struct EscInfo: ESC_INFO = 290, crc_extra = 251 {
         /// (us)
         time_usec: u64,
@@ -8624,7 +8616,7 @@ crate::message! {
 }
 
 crate::message! {
-    /// `ESC_STATUS`. Work in progress.
+    /// `ESC_STATUS`.
     pub struct EscStatus: ESC_STATUS = 291, crc_extra = 10 {
         /// (us)
         time_usec: u64,
@@ -9055,7 +9047,7 @@ crate::message! {
 }
 
 crate::message! {
-    /// Why a parameter could not be read or set. Work in progress.
+    /// Why a parameter could not be read or set.
     pub struct ParamError: PARAM_ERROR = 345, crc_extra = 209 {
         param_index: i16,
         target_system: u8,
@@ -9429,7 +9421,7 @@ crate::message! {
 }
 
 crate::message! {
-    /// An event: its id and arguments. Work in progress.
+    /// An event: its id and arguments.
     pub struct Event: EVENT = 410, crc_extra = 160 {
         id: u32,
         /// (ms)
@@ -9443,7 +9435,7 @@ crate::message! {
 }
 
 crate::message! {
-    /// The sequence number of the latest event. Work in progress.
+    /// The sequence number of the latest event.
     pub struct CurrentEventSequence: CURRENT_EVENT_SEQUENCE = 411, crc_extra = 106 {
         sequence: u16,
         flags: MavEventCurrentSequenceFlags,
@@ -9451,7 +9443,7 @@ crate::message! {
 }
 
 crate::message! {
-    /// Requests the retransmission of events by their sequence numbers. Work in progress.
+    /// Requests the retransmission of events by their sequence numbers.
     pub struct RequestEvent: REQUEST_EVENT = 412, crc_extra = 33 {
         first_sequence: u16,
         last_sequence: u16,
@@ -9461,13 +9453,28 @@ crate::message! {
 }
 
 crate::message! {
-    /// Reports that a requested event is no longer available. Work in progress.
+    /// Reports that a requested event is no longer available.
     pub struct ResponseEventError: RESPONSE_EVENT_ERROR = 413, crc_extra = 77 {
         sequence: u16,
         sequence_oldest_available: u16,
         target_system: u8,
         target_component: u8,
         reason: MavEventErrorReason,
+    }
+}
+
+crate::message! {
+    /// Channels of a radio control receiver.
+    pub struct RadioRcChannels: RADIO_RC_CHANNELS = 420, crc_extra = 20 {
+        /// (ms)
+        time_last_update_ms: u32,
+        flags: RadioRcChannelsFlags,
+        target_system: u8,
+        target_component: u8,
+        count: u8,
+    } extensions {
+        /// Range: -4096 to 4096.
+        channels: [i16; 32],
     }
 }
 
@@ -9940,6 +9947,7 @@ crate::dialect! {
         CurrentEventSequence,
         RequestEvent,
         ResponseEventError,
+        RadioRcChannels,
         AvailableModes,
         CurrentMode,
         AvailableModesMonitor,
