@@ -231,8 +231,8 @@ pub use service::stream::{Fill, Stream, Telemetry};
 pub use stack::Stack;
 pub use time::{Duration, Instant};
 pub use types::{
-    Command, Component, Config, Context, Destination, LinkConfig, LinkId, Outcome, Peer, PeerEvent, PlanType,
-    Recipient, Vehicle, VehicleState,
+    Command, Component, Config, Context, ControlInput, Destination, LinkConfig, LinkId, Outcome, Peer, PeerEvent,
+    PlanType, Recipient, Vehicle, VehicleState,
 };
 
 /// What [`Config`] and [`LinkConfig`] consist of.
@@ -288,16 +288,14 @@ pub mod high_latency {
 
 /// Manual control: the sticks and channels of a pilot on the ground.
 pub mod manual_control {
-    pub use crate::service::manual_control::{
-        ControlSource, ManualControlInput, ManualCounters, ManualInput, RcOverride,
-    };
+    pub use crate::service::manual_control::{ControlSource, ManualCounters, ManualInput};
+    pub use crate::types::{ManualControlInput, RcOverride};
 }
 
 /// Setpoints: where to fly, how fast, or in which attitude, from a companion computer or a ground station.
 pub mod setpoints {
-    pub use crate::service::setpoints::{
-        AttitudeSetpoint, Place, PositionSetpoint, Setpoint, SetpointCounters, Setpoints, Target,
-    };
+    pub use crate::service::setpoints::{SetpointCounters, Setpoints};
+    pub use crate::types::{AttitudeSetpoint, Place, PositionSetpoint, Setpoint, Target};
 }
 
 /// Operator control: which ground station controls the vehicle, and how another one takes over.

@@ -4,6 +4,7 @@ mod command;
 mod component;
 mod config;
 mod context;
+mod control;
 mod decode;
 mod events;
 mod firmware;
@@ -23,6 +24,10 @@ pub use component::{Component, MAX_COMPONENTS};
 pub(crate) use config::Allowance;
 pub use config::{Config, Durability, PollBudget, VehicleAddress};
 pub use context::Context;
+pub(crate) use control::CHANNELS;
+pub use control::{
+    AttitudeSetpoint, ControlInput, ManualControlInput, Place, PositionSetpoint, RcOverride, Setpoint, Target,
+};
 pub use events::{EventEntry, EventLog, MAX_EVENT_ARGUMENTS};
 pub use firmware::{Firmware, Values};
 pub(crate) use flight::Flight;

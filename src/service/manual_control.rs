@@ -10,13 +10,11 @@ use super::{Cx, Handled, Received, Service, increment};
 use crate::dialect::{ManualControl, MavType, RcChannels, RcChannelsOverride};
 use crate::frame::Frame;
 use crate::link::Port;
-use crate::message::{Address, Message, SystemId};
+use crate::message::{Message, SystemId};
 use crate::network::{PeerInfo, Peers};
 use crate::time::{Duration, Instant};
-use crate::types::{Config, Firmware, LinkId, Peer};
+use crate::types::{CHANNELS, Config, ControlInput, Firmware, ManualControlInput, Peer, RcOverride, Vehicle};
 
-/// The number of radio control channels in the messages.
-const CHANNELS: usize = 18;
 /// The channels of the original message. Here a 0 releases the channel; in the others a 0 means that the field was cut
 /// off.
 const FIRST_CHANNELS: usize = 8;
@@ -70,59 +68,6 @@ impl ControlSource {
         };
         peers.iter().any(|info| info.is_living_station() && systems.contains(&info.peer.address.system))
     }
-}
-
-/// The positions of a pilot's sticks, from MANUAL_CONTROL. An axis is −1000 to 1000, or `None` if the sender does not
-/// have it or sent a value out of this range (J-1).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct ManualControlInput {
-    /// The sender.
-    pub from: Peer,
-    /// When it was received.
-    pub at: Instant,
-    /// Forward; for an aircraft, pitch with the nose down.
-    pub x: Option<i16>,
-    /// Right; for an aircraft, roll.
-    pub y: Option<i16>,
-    /// Up; thrust. For a vehicle without reverse thrust many senders use only 0 to 1000, with 500 in the middle. The
-    /// vehicle and the ground station must agree on it: QGroundControl has a setting, MAVSDK always sends 0 to 1000.
-    pub z: Option<i16>,
-    /// Yaw. MAVLink defines it as counter-clockwise; the ground stations in use send clockwise as positive.
-    pub r: Option<i16>,
-    /// Pitch only, for a vehicle that `x` moves forward.
-    pub s: Option<i16>,
-    /// Roll only, for a vehicle that `y` moves right.
-    pub t: Option<i16>,
-    /// `aux1` to `aux6`. The vehicle defines their meaning.
-    pub aux: [Option<i16>; 6],
-    /// The pressed buttons, the first in the lowest bit: `buttons` in the lower half, `buttons2` in the upper.
-    /// `buttons2` is 0 if the sender does not have it.
-    pub buttons: u32,
-}
-
-impl ManualControlInput {
-    /// All zero bits.
-    const VACANT: Self = Self {
-        from: Peer { address: Address::new(0, 0), link: LinkId(0) },
-        at: Instant::ZERO,
-        x: None,
-        y: None,
-        z: None,
-        r: None,
-        s: None,
-        t: None,
-        aux: [None; 6],
-        buttons: 0,
-    };
-}
-
-/// Radio control channels that replace received ones: the combination of the recent RC_CHANNELS_OVERRIDEs (J-4).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct RcOverride {
-    /// The channels (µs); 0 for a channel that is not overridden.
-    channels: [u16; CHANNELS],
 }
 
 impl RcOverride {
@@ -213,6 +158,9 @@ counters! {
 /// received from it for the timeout. Messages of other senders are counted and ignored meanwhile. If the last message
 /// always won, the vehicle would jitter between two sticks, and an idle second joystick could take control from a
 /// pilot.
+///
+/// [`Vehicle::control_input`](crate::Vehicle::control_input) gets each accepted message at once. A vehicle that enters a mode
+/// only with current input decides by it, because a request for the mode may follow in the same read (C-17).
 ///
 /// Manual control does not show that its sender is alive: only heartbeats do (H-10). To count it too, check
 /// [`ManualInput::holder`] besides [`Stack::has_controller`](crate::Stack::has_controller).
@@ -327,9 +275,9 @@ impl ManualInput {
         self.channels = [0; CHANNELS];
     }
 
-    /// Handles a MANUAL_CONTROL or RC_CHANNELS_OVERRIDE.
+    /// Handles a MANUAL_CONTROL or RC_CHANNELS_OVERRIDE. Returns whether it is accepted.
     #[inline(never)]
-    fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) {
+    fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) -> bool {
         let holder = self.holder(now);
         let counters = &mut self.counters;
         let counter = if is_broadcast {
@@ -344,9 +292,19 @@ impl ManualInput {
             }
             self.holder = Some((from, now.after(self.timeout)));
             self.take(now, from, frame);
-            return increment(&mut self.counters.taken);
+            increment(&mut self.counters.taken);
+            return true;
         };
         increment(counter);
+        false
+    }
+
+    /// Returns what an accepted message with this id has set.
+    fn input(&self, now: Instant, id: u32) -> Option<ControlInput> {
+        match id {
+            ManualControl::ID => self.manual_control(now).map(ControlInput::Sticks),
+            _ => self.rc_channels(now).map(ControlInput::Channels),
+        }
     }
 
     fn take(&mut self, now: Instant, from: Peer, frame: &Frame<'_>) {
@@ -414,7 +372,7 @@ const fn raw_channels(message: &RcChannelsOverride) -> [u16; CHANNELS] {
     ]
 }
 
-impl<F: Firmware> Service<F> for ManualInput {
+impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
     /// `Some` of zeros is all zero bits, which `None` is not. These sticks have expired since [`Instant::ZERO`].
     const NEW: Self = Self {
         sticks: Some((ManualControlInput::VACANT, Instant::ZERO)),
@@ -448,7 +406,12 @@ impl<F: Firmware> Service<F> for ManualInput {
         if frame.id() != ManualControl::ID && frame.id() != RcChannelsOverride::ID {
             return Handled::No;
         }
-        self.receive(cx.now, *from, frame, target.system.0 == 0, cx.peers);
+        if self.receive(cx.now, *from, frame, target.system.0 == 0, cx.peers)
+            && let Some(input) = self.input(cx.now, frame.id())
+        {
+            let (vehicle, mut context) = cx.hook();
+            vehicle.control_input(&mut context, &input);
+        }
         Handled::Yes
     }
 }

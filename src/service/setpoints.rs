@@ -20,91 +20,9 @@ use crate::link::Port;
 use crate::message::{Address, Message, SystemId};
 use crate::network::Peers;
 use crate::time::{Duration, Instant};
-use crate::types::{Config, Firmware, LinkId, Peer};
-
-/// A setpoint, with its sender and its age.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Setpoint {
-    /// The sender, which owns the setpoints until they expire.
-    pub from: Peer,
-    /// When it was received.
-    pub at: Instant,
-    /// The sender's clock (ms since its boot), as sent.
-    pub time_boot_ms: u32,
-    /// What it asks for.
-    pub target: Target,
-}
-
-impl Setpoint {
-    /// Returns how long ago it was received: less than the timeout.
-    pub const fn age(&self, now: Instant) -> Duration {
-        now.since(self.at)
-    }
-}
-
-/// What a setpoint asks for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Target {
-    /// A position, a velocity or an acceleration: SET_POSITION_TARGET_LOCAL_NED or SET_POSITION_TARGET_GLOBAL_INT.
-    Position(PositionSetpoint),
-    /// An attitude or rates, and thrust: SET_ATTITUDE_TARGET.
-    Attitude(AttitudeSetpoint),
-}
-
-/// A position, velocity, acceleration and heading. A field is `None` if the sender's `type_mask` ignores it (J-8): the vehicle
-/// decides which combinations it flies.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct PositionSetpoint {
-    /// The frame of [`place`](Self::place), and of the vectors. It may be any number: a vehicle must not fly a setpoint in a
-    /// frame that it does not know.
-    pub frame: MavFrame,
-    /// Where.
-    pub place: Place,
-    /// Velocity (m/s): north, east and down, or as [`frame`](Self::frame) says.
-    pub velocity: [Option<f32>; 3],
-    /// Acceleration (m/s²), or force (N) if [`is_force`](Self::is_force).
-    pub acceleration: [Option<f32>; 3],
-    /// [`acceleration`](Self::acceleration) is a force.
-    pub is_force: bool,
-    /// Heading (rad), clockwise from north or as [`frame`](Self::frame) says; any finite number.
-    pub yaw: Option<f32>,
-    /// Yaw rate (rad/s).
-    pub yaw_rate: Option<f32>,
-}
-
-/// The position in a [`PositionSetpoint`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Place {
-    /// From SET_POSITION_TARGET_LOCAL_NED (m): north, east and down in a NED frame.
-    Local([Option<f32>; 3]),
-    /// From SET_POSITION_TARGET_GLOBAL_INT.
-    Global {
-        /// Latitude (1e-7 degrees), −90° to 90°.
-        latitude: Option<i32>,
-        /// Longitude (1e-7 degrees), −180° to 180°.
-        longitude: Option<i32>,
-        /// Altitude (m) in the frame of the setpoint.
-        altitude: Option<f32>,
-    },
-}
-
-/// An attitude or body rates, and thrust. A field is `None` if the sender's `type_mask` ignores it (J-8).
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct AttitudeSetpoint {
-    /// The rotation from NED to the body frame as a quaternion (w, x, y, z). Its length is 0.99 to 1.01.
-    pub attitude: Option<[f32; 4]>,
-    /// Rates of roll, pitch and yaw in the body frame (rad/s).
-    pub rates: [Option<f32>; 3],
-    /// Collective thrust, 0 to 1; from −1 for a vehicle with reverse thrust.
-    pub thrust: Option<f32>,
-    /// Thrust in the body frame in place of [`thrust`](Self::thrust): forward, right and down, each −1 to 1.
-    pub thrust_body: Option<[f32; 3]>,
-}
+use crate::types::{
+    AttitudeSetpoint, Config, ControlInput, Firmware, LinkId, Peer, Place, PositionSetpoint, Setpoint, Target, Vehicle,
+};
 
 counters! {
     /// Counters of setpoints. They wrap. Messages for other systems are counted in
@@ -150,6 +68,9 @@ counters! {
 ///
 /// A setpoint that is refused does not prolong the one before it. A sender that sends only such setpoints is lost after the
 /// timeout.
+///
+/// [`Vehicle::control_input`](crate::Vehicle::control_input) gets each accepted setpoint at once. A vehicle that enters a mode
+/// only with a current setpoint decides by it, because a request for the mode may follow in the same read (C-17).
 ///
 /// Setpoints from a high-latency link are not accepted (J-6): they would arrive too old.
 ///
@@ -403,9 +324,9 @@ impl Setpoints {
         self.counters
     }
 
-    /// Handles one of the three messages.
+    /// Handles one of the three messages. Returns whether it is accepted.
     #[inline(never)]
-    fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) {
+    fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) -> bool {
         let owner = self.owner(now);
         let counters = &mut self.counters;
         let counter = if is_broadcast {
@@ -421,17 +342,19 @@ impl Setpoints {
                 Ok(()) => {
                     (self.from, self.at, self.until) = (from, now, now.after(self.timeout));
                     self.numbers = numbers;
-                    &mut counters.taken
+                    increment(&mut counters.taken);
+                    return true;
                 }
             }
         } else {
-            return;
+            return false;
         };
         increment(counter);
+        false
     }
 }
 
-impl<F: Firmware> Service<F> for Setpoints {
+impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Setpoints {
     const NEW: Self = Self {
         source: ControlSource::Nobody,
         timeout: Duration::ZERO,
@@ -468,7 +391,12 @@ impl<F: Firmware> Service<F> for Setpoints {
         let Received { frame, from, target, .. } = received;
         match frame.id() {
             SetPositionTargetLocalNed::ID | SetPositionTargetGlobalInt::ID | SetAttitudeTarget::ID => {
-                self.receive(cx.now, *from, frame, target.system.0 == 0, cx.peers);
+                if self.receive(cx.now, *from, frame, target.system.0 == 0, cx.peers)
+                    && let Some(setpoint) = self.current(cx.now)
+                {
+                    let (vehicle, mut context) = cx.hook();
+                    vehicle.control_input(&mut context, &ControlInput::Setpoint(setpoint));
+                }
                 Handled::Yes
             }
             _ => Handled::No,

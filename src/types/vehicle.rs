@@ -1,6 +1,7 @@
 //! The vehicle's hooks for its state, its peers and its messages.
 
 use super::context::Context;
+use super::control::ControlInput;
 use super::link::{LinkId, Peer};
 use crate::dialect::{Common, MavModeFlag, MavState};
 use crate::frame::Frame;
@@ -166,6 +167,17 @@ pub trait Vehicle {
     fn message(&mut self, cx: &mut Context<'_>, frame: &Frame<'_>, link: LinkId) -> bool {
         let _ = (cx, frame, link);
         false
+    }
+
+    /// Called when sticks, channels or a setpoint were accepted, before the frames behind them are handled. The sender is the
+    /// authorised one, and the values are valid.
+    ///
+    /// Use it in a vehicle that refuses a mode without current input: a client may send its first setpoint and the request for
+    /// the mode in one write, and the flight loop has no pass between the two (C-17). What expires, the flight loop learns from
+    /// [`Setpoints::current`](crate::setpoints::Setpoints::current) and
+    /// [`ManualInput`](crate::manual_control::ManualInput), which it reads in every pass.
+    fn control_input(&mut self, cx: &mut Context<'_>, input: &ControlInput) {
+        let _ = (cx, input);
     }
 
     /// Returns whether the storage of plans, parameters and signing key may be written now. It is called before every

@@ -5,9 +5,9 @@
 //! - Radio channels are in ArduPilot's order: 1 roll, 2 pitch (low is forward), 3 throttle, 4 yaw.
 
 use mavstack::dialect::{MavResult, MavSeverity, RcChannels};
-use mavstack::manual_control::{ControlSource, ManualInput};
+use mavstack::manual_control::{ControlSource, ManualControlInput, ManualInput, RcOverride};
 use mavstack::message::SystemId;
-use mavstack::{Context, Duration, Instant};
+use mavstack::{Context, ControlInput, Duration, Instant};
 
 use super::commands::refuse;
 use super::{Mode, Quadrotor};
@@ -33,6 +33,18 @@ impl Quadrotor {
         input.set_timeout(Duration::from_micros((timeout * 1e6) as u64));
         self.sticks = sticks(input, now);
         self.channels = input.rc_channels(now).unwrap_or_default();
+    }
+
+    /// Takes input that has just arrived: a request for a mode may be right behind it (C-17). The next pass of the flight loop
+    /// reads it again, and learns of what has expired.
+    pub(super) fn take_input(&mut self, input: &ControlInput) {
+        match input {
+            ControlInput::Sticks(input) => self.sticks = Some(of_axes(input)),
+            // Sticks take precedence.
+            ControlInput::Channels(input) => self.sticks = self.sticks.or(of_channels(input)),
+            ControlInput::Setpoint(setpoint) => self.course = self.course_to(&setpoint.target),
+            _ => {}
+        }
     }
 
     /// Enters [`Mode::Position`]. Refused without manual control input.
@@ -84,12 +96,19 @@ pub(super) fn source(system: u8) -> ControlSource {
 
 /// Returns the stick positions; `None` when the input has timed out (J-3).
 fn sticks(input: &ManualInput, now: Instant) -> Option<Sticks> {
-    if let Some(input) = input.manual_control(now) {
-        let axis = |axis: Option<i16>| f32::from(axis.unwrap_or(0)) / 1e3;
-        let throttle = f32::from(input.z.unwrap_or(500).max(0)) / 500.0 - 1.0;
-        return Some([axis(input.x), axis(input.y), throttle, axis(input.r)]);
+    match input.manual_control(now) {
+        Some(input) => Some(of_axes(&input)),
+        None => of_channels(&input.rc_channels(now)?),
     }
-    let input = input.rc_channels(now)?;
+}
+
+fn of_axes(input: &ManualControlInput) -> Sticks {
+    let axis = |axis: Option<i16>| f32::from(axis.unwrap_or(0)) / 1e3;
+    let throttle = f32::from(input.z.unwrap_or(500).max(0)) / 500.0 - 1.0;
+    [axis(input.x), axis(input.y), throttle, axis(input.r)]
+}
+
+fn of_channels(input: &RcOverride) -> Option<Sticks> {
     let channel = |number| input.channel(number).map(|pulse| ((f32::from(pulse) - 1_500.0) / 500.0).clamp(-1.0, 1.0));
     // A missing channel must not count as its minimum: a missing throttle would mean descent.
     Some([-channel(2)?, channel(1)?, channel(3)?, channel(4)?])

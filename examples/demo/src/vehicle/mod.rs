@@ -22,7 +22,7 @@ use mavstack::clock::WallClock;
 use mavstack::dialect::{HomePosition, MavModeFlag, MavSeverity, MavState, MavType, SystemTime};
 use mavstack::manual_control::RcOverride;
 use mavstack::message::LatLon;
-use mavstack::{Component, Components, Context, Duration, Frame, Instant, LinkId, Vehicle, VehicleState};
+use mavstack::{Component, Components, Context, ControlInput, Duration, Frame, Instant, LinkId, Vehicle, VehicleState};
 
 use crate::battery::{Battery, Charge};
 use crate::body::{Body, Limits, Nose, Vector};
@@ -548,6 +548,10 @@ impl Vehicle for Quadrotor {
 
     fn message(&mut self, cx: &mut Context<'_>, frame: &Frame<'_>, _link: LinkId) -> bool {
         self.on_gimbal_information(cx, frame)
+    }
+
+    fn control_input(&mut self, _cx: &mut Context<'_>, input: &ControlInput) {
+        self.take_input(input);
     }
 
     /// Permits writing in flight too, because the simulated storage writes within microseconds. On a microcontroller's internal

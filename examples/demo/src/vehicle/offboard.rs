@@ -57,10 +57,15 @@ impl Quadrotor {
         let system = stack.parameters().get(Tuning::MAV_GCS_SYSID);
         let setpoints = stack.setpoints_mut();
         setpoints.set_source(source(system));
-        self.course = match setpoints.current(now).map(|setpoint| setpoint.target) {
-            Some(Target::Position(setpoint)) => self.course(&setpoint),
-            Some(Target::Attitude(_)) | None => None,
-        };
+        self.course = setpoints.current(now).and_then(|setpoint| self.course_to(&setpoint.target));
+    }
+
+    /// Returns the course to a target; `None` if the vehicle cannot fly it.
+    pub(super) fn course_to(&self, target: &Target) -> Option<Course> {
+        match target {
+            Target::Position(setpoint) => self.course(setpoint),
+            Target::Attitude(_) => None,
+        }
     }
 
     /// Returns the course of a setpoint; `None` if the vehicle cannot fly it.

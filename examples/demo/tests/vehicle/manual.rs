@@ -14,8 +14,12 @@ fn steer(wire: &mut Wire, [x, y, z, r]: [i16; 4], millis: u64) {
 }
 
 /// Like [`steer`], with radio channels (µs): roll, pitch, throttle, yaw.
-fn radio(wire: &mut Wire, [roll, pitch, throttle, yaw]: [u16; 4], millis: u64) {
-    let message = RcChannelsOverride {
+fn radio(wire: &mut Wire, sticks: [u16; 4], millis: u64) {
+    keep_sending(wire, millis, &channels(sticks));
+}
+
+fn channels([roll, pitch, throttle, yaw]: [u16; 4]) -> RcChannelsOverride {
+    RcChannelsOverride {
         target_system: 1,
         target_component: 1,
         chan1_raw: roll,
@@ -27,8 +31,7 @@ fn radio(wire: &mut Wire, [roll, pitch, throttle, yaw]: [u16; 4], millis: u64) {
         chan7_raw: u16::MAX,
         chan8_raw: u16::MAX,
         ..RcChannelsOverride::default()
-    };
-    keep_sending(wire, millis, &message);
+    }
 }
 
 fn keep_sending<M: mavstack::Message>(wire: &mut Wire, millis: u64, message: &M) {
@@ -57,6 +60,33 @@ fn in_manual_flight() -> Wire {
 fn heading(wire: &Wire) -> f32 {
     let [_, _, yaw] = wire.vehicle().attitude();
     yaw.to_degrees()
+}
+
+/// C-17: the first sticks or channels and the request for Position mode in one write, by all three ways.
+#[test]
+fn sticks_right_before_the_request_count() {
+    let by_number = |wire: &mut Wire| wire.long(MavCmd::DO_SET_MODE, &POSITION);
+    let by_standard =
+        |wire: &mut Wire| wire.long(MavCmd::DO_SET_STANDARD_MODE, &[f32::from(MavStandardMode::POSITION_HOLD.0)]);
+    let by_message = |wire: &mut Wire| {
+        let (base_mode, custom_mode) = (MavModeFlag::CUSTOM_MODE_ENABLED, Mode::Position.number());
+        wire.send(TELEMETRY, &SetMode { target_system: 1, base_mode, custom_mode });
+        wire.answer(MavCmd(11)).result
+    };
+    for ask in [by_number, by_standard, by_message] {
+        for is_radio in [false, true] {
+            let mut wire = Wire::airborne();
+            send_heartbeat(&mut wire);
+            if is_radio {
+                wire.send(TELEMETRY, &channels([1_500; 4]));
+            } else {
+                wire.send(TELEMETRY, &ManualControl { target: 1, z: 500, ..ManualControl::default() });
+            }
+            assert_eq!(ask(&mut wire), MavResult::ACCEPTED);
+            wire.run(50);
+            assert_eq!(wire.vehicle().mode(), Mode::Position);
+        }
+    }
 }
 
 /// A stop keeps the heading, even when the vehicle flies backwards.

@@ -1,6 +1,6 @@
 //! Offboard flight over MAVLink: rules J-6 to J-8 as used by the vehicle.
 
-use crate::support::wire::Wire;
+use crate::support::wire::{Wire, command_long};
 use mavstack::Message;
 use mavstack::dialect::*;
 use mavstack_demo::{COMPANION, Mode, SATELLITE, TELEMETRY, Tuning, Vector};
@@ -68,6 +68,62 @@ fn offboard_mode_needs_current_setpoints() {
     wire.run(400);
     let (_, heartbeat) = wire.take::<Heartbeat>().pop().unwrap();
     assert_eq!(heartbeat.custom_mode, 6 << 16);
+}
+
+/// C-17: the first setpoint and the request for Offboard mode in one write, as MAVSDK's offboard example sends them; also by
+/// SET_MODE. A setpoint that the vehicle cannot fly, or that comes behind the request, does not count.
+#[test]
+fn a_setpoint_right_before_the_request_counts() {
+    let still = velocity(0.0, 0.0, 0.0, 0.0);
+    let heartbeat = Heartbeat { r#type: MavType::GCS, mavlink_version: 3, ..Heartbeat::default() };
+    let set_mode = |wire: &mut Wire| {
+        let (base_mode, custom_mode) = (MavModeFlag::CUSTOM_MODE_ENABLED, Mode::Offboard.number());
+        wire.send(TELEMETRY, &SetMode { target_system: 1, base_mode, custom_mode });
+        wire.answer(MavCmd(11)).result
+    };
+    let by_command = |wire: &mut Wire| wire.long(MavCmd::DO_SET_MODE, &OFFBOARD);
+    for ask in [set_mode, by_command] {
+        let mut wire = Wire::airborne();
+        wire.send(TELEMETRY, &heartbeat);
+        wire.send(TELEMETRY, &still);
+        assert_eq!(ask(&mut wire), MavResult::ACCEPTED);
+        keep_sending(&mut wire, 400, &velocity(2.0, 0.0, 0.0, 0.0));
+        assert_eq!(wire.vehicle().mode(), Mode::Offboard);
+        assert!(wire.vehicle().velocity().north > 0.1);
+    }
+    let body = SetPositionTargetLocalNed { coordinate_frame: MavFrame::BODY_NED, ..still };
+    let mut wire = Wire::airborne();
+    wire.send(TELEMETRY, &heartbeat);
+    wire.send(TELEMETRY, &body);
+    assert_eq!(by_command(&mut wire), MavResult::TEMPORARILY_REJECTED);
+    // Between the passes of a slow flight loop, the newest setpoint counts.
+    keep_sending(&mut wire, 100, &still);
+    wire.send(TELEMETRY, &body);
+    assert_eq!(by_command(&mut wire), MavResult::TEMPORARILY_REJECTED);
+    let mut wire = Wire::airborne();
+    wire.send(TELEMETRY, &heartbeat);
+    wire.send(TELEMETRY, &command_long(1, MavCmd::DO_SET_MODE, &OFFBOARD));
+    wire.send(TELEMETRY, &still);
+    assert_eq!(wire.answer(MavCmd::DO_SET_MODE).result, MavResult::TEMPORARILY_REJECTED);
+}
+
+/// C-17: the flight of MAVSDK's offboard example for positions: on the ground, it sends a setpoint and asks for Offboard mode
+/// at once, then climbs.
+#[test]
+fn the_offboard_example_of_mavsdk_flies() {
+    let mut wire = Wire::booted();
+    wire.send(TELEMETRY, &Heartbeat { r#type: MavType::GCS, mavlink_version: 3, ..Heartbeat::default() });
+    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
+    wire.send(TELEMETRY, &position(0.0, 0.0, 0.0, 0.0));
+    assert_eq!(wire.long(MavCmd::DO_SET_MODE, &OFFBOARD), MavResult::ACCEPTED);
+    keep_sending(&mut wire, 10_000, &position(0.0, 0.0, -5.0, 0.0));
+    assert!((wire.height() - 5.0).abs() < 0.2, "{}", wire.height());
+    keep_sending(&mut wire, 10_000, &position(5.0, 0.0, -5.0, 1.5));
+    let place = wire.vehicle().local_position();
+    assert!(place.distance(Vector { north: 5.0, east: 0.0, down: -5.0 }) < 0.3, "{place:?}");
+    keep_sending(&mut wire, 10_000, &position(0.0, 10.0, 0.0, 3.0));
+    assert_eq!(wire.long(MavCmd::DO_SET_MODE, &[129.0, 4.0, 3.0]), MavResult::ACCEPTED);
+    assert_eq!(wire.vehicle().mode(), Mode::Hold);
 }
 
 /// J-8: what the vehicle cannot fly does not start Offboard mode: attitudes, accelerations, frames of the body.
