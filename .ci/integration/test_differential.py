@@ -338,8 +338,8 @@ def parameters(gcs):
     gcs.mav.param_request_list_send(1, 1)
     found = {}
     while message := gcs.wait("PARAM_VALUE", 1.0):
-        # Skip parameters that end a flight after a second or change the system id at the next start.
-        is_left = message.param_id.startswith(("STAT_", "COM_FLT_TIME_MAX", "MAV_SYS_ID"))
+        # Skip parameters that end a flight after a second, change the system id at the next start, or let the vehicle hang.
+        is_left = message.param_id.startswith(("STAT_", "COM_FLT_TIME_MAX", "MAV_SYS_ID", "SIM_HANG"))
         if message.param_type in (INT32, REAL32) and not is_left:
             code = "<i" if message.param_type == INT32 else "<f"
             (value,) = struct.unpack_from(code, bytes(message.get_msgbuf())[10:14])
@@ -367,17 +367,21 @@ def about_parameters(rng, known):
     return [rng.choice([change, question])(name()) for _ in range(rng.randrange(1, 5))]
 
 
+def errors(words):
+    return [word[3] for word in words if word[0] == "PARAM_ERROR"]
+
+
 def is_refused(said, step, ours, theirs):
     # The error comes with the unchanged value.
-    errors, values = [word[3] for word in ours if word[0] == "PARAM_ERROR"], [word[0] for word in ours]
-    return errors == [OUT_OF_RANGE] and "PARAM_VALUE" in values and step.name == "param_set"
+    return errors(ours) == [OUT_OF_RANGE] and "PARAM_VALUE" in [word[0] for word in ours] and step.name == "param_set"
 
 
 def is_wrong_type(said, step, ours, theirs):
-    def errors(words):
-        return [word[3] for word in words if word[0] == "PARAM_ERROR"]
-
     return errors(ours) == errors(theirs) == [TYPE_MISMATCH]
+
+
+def is_whole_float(said, step, ours, theirs):
+    return errors(theirs) == [TYPE_MISMATCH] and not errors(ours) and step.arguments[2] == REAL32
 
 
 def is_nameless(said, step, ours, theirs):
@@ -396,6 +400,12 @@ ABOUT_PARAMETERS = [
         "both refuse; we also send the value, for clients that do not know PARAM_ERROR (P-14), and the index -1, because the "
         "request was by name",
         is_wrong_type,
+    ),
+    Difference(
+        "a whole float for an integer",
+        "MAVSDK refuses it; we take it, because MAVProxy sends nothing else after `param ftp` (P-19)",
+        is_whole_float,
+        is_over=True,
     ),
     Difference("no name", "MAVSDK does not answer; we answer that the parameter does not exist (P-13)", is_nameless),
 ]

@@ -9,7 +9,7 @@ from firmware import running
 from plans import differences, plan
 from pymavlink import mavutil
 from rates import steady_gaps
-from test_params import REAL32, UINT8, read, to_float, write
+from test_params import INT32, REAL32, read, to_float, write
 from transfer import ACCEPTED, download, upload
 
 mavlink = mavutil.mavlink
@@ -93,7 +93,7 @@ def test_plans_and_parameters_survive_a_restart(gcs):
 
 def test_heartbeats_stop_when_the_flight_loop_hangs(gcs, app):
     """H-5. With a framework, communication continues in its own task. The heartbeat never depends on that."""
-    gcs.mav.param_set_send(1, 1, b"SIM_HANG", to_float(UINT8, 1), UINT8)
+    gcs.mav.param_set_send(1, 1, b"SIM_HANG", to_float(INT32, 1), INT32)
     if app == "loop":
         # Bytes may still be in flight.
         time.sleep(MAX_LOOP_GAP)

@@ -39,13 +39,13 @@ Value = namedtuple("Value", "name index count type value")
 DEFAULTS = {
     "MIS_TAKEOFF_ALT": (REAL32, 10.0),
     "MPC_YAW_MODE": (INT32, 0),
-    "SIM_BAT_START": (INT8, 100),
+    "SIM_BAT_START": (INT32, 100),
     "SIH_LOC_LAT0": (INT32, 473_977_420),
     "COM_FLT_TIME_MAX": (INT32, 0),
-    "MAV_HL_LOSS_T": (UINT16, 0),
-    "SIM_GEOID_SEP": (INT16, 47),
-    "SIM_GPS_FIX_TIME": (UINT32, 2000),
-    "SIM_GPS_SATS": (UINT8, 14),
+    "MAV_HL_LOSS_T": (INT32, 0),
+    "SIM_GEOID_SEP": (INT32, 47),
+    "SIM_GPS_FIX_TIME": (INT32, 2000),
+    "SIM_GPS_SATS": (INT32, 14),
     "MPC_XY_CRUISE": (REAL32, 8.0),
     "COM_LOW_BAT_ACT": (INT32, 0),
 }
@@ -121,7 +121,8 @@ def test_list_is_complete(client, figure):
     assert {value.count for value in values} == {len(values)}
     names = [value.name for value in values]
     assert names == sorted(set(names))
-    assert {value.type for value in values} == set(CODES)
+    # P-19: every client can read and set these two types.
+    assert {value.type for value in values} == {INT32, REAL32}
     by_name = {value.name: value for value in values}
     for name, (kind, default) in DEFAULTS.items():
         assert (by_name[name].type, by_name[name].value) == (kind, default)
@@ -156,15 +157,15 @@ def test_read_by_name_and_by_index(client):
         ("MIS_TAKEOFF_ALT", REAL32, 12.5),
         ("SIH_LOC_LAT0", INT32, -123_456_789),
         ("COM_FLT_TIME_MAX", INT32, 86_399),
-        ("SIM_GEOID_SEP", INT16, -33),
-        ("SIM_GPS_FIX_TIME", UINT32, 1999),
-        ("MAV_HL_LOSS_T", UINT16, 3599),
+        ("SIM_GEOID_SEP", INT32, -33),
+        ("SIM_GPS_FIX_TIME", INT32, 1999),
+        ("MAV_HL_LOSS_T", INT32, 3599),
         ("MPC_YAW_MODE", INT32, 1),
-        ("SIM_BAT_START", INT8, 99),
-        ("SIM_GPS_SATS", UINT8, 40),
+        ("SIM_BAT_START", INT32, 99),
+        ("SIM_GPS_SATS", INT32, 40),
     ],
 )
-def test_set_of_every_type(client, other, name, kind, value):
+def test_set(client, other, name, kind, value):
     """P-2, P-14, P-16: the new value is sent to the client that set it, and to all others."""
     answer = write(client, name, kind, value)
     assert (answer.type, answer.value) == (kind, value)
@@ -189,8 +190,10 @@ def test_invalid_values_are_refused(client):
         ("MPC_XY_CRUISE", REAL32, 99.0, OUT_OF_RANGE),
         ("MPC_XY_CRUISE", REAL32, float("nan"), OUT_OF_RANGE),
         ("COM_LOW_BAT_ACT", INT32, 3, OUT_OF_RANGE),
-        ("COM_LOW_BAT_ACT", REAL32, 1.0, TYPE_MISMATCH),
-        ("STAT_FLIGHTS", UINT16, 5, READ_ONLY),
+        ("COM_LOW_BAT_ACT", REAL32, 1.5, OUT_OF_RANGE),
+        ("COM_LOW_BAT_ACT", REAL32, float("nan"), OUT_OF_RANGE),
+        ("MPC_XY_CRUISE", INT32, 8, TYPE_MISMATCH),
+        ("STAT_FLIGHTS", INT32, 5, READ_ONLY),
         ("NO_SUCH_NAME", REAL32, 1.0, DOES_NOT_EXIST),
     ]:
         client.drain()
@@ -253,7 +256,7 @@ def test_parameters_survive_a_power_cut(target, other, request, tmp_path):
         vehicle = InQemu(option("qmp_port"), other)
     else:
         vehicle = InSitl(option("program"), option("spare_port_base"), tmp_path / "plans.bin")
-    set_to = {"MPC_XY_CRUISE": (REAL32, 6.25), "COM_LOW_BAT_ACT": (INT32, 2), "SIM_GEOID_SEP": (INT16, -7)}
+    set_to = {"MPC_XY_CRUISE": (REAL32, 6.25), "COM_LOW_BAT_ACT": (INT32, 2), "SIM_GEOID_SEP": (INT32, -7)}
     try:
         gcs = vehicle.gcs
         for name, (kind, value) in set_to.items():
@@ -326,11 +329,19 @@ def test_mavsdk(system, other):
     assert result_of(params.get_param_int, "MPC_XY_CRUISE") == ParamResult.WRONG_TYPE
     params.set_param_float("MPC_XY_CRUISE", 8.0)
     params.set_param_int("SIH_LOC_LAT0", 473_977_420)
+    # P-19: every integer parameter that it lists.
+    for name in ("COM_LOW_BAT_ACT", "SIM_GPS_SATS", "SIM_GEOID_SEP"):
+        default = ints[name]
+        for value in (default + 1, default):
+            params.set_param_int(name, value)
+            assert params.get_param_int(name) == value
+            said = (name, value)
+            assert other.wait("PARAM_VALUE", where=lambda told: (told.param_id, param_value(told).value) == said)
 
 
 def test_mavproxy(port, other, tmp_path):
-    """Float parameters only: MAVProxy decodes integers bytewise only for PX4."""
-    mavproxy = MavProxy(port, tmp_path, "param")
+    """MAVProxy shows floats only: it decodes integers bytewise only for PX4. It sets both, as REAL32 (P-19)."""
+    mavproxy = MavProxy(port, tmp_path, "param,ftp")
     try:
         mavproxy.expect("Detected vehicle 1:1")
         count = read(other, "MAV_SYS_ID").count
@@ -344,6 +355,18 @@ def test_mavproxy(port, other, tmp_path):
         assert told and told.param_value == 5.5
         # The other client may have the answer before MAVProxy has it.
         mavproxy.ask_until("param show MPC_XY_CRUISE", "MPC_XY_CRUISE    5.5")
+        for prelude, value in ((None, 1), ("param ftp", 2)):
+            if prelude:
+                mavproxy.say(prelude)
+                mavproxy.expect(f"Received {count} parameters (ftp)", timeout=60)
+            other.drain()
+            mavproxy.say(f"param set COM_LOW_BAT_ACT {value}")
+            told = other.wait("PARAM_VALUE", 10, lambda message: message.param_id == "COM_LOW_BAT_ACT")
+            assert told and param_value(told)[3:] == (INT32, value)
+        mavproxy.say("param ftp")
+        mavproxy.expect(f"Received {count} parameters (ftp)", timeout=60)
+        mavproxy.ask_until("param show COM_LOW_BAT_ACT", "COM_LOW_BAT_ACT  2")
     finally:
         mavproxy.end()
         write(other, "MPC_XY_CRUISE", REAL32, 8.0)
+        write(other, "COM_LOW_BAT_ACT", INT32, 0)

@@ -12,7 +12,7 @@ from pymavlink import mavutil
 from rates import steady_gaps
 from satellite import START, STOP, Satellite
 from test_mavproxy import MavProxy
-from test_params import REAL32, UINT16, UINT32, read, write
+from test_params import INT32, REAL32, read, write
 from transfer import upload
 
 mavlink = mavutil.mavlink
@@ -39,7 +39,7 @@ def satellite(port, other):
         pass
     satellite.listen(0.5)
     satellite.end()
-    write(other, "MAV_HL_LOSS_T", UINT16, 0)
+    write(other, "MAV_HL_LOSS_T", INT32, 0)
     write(other, "MAV_2_HL_FREQ", REAL32, 0.015)
 
 
@@ -164,7 +164,7 @@ def test_failures_are_reported_by_satellite(vehicle, port):
     """HIGH_LATENCY2 reports the failures of SYS_STATUS in its own flags: here a GPS receiver without a fix."""
     # After this, the vehicle has been running for less than a minute.
     vehicle.cut()
-    write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT32, 60_000)
+    write(vehicle.gcs, "SIM_GPS_FIX_TIME", INT32, 60_000)
     try:
         satellite = Satellite(getattr(vehicle, "port", port) + 2)
 
@@ -177,7 +177,7 @@ def test_failures_are_reported_by_satellite(vehicle, port):
         (report,) = satellite.until("HIGH_LATENCY2")
         assert report.failure_flags == mavlink.HL_FAILURE_FLAG_GPS
         assert (report.latitude, report.longitude, report.eph, report.epv) == (0, 0, 255, 255)
-        write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT32, 2_000)
+        write(vehicle.gcs, "SIM_GPS_FIX_TIME", INT32, 2_000)
         assert vehicle.gcs.wait("SYS_STATUS", 5, has_fix)
         satellite.listen(0.3)
         assert satellite.control(START) == ACCEPTED
@@ -186,7 +186,7 @@ def test_failures_are_reported_by_satellite(vehicle, port):
         assert satellite.control(STOP) == ACCEPTED
         satellite.end()
     finally:
-        write(vehicle.gcs, "SIM_GPS_FIX_TIME", UINT32, 2_000)
+        write(vehicle.gcs, "SIM_GPS_FIX_TIME", INT32, 2_000)
 
 
 def test_superseded_commands_by_satellite(satellite, other, beating):
@@ -215,7 +215,7 @@ def test_superseded_commands_by_satellite(satellite, other, beating):
 
 def test_reports_start_on_link_loss(satellite, other, beating):
     """L-14: the vehicle reports from the loss of the last ground station until one is back."""
-    write(other, "MAV_HL_LOSS_T", UINT16, 2)
+    write(other, "MAV_HL_LOSS_T", INT32, 2)
     gcs = beating()
     assert satellite.listen(2) == []
     gcs.fall_silent()

@@ -83,7 +83,7 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
 /// #     fn fill(&mut self, _: u32, _: &mut Fill<'_>) -> bool { false }
 /// # }
 /// # impl Parameters for Quadrotor { type Table = Tuning; }
-/// # parameters! { pub struct Tuning { A: u8 = 0, 0..=1, ""; } }
+/// # parameters! { pub struct Tuning { A: i32 = 0, 0..=1, ""; } }
 /// mavstack::stack! {
 ///     pub struct Mavlink for Quadrotor {
 ///         links: 2,

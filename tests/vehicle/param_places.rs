@@ -399,7 +399,7 @@ where
     }
 }
 
-/// P-14, P-15: every PARAM_SET is answered by one value, the actual one, on both links; a refusal by an error too.
+/// P-14, P-15, P-19: every PARAM_SET is answered by one value, the actual one, on both links; a refusal by an error too.
 fn every_verdict_is_answered<T: Kind>()
 where
     T::Service: Persistent<Declared<T, false>>,
@@ -409,7 +409,16 @@ where
     let full = |value: f32| value.to_bits();
     for (name, r#type, bits, outcome) in [
         ("ALT_MIN", Type::REAL32, full(-100.0), Ok(full(-100.0))),
-        ("BYTE", Type::UINT8, 0xFFFF_FF01, Ok(1)),
+        ("BYTE", Type::UINT8, 0xFFFF_FF80, Ok(128)),
+        ("BYTE", Type::UINT8, 0x3F80_0000, Ok(1)),
+        ("BYTE", Type::REAL32, full(8.0), Ok(8)),
+        // What MAVSDK 4.1's `set_param_int` sends (P-19).
+        ("BYTE", Type::UINT8, 0x7FC0_0000, Err(Error::VALUE_OUT_OF_RANGE)),
+        ("SMALL", Type::INT8, 0x7FC0_0000, Err(Error::VALUE_OUT_OF_RANGE)),
+        ("WORD", Type::UINT16, 0x7FC0_0000, Err(Error::VALUE_OUT_OF_RANGE)),
+        ("WIDE", Type::INT16, 0x7FC0_0000, Err(Error::VALUE_OUT_OF_RANGE)),
+        ("BYTE", Type::UINT8, 0xFFFF_FF01, Err(Error::VALUE_OUT_OF_RANGE)),
+        ("BYTE", Type::REAL32, full(8.5), Err(Error::VALUE_OUT_OF_RANGE)),
         ("BYTE", Type::UINT8, 7, Ok(7)),
         ("BYTE", Type::INT32, 200, Ok(200)),
         ("SMALL", Type::INT32, (-10i32).cast_unsigned(), Ok(0xF6)),
@@ -421,7 +430,6 @@ where
         ("SMALL", Type::INT8, 11, Err(Error::VALUE_OUT_OF_RANGE)),
         ("ALT_MIN", Type::REAL32, full(f32::NAN), Err(Error::VALUE_OUT_OF_RANGE)),
         ("ALT_MIN", Type::REAL32, full(f32::INFINITY), Err(Error::VALUE_OUT_OF_RANGE)),
-        ("BYTE", Type::REAL32, full(8.0), Err(Error::TYPE_MISMATCH)),
         ("ALT_MIN", Type::UINT8, 8, Err(Error::TYPE_MISMATCH)),
         ("WORD", Type::UINT64, 8, Err(Error::TYPE_UNSUPPORTED)),
         ("LOCKED", Type::UINT32, 5, Err(Error::READ_ONLY)),

@@ -152,7 +152,7 @@ impl Quadrotor {
             fix_type: GpsFixType::_3D_FIX,
             position: Some(position.into()),
             altitude: position.altitude,
-            alt_ellipsoid: position.altitude + f32::from(self.last().geoid_separation),
+            alt_ellipsoid: position.altitude + self.last().geoid_separation as f32,
             hdop: 0.8,
             vdop: 1.2,
             groundspeed: speed,
@@ -303,7 +303,7 @@ impl Quadrotor {
             arming_time_utc: armed.as_micros(),
             takeoff_time_utc: took_off.as_micros(),
             landing_time: landed.time_boot_ms(),
-            flight_uuid: self.last().flights.into(),
+            flight_uuid: self.last().flights as u64,
         }
     }
 

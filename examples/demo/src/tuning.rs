@@ -49,9 +49,9 @@ parameters! {
         /// Rate of HIGH_LATENCY2 on the satellite link while it is enabled.
         MAV_2_HL_FREQ: f32 = 0.015, 0.001..=1.0, "Hz";
         /// System id that may send manual control and setpoints; 0: any ground station.
-        MAV_GCS_SYSID: u8 = 0, 0..=u8::MAX, "";
+        MAV_GCS_SYSID: i32 = 0, 0..=255, "";
         /// Time after losing the last ground station on the other links until HIGH_LATENCY2 starts automatically; 0: never.
-        MAV_HL_LOSS_T: u16 = 0, 0..=3_600, "s";
+        MAV_HL_LOSS_T: i32 = 0, 0..=3_600, "s";
         /// MAVLink system id.
         MAV_SYS_ID: i32 = 1, 1..=254, "", [reboot_required];
         /// Default takeoff altitude.
@@ -97,22 +97,22 @@ parameters! {
         /// Current drawn when disarmed.
         SIM_AMP_OFF: f32 = 0.3, 0.0..=5.0, "A";
         /// Battery charge at boot.
-        SIM_BAT_START: i8 = 100, 1..=100, "%", [reboot_required];
+        SIM_BAT_START: i32 = 100, 1..=100, "%", [reboot_required];
         /// Height of the geoid above the ellipsoid.
-        SIM_GEOID_SEP: i16 = 47, -110..=90, "m";
+        SIM_GEOID_SEP: i32 = 47, -110..=90, "m";
         /// Time from boot to the first GPS fix.
-        SIM_GPS_FIX_TIME: u32 = 2_000, 0..=60_000, "ms";
+        SIM_GPS_FIX_TIME: i32 = 2_000, 0..=60_000, "ms";
         /// Number of visible satellites after the first fix.
-        SIM_GPS_SATS: u8 = 14, 4..=40, "";
+        SIM_GPS_SATS: i32 = 14, 4..=40, "";
         /// 1: the flight loop hangs until the next boot. Heartbeats must then stop.
-        SIM_HANG: u8 = 0, 0..=1, "", [volatile];
+        SIM_HANG: i32 = 0, 0..=1, "", [volatile];
         /// Number of flights.
-        STAT_FLIGHTS: u16 = 0, 0..=u16::MAX, "", [read_only];
+        STAT_FLIGHTS: i32 = 0, 0..=i32::MAX, "", [read_only];
         /// Total flight time.
-        STAT_FLIGHT_TIME: u32 = 0, 0..=u32::MAX, "s", [read_only];
+        STAT_FLIGHT_TIME: i32 = 0, 0..=i32::MAX, "s", [read_only];
         /// Bytes sent by satellite since boot.
-        STAT_HL_BYTES: u32 = 0, 0..=u32::MAX, "B", [read_only, volatile];
+        STAT_HL_BYTES: i32 = 0, 0..=i32::MAX, "B", [read_only, volatile];
         /// Satellite credits used since boot: one per 50 bytes of a message, rounded up.
-        STAT_HL_CREDITS: u32 = 0, 0..=u32::MAX, "", [read_only, volatile];
+        STAT_HL_CREDITS: i32 = 0, 0..=i32::MAX, "", [read_only, volatile];
     }
 }

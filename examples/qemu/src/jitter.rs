@@ -105,7 +105,7 @@ pub struct SlowStore {
     way: Way,
     /// When to change a parameter next.
     due: Instant,
-    value: u16,
+    value: i32,
 }
 
 impl SlowStore {

@@ -115,7 +115,7 @@ where
         if let Err(error) = verdict {
             if cfg!(feature = "plan-texts") {
                 let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
-                requests::warn(&mut work, from.link, error, &record.name);
+                requests::warn(&mut work, from.link, requests::reason(error), &record.name);
             }
             return false;
         }

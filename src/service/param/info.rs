@@ -26,11 +26,11 @@ pub const MAX_PARAMS: usize = 32_768;
 /// assert_eq!((cruise.name(), cruise.param_type()), ("CRUISE", MavParamType::REAL32));
 ///
 /// // From a table in C: the name is an array padded with zeros, and the type is a number.
-/// let trim = ParamInfo::from_bits(b"TRIM\0\0\0\0", MavParamType::UINT8, 3, [0, 10])?;
-/// assert_eq!(trim, ParamInfo::new("TRIM", 3u8, 0..=10)?);
+/// let trim = ParamInfo::from_bits(b"TRIM\0\0\0\0", MavParamType::INT32, 3, [0, 10])?;
+/// assert_eq!(trim, ParamInfo::new("TRIM", 3i32, 0..=10)?);
 ///
-/// assert_eq!(ParamInfo::new("A_NAME_OF_17_BYTES", 0u8, 0..=1), Err(ParamFault::Name));
-/// assert_eq!(ParamInfo::new("TRIM", 11u8, 0..=10), Err(ParamFault::Default));
+/// assert_eq!(ParamInfo::new("A_NAME_OF_17_BYTES", 0i32, 0..=1), Err(ParamFault::Name));
+/// assert_eq!(ParamInfo::new("TRIM", 11i32, 0..=10), Err(ParamFault::Default));
 /// # Ok::<(), ParamFault>(())
 /// ```
 #[derive(Clone, Copy, PartialEq, Eq)]

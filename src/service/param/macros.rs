@@ -4,7 +4,9 @@
 ///
 /// A line has the parameter's name on the wire, type, default, range, unit, and optional flags: `read_only` (only the vehicle
 /// itself sets it), `reboot_required` (a change takes effect after the next start) and `volatile` (not stored). The types are
-/// `u8`, `i8`, `u16`, `i16`, `u32`, `i32` and `f32`. All clients agree on `f32`, but not on the encoding of integers (P-2).
+/// `u8`, `i8`, `u16`, `i16`, `u32`, `i32` and `f32`. Prefer `i32` and `f32`: every client can read and set them, while MAVSDK lists no
+/// unsigned parameters and cannot set integers of 8 and 16 bits (P-19). Integers beyond 2^24 are not exact for clients that
+/// cast (P-2).
 ///
 /// ```
 /// mavstack::parameters! {
@@ -13,9 +15,9 @@
 ///         /// Voltage below which it returns home.
 ///         BAT_LOW: f32 = 10.5, 9.0..=12.6, "V";
 ///         /// Number of starts.
-///         STAT_STARTS: u32 = 0, 0..=u32::MAX, "", [read_only];
+///         STAT_STARTS: i32 = 0, 0..=i32::MAX, "", [read_only];
 ///         /// System id.
-///         SYS_ID: u8 = 1, 1..=254, "", [reboot_required];
+///         SYS_ID: i32 = 1, 1..=254, "", [reboot_required];
 ///     }
 /// }
 /// use mavstack::param::ParamTable;
@@ -31,27 +33,27 @@
 /// A table that clients could not handle does not compile. A name is ASCII and has at most 16 bytes (P-1):
 ///
 /// ```compile_fail
-/// mavstack::parameters! { pub struct Tuning { A_NAME_OF_17_BYTES: u8 = 0, 0..=1, ""; } }
+/// mavstack::parameters! { pub struct Tuning { A_NAME_OF_17_BYTES: i32 = 0, 0..=1, ""; } }
 /// ```
 ///
 /// ```compile_fail
-/// mavstack::parameters! { pub struct Tuning { SCHRÄGE: u8 = 0, 0..=1, ""; } }
+/// mavstack::parameters! { pub struct Tuning { SCHRÄGE: i32 = 0, 0..=1, ""; } }
 /// ```
 ///
 /// Names are unique and in ASCII order; otherwise the hash of the table would differ from the ground station's (P-20):
 ///
 /// ```compile_fail
-/// mavstack::parameters! { pub struct Tuning { B: u8 = 0, 0..=1, ""; A: u8 = 0, 0..=1, ""; } }
+/// mavstack::parameters! { pub struct Tuning { B: i32 = 0, 0..=1, ""; A: i32 = 0, 0..=1, ""; } }
 /// ```
 ///
 /// ```compile_fail
-/// mavstack::parameters! { pub struct Tuning { A: u8 = 0, 0..=1, ""; A: u8 = 0, 0..=1, ""; } }
+/// mavstack::parameters! { pub struct Tuning { A: i32 = 0, 0..=1, ""; A: i32 = 0, 0..=1, ""; } }
 /// ```
 ///
 /// The default lies within the range, and floats are finite:
 ///
 /// ```compile_fail
-/// mavstack::parameters! { pub struct Tuning { A: i8 = 3, -2..=2, ""; } }
+/// mavstack::parameters! { pub struct Tuning { A: i32 = 3, -2..=2, ""; } }
 /// ```
 ///
 /// ```compile_fail
@@ -69,7 +71,7 @@
 /// ```
 ///
 /// ```compile_fail
-/// mavstack::parameters! { pub struct Tuning { A: u8 = 0, 0..=1, "", [hidden]; } }
+/// mavstack::parameters! { pub struct Tuning { A: i32 = 0, 0..=1, "", [hidden]; } }
 /// ```
 ///
 /// ```compile_fail

@@ -1,4 +1,4 @@
-//! Handlers of the received requests, and the reasons for refusals (P-10 to P-15, P-20, P-21, P-30 to P-32).
+//! Handlers of the received requests, and the reasons for refusals (P-10 to P-15, P-19 to P-21, P-30 to P-32).
 
 use core::borrow::Borrow;
 
@@ -55,7 +55,7 @@ impl<R: Rows> Table<'_, R> {
         };
         let Some(index) = found else {
             let index = read.param_index.max(-1);
-            return self.refuse(cx, options, caller, false, (MavParamError::DOES_NOT_EXIST, index), &name);
+            return self.refuse(cx, options, caller, Asked::Read(index), MavParamError::DOES_NOT_EXIST, &name);
         };
         self.mark_pending(index, LinkMask::of(caller.from.link));
         Handled::Yes
@@ -85,13 +85,16 @@ impl<R: Rows> Table<'_, R> {
             return Ok(Handled::NoRoom);
         }
         let Some((index, (info, old))) = self.find(&name).and_then(|index| Some((index, self.get(index)?))) else {
-            return Ok(self.refuse(cx, options, caller, true, (MavParamError::DOES_NOT_EXIST, -1), &name));
+            return Ok(self.refuse(cx, options, caller, Asked::Set, MavParamError::DOES_NOT_EXIST, &name));
         };
         match check(info.borrow(), options.encoding, set) {
             Ok(bits) if bits != old => return Err((index, bits)),
-            Ok(_) => self.mark_pending(index, cx.normal),
-            Err(error) => self.on_decided(cx, options, caller, index, Err(error)),
+            Ok(_) => {}
+            Err((asked, error)) => {
+                self.refuse(cx, options, caller, asked, error, &name);
+            }
         }
+        self.mark_pending(index, cx.normal);
         Ok(Handled::Yes)
     }
 
@@ -110,7 +113,7 @@ impl<R: Rows> Table<'_, R> {
             Err(error) => {
                 let Some((info, _)) = self.get(index) else { return };
                 let info: &ParamInfo = info.borrow();
-                self.refuse(cx, options, caller, true, (error, -1), info.wire_name());
+                self.refuse(cx, options, caller, Asked::Set, error, info.wire_name());
             }
         }
         self.mark_pending(index, cx.normal);
@@ -129,10 +132,11 @@ impl<R: Rows> Table<'_, R> {
         cx: &mut Work<'_>,
         options: Options,
         caller: &Caller<'_>,
-        is_set: bool,
-        (error, index): (MavParamError, i16),
+        asked: Asked,
+        error: MavParamError,
         name: &[u8; 16],
     ) -> Handled {
+        let index = if let Asked::Read(index) = asked { index } else { -1 };
         let has_error = options.has_errors && caller.version != Version::V1;
         if has_error && !self.state.refusals.push(Refusal { to: caller.from, error, index, name: *name }) {
             return Handled::NoRoom;
@@ -140,41 +144,59 @@ impl<R: Rows> Table<'_, R> {
         if let Some(refused) = self.state.refused.count(cx.now) {
             event!("parameter of {} refused: {=u8}; {=u32} refused so far", caller.from, error.0, refused);
         }
-        if cfg!(feature = "plan-texts") && (is_set || !has_error) && cx.now >= self.state.texts_from {
+        let has_text = !has_error || !matches!(asked, Asked::Read(_));
+        if cfg!(feature = "plan-texts") && has_text && cx.now >= self.state.texts_from {
             self.state.texts_from = cx.now.after(TEXT_PAUSE);
-            warn(cx, caller.from.link, error, name);
+            let text = if asked == Asked::SetUnclear { ": firmware should declare it i32" } else { reason(error) };
+            warn(cx, caller.from.link, text, name);
         }
         Handled::Yes
     }
 }
 
+/// What was asked for, and refused.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Asked {
+    /// A value, by this index; -1 by name.
+    Read(i16),
+    /// A change.
+    Set,
+    /// A change of a parameter with 8 or 16 bits to something that is not an integer (P-19).
+    SetUnclear,
+}
+
 /// Returns the value that a PARAM_SET requests, or the reason to refuse it.
-fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u32, MavParamError> {
+fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u32, (Asked, MavParamError)> {
+    let refused = |error| Err((Asked::Set, error));
     let (sent, ours) = (set.param_type, info.param_type());
     if !value::is_supported(sent) {
-        return Err(MavParamError::TYPE_UNSUPPORTED);
+        return refused(MavParamError::TYPE_UNSUPPORTED);
     }
-    // With casts, a client need not know the type; pymavlink sends REAL32 for every parameter.
-    let named = if encoding == ParamEncoding::CCast { ours } else { sent };
-    if (named == MavParamType::REAL32) != (ours == MavParamType::REAL32) {
-        return Err(MavParamError::TYPE_MISMATCH);
+    // With casts, a client need not know the type. Neither does MAVProxy after `param ftp`, and sends REAL32 (P-19).
+    let is_cast = encoding == ParamEncoding::CCast || sent == MavParamType::REAL32;
+    let (encoding, named) = if is_cast { (ParamEncoding::CCast, ours) } else { (encoding, sent) };
+    if ours == MavParamType::REAL32 && named != ours {
+        return refused(MavParamError::TYPE_MISMATCH);
     } else if info.is_read_only() {
-        return Err(MavParamError::READ_ONLY);
+        return refused(MavParamError::READ_ONLY);
     }
-    // A client may know the parameter from another autopilot, as an integer of another size.
-    let bits = value::from_wire(encoding, named, set.param_value);
-    let bits = bits.and_then(|bits| value::converted(named, ours, bits));
-    // Not clamped: a client that reads back a different value sets it again, and fails (P-14).
-    bits.filter(|bits| info.has_room(*bits)).ok_or(MavParamError::VALUE_OUT_OF_RANGE)
+    let Some(bits) = value::from_wire(encoding, named, set.param_value) else {
+        let asked = if is_cast || value::size(ours) == 4 { Asked::Set } else { Asked::SetUnclear };
+        return Err((asked, MavParamError::VALUE_OUT_OF_RANGE));
+    };
+    // A client may know the parameter from another autopilot, as an integer of another size. The value is not clamped: a client
+    // that reads back a different value sets it again, and fails (P-14).
+    let bits = value::converted(named, ours, bits).filter(|bits| info.has_room(*bits));
+    bits.ok_or((Asked::Set, MavParamError::VALUE_OUT_OF_RANGE))
 }
 
 /// Queues a text about a refusal. Not inlined, so that its buffer takes no stack while a refusal is queued.
 #[inline(never)]
-pub(super) fn warn(cx: &mut Work<'_>, link: LinkId, error: MavParamError, name: &[u8; 16]) {
+pub(super) fn warn(cx: &mut Work<'_>, link: LinkId, why: &str, name: &[u8; 16]) {
     // A name of 16 bytes leaves 34 for the reason.
     let mut text = Text::<ONE_FRAME>::EMPTY;
     text.set(name);
-    text.push_str(reason(error));
+    text.push_str(why);
     cx.texts.push(cx.now, LinkMask::of(link), MavSeverity::WARNING, text.as_bytes());
 }
 
@@ -186,7 +208,7 @@ fn wire_name(text: &Text<16>) -> [u8; 16] {
 }
 
 /// Returns the text for the reason of a refusal.
-fn reason(error: MavParamError) -> &'static str {
+pub(super) fn reason(error: MavParamError) -> &'static str {
     match error {
         MavParamError::DOES_NOT_EXIST => ": no such parameter",
         MavParamError::VALUE_OUT_OF_RANGE => ": out of range",

@@ -40,7 +40,7 @@ use crate::types::Values;
 /// /// Each module adds its own.
 /// fn add_speeds(tuning: &mut Tuning) -> Result<(), ParamFault> {
 ///     tuning.add(ParamInfo::new("CRUISE", 5.0, 0.5..=15.0)?)?;
-///     tuning.add(ParamInfo::new("BRAKE", 3u8, 0..=9)?.reboot_required())
+///     tuning.add(ParamInfo::new("BRAKE", 3i32, 0..=9)?.reboot_required())
 /// }
 ///
 /// # static PULSE: Pulse = Pulse::new();

@@ -138,9 +138,12 @@ pub(super) const fn is_supported(r#type: MavParamType) -> bool {
     )
 }
 
-/// Maps a value to an integer that has the same order; `None` for NaN and the infinities.
+/// Maps a value to an integer that has the same order; `None` for NaN, the infinities, and an integer that is not padded with zeros.
 pub(super) const fn rank(r#type: MavParamType, bits: u32) -> Option<u32> {
     if !matches!(r#type, MavParamType::REAL32) {
+        if low(r#type, bits) != bits {
+            return None;
+        }
         let high = bits.wrapping_shl(spare_bits(r#type));
         return Some(if is_signed(r#type) { high ^ SIGN } else { high });
     }
@@ -161,28 +164,41 @@ pub(super) fn to_wire(encoding: ParamEncoding, r#type: MavParamType, bits: u32) 
     if is_signed(r#type) { num::f32_from_i32(extended(r#type, bits)) } else { num::f32_from_u32(bits) }
 }
 
-/// Returns the value encoded in a PARAM_SET; `None` if it is not a value of this type. The unused bytes of a small integer are
-/// ignored, because clients differ in what they put there.
+/// Returns the value encoded in a PARAM_SET; `None` if it is not a value of this type (P-19).
+///
+/// Clients fill the unused bytes of a small integer with zeros, or with copies of its top bit. MAVSDK 4.1 sends NaN in its place,
+/// and other clients send a float: its low bytes are no value.
 pub(super) fn from_wire(encoding: ParamEncoding, r#type: MavParamType, value: f32) -> Option<u32> {
-    let spare = spare_bits(r#type);
-    let low = |bits: u32| bits.wrapping_shl(spare).wrapping_shr(spare);
-    if encoding == ParamEncoding::Bytewise || r#type == MavParamType::REAL32 {
-        return Some(low(value.to_bits()));
+    let bits = value.to_bits();
+    let low = low(r#type, bits);
+    let is_extended = low == bits || extended(r#type, bits).cast_unsigned() == bits;
+    if r#type == MavParamType::REAL32 || (encoding == ParamEncoding::Bytewise && is_extended) {
+        return Some(low);
     }
+    whole(r#type, value)
+}
+
+/// Returns a float as an integer of this type; `None` if it is not a whole number, or does not fit.
+pub(super) fn whole(r#type: MavParamType, value: f32) -> Option<u32> {
     if !is_signed(r#type) {
-        return num::unsigned(value).filter(|bits| low(*bits) == *bits);
+        return num::unsigned(value).filter(|bits| low(r#type, *bits) == *bits);
     }
     let integer = num::integer::<i32>(value)?;
-    let bits = low(integer.cast_unsigned());
+    let bits = low(r#type, integer.cast_unsigned());
     (extended(r#type, bits) == integer).then_some(bits)
+}
+
+/// Returns the bytes that this type uses; the others are zeros.
+const fn low(r#type: MavParamType, bits: u32) -> u32 {
+    let spare = spare_bits(r#type);
+    bits.wrapping_shl(spare).wrapping_shr(spare)
 }
 
 /// Converts the value `bits` from one integer type to another; `None` when it does not fit. From float to float the bits are
 /// unchanged.
 pub(super) fn converted(from: MavParamType, to: MavParamType, bits: u32) -> Option<u32> {
-    let spare = spare_bits(to);
     let (value, is_negative) = number(from, bits);
-    let low = value.wrapping_shl(spare).wrapping_shr(spare);
+    let low = low(to, value);
     (number(to, low) == (value, is_negative)).then_some(low)
 }
 
@@ -229,11 +245,49 @@ mod tests {
             assert_eq!(to_wire(CCast, r#type, bits), number);
             assert_eq!(from_wire(CCast, r#type, number), Some(bits));
         }
-        // Clients that extend the sign, or leave garbage in the unused bytes.
-        assert_eq!(from_wire(Bytewise, MavParamType::INT8, f32::from_bits(0xFFFF_FFFE)), Some(0xFE));
-        assert_eq!(from_wire(Bytewise, MavParamType::UINT16, f32::from_bits(0xAAAA_0001)), Some(1));
         // Beyond 2^24 a cast rounds.
         assert_eq!(to_wire(CCast, MavParamType::UINT32, (1 << 24) + 1), 16_777_216.0);
+    }
+
+    /// P-19: the unused bytes of a small integer are zeros or copies of its top bit. Everything else is read as a float. The bits
+    /// that clients send: 0x7FC00000 is MAVSDK 4.1's `set_param_int`, 0x3F800000 a cast 1, and 0xAAAA0001 an uninitialised union.
+    #[test]
+    fn low_bytes_of_something_else_are_no_value() {
+        use MavParamType as Type;
+        for (r#type, bits, expected) in [
+            (Type::INT8, 0xFFFF_FFFE, Some(0xFE)),
+            (Type::INT8, 0x0000_00FE, Some(0xFE)),
+            (Type::UINT8, 0xFFFF_FFFE, Some(0xFE)),
+            (Type::UINT16, 0xFFFF_8001, Some(0x8001)),
+            (Type::INT16, 0xFFFF_8001, Some(0x8001)),
+            (Type::UINT8, 0xFFFF_FF01, None),
+            (Type::INT8, 0xFFFF_FF01, None),
+            (Type::UINT16, 0xFFFF_0008, None),
+            (Type::UINT8, 0x0000_FFFE, None),
+            (Type::INT8, 0x7FFF_FFFE, None),
+            (Type::UINT16, 0xAAAA_0001, None),
+            (Type::UINT8, 0x0000_0100, None),
+            (Type::INT16, 0x0001_0000, None),
+            (Type::UINT8, 0x3F80_0000, Some(1)),
+            (Type::INT8, 0xBF80_0000, Some(0xFF)),
+            (Type::UINT8, 0xBF80_0000, None),
+            (Type::UINT8, 0x437F_0000, Some(255)),
+            (Type::UINT8, 0x4380_0000, None),
+            (Type::INT16, 0xC700_0000, Some(0x8000)),
+            (Type::UINT16, 0x477F_FF00, Some(65_535)),
+            (Type::UINT8, 0x3FC0_0000, None),
+            (Type::UINT8, 0x8000_0000, Some(0)),
+            // 32 bits: as the type says.
+            (Type::INT32, 0x3F80_0000, Some(0x3F80_0000)),
+            (Type::UINT32, 0x7FC0_0000, Some(0x7FC0_0000)),
+        ] {
+            assert_eq!(from_wire(Bytewise, r#type, f32::from_bits(bits)), expected, "{type:?} {bits:#x}");
+        }
+        for nan in [0x7FC0_0000, 0xFFC0_0000, 0x7F80_0001, 0x7F80_0000, 0xFF80_0000] {
+            for r#type in [Type::UINT8, Type::INT8, Type::UINT16, Type::INT16] {
+                assert_eq!(from_wire(Bytewise, r#type, f32::from_bits(nan)), None, "{type:?} {nan:#x}");
+            }
+        }
     }
 
     #[test]
@@ -262,6 +316,8 @@ mod tests {
             assert_eq!(rank(MavParamType::REAL32, bits), None);
         }
         assert_eq!(rank(MavParamType::REAL32, (-0.0f32).to_bits()), rank(MavParamType::REAL32, 0));
+        assert_eq!(rank(MavParamType::UINT8, 0x7FC0_0000), None, "P-19");
+        assert_eq!(rank(MavParamType::INT16, 0xFFFF_FFFE), None, "P-19");
     }
 
     const INTEGERS: [(MavParamType, i64, i64); 6] = [
@@ -304,6 +360,19 @@ mod tests {
             let bits = bits_of(from, i64::from(bits));
             let value = if is_signed(from) { i64::from(extended(from, bits)) } else { i64::from(bits) };
             prop_assert_eq!(converted(from, to, bits), (min..=max).contains(&value).then(|| bits_of(to, value)));
+        }
+
+        /// P-19: what is taken is an extension of the value, or a float that equals it.
+        #[test]
+        fn a_small_integer_is_extended_or_a_whole_float(bits: u32, r#type in 0usize..4) {
+            let (r#type, min, max) = INTEGERS[r#type];
+            let value = f32::from_bits(bits);
+            let mask = u32::MAX >> spare_bits(r#type);
+            let top = bits & (mask ^ (mask >> 1)) != 0;
+            let is_extended = bits & !mask == 0 || (top && bits | mask == u32::MAX);
+            let is_whole = (f64::from(value).trunc() == f64::from(value)) && (min as f64..=max as f64).contains(&value.into());
+            let expected = if is_extended { Some(bits & mask) } else { is_whole.then(|| bits_of(r#type, value as i64)) };
+            prop_assert_eq!(from_wire(Bytewise, r#type, value), expected);
         }
 
         #[test]

@@ -51,7 +51,7 @@ parameters! {
         /// Least battery voltage for arming; an unknown one is too low. 0 disables the check.
         BAT_V_LOW: f32 = 0.0, 0.0..=60.0, "V";
         /// Holds when the last ground station is lost.
-        FS_GCS_ENABLE: u8 = 1, 0..=1, "";
+        FS_GCS_ENABLE: i32 = 1, 0..=1, "";
         /// Maximum speed.
         SPEED_MAX: f32 = 2.0, 0.1..=10.0, "m/s";
     }

@@ -59,7 +59,7 @@ impl HealthChecks for Quadrotor {
                 Problem::Terminated => report.fails(ALL, Health::SYSTEM, &Terminated),
                 Problem::Calibrating => report.fails(ALL, Health::SENSORS, &Calibrating),
                 Problem::NoFix => {
-                    let satellites = cx.parameter(Tuning::SIM_GPS_SATS);
+                    let satellites = cx.parameter(Tuning::SIM_GPS_SATS) as u8;
                     report.fails(ALL, Health::GPS, &NoFix { satellites });
                 }
                 Problem::OutsideFence => report.fails(ALL, Health::NONE, &OutsideFence),

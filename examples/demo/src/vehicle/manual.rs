@@ -87,10 +87,10 @@ impl Quadrotor {
 }
 
 /// Returns the source of manual control and setpoints for [`Tuning::MAV_GCS_SYSID`].
-pub(super) fn source(system: u8) -> ControlSource {
+pub(super) fn source(system: i32) -> ControlSource {
     match system {
         0 => ControlSource::GroundStation,
-        _ => ControlSource::System(SystemId(system)),
+        _ => ControlSource::System(SystemId(system as u8)),
     }
 }
 

@@ -93,16 +93,16 @@ pub(crate) struct Snapshot {
     margin: f32,
     pub satellites: u8,
     /// Height of the geoid above the ellipsoid (m).
-    pub geoid_separation: i16,
-    pub flights: u16,
+    pub geoid_separation: i32,
+    pub flights: i32,
 }
 
 /// Counts that are not stored in the parameters yet.
 #[derive(Clone, Copy, Debug)]
 struct Counts {
-    flights: u16,
+    flights: i32,
     /// Flight time (s).
-    flight_time: u32,
+    flight_time: i32,
 }
 
 /// A simulated quadrotor: its state, and its side of every MAVLink service.
@@ -224,7 +224,7 @@ impl Quadrotor {
             has_fix: self.last.has_fix,
             is_ready: self.check_arming(cx).is_ok(),
             margin: self.fence_margin(cx),
-            satellites: cx.parameter(Tuning::SIM_GPS_SATS),
+            satellites: cx.parameter(Tuning::SIM_GPS_SATS) as u8,
             geoid_separation: cx.parameter(Tuning::SIM_GEOID_SEP),
             flights: cx.parameter(Tuning::STAT_FLIGHTS),
         };
@@ -399,7 +399,7 @@ impl Quadrotor {
 
     /// Home is known with the first fix, and sent then (O-6).
     fn watch_receiver(&mut self, cx: &mut Context<'_>) {
-        let has_fix = self.time >= Instant::from_millis(cx.parameter(Tuning::SIM_GPS_FIX_TIME).into());
+        let has_fix = self.time >= Instant::from_millis(cx.parameter(Tuning::SIM_GPS_FIX_TIME) as u64);
         if has_fix && !self.last.has_fix {
             cx.announce::<HomePosition, Self>();
         }
@@ -421,7 +421,7 @@ impl Quadrotor {
         } else {
             self.times.landed = self.time;
             let flown = self.time.since(self.times.took_off).as_millis() / 1_000;
-            self.counts.flight_time += u32::try_from(flown).unwrap_or(u32::MAX);
+            self.counts.flight_time += i32::try_from(flown).unwrap_or(i32::MAX);
         }
     }
 

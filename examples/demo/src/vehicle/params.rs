@@ -43,6 +43,6 @@ impl Quadrotor {
     pub(super) fn apply_boot_parameters(&mut self, cx: &Context<'_>) {
         let [latitude, longitude] = [Tuning::SIH_LOC_LAT0, Tuning::SIH_LOC_LON0].map(|param| cx.parameter(param));
         self.home = Home::at(latitude, longitude, cx.parameter(Tuning::SIH_LOC_H0));
-        self.battery.remaining = f32::from(cx.parameter(Tuning::SIM_BAT_START)) / 100.0;
+        self.battery.remaining = cx.parameter(Tuning::SIM_BAT_START) as f32 / 100.0;
     }
 }

@@ -40,15 +40,15 @@ impl Quadrotor {
         let tuning = stack.parameters();
         let period = Duration::from_micros((1e6 / tuning.get(Tuning::MAV_2_HL_FREQ)) as u64);
         let loss = tuning.get(Tuning::MAV_HL_LOSS_T);
-        let on_link_loss_after = (loss > 0).then_some(Duration::from_secs(loss.into()));
+        let on_link_loss_after = (loss > 0).then_some(Duration::from_secs(loss as u64));
         let sample = stack.with_context(self.time, |cx| self.high_latency_sample(cx));
         let satellite = stack.high_latency_mut();
         satellite.set_config(HighLatencyConfig { period, on_link_loss_after, ..CONFIG });
         satellite.sample(self.time, &sample);
         let counters = satellite.counters();
         let tuning = stack.parameters_mut();
-        tuning.set(Tuning::STAT_HL_BYTES, counters.bytes);
-        tuning.set(Tuning::STAT_HL_CREDITS, counters.credits);
+        tuning.set(Tuning::STAT_HL_BYTES, counters.bytes.min(i32::MAX as u32) as i32);
+        tuning.set(Tuning::STAT_HL_CREDITS, counters.credits.min(i32::MAX as u32) as i32);
     }
 
     fn high_latency_sample(&self, cx: &Context<'_>) -> HighLatencySample {

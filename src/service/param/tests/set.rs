@@ -12,7 +12,6 @@ fn every_row_of_the_table() {
         ("ALT_MIN", Type::REAL32, full(-100.0), Ok(full(-100.0))),
         ("ALT_MIN", Type::REAL32, full(100.0), Ok(full(100.0))),
         ("BYTE", Type::UINT8, 200, Ok(200)),
-        ("BYTE", Type::UINT8, 0xFFFF_FF01, Ok(1)),
         ("ID_OF_16_LETTERS", Type::INT32, (-1_000i32).cast_unsigned(), Ok((-1_000i32).cast_unsigned())),
         ("ID_OF_16_LETTERS", Type::INT32, 1_000_000_000, Ok(1_000_000_000)),
         ("SMALL", Type::INT8, 0xF6, Ok(0xF6)),
@@ -22,12 +21,9 @@ fn every_row_of_the_table() {
         // The current value.
         ("BYTE", Type::UINT8, 7, Ok(7)),
         // Another integer type: the value is read in the type that was sent, and answered in the parameter's own type.
-        // Higher bytes are ignored.
         ("BYTE", Type::INT8, 8, Ok(8)),
         ("BYTE", Type::INT32, 200, Ok(200)),
-        ("BYTE", Type::UINT16, 0xFFFF_0008, Ok(8)),
         ("WORD", Type::UINT32, 8, Ok(8)),
-        ("WORD", Type::UINT8, 0xFFFF_FF08, Ok(8)),
         ("SMALL", Type::INT32, (-10i32).cast_unsigned(), Ok(0xF6)),
         ("SMALL", Type::INT16, (-10i32).cast_unsigned(), Ok(0xF6)),
         ("SMALL", Type::UINT8, 10, Ok(10)),
@@ -46,11 +42,44 @@ fn every_row_of_the_table() {
         ("WORD", Type::UINT32, 65_536, Err(OUT_OF_RANGE)),
         ("ID_OF_16_LETTERS", Type::UINT32, (-1_000i32).cast_unsigned(), Err(OUT_OF_RANGE)),
         ("LOCKED", Type::INT32, 5, Err(MavParamError::READ_ONLY)),
-        // A float for an integer, and the reverse; a type that the stack does not have, or an invalid one.
-        ("BYTE", Type::REAL32, full(8.0), Err(MavParamError::TYPE_MISMATCH)),
+        // P-19: the upper bytes of a small integer are zeros or copies of its top bit. What is neither is read as a float: MAVSDK
+        // 4.1 sends 0x7FC00000, a client that casts 0x3F800000 for 1, and an uninitialised union has anything.
+        ("BYTE", Type::UINT8, 0xFFFF_FF80, Ok(128)),
+        ("BYTE", Type::UINT8, 0x3F80_0000, Ok(1)),
+        ("BYTE", Type::UINT8, 0x4348_0000, Ok(200)),
+        ("WORD", Type::UINT16, 0x477F_FF00, Ok(65_535)),
+        ("WIDE", Type::INT16, 0xC47A_0000, Ok(0xFC18)),
+        ("SMALL", Type::INT8, 0xC120_0000, Ok(0xF6)),
+        ("WORD", Type::UINT16, 0x3F80_0000, Ok(1)),
+        ("BYTE", Type::UINT8, 0x7FC0_0000, Err(OUT_OF_RANGE)),
+        ("SMALL", Type::INT8, 0x7FC0_0000, Err(OUT_OF_RANGE)),
+        ("WIDE", Type::INT16, 0x7FC0_0000, Err(OUT_OF_RANGE)),
+        ("WORD", Type::UINT16, 0x7FC0_0000, Err(OUT_OF_RANGE)),
+        ("BYTE", Type::UINT8, 0x3FC0_0000, Err(OUT_OF_RANGE)),
+        ("BYTE", Type::UINT8, 0x4349_0000, Err(OUT_OF_RANGE)),
+        ("BYTE", Type::UINT8, 0xFFFF_FF01, Err(OUT_OF_RANGE)),
+        ("BYTE", Type::UINT16, 0xFFFF_0008, Err(OUT_OF_RANGE)),
+        ("WORD", Type::UINT8, 0xFFFF_FF08, Err(OUT_OF_RANGE)),
+        ("WORD", Type::UINT16, 0xAAAA_0001, Err(OUT_OF_RANGE)),
+        ("ID_OF_16_LETTERS", Type::INT8, 0x7FC0_0000, Err(OUT_OF_RANGE)),
+        // P-19: a float for an integer, as MAVProxy sends it.
+        ("BYTE", Type::REAL32, full(8.0), Ok(8)),
+        ("SMALL", Type::REAL32, full(-10.0), Ok(0xF6)),
+        ("WIDE", Type::REAL32, full(-1_000.0), Ok(0xFC18)),
+        ("WORD", Type::REAL32, full(65_535.0), Ok(65_535)),
+        ("ID_OF_16_LETTERS", Type::REAL32, full(-1_000.0), Ok((-1_000i32).cast_unsigned())),
+        ("BYTE", Type::REAL32, full(7.0), Ok(7)),
+        ("BYTE", Type::REAL32, full(8.5), Err(OUT_OF_RANGE)),
+        ("BYTE", Type::REAL32, full(201.0), Err(OUT_OF_RANGE)),
+        ("BYTE", Type::REAL32, full(264.0), Err(OUT_OF_RANGE)),
+        ("BYTE", Type::REAL32, full(f32::NAN), Err(OUT_OF_RANGE)),
+        ("ID_OF_16_LETTERS", Type::REAL32, full(0.5), Err(OUT_OF_RANGE)),
+        ("ID_OF_16_LETTERS", Type::REAL32, full(3e9), Err(OUT_OF_RANGE)),
+        ("ID_OF_16_LETTERS", Type::REAL32, full(f32::INFINITY), Err(OUT_OF_RANGE)),
+        ("LOCKED", Type::REAL32, full(5.0), Err(MavParamError::READ_ONLY)),
+        // An integer for a float; a type that the stack does not have, or an invalid one.
         ("ALT_MIN", Type::INT32, 8, Err(MavParamError::TYPE_MISMATCH)),
         ("ALT_MIN", Type::UINT8, 8, Err(MavParamError::TYPE_MISMATCH)),
-        ("LOCKED", Type::REAL32, full(5.0), Err(MavParamError::TYPE_MISMATCH)),
         ("ALT_MIN", Type::REAL64, full(8.0), Err(MavParamError::TYPE_UNSUPPORTED)),
         ("WORD", Type::UINT64, 8, Err(MavParamError::TYPE_UNSUPPORTED)),
         ("WORD", Type::INT64, 8, Err(MavParamError::TYPE_UNSUPPORTED)),
@@ -118,6 +147,27 @@ fn an_unknown_name_is_refused_without_a_value() {
     assert_eq!(sent, [vec![error(DOES_NOT_EXIST, -1, "MIS_TAKEOFF_ALT")], vec![]]);
     let text: &[_] = if cfg!(feature = "plan-texts") { &["MIS_TAKEOFF_ALT: no such parameter"] } else { &[] };
     assert_eq!(bench.texts(0), text);
+}
+
+/// P-19: MAVSDK 4.1's `set_param_int` of a small integer sends NaN, and old versions of QGroundControl the rest of a union. Only
+/// the firmware can mend that, so the text says how. An `i32`, and a client that sends another wrong value, get the usual text.
+#[test]
+#[cfg(feature = "plan-texts")]
+fn what_is_no_integer_gets_a_text_with_the_mend() {
+    for (name, r#type, bits, text) in [
+        ("BYTE", Type::UINT8, 0x7FC0_0000, "BYTE: firmware should declare it i32"),
+        ("SMALL", Type::INT8, 0x7FC0_0000, "SMALL: firmware should declare it i32"),
+        ("WIDE", Type::INT16, 0xAAAA_0001, "WIDE: firmware should declare it i32"),
+        ("WORD", Type::UINT16, 0x3FC0_0000, "WORD: firmware should declare it i32"),
+        ("BYTE", Type::UINT8, 0, "BYTE: out of range"),
+        ("BYTE", Type::REAL32, 0x3FC0_0000, "BYTE: out of range"),
+        ("ID_OF_16_LETTERS", Type::INT8, 0x7FC0_0000, "ID_OF_16_LETTERS: out of range"),
+        ("ID_OF_16_LETTERS", Type::INT32, 0x7FC0_0000, "ID_OF_16_LETTERS: out of range"),
+    ] {
+        let mut bench = Bench::new();
+        bench.ask(A, &set(name, r#type, bits));
+        assert_eq!(bench.texts(0), [text], "{name} {type:?} {bits:#x}");
+    }
 }
 
 /// One PARAM_SET must not set every vehicle in reach.

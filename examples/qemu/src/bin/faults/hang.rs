@@ -64,7 +64,7 @@ impl Scene {
                 target_system: 1,
                 target_component: 1,
                 param_id: Text::new("SIM_HANG"),
-                param_type: MavParamType::UINT8,
+                param_type: MavParamType::INT32,
                 // Integers are sent bytewise.
                 param_value: f32::from_bits(param_value),
             };

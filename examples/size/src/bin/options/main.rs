@@ -179,9 +179,9 @@ parameters! {
         CRUISE: f32 = 5.0, 0.5..=15.0, "m/s";
         PITCH_P: f32 = 6.0, 0.0..=12.0, "";
         ROLL_P: f32 = 6.0, 0.0..=12.0, "";
-        RTL_ALT: i16 = 30, 5..=120, "m";
-        STARTS: u32 = 0, 0..=u32::MAX, "", [read_only];
-        SYS_ID: u8 = 1, 1..=254, "", [reboot_required];
+        RTL_ALT: i32 = 30, 5..=120, "m";
+        STARTS: i32 = 0, 0..=i32::MAX, "", [read_only];
+        SYS_ID: i32 = 1, 1..=254, "", [reboot_required];
         YAW_P: f32 = 2.5, 0.0..=6.0, "";
     }
 }
@@ -199,9 +199,9 @@ parameters! {
         ROLL_I: f32 = 0.2, 0.0..=1.0, "";
         ROLL_MAX: f32 = 0.6, 0.0..=1.0, "rad";
         ROLL_P: f32 = 6.0, 0.0..=12.0, "";
-        RTL_ALT: i16 = 30, 5..=120, "m";
-        STARTS: u32 = 0, 0..=u32::MAX, "", [read_only];
-        SYS_ID: u8 = 1, 1..=254, "", [reboot_required];
+        RTL_ALT: i32 = 30, 5..=120, "m";
+        STARTS: i32 = 0, 0..=i32::MAX, "", [read_only];
+        SYS_ID: i32 = 1, 1..=254, "", [reboot_required];
         YAW_D: f32 = 0.0, 0.0..=1.0, "";
         YAW_I: f32 = 0.2, 0.0..=1.0, "";
         YAW_P: f32 = 2.5, 0.0..=6.0, "";
