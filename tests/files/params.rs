@@ -98,6 +98,7 @@ fn file_has_all_parameters() {
     let plain = expected.map(|(name, kind, value, _)| (name.to_string(), kind, value, None));
     assert_eq!(entries, plain);
     assert_eq!(client.open(&mut world, FILE), Ok(file.len() as u32), "the size is right");
+    assert!(file.len() <= 239, "one packet");
 
     let file = fetch(&mut world, &mut client, "@PARAM/param.pck?withdefaults=1", 239);
     let with_defaults = expected.map(|(name, kind, value, default)| (name.to_string(), kind, value, Some(default)));
@@ -142,6 +143,119 @@ fn any_part_of_the_file_is_the_same() {
             assert!(!matches!(&*name, "LAND_SPEED" | "CRUISE") || is_whole || block < 16, "{name} {now} {block}");
         }
     }
+}
+
+/// Returns the length of the file that its directory tells.
+fn listed(world: &mut Shelf, client: &mut Client) -> u32 {
+    let entries = client.path(world, MavFtpOpcode::LISTDIRECTORY, "@PARAM").unwrap();
+    let entry = String::from_utf8(entries).unwrap();
+    entry.strip_prefix("Fparam.pck\t").unwrap().trim_end_matches('\0').parse().unwrap()
+}
+
+/// F-30: the directory and the open file tell one length, and reads of any length bring exactly so many bytes. What is behind the
+/// parameters are zeros, which decoders skip.
+#[test]
+fn file_has_one_length() {
+    let (mut world, mut client) = (world(), client());
+    let size = listed(&mut world, &mut client);
+    let expected = decode(&fetch(&mut world, &mut client, FILE, 239));
+    for block in 1..=239 {
+        assert_eq!(client.open(&mut world, FILE), Ok(size));
+        let file = fetch(&mut world, &mut client, FILE, block);
+        assert_eq!((file.len() as u32, decode(&file)), (size, expected.clone()), "{block}");
+    }
+    for query in ["?withdefaults=1", "?start=3", "?start=1&count=2"] {
+        let path = format!("{FILE}{query}");
+        let size = client.open(&mut world, &path).unwrap();
+        for block in [5, 80, 239] {
+            assert_eq!(fetch(&mut world, &mut client, &path, block).len() as u32, size, "{query} {block}");
+        }
+    }
+}
+
+/// F-30, F-8: a burst of any length of packets brings exactly as many bytes as the open file has, and says so in the last packet,
+/// full or not.
+#[test]
+fn bursts_end_at_the_length_of_the_file() {
+    let (mut world, mut client) = (world(), client());
+    let size = client.open(&mut world, FILE).unwrap();
+    for block in [21, 33, 77, 100, 230, size as u8] {
+        client.open(&mut world, FILE).unwrap();
+        client.seq += 1;
+        client.send(&mut world, &request(client.seq, 0, MavFtpOpcode::BURSTREADFILE, block, 0, &[]));
+        let mut packets = client.packets(&mut world);
+        client.seq += 40;
+        let end = packets.pop().unwrap();
+        assert_eq!((end.error(), end.is_last, end.offset), (Some(MavFtpErr::EOF), true, size), "{block}");
+        let marks: Vec<_> = packets.iter().map(|packet| packet.is_last).collect();
+        let last = marks.len() - 1;
+        assert!(marks.iter().enumerate().all(|(place, mark)| *mark == (place == last)), "{block} {marks:?}");
+        assert_eq!(packets.iter().map(|packet| packet.data.len()).sum::<usize>() as u32, size, "{block}");
+        client.end(&mut world).unwrap();
+    }
+    assert!(size.is_multiple_of(21) && size.is_multiple_of(33) && size.is_multiple_of(77), "full last packets");
+}
+
+/// Returns the warnings that the first ground station has received.
+fn warnings(world: &Shelf) -> Vec<String> {
+    let texts = world.gcs[0].all::<Statustext>().into_iter().map(|(_, text)| text);
+    texts.filter(|text| text.severity == MavSeverity::WARNING).map(|text| text.text.as_str().unwrap().into()).collect()
+}
+
+/// F-31: an upload that is one byte short is refused, however it ends: Terminate, Reset, silence, or another file in the session. A
+/// text says so, and Terminate is answered NAK, also when it is repeated.
+#[test]
+fn short_upload_is_refused() {
+    let text: &[&str] = if cfg!(feature = "plan-texts") { &["Upload ended early: nothing was changed"] } else { &[] };
+    let file = encode(&[("BAT_LOW", 1, 11.0), ("CRUISE", 4, 7.25)]);
+    for end in 0..5 {
+        let (mut world, mut client) = (world(), client());
+        client.create(&mut world, FILE).unwrap();
+        if end != 4 {
+            client.write(&mut world, 0, &file[..file.len() - 1]).unwrap();
+        }
+        world.gcs[0].forget();
+        match end {
+            0 | 4 => {
+                assert_eq!(client.end(&mut world), Err(MavFtpErr::FAIL));
+                assert_eq!(warnings(&world), text, "{end}");
+                let again = client.repeat(&mut world, MavFtpOpcode::TERMINATESESSION, 0, 0, &[]);
+                assert_eq!(again, Err(MavFtpErr::FAIL));
+                world.run_for(millis(100));
+                assert_eq!(warnings(&world), [""; 0], "once");
+                assert_eq!(client.end(&mut world), Ok(vec![]), "F-7: the session is over");
+            }
+            1 => {
+                assert_eq!(client.ask(&mut world, MavFtpOpcode::RESETSESSION, 0, 0, &[]), Ok(vec![]));
+                assert_eq!(warnings(&world), text);
+            }
+            2 => {
+                world.run_for(secs(9));
+                assert_eq!(warnings(&world), text);
+            }
+            _ => {
+                client.open(&mut world, "log.bin").unwrap();
+                assert_eq!(warnings(&world), text);
+            }
+        }
+        assert_eq!(world.stack.parameters().get(Tuning::BAT_LOW), 10.5);
+        assert_eq!(world.stack.files().counters().refused_uploads, 1, "{end}");
+        // A whole one is accepted then.
+        client.create(&mut world, FILE).unwrap();
+        assert_eq!(client.write(&mut world, 0, &file), Ok(vec![]));
+        assert_eq!(client.end(&mut world), Ok(vec![]));
+        assert_eq!(world.stack.parameters().get(Tuning::BAT_LOW), 11.0);
+    }
+}
+
+/// F-31: a client that opens its upload again, before it has sent anything, has not lost anything.
+#[test]
+fn opening_an_upload_again_is_no_refusal() {
+    let (mut world, mut client) = (world(), client());
+    client.create(&mut world, FILE).unwrap();
+    world.gcs[0].forget();
+    client.create(&mut world, FILE).unwrap();
+    assert_eq!((warnings(&world), world.stack.files().counters().refused_uploads), (vec![], 0));
 }
 
 /// P-14, F-14: an uploaded file sets all of its parameters, whatever types the client has chosen for the numbers. Each new value
@@ -233,7 +347,7 @@ fn unfinished_upload_changes_nothing() {
     assert_eq!(other.create(&mut world, FILE), Err(MavFtpErr::FILEPROTECTED), "one upload at a time");
     assert_eq!(other.read(&mut world, 0, 9), Err(MavFtpErr::INVALIDSESSION));
     assert_eq!(client.read(&mut world, 0, 9), Err(MavFtpErr::FAIL), "it is written");
-    client.end(&mut world).unwrap();
+    assert_eq!(client.end(&mut world), Err(MavFtpErr::FAIL), "F-31");
     assert_eq!(world.stack.parameters().get(Tuning::BAT_LOW), 10.5);
     other.create(&mut world, FILE).unwrap();
     for offset in (0..400).step_by(200) {

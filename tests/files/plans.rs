@@ -58,7 +58,7 @@ fn get(world: &mut Shelf, client: &mut Client, kind: PlanType, block: u8) -> Vec
     file
 }
 
-/// Uploads a file in packets of this length, and ends the session.
+/// Uploads a file in packets of this length, and ends the session. If the file is not whole, that is refused (F-31).
 fn put(world: &mut Shelf, client: &mut Client, path: &str, file: &[u8], block: usize) -> Result<(), MavFtpErr> {
     let mut result = client.create(world, path).map(|_| ());
     for (number, part) in file.chunks(block).enumerate() {
@@ -66,8 +66,8 @@ fn put(world: &mut Shelf, client: &mut Client, path: &str, file: &[u8], block: u
             result = client.write(world, (number * block) as u32, part).map(|_| ());
         }
     }
-    client.end(world).expect("an end");
-    result
+    let end = client.end(world).map(|_| ());
+    result.and(end)
 }
 
 /// Returns the warnings that a ground station has received.
@@ -278,7 +278,7 @@ fn dead_client_leaves_the_old_plan() {
     world.upload(0, &old).expect("accepted");
     let whole = file(PlanType::Mission, &items(PlanType::Mission, 40, 2));
     let ends: [fn(&mut Shelf, &mut Client); 4] = [
-        |world, client| assert!(client.end(world).is_ok()),
+        |world, client| assert_eq!(client.end(world), Err(MavFtpErr::FAIL), "F-31"),
         |world, client| assert!(client.open(world, "log.bin").is_ok()),
         |world, client| assert!(client.ask(world, MavFtpOpcode::RESETSESSION, 0, 0, &[]).is_ok()),
         |world, _| world.run_for(secs(11)),
@@ -354,7 +354,7 @@ fn stalled_upload_is_closed() {
         assert_eq!(client.write(&mut world, 100, &whole[100..]), Err(MavFtpErr::INVALIDSESSION), "{parts}");
         assert_eq!(world.stack.files().counters().timed_out, 1, "{parts}");
         assert!(other.create(&mut world, "@PARAM/param.pck").is_ok(), "{parts}");
-        other.end(&mut world).unwrap();
+        assert_eq!(other.end(&mut world), Err(MavFtpErr::FAIL), "F-31: nothing has arrived");
         assert_eq!(put(&mut world, &mut client, MISSION, &whole, 239), Ok(()), "{parts}");
     }
 }
@@ -460,6 +460,7 @@ proptest! {
             && bytes.len() == HEADER + ITEM * usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
         let result = put(&mut world, &mut client, path(kind), &bytes, block);
         let now = downloaded(&mut world, kind);
+        prop_assert!(is_whole || result.is_err(), "F-31");
         if now != content(&old) {
             prop_assert!(result.is_ok() && is_whole);
             let (of, found) = decode(&bytes);

@@ -42,7 +42,7 @@ fn directories_are_listed() {
     assert_eq!(entries, ["Fnotes.txt\t4\t0"]);
     let entries = list(&mut world, &mut client, with_time, "docs").unwrap();
     assert_eq!(entries[1], "Dmore\t0\t0");
-    assert_eq!(list(&mut world, &mut client, MavFtpOpcode::LISTDIRECTORY, "@PARAM").unwrap(), ["Fparam.pck\t108"]);
+    assert_eq!(list(&mut world, &mut client, MavFtpOpcode::LISTDIRECTORY, "@PARAM").unwrap(), ["Fparam.pck\t231"]);
     let plans = list(&mut world, &mut client, MavFtpOpcode::LISTDIRECTORY, "@MISSION").unwrap();
     assert_eq!(plans, ["Fmission.dat\t10", "Ffence.dat\t10", "Frally.dat\t10"], "F-20");
     for missing in ["nothing", "doc", "@SYS", "general.json/x", "docs/licence"] {
@@ -114,6 +114,31 @@ fn burst_sends_the_whole_file() {
     assert_eq!(client.packets(&mut world), [], "nothing more");
 }
 
+/// F-30: the last packet of a burst is marked, also if it is full; and a file that grows or shrinks after it was opened has the length
+/// that its client knows, if there are so many bytes.
+#[test]
+fn last_packet_of_a_burst_is_marked() {
+    let (mut world, mut client) = (world(), client());
+    for (path, len, block) in [("log.bin", 1_000, 100), ("log.bin", 1_000, 200), ("docs/licence.txt", 3, 3)] {
+        for grown in [0, 70] {
+            client.open(&mut world, path).unwrap();
+            world.vehicle.files.content.insert("log.bin".to_string(), pattern(1_000 + grown));
+            client.seq += 1;
+            client.send(&mut world, &request(client.seq, 0, MavFtpOpcode::BURSTREADFILE, block, 0, &[]));
+            client.seq += 40;
+            let packets = client.packets(&mut world);
+            let shown: Vec<_> = packets.iter().map(|p| (p.offset, p.data.len(), p.is_last, p.error())).collect();
+            let expected =
+                (0..len).step_by(block.into()).map(|at| (at, block.into(), at + u32::from(block) == len, None));
+            let end = (len, 1, true, Some(MavFtpErr::EOF));
+            assert_eq!(shown, expected.chain([end]).collect::<Vec<_>>(), "{path} {block} {grown}");
+            assert_eq!(client.read(&mut world, len - 1, 239).map(|data| data.len()), Ok(1));
+            client.end(&mut world).unwrap();
+            world.vehicle.files.content.insert("log.bin".to_string(), pattern(1_000));
+        }
+    }
+}
+
 /// CalcFileCRC32: MAVLink's CRC, over several polls.
 #[test]
 fn checksum_of_a_file() {
@@ -181,6 +206,11 @@ fn each_refusal_has_its_error() {
         (Op::RENAME, "log.bin\0@PARAM/x", MavFtpErr::FAIL),
         (Op::RENAME, "log.bin\0general.json", MavFtpErr::FAIL),
         (Op::RENAME, "missing\0other", MavFtpErr::FILENOTFOUND),
+        (Op::RENAME, "log.bin\0", MavFtpErr::FAIL),
+        (Op::RENAME, "\0log.old", MavFtpErr::FILEPROTECTED),
+        (Op::REMOVEDIRECTORY, "", MavFtpErr::FILEPROTECTED),
+        (Op::CREATEDIRECTORY, "/", MavFtpErr::FILEPROTECTED),
+        (Op::REMOVEFILE, ".", MavFtpErr::FILEPROTECTED),
         (Op(17), "", MavFtpErr::UNKNOWNCOMMAND),
         (Op(127), "", MavFtpErr::UNKNOWNCOMMAND),
     ] {
@@ -222,6 +252,85 @@ fn paths_are_checked() {
     let longest = "x".repeat(239);
     world.vehicle.files.content.insert(longest.clone(), vec![1]);
     assert_eq!(client.open(&mut world, &longest), Ok(1));
+}
+
+/// F-32: a file has one spelling. Others are refused by every operation before a hook sees them, so that none passes the check of the
+/// stack's own files.
+#[test]
+fn other_spellings_reach_no_hook() {
+    use MavFtpOpcode as Op;
+    let (mut world, mut client) = (world(), client());
+    world.vehicle.files.content.insert("d/x".to_string(), pattern(3));
+    let before = world.vehicle.files.content.clone();
+    let spellings = [
+        "./general.json",
+        ".//log.bin",
+        "./log.bin",
+        "d//x",
+        "d/./x",
+        "d/.",
+        "./d",
+        "./.",
+        "d\\x",
+        "..\\x",
+        "\\log.bin",
+        "0:/log.bin",
+        "C:log.bin",
+        "log.bin:x",
+        "./@PARAM/param.pck",
+        "@PARAM//param.pck",
+        "@PARAM/./param.pck",
+        "@MISSION//mission.dat",
+        "docs//licence.txt",
+        "docs/./licence.txt",
+        "log\tbin",
+        "log.bin\x7f",
+        "log.bin\r",
+    ];
+    let opcodes = [
+        Op::OPENFILERO,
+        Op::OPENFILEWO,
+        Op::CREATEFILE,
+        Op::CALCFILECRC,
+        Op::LISTDIRECTORY,
+        Op::LISTDIRECTORYWITHTIME,
+        Op::REMOVEFILE,
+        Op::CREATEDIRECTORY,
+        Op::REMOVEDIRECTORY,
+        Op::TRUNCATEFILE,
+        Op::RENAME,
+    ];
+    for path in spellings {
+        for opcode in opcodes {
+            assert_eq!(client.path(&mut world, opcode, path), Err(MavFtpErr::FILENOTFOUND), "{opcode:?} {path:?}");
+        }
+        let rename = client.path(&mut world, Op::RENAME, &format!("log.bin\0{path}"));
+        assert_eq!(rename, Err(MavFtpErr::FAIL), "{path:?}");
+        let rename = client.path(&mut world, Op::RENAME, &format!("{path}\0new"));
+        assert_eq!(rename, Err(MavFtpErr::FILENOTFOUND), "{path:?}");
+    }
+    assert_eq!((world.vehicle.files.changes, &world.vehicle.files.content), (0, &before));
+    // Slashes at both ends, and names of dots that mean nothing, are allowed.
+    for name in ["...", "..x", "x..", ".hidden", "a b"] {
+        world.vehicle.files.content.insert(format!("d/{name}"), vec![1]);
+        assert_eq!(client.open(&mut world, &format!("//d/{name}/")), Ok(1), "{name}");
+    }
+}
+
+/// F-32, F-9: a name that a client could not ask for is listed as `S`: a TAB in it would end it.
+#[test]
+fn names_without_a_spelling_are_skipped() {
+    let (mut world, mut client) = (world(), client());
+    for name in ["a\tb", "b\nc", "c\\d", "d:e", "e\x7f", "f", "l\u{e4}g", ".", ".."] {
+        world.vehicle.files.content.insert(format!("odd/{name}"), vec![1]);
+    }
+    for (opcode, f) in
+        [(MavFtpOpcode::LISTDIRECTORY, "Ff\t1"), (MavFtpOpcode::LISTDIRECTORYWITHTIME, "Ff\t1\t1700000000")]
+    {
+        let entries = list(&mut world, &mut client, opcode, "odd").unwrap();
+        let named: Vec<_> = entries.iter().filter(|entry| *entry != "S").map(String::as_str).collect();
+        assert_eq!((entries.len(), named), (9, vec![f]), "{entries:?}");
+    }
 }
 
 /// F-1: an answer has no answer, and a request to everyone is none: the vehicle would answer for others.

@@ -287,7 +287,7 @@ fn checksum_does_not_delay_others() {
     let (mut world, client, mut other) = (world(), client(), Client { link: 1, ..OTHER });
     world.vehicle.files.content.insert("big.bin".to_string(), pattern(4_000_000));
     client.send(&mut world, &request(60, 0, MavFtpOpcode::CALCFILECRC, 7, 0, b"big.bin"));
-    for (path, size) in [("@MISSION/mission.dat", 10), ("@PARAM/param.pck", 126)] {
+    for (path, size) in [("@MISSION/mission.dat", 10), ("@PARAM/param.pck", 231)] {
         assert_eq!(other.open(&mut world, path), Ok(size), "{path}");
         assert!(other.read(&mut world, 0, 239).is_ok(), "{path}");
     }

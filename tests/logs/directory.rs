@@ -167,8 +167,18 @@ fn a_file_is_never_of_two_logs() {
 #[test]
 fn other_files_are_refused() {
     let mut shelf = shelf(&[100]);
-    let names =
-        ["log_1.ulg", "log_.ulg", "log_0.bin", "log_0ulg", "log_0", "log_65536.ulg", "log_-1.ulg", "log_0.ulg/", "0"];
+    let names = [
+        "log_1.ulg",
+        "log_.ulg",
+        "log_0.bin",
+        "log_0ulg",
+        "log_0",
+        "log_65536.ulg",
+        "log_-1.ulg",
+        "log_0.ulg/",
+        "0",
+        "log_00.ulg",
+    ];
     for (seq, name) in (1..).zip(names) {
         let path = format!("@MAV_LOG/{name}");
         let expected = if name == "log_0.ulg/" { Ok(100) } else { Err(MavFtpErr::FILENOTFOUND) };

@@ -63,7 +63,8 @@ impl Entries<'_> {
     /// Writes an entry.
     #[inline(never)]
     fn put(&mut self, name: &[u8], size: Option<u32>, time: u32, has_time: bool) {
-        if name.len() > LONGEST_NAME {
+        if name.len() > LONGEST_NAME || !path::is_name(name) {
+            // Also a name that a client could not ask for (F-32).
             self.text(b"S\0");
             return;
         }

@@ -1,6 +1,6 @@
 //! A server of the MAVLink file transfer protocol: files of the vehicle, and virtual directories.
 //!
-//! Implements the server's side of <https://mavlink.io/en/services/ftp.html>, rules F-1 to F-15.
+//! Implements the server's side of <https://mavlink.io/en/services/ftp.html>, rules F-1 to F-32.
 //! Left out: the error FailErrno, and the swap of files that MAVLink defines without a user.
 //!
 //! A request is executed when it is received. The client's session keeps the answer without its data, which is read

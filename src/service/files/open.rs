@@ -41,7 +41,9 @@ pub(super) fn open<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
             let file = V::open(cx, path, true)?;
             return if may_upload { Ok((Open::Upload(file), 0)) } else { Err(MavFtpErr::FILEPROTECTED) };
         }
-        return V::open(cx, path, !is_read).map(|file| (Open::Virtual(file), 0));
+        let file = V::open(cx, path, !is_read)?;
+        let size = file.size(cx);
+        return Ok((Open::Virtual(file), size));
     }
     if path.is_empty() {
         return Err(MavFtpErr::FILENOTFOUND);
@@ -62,21 +64,25 @@ pub(super) fn open<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     Ok((Open::Hook { number, is_writable: !is_read }, size))
 }
 
-/// Returns the size of a virtual file, or that it takes another call.
-#[inline(never)]
-pub(super) fn measure<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(cx: &mut Cx<'_, F>, file: &mut V) -> Outcome {
-    file.size(cx).ok_or(Stop::LATER)
+/// Returns where reading a file ends: at the size that its client knows, so that it gets exactly so many bytes (F-30). A file
+/// that the client writes ends where the vehicle says.
+pub(super) const fn end<V>(open: &Open<V>, size: u32) -> u32 {
+    if matches!(open, Open::Hook { is_writable: true, .. }) { u32::MAX } else { size }
 }
 
-/// Reads from a file. Returns the number of bytes.
+/// Reads from a file up to its `end`. Returns the number of bytes.
 #[inline(never)]
 pub(super) fn read<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     cx: &mut Cx<'_, F>,
     open: &mut Open<V>,
+    end: u32,
     offset: u32,
     out: &mut [u8],
 ) -> Outcome {
+    let left = usize::try_from(end.saturating_sub(offset)).unwrap_or(usize::MAX).min(out.len());
+    let out = out.get_mut(..left).unwrap_or_default();
     let len = match open {
+        Open::Hook { .. } if out.is_empty() => 0,
         Open::Hook { number, .. } => cx.vehicle.read(*number, offset, out)?.min(out.len()),
         Open::Static(index) => {
             let bytes = F::Vehicle::FILES.get(usize::from(*index)).map(|file| file.bytes).unwrap_or_default();

@@ -4,8 +4,8 @@
 
 use super::vehicle::StaticFile;
 
-/// Returns the path in the data of a request, up to the end or the first zero, without slashes at its ends. `None` if
-/// it is not allowed.
+/// Returns the path in the data of a request, up to the end or the first zero, without slashes at its ends; `.` is the root.
+/// `None` if it is not the one spelling of its file (F-32).
 pub(super) fn of(data: &[u8]) -> Option<&[u8]> {
     let mut path = data.split(|byte| *byte == 0).next().unwrap_or_default();
     while let Some((b'/', rest)) = path.split_first() {
@@ -14,18 +14,32 @@ pub(super) fn of(data: &[u8]) -> Option<&[u8]> {
     while let Some((b'/', rest)) = path.split_last() {
         path = rest;
     }
-    // The number of dots at the beginning of a component; more than two if there is anything else.
+    match path {
+        [] | b"." => Some(b""),
+        _ => is_good(path, true).then_some(path),
+    }
+}
+
+/// Whether a client can ask for a directory's entry with this name.
+pub(super) fn is_name(name: &[u8]) -> bool {
+    is_good(name, false)
+}
+
+/// Whether these are names of printable ASCII with slashes between them, or one name. Not allowed are empty names, `.` and `..`,
+/// `\` and `:`, which some file systems take for slashes and drives.
+fn is_good(path: &[u8], may_have_slashes: bool) -> bool {
+    // The number of dots at the beginning of a name; more than two if there is anything else.
     let mut dots = 0u8;
-    for byte in path.iter().chain(b"/") {
+    for byte in path {
         dots = match byte {
-            b'/' if dots == 2 => return None,
-            b'/' => 0,
+            b'/' if dots > 2 && may_have_slashes => 0,
+            b'/' | b'\\' | b':' => return false,
             b'.' => dots.saturating_add(1),
             b' '..=b'~' => 3,
-            _ => return None,
+            _ => return false,
         };
     }
-    Some(if path == b"." { b"" } else { path })
+    dots > 2
 }
 
 /// Returns the rest of a path below a directory.

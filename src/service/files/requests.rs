@@ -1,16 +1,16 @@
 //! Executes requests when they are received (F-1 to F-7, F-13).
 
 use super::list::directory;
-use super::open::{close, is_virtual, measure, open};
+use super::open::{close, is_virtual, open};
 use super::packet::{MAX_DATA, Request};
 use super::session::{self, Answer, BURST, IDLE, Key, Open, REPEAT, STALLED, Session, State, TAKEOVER};
 use super::virtual_files::VirtualFiles;
 use super::work::{Upload, Work};
 use super::{FileAccess, FileChange, Files, OTHERS, Outcome, Server, path, short};
-use crate::dialect::{MavFtpErr, MavFtpOpcode};
+use crate::dialect::{MavFtpErr, MavFtpOpcode, MavSeverity};
 use crate::service::{Handled, Received, increment};
 use crate::time::{Duration, Instant};
-use crate::types::{Firmware, Peer};
+use crate::types::{Firmware, LinkMask, Peer};
 
 /// The reason for no value: an error, or one of two others. One word, so that a `Result` of it fits into registers.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -104,22 +104,32 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         self.status.wake = self.cx.now.after(Duration::from_micros(u64::from(left).wrapping_shl(10)));
     }
 
-    /// Closes the file of a session, and drops its pending data and its pending checksum.
+    /// Closes the file of a session, and drops its pending data and its pending checksum. Returns false if it was an upload that
+    /// is not whole: it is refused (F-31).
     #[inline(never)]
-    pub(super) fn close(&mut self, place: usize) {
-        let Some(session) = self.sessions.get_mut(place) else { return };
+    pub(super) fn close(&mut self, place: usize) -> bool {
+        let Some(session) = self.sessions.get_mut(place) else { return true };
         session.drop_data();
         session.opened_by = 0;
         let open = core::mem::replace(&mut session.open, Open::Nothing);
+        let link = session.key.client().link;
         close(self.cx, &open);
-        let working = match self.work {
-            Work::Checksum { session, .. } | Work::Measure { session, .. } => usize::from(*session),
-            _ => return,
-        };
-        if working == place {
-            self.end_checksum();
-            *self.work = Work::Nothing;
+        // A client whose upload was refused before knows it.
+        let is_whole = !(V::UPLOADS && matches!(open, Open::Upload(_))) || self.status.upload != Upload::Running;
+        if !is_whole {
+            self.status.upload = Upload::Refused;
+            increment(&mut self.status.counters.refused_uploads);
+            if cfg!(feature = "plan-texts") {
+                let text = b"Upload ended early: nothing was changed";
+                self.cx.texts.push(self.cx.now, LinkMask::of(link), MavSeverity::WARNING, text);
+            }
         }
+        if let Work::Checksum { session, .. } = self.work
+            && usize::from(*session) == place
+        {
+            self.end_checksum();
+        }
+        is_whole
     }
 
     /// Handles a packet.
@@ -172,8 +182,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             _ if is_too_long => Err(MavFtpErr::INVALIDDATASIZE.into()),
             MavFtpOpcode::NONE => Ok(0),
             MavFtpOpcode::TERMINATESESSION => {
-                self.close(place);
-                Ok(0)
+                // The client must not take its upload for stored.
+                if self.close(place) { Ok(0) } else { Err(MavFtpErr::FAIL.into()) }
             }
             MavFtpOpcode::RESETSESSION => {
                 self.end(Some(key));
@@ -239,7 +249,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             MavFtpOpcode::RENAME => {
                 let second = request.data.iter().position(|byte| *byte == 0).and_then(|end| request.data.get(end..));
                 match second.and_then(|rest| path::of(rest.get(1..)?)) {
-                    Some(to) if !is_own::<F>(to) && !to.is_empty() => FileChange::Rename { from: path, to },
+                    Some(to) if !is_own::<F>(to) => FileChange::Rename { from: path, to },
                     _ => return Err(MavFtpErr::FAIL.into()),
                 }
             }
@@ -262,7 +272,11 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             MavFtpOpcode::OPENFILEWO => FileAccess::Write,
             _ => FileAccess::Create,
         };
-        // A client that opens another file does not close the one before, or its request to do so was lost.
+        // A client that opens another file does not close the one before, or its request to do so was lost. If nothing has arrived
+        // of an upload, it asks again with another number.
+        if self.status.received == 0 && self.sessions.get(place).is_some_and(Session::is_uploading) {
+            self.status.upload = Upload::Refused;
+        }
         self.close(place);
         let mut not_open = 0usize;
         self.sessions.iter().for_each(|session| not_open = not_open.wrapping_add(usize::from(!session.is_open())));
@@ -278,24 +292,13 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             self.close(victim);
         }
         let may_upload = V::UPLOADS && !self.sessions.iter().any(Session::is_uploading);
-        let (mut opened, mut size) = open(self.cx, path, access, from, may_upload)?;
-        let takes_work = match &mut opened {
-            Open::Virtual(file) => match measure(self.cx, file) {
-                Ok(known) => {
-                    size = known;
-                    false
-                }
-                Err(_) => true,
-            },
-            Open::Upload(_) => true,
-            _ => false,
-        };
-        // An upload could not be finished either.
-        if takes_work && !self.make_way() {
-            return Err(Stop::DROPPED);
-        }
+        let (opened, size) = open(self.cx, path, access, from, may_upload)?;
         if V::UPLOADS && matches!(opened, Open::Upload(_)) {
-            (self.status.received, self.status.kept, self.status.upload) = (0, 0, Upload::Running);
+            // It could not be finished either.
+            if !self.make_way() {
+                return Err(Stop::DROPPED);
+            }
+            (self.status.received, self.status.kept, self.status.upload) = (0, 0, Upload::Refused);
             self.status.grown = self.cx.now.coarse();
         }
         increment(&mut self.status.counters.opened);
@@ -305,17 +308,16 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             session.forget_sent(false, true);
         }
         match opened {
-            Open::Virtual(file) if takes_work => *self.work = Work::Measure { session: short(place), file },
             Open::Upload(file) if V::UPLOADS => {
                 *self.work = Work::Begin { session: short(place), client: from, file };
+                Err(Stop::LATER)
             }
-            _ => return Ok(size),
+            _ => Ok(size),
         }
-        Err(Stop::LATER)
     }
 }
 
-/// Whether a path is one of the stack's own, or that of a static file: no client changes it.
+/// Whether a path is the root, one of the stack's own, or that of a static file: no client changes it.
 fn is_own<F: Firmware<Vehicle: Files>>(path: &[u8]) -> bool {
-    is_virtual(path) || F::Vehicle::FILES.iter().any(|file| file.path.as_bytes() == path)
+    path.is_empty() || is_virtual(path) || F::Vehicle::FILES.iter().any(|file| file.path.as_bytes() == path)
 }

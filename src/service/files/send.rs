@@ -1,7 +1,7 @@
 //! Sending: answers, and the packets of bursts (F-8, F-15, D-4).
 
 use super::list::list;
-use super::open::read;
+use super::open::{end, read};
 use super::packet;
 use super::requests::Stop;
 use super::session::{self, LONGEST_BURST, Session, State};
@@ -60,7 +60,8 @@ fn send<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     state: State,
 ) -> bool {
     let Some(place) = session.oldest(state) else { return false };
-    let Session { open, answers, key, touched, burst_began, .. } = session;
+    let Session { open, answers, key, touched, burst_began, size, .. } = session;
+    let end = end(open, *size);
     let Some(answer) = answers.get_mut(place) else { return false };
     let (head, value) = (answer.head, answer.value);
     let is_burst = head.opcode == MavFtpOpcode::BURSTREADFILE;
@@ -74,7 +75,7 @@ fn send<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
         let content = match head.opcode {
             _ if answer.is_refused => Err(Stop(value)),
             MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE => {
-                read(cx, open, head.offset, data.get_mut(..usize::from(head.size)).unwrap_or_default())
+                read(cx, open, end, head.offset, data.get_mut(..usize::from(head.size)).unwrap_or_default())
             }
             MavFtpOpcode::LISTDIRECTORY => list::<F, V>(cx, value, head.offset, false, data),
             MavFtpOpcode::LISTDIRECTORYWITHTIME => list::<F, V>(cx, value, head.offset, true, data),
@@ -85,10 +86,11 @@ fn send<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
             _ => Ok(0),
         };
         sent = content.unwrap_or(0);
-        // A burst that takes too long is cut off. A short packet is the last one, and the end of the file is said once more
-        // behind it.
+        // A burst that takes too long is cut off. A short packet, or one up to the end of the file, is the last one (F-30). The
+        // end of the file is said once more behind it.
         is_last = content.is_err() || now.wrapping_sub(*burst_began) >= LONGEST_BURST;
-        packet::complete(payload, *key, &head, content, is_burst && (is_last || sent < u32::from(head.size)))
+        let ends = is_last || sent < u32::from(head.size) || head.offset.saturating_add(sent) >= end;
+        packet::complete(payload, *key, &head, content, is_burst && ends)
     });
     if is_sent {
         answer.state = State::Sent;

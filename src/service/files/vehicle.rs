@@ -38,9 +38,9 @@ use crate::types::{Context, Peer};
 ///
 /// # Paths
 ///
-/// A path is a byte string, such as `b"logs/1.bin"`, without a slash at its ends. The root is the empty path. All bytes
-/// are printable ASCII, and no component is `..` (F-10): the stack refuses all other paths. Paths that begin with `@`
-/// belong to the stack.
+/// A path is a byte string, such as `b"logs/1.bin"`, without a slash at its ends. The root is the empty path. A path has one
+/// spelling (F-10, F-32): all bytes are printable ASCII except `\` and `:`, and no part is empty, `.` or `..`. The stack refuses all
+/// other paths. Paths that begin with `@` belong to the stack.
 ///
 /// # Cost
 ///
@@ -194,14 +194,17 @@ impl StaticFile {
             // The number of dots at the beginning of a component; more than two if there is anything else.
             let (mut k, mut dots) = (0, 0);
             while k < path.len() {
-                assert!(path[k] >= b' ' && path[k] <= b'~', "the path of a static file is printable ASCII");
+                assert!(
+                    path[k] >= b' ' && path[k] <= b'~' && path[k] != b'\\' && path[k] != b':',
+                    "the path of a static file is printable ASCII without backslashes and colons"
+                );
                 dots = match path[k] {
                     b'/' => 0,
                     b'.' => dots + 1,
                     _ => 3,
                 };
                 let ends = k + 1 == path.len() || path[k + 1] == b'/';
-                assert!(!(ends && dots == 2), "no part of the path of a static file is `..`");
+                assert!(!ends || dots > 2, "no part of the path of a static file is `..`, `.` or empty");
                 k += 1;
             }
             i += 1;
@@ -212,9 +215,9 @@ impl StaticFile {
 /// An entry of a directory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FileEntry<'a> {
-    /// The name, without a path. A name of more than 200 bytes is skipped.
+    /// The name, without a path. A name of more than 200 bytes, or one that no path may contain, is skipped.
     pub name: &'a [u8],
-    /// The size of a file (bytes); `None` for a directory.
+    /// The size of a file (bytes), the same as of the open file; `None` for a directory.
     pub size: Option<u32>,
     /// The time of the last change (s since 1970, UTC); 0 if unknown.
     pub time: u32,
@@ -225,7 +228,7 @@ pub struct FileEntry<'a> {
 pub struct OpenFile {
     /// The vehicle's number for it.
     pub number: u16,
-    /// Its size (bytes).
+    /// Its size (bytes). A file that was opened for reading is read up to here, also if it grows (F-30).
     pub size: u32,
 }
 

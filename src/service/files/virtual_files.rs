@@ -40,8 +40,9 @@ pub trait VirtualFile<F: Firmware>: Copy + Debug {
     /// [`MavFtpErr::FILENOTFOUND`], [`MavFtpErr::FILEPROTECTED`] for a file that cannot be uploaded, or [`MavFtpErr::FAIL`].
     fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr>;
 
-    /// Returns its size (bytes); `None` if that takes another call. Called after [`open`](Self::open), and then in each poll.
-    fn size(&mut self, cx: &mut Cx<'_, F>) -> Option<u32>;
+    /// Returns its size (bytes): that of its [`entry`](Self::entry), and what reads of any length deliver (F-30). Called after
+    /// [`open`](Self::open).
+    fn size(&self, cx: &Cx<'_, F>) -> u32;
 
     /// Called before a client reads, with the length of the data in its packets.
     fn begin_to_read(&mut self, packet: u8) {
@@ -111,7 +112,7 @@ pub trait VirtualFiles<F: Firmware>: Copy + Debug {
     fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr>;
 
     /// As [`VirtualFile::size`].
-    fn size(&mut self, cx: &mut Cx<'_, F>) -> Option<u32>;
+    fn size(&self, cx: &Cx<'_, F>) -> u32;
 
     /// As [`VirtualFile::begin_to_read`].
     fn begin_to_read(&mut self, packet: u8);
@@ -146,7 +147,7 @@ impl<F: Firmware> VirtualFile<F> for NoFile {
         Err(MavFtpErr::FILENOTFOUND)
     }
 
-    fn size(&mut self, _: &mut Cx<'_, F>) -> Option<u32> {
+    fn size(&self, _: &Cx<'_, F>) -> u32 {
         match *self {}
     }
 
@@ -172,7 +173,7 @@ impl<F: Firmware> VirtualFiles<F> for NoFile {
         VirtualFile::open(cx, path, is_upload)
     }
 
-    fn size(&mut self, _: &mut Cx<'_, F>) -> Option<u32> {
+    fn size(&self, _: &Cx<'_, F>) -> u32 {
         match *self {}
     }
 
@@ -245,7 +246,7 @@ impl<F: Firmware, const UPLOADS: bool, A: VirtualFile<F>, B: VirtualFiles<F>> Vi
         B::open(cx, path, is_upload).map(Self::Rest)
     }
 
-    fn size(&mut self, cx: &mut Cx<'_, F>) -> Option<u32> {
+    fn size(&self, cx: &Cx<'_, F>) -> u32 {
         match self {
             Self::First(file) => file.size(cx),
             Self::Rest(file) => file.size(cx),
@@ -330,7 +331,7 @@ mod tests {
         type Parameters = NoParams;
     }
 
-    /// `@NOTES/0` to `@NOTES/2`: its number, repeated. Their size and a read take two calls.
+    /// `@NOTES/0` to `@NOTES/2`: its number, repeated. A read takes two calls.
     #[derive(Clone, Copy, Debug)]
     struct Note {
         number: u8,
@@ -347,12 +348,12 @@ mod tests {
             }
         }
 
-        fn size(&mut self, _: &mut Cx<'_, Shelf>) -> Option<u32> {
-            core::mem::replace(&mut self.is_ready, true).then_some(3)
+        fn size(&self, _: &Cx<'_, Shelf>) -> u32 {
+            3
         }
 
-        fn read(&mut self, cx: &mut Cx<'_, Shelf>, offset: u32, out: &mut [u8]) -> Body {
-            if self.size(cx).is_none() {
+        fn read(&mut self, _: &mut Cx<'_, Shelf>, offset: u32, out: &mut [u8]) -> Body {
+            if !core::mem::replace(&mut self.is_ready, true) {
                 return Body::Later;
             }
             let rest = 3usize.saturating_sub(offset as usize).min(out.len());
@@ -378,8 +379,8 @@ mod tests {
             if path == b"drop" && is_upload { Ok(Self) } else { Err(MavFtpErr::FAIL) }
         }
 
-        fn size(&mut self, _: &mut Cx<'_, Shelf>) -> Option<u32> {
-            Some(0)
+        fn size(&self, _: &Cx<'_, Shelf>) -> u32 {
+            0
         }
 
         fn read(&mut self, _: &mut Cx<'_, Shelf>, _: u32, _: &mut [u8]) -> Body {
@@ -447,12 +448,14 @@ mod tests {
         let mut parts = Vec::new();
         let mut out = [0; 2];
         for offset in [0, 0, 2, 3] {
-            parts.push(with(|cx| read(cx, &mut open, offset, &mut out)).map_err(Stop::error));
+            parts.push(with(|cx| read(cx, &mut open, 3, offset, &mut out)).map_err(Stop::error));
         }
         assert_eq!(parts, [Err(None), Ok(2), Ok(1), Err(Some(MavFtpErr::EOF))]);
+        // F-30: not beyond the end that the client knows.
+        assert_eq!(with(|cx| read(cx, &mut open, 1, 0, &mut out)).map_err(Stop::error), Ok(1));
         assert_eq!(out, *b"11");
         let Open::Virtual(file) = &mut open else { panic!("{open:?}") };
-        assert_eq!(with(|cx| file.size(cx)), Some(3));
+        assert_eq!(with(|cx| file.size(cx)), 3);
         for path in ["@NOTES/3", "@NOTES", "@NOTES/", "@OTHER/0", "@"] {
             let error = opened::<All>(path, FileAccess::Read).expect_err(path);
             assert_eq!(error, MavFtpErr::FILENOTFOUND, "{path}");

@@ -1,14 +1,13 @@
-//! Operations that take more than one call: checksums, the size of a virtual file, and uploads to virtual directories
-//! (P-22).
+//! Operations that take more than one call: checksums, and uploads to virtual directories (P-22).
 
-use super::open::{close, measure, open, read};
+use super::open::{close, open, read};
 use super::packet::{MAX_DATA, Request};
 use super::requests::Stop;
 use super::session::{LONGEST_CHECKSUM, Open, Session, State};
 use super::virtual_files::{Part, VirtualFiles};
 use super::{FileAccess, Files, Outcome, Server, short};
 use crate::crc32::Crc32;
-use crate::dialect::{MavFtpErr, MavFtpOpcode};
+use crate::dialect::MavFtpErr;
 use crate::service::share::RETRY;
 use crate::service::{Cx, increment};
 use crate::types::{Firmware, Peer};
@@ -23,6 +22,7 @@ pub(super) enum Upload {
     Running,
     /// It is complete, and later polls apply it.
     Complete,
+    /// It is refused, or not permitted yet.
     Refused,
 }
 
@@ -31,12 +31,13 @@ pub(super) enum Upload {
 #[repr(u8)]
 pub(super) enum Work<V> {
     Nothing,
-    /// The checksum of a file, that of its path, and when it began.
+    /// The checksum of a file, that of its path, when it began, and the size of the file.
     Checksum {
         session: u8,
         open: Open<V>,
         path: u32,
         began: u32,
+        size: u32,
         offset: u32,
         crc: Crc32,
     },
@@ -50,11 +51,6 @@ pub(super) enum Work<V> {
     Upload {
         session: u8,
         client: Peer,
-        file: V,
-    },
-    /// The size of a virtual file that was opened, if it is not known at once.
-    Measure {
-        session: u8,
         file: V,
     },
 }
@@ -90,9 +86,10 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         if self.work.is_running() {
             return Err(Stop::DROPPED);
         }
-        let (open, _) = open(self.cx, path, FileAccess::Read, from, false)?;
+        let (open, size) = open(self.cx, path, FileAccess::Read, from, false)?;
         let began = self.cx.now.coarse();
-        *self.work = Work::Checksum { session: short(place), open, path: sum, began, offset: 0, crc: Crc32::ZERO };
+        *self.work =
+            Work::Checksum { session: short(place), open, path: sum, began, size, offset: 0, crc: Crc32::ZERO };
         Err(Stop::LATER)
     }
 
@@ -127,9 +124,6 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             Ok(value) => (false, value),
             Err(Stop(error)) => (true, error),
         };
-        if V::COUNT > 0 && answer.head.opcode == MavFtpOpcode::OPENFILERO {
-            session.size = answer.value;
-        }
     }
 
     /// Writes to a file.
@@ -238,8 +232,9 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 // Its client may have closed it meanwhile, and have opened another file.
                 let outcome = if let Some(Open::Upload(_)) = open {
                     let Some(begun) = file.begin(self.cx, *client) else { return };
-                    if begun.is_err() {
-                        self.close(usize::from(session));
+                    match begun {
+                        Ok(()) => self.status.upload = Upload::Running,
+                        Err(_) => drop(self.close(usize::from(session))),
                     }
                     begun
                 } else {
@@ -248,10 +243,9 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                 (session, outcome.map(|()| 0).map_err(Stop::from))
             }
             Work::Nothing | Work::Begin { .. } | Work::Upload { .. } => return,
-            Work::Measure { session, file } => (*session, measure(self.cx, file)),
-            Work::Checksum { session, open, began, offset, crc, .. } => {
+            Work::Checksum { session, open, began, size, offset, crc, .. } => {
                 let (from, now) = (*offset, self.cx.now.coarse());
-                let outcome = add_to_checksum(self.cx, open, offset, crc);
+                let outcome = add_to_checksum(self.cx, open, *size, offset, crc);
                 if !is_later(outcome) {
                     close(self.cx, open);
                 } else if V::COUNT > 0 && *offset == from {
@@ -284,12 +278,13 @@ fn is_later(outcome: Outcome) -> bool {
 fn add_to_checksum<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     cx: &mut Cx<'_, F>,
     open: &mut Open<V>,
+    size: u32,
     offset: &mut u32,
     crc: &mut Crc32,
 ) -> Outcome {
     let mut bytes = [0; CHECKED_AT_A_TIME];
     for _ in 0..TIMES {
-        match read(cx, open, *offset, &mut bytes) {
+        match read(cx, open, size, *offset, &mut bytes) {
             Err(stop) if stop == MavFtpErr::EOF.into() => return Ok(!crc.sum()),
             Err(stop) => return Err(stop),
             Ok(len) => {

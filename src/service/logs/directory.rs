@@ -51,8 +51,8 @@ impl<F: Firmware<Vehicle: Logs>> VirtualFile<F> for LogFile {
         }
     }
 
-    fn size(&mut self, _: &mut Cx<'_, F>) -> Option<u32> {
-        Some(self.info.size)
+    fn size(&self, _: &Cx<'_, F>) -> u32 {
+        self.info.size
     }
 
     fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {
@@ -86,10 +86,13 @@ impl<F: Firmware<Vehicle: Logs>> VirtualFile<F> for LogFile {
     }
 }
 
-/// Returns the number of a log in the name of its file.
+/// Returns the number of a log in the name of its file, which has no zeros in front: a file has one name (F-32).
 fn number(name: &[u8], extension: &[u8]) -> Option<u16> {
     let digits = name.strip_prefix(PREFIX)?.strip_suffix(extension)?.strip_suffix(b".")?;
-    let mut number = (!digits.is_empty()).then_some(0u16)?;
+    let mut number = match digits {
+        [] | [b'0', _, ..] => return None,
+        _ => 0u16,
+    };
     for digit in digits {
         let digit = digit.checked_sub(b'0').filter(|digit| *digit < 10)?;
         number = number.checked_mul(10)?.checked_add(digit.into())?;

@@ -90,8 +90,8 @@ impl<F: Firmware<Vehicle: Plans + Commands>> VirtualFile<F> for PlanFile {
         Ok(Self { plan, id: plans.live(plan).id() })
     }
 
-    fn size(&mut self, cx: &mut Cx<'_, F>) -> Option<u32> {
-        Some(len(self.live(cx.plans.as_ref()).map_or(0, |live| live.items().len())))
+    fn size(&self, cx: &Cx<'_, F>) -> u32 {
+        len(self.live(cx.plans.as_ref()).map_or(0, |live| live.items().len()))
     }
 
     fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {

@@ -13,6 +13,9 @@
 //! it is not torn if it changes meanwhile. The file is made while it is read. The length of a record depends only on what
 //! does not change, so any part of it can be read again.
 //!
+//! Behind the last record there are zeros, which decoders skip and MAVLink 2 does not send. They extend the file to the length
+//! of as many of the longest records, whatever the length of the client's packets (F-30).
+//!
 //! Integers without a sign are in the next larger type, which the format has with a sign only. A larger u32 is a float.
 
 use core::borrow::Borrow;
@@ -32,8 +35,10 @@ const MAGIC_WITH_DEFAULTS: u16 = 0x671C;
 
 const HEADER_LEN: u32 = 6;
 
-/// The most that a record takes: padding, two bytes, the name, value and default.
-const MAX_RECORD: usize = 29;
+/// The most that a record takes: padding, two bytes, the name, the value and, if it is in the file, the default.
+const MAX_RECORD: usize = 3 + 2 + 16 + 4 + 4;
+const LONGEST: u32 = 3 + 2 + 16 + 4;
+const LONGEST_WITH_DEFAULT: u32 = LONGEST + 4;
 
 /// The number of records that a call skips at most.
 const STEP: u8 = 64;
@@ -104,13 +109,9 @@ impl Pack {
         }
     }
 
-    /// Returns the length of the file for packets of the usual length; `None` if that takes another call.
-    pub(super) fn measure<R: Rows>(&mut self, rows: &R) -> Option<u32> {
-        for _ in 0..STEP {
-            let Some((_, len)) = self.record(rows) else { return Some(self.at) };
-            self.advance(len);
-        }
-        None
+    /// Returns the length of the file (F-30).
+    pub(super) fn len(&self) -> u32 {
+        len(self.count, if self.has_defaults { LONGEST_WITH_DEFAULT } else { LONGEST })
     }
 
     /// Reads from any place of the file. [`Body::Later`] if it takes another call to find that place.
@@ -139,6 +140,12 @@ impl Pack {
                     return Body::Later;
                 }
             }
+        }
+        let end = offset.saturating_add(u32::try_from(len).unwrap_or(0));
+        let rest = usize::try_from(self.len().saturating_sub(end)).unwrap_or(usize::MAX);
+        for byte in out.iter_mut().skip(len).take(rest) {
+            *byte = 0;
+            len = len.saturating_add(1);
         }
         Body::Data(len)
     }
@@ -212,7 +219,12 @@ pub(super) fn entry(count: u16, index: u16, name: &mut Entries<'_>) -> Option<(u
         return None;
     }
     name.text(NAME);
-    Some((u32::from(count).saturating_mul(12), 0))
+    Some((len(count, LONGEST), 0))
+}
+
+/// Returns the length of a file with this number of records.
+fn len(count: u16, longest: u32) -> u32 {
+    HEADER_LEN.saturating_add(longest.saturating_mul(count.into()))
 }
 
 /// Whether the content is as long as its header says.

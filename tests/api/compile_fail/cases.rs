@@ -172,6 +172,16 @@ pub fn cases() -> Vec<Case> {
             implements(&FILES.replace("a.txt", "a/../b"), "links: 1, files: { sessions: 1 }"),
             "no part of the path of a static file is `..`",
         ),
+        (
+            "files_empty_part",
+            implements(&FILES.replace("a.txt", "a//b"), "links: 1, files: { sessions: 1 }"),
+            "no part of the path of a static file is `..`, `.` or empty",
+        ),
+        (
+            "files_drive",
+            implements(&FILES.replace("a.txt", "C:a"), "links: 1, files: { sessions: 1 }"),
+            "the path of a static file is printable ASCII without backslashes and colons",
+        ),
         ("files_without_hooks", declares("links: 1, files: { sessions: 1 }"), "does not implement `Files`"),
         (
             "files_twice",
