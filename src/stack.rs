@@ -27,7 +27,7 @@ pub use memory::{EventMemory, PeerMemory, RequestMemory, StorageMemory, TextMemo
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
 use self::services::{Services, States};
-use crate::dialect::MavSeverity;
+use crate::dialect::{MavProtocolCapability, MavSeverity};
 use crate::frame::{RxCounters, cost_of_sending};
 use crate::link::{Link, LinkCounters, LinkError, Transport};
 #[cfg(feature = "defmt")]
@@ -170,6 +170,19 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.services.begin(&shared.config);
         self.requests.view_mut().begin(u8::try_from(D::MESSAGE_QUEUES).unwrap_or(0));
         self.parameters.begin();
+    }
+
+    /// Leaves out the other components of the firmware until the next start: none of them sends, and what is sent to them is handled as
+    /// for an absent component. The gimbal manager of a component and its capability are left out too. Call it after
+    /// [`begin`](Self::begin) and before anything else, if [`Components::OPTIONAL`](crate::Components::OPTIONAL) is true: by default it
+    /// does nothing.
+    pub fn leave_out_components(&mut self) {
+        let shared = &mut self.shared;
+        shared.is_alone = D::HAS_OPTIONAL_COMPONENTS;
+        if shared.is_alone {
+            let MavProtocolCapability(of_components) = Services::<D>::COMPONENT_CAPABILITIES;
+            shared.config.identity.capabilities.0 &= !of_components;
+        }
     }
 
     /// Runs the timers of silent peers and stalled transfers, and checks whether the vehicle's state has changed. It

@@ -69,6 +69,10 @@ pub trait Components {
     /// The components besides the autopilot, at most three. None has the component id of [`Config`](crate::Config).
     const COMPONENTS: &'static [Component];
 
+    /// Whether the firmware may run without these components: [`Stack::leave_out_components`](crate::Stack::leave_out_components).
+    /// Each of its streams must then be the autopilot's.
+    const OPTIONAL: bool = false;
+
     /// Returns HEARTBEAT.system_status of a component; `None` while it is in a fault, which stops its heartbeats. They stop with
     /// those of the autopilot too (H-5).
     fn component_state(&self, component: ComponentId) -> Option<MavState> {
@@ -106,6 +110,7 @@ pub struct ComponentService;
 
 impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
     const NEW: Self = Self;
+    const IS_OF_COMPONENTS: bool = true;
     type Link = ComponentLink;
     const VACANT: ComponentLink = ComponentLink { period: 0, left: 0 };
 

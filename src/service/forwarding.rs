@@ -71,7 +71,7 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> For
     fn examine(&mut self, cx: &Cx<'_, F>, port: &Port, frame: &Frame<'_>, is_accepted: bool) -> Passage {
         let target = network::target_of(frame);
         let own = cx.shared.config.address.get();
-        let is_ours = target.component == own.component || F::is_component(target.component);
+        let is_ours = target.component == own.component || cx.shared.has_component::<F>(target.component);
         if !port.config.forwards || (target.system == own.system && is_ours) {
             return Passage::Stays;
         }

@@ -102,6 +102,9 @@ pub trait Service<F: Firmware> {
     /// The component of the firmware that the service is, if it is not a part of the autopilot.
     const COMPONENT: Option<ComponentId> = None;
 
+    /// Whether the service is left out with the other components: it is one of them, or serves only them.
+    const IS_OF_COMPONENTS: bool = Self::COMPONENT.is_some();
+
     /// Whether the service is a part of this component of the firmware: then it gets the frames and commands that are addressed
     /// to it, besides those for all.
     fn is_part_of(component: ComponentId) -> bool {
@@ -228,6 +231,8 @@ pub struct Shared {
     pub(crate) is_storage_busy: bool,
     /// The component of the firmware that answers a command to all of them; 0 is the autopilot.
     pub(crate) answerer: ComponentId,
+    /// The firmware runs without its other components.
+    pub(crate) is_alone: bool,
     /// Changes when the numbers of the flight logs may have changed. It wraps.
     pub(crate) log_numbers: u16,
     /// Until when a client is reading the file of a flight log.
@@ -244,9 +249,20 @@ impl Shared {
         has_acted: false,
         is_storage_busy: false,
         answerer: ComponentId(0),
+        is_alone: false,
         log_numbers: 0,
         logs_read_until: Instant::ZERO,
     };
+
+    /// Whether the other components of the firmware are left out.
+    pub(crate) fn leaves_out_components<F: Firmware>(&self) -> bool {
+        F::HAS_OPTIONAL_COMPONENTS && self.is_alone
+    }
+
+    /// Whether this is another component of the firmware that is not left out.
+    pub(crate) fn has_component<F: Firmware>(&self, id: ComponentId) -> bool {
+        F::is_component(id) && !self.leaves_out_components::<F>()
+    }
 
     /// Samples the pulse, and returns whether heartbeats may be sent (H-5).
     pub(crate) fn is_beating(&mut self, now: Instant) -> bool {

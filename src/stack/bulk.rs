@@ -63,11 +63,12 @@ impl<D: Declares> Services<D> {
 
 /// Calls `next` of a turn's service.
 macro_rules! next {
-    (bulk, $services:expr, $cx:expr, $port:expr, $state:expr, $turn:expr) => {
+    (bulk, $declares:ty, $services:expr, $cx:expr, $port:expr, $state:expr, $turn:expr) => {
         $services.next_bulk($cx, $port, $state, $turn)
     };
-    ($service:ident, $services:expr, $cx:expr, $port:expr, $state:expr, $turn:expr) => {
-        $services.$service.next($cx, $port, &mut $state.$service, $turn)
+    ($service:ident, $declares:ty, $services:expr, $cx:expr, $port:expr, $state:expr, $turn:expr) => {
+        !$crate::stack::services::is_left_out::<$declares, _>(&$services.$service, $cx.shared)
+            && $services.$service.next($cx, $port, &mut $state.$service, $turn)
     };
 }
 pub(super) use next;
@@ -78,7 +79,10 @@ macro_rules! due {
         $services.due_bulk($view, $port, $state, $turn)
     };
     ($service:ident, $declares:ty, $services:expr, $view:expr, $port:expr, $state:expr, $turn:expr) => {
-        Service::<$declares>::due(&$services.$service, $view, $port, &$state.$service, $turn)
+        match $crate::stack::services::is_left_out::<$declares, _>(&$services.$service, $view.shared) {
+            true => Instant::NEVER,
+            false => Service::<$declares>::due(&$services.$service, $view, $port, &$state.$service, $turn),
+        }
     };
 }
 pub(super) use due;

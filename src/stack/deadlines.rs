@@ -352,7 +352,7 @@ macro_rules! ask {
                 $(if Turn::$turn.is_on(port.config.class) && skipped != Some(Turn::$turn) {
                     let view = View { now, shared: cx.shared, peers: cx.peers, texts: cx.texts, requests: cx.requests, events: cx.events };
                     let due = due!($service, D, services, &view, port, state, Turn::$turn);
-                    let is_sent = next!($service, services, &mut cx, port, state, Turn::$turn);
+                    let is_sent = next!($service, D, services, &mut cx, port, state, Turn::$turn);
                     look(Turn::$turn, due, is_sent);
                     if is_sent {
                         services.signing.sign(now, port);

@@ -394,6 +394,8 @@ macro_rules! __declared {
     };
 
     (component_hook [$vehicle:ty] components, $($rest:tt)*) => {
+        const HAS_OPTIONAL_COMPONENTS: bool = <$vehicle as $crate::Components>::OPTIONAL;
+
         fn component_command(
             vehicle: &mut $vehicle,
             cx: &mut $crate::Context<'_>,

@@ -275,7 +275,7 @@ fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Op
     let target = network::target_of(frame);
     let is_our_component = target.component.0 == 0
         || target.component == own.component
-        || D::is_component(target.component)
+        || cx.shared.has_component::<D>(target.component)
         || Services::<D>::handles_for(target.component, frame.id());
     if (target.system.0 != 0 && target.system != own.system) || !is_our_component {
         increment(&mut port.counters.not_ours);
@@ -291,7 +291,7 @@ fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Op
 /// Whether an address is that of one of the firmware's components.
 fn is_ours<D: Declares>(cx: &Cx<'_, D>, source: Address) -> bool {
     let own = cx.shared.config.address.get();
-    source.system == own.system && (source.component == own.component || D::is_component(source.component))
+    source.system == own.system && (source.component == own.component || cx.shared.has_component::<D>(source.component))
 }
 
 /// Reports that another vehicle on this link has our address (H-14). Not inlined, because it is rare, and its context would be on the

@@ -14,7 +14,7 @@ use crate::service::identity::Identification;
 use crate::service::statustext::Texts;
 #[cfg(feature = "defmt")]
 use crate::service::sum;
-use crate::service::{Cx, Handled, Received, Request, Service, Share, Turn, Verdict, View, turns};
+use crate::service::{Cx, Handled, Received, Request, Service, Share, Shared, Turn, Verdict, View, turns};
 use crate::time::Instant;
 #[cfg(feature = "defmt")]
 use crate::types::LinkId;
@@ -23,6 +23,11 @@ use crate::types::{Config, Peer};
 /// Whether a service gets a frame or a command for this component, or for all. Always true in a firmware of one component.
 fn is_addressed<D: Declares, S: Service<D>>(component: ComponentId) -> bool {
     D::COMPONENTS.is_empty() || component.0 == 0 || S::is_part_of(component)
+}
+
+/// Whether a service is left out, because the firmware runs without its other components (K-10).
+pub(super) fn is_left_out<D: Declares, S: Service<D>>(_: &S, shared: &Shared) -> bool {
+    S::IS_OF_COMPONENTS && shared.leaves_out_components::<D>()
 }
 
 /// Defines the services, and what each call does for each of them, in the order of the list.
@@ -57,12 +62,21 @@ macro_rules! define {
             pub(crate) const CAPABILITIES: MavProtocolCapability =
                 MavProtocolCapability::EMPTY$(.with(<$service as Service<D>>::CAPABILITIES))*;
 
+            /// Those of the services that are left out with the other components.
+            pub(crate) const COMPONENT_CAPABILITIES: MavProtocolCapability =
+                MavProtocolCapability::EMPTY$(.with(match <$service as Service<D>>::IS_OF_COMPONENTS {
+                    true => <$service as Service<D>>::CAPABILITIES,
+                    false => MavProtocolCapability::EMPTY,
+                }))*;
+
             pub(crate) fn begin(&mut self, config: &Config) {
                 $(Service::<D>::begin(&mut self.$name, config);)*
             }
 
             pub(crate) fn poll(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>]) {
-                $(self.$name.poll(cx, states.iter_mut().map(|state| &mut state.$name));)*
+                $(if !is_left_out::<D, _>(&self.$name, cx.shared) {
+                    self.$name.poll(cx, states.iter_mut().map(|state| &mut state.$name));
+                })*
             }
 
             pub(crate) fn deadline(&self) -> Instant {
@@ -95,7 +109,7 @@ macro_rules! define {
                 received: &Received<'_>,
             ) -> Handled {
                 let component = received.target.component;
-                $(if is_addressed::<D, $service>(component) {
+                $(if is_addressed::<D, $service>(component) && !is_left_out::<D, _>(&self.$name, cx.shared) {
                     let handled = self.$name.on_frame(cx, port, &mut state.$name, received);
                     if handled != Handled::No {
                         return handled;
@@ -114,7 +128,7 @@ macro_rules! define {
             ) -> Option<Verdict> {
                 let component = request.command.component;
                 // A scope for each: they share one place on the stack.
-                $(if is_addressed::<D, $service>(component) {
+                $(if is_addressed::<D, $service>(component) && !is_left_out::<D, _>(&self.$name, cx.shared) {
                     let verdict = self.$name.on_command(cx, port, &mut state.$name, request);
                     if verdict.is_some() {
                         if let Some(component) = <$service as Service<D>>::COMPONENT {
@@ -239,7 +253,7 @@ macro_rules! send {
                 false $(|| (
                     Turn::$turn.is_on(class)
                         && Turn::$turn.pace() <= pace
-                        && next!($service, self, cx, port, state, Turn::$turn)
+                        && next!($service, D, self, cx, port, state, Turn::$turn)
                 ))*
             }
 

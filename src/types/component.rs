@@ -42,17 +42,22 @@ impl Component {
         }
     }
 
-    /// Checks that the component of a service is one of the firmware's.
+    /// Whether one of the components has this id.
     #[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated")]
-    pub(crate) const fn check_service(components: &[Self], component: Option<ComponentId>) {
-        let Some(component) = component else { return };
-        let (mut i, mut is_declared) = (0, false);
+    pub(crate) const fn is_one(components: &[Self], id: u8) -> bool {
+        let (mut i, mut is_one) = (0, false);
         while i < components.len() {
-            is_declared |= components[i].id.0 == component.0;
+            is_one |= components[i].id.0 == id;
             i += 1;
         }
+        is_one
+    }
+
+    /// Checks that the component of a service is one of the firmware's.
+    pub(crate) const fn check_service(components: &[Self], component: Option<ComponentId>) {
+        let Some(component) = component else { return };
         assert!(
-            is_declared,
+            Self::is_one(components, component.0),
             "a service has a `COMPONENT` that the firmware does not: add it to `COMPONENTS` of `impl Components`, and \
              `components` to `stack!`"
         );

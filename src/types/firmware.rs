@@ -24,6 +24,8 @@ pub trait Firmware: Sized + 'static {
     const SLOWS_STREAMS: bool = false;
     /// The components of the firmware besides the autopilot.
     const COMPONENTS: &'static [Component] = &[];
+    /// Whether the firmware may run without them.
+    const HAS_OPTIONAL_COMPONENTS: bool = false;
 
     /// Calls the hook for a command to another component of the firmware.
     fn component_command(vehicle: &mut Self::Vehicle, cx: &mut Context<'_>, command: &Command) -> Outcome {

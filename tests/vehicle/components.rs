@@ -185,6 +185,17 @@ fn each_component_has_heartbeats() {
     }
 }
 
+/// K-10: components are left out only if the vehicle declares that they may be.
+#[test]
+fn components_stay_if_they_are_not_optional() {
+    let mut world = sky();
+    world.stack.leave_out_components();
+    world.gcs[0].forget();
+    world.run_for(secs(2));
+    let from: Vec<_> = sent::<Heartbeat>(&world, 0).into_iter().map(|(from, ..)| from).collect();
+    assert_eq!(from, [1, 154, 100, 1, 154, 100]);
+}
+
 /// K-10, S-16: each component counts its own frames on each link, so no receiver sees a gap.
 #[test]
 fn each_component_has_sequence_numbers() {

@@ -10,6 +10,7 @@ mod gimbal_device;
 mod gimbal_properties;
 mod heartbeat;
 mod instances;
+mod left_out;
 mod manual_control;
 mod manual_properties;
 mod messages;

@@ -287,8 +287,8 @@ impl Program {
         match self {
             Self::Qemu { firmware, .. } => {
                 let table = crate::log::table(&firmware::read(firmware)?)?;
-                let (emulator, output) =
-                    qemu::start(firmware, port, Telemetry::new(App::Loop, udp)?, None, Some(port + QMP), None)?;
+                let options = qemu::Options { port_base: port, qmp: Some(port + QMP), nic: None, no_components: false };
+                let (emulator, output) = qemu::start(firmware, Telemetry::new(App::Loop, udp)?, options, None)?;
                 thread::spawn(move || {
                     // The log is closed, which is no reason to stop the vehicle.
                     crate::log::read(&table, output, |line| drop(writeln!(&log, "{line}")), |_| {});

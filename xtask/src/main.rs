@@ -93,6 +93,10 @@ struct Qemu {
     /// the vehicle broadcasts to this port.
     #[arg(long, value_name = "HOST:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:14550", value_parser = resolve)]
     udp: Option<SocketAddr>,
+    /// Run without the camera and the gimbal, components 100 and 154: for clients that take any heartbeat for the vehicle's. Commands
+    /// and mission items for them are then unsupported.
+    #[arg(long)]
+    no_components: bool,
     /// Log the links' traffic to this file in the ".tlog" format of Mission Planner and MAVProxy.
     ///
     /// While a client is connected, each frame that the vehicle's decoder takes, and each frame that the vehicle sends, is logged
@@ -244,8 +248,9 @@ fn main() -> ExitCode {
     let result = match Arguments::parse().task {
         Task::Setup => setup(),
         Task::Qemu(arguments) => {
-            let Qemu { app, port_base, udp, log, nic, qmp, toolchain } = arguments;
-            qemu::run(app, port_base, udp, qmp, log.as_deref(), nic.as_deref(), toolchain)
+            let Qemu { app, port_base, udp, no_components, log, nic, qmp, toolchain } = arguments;
+            let options = qemu::Options { port_base, qmp, nic: nic.as_deref(), no_components };
+            qemu::run(app, udp, log.as_deref(), options, toolchain)
         }
         Task::Pictures(arguments) => pictures::draw(&arguments),
         Task::Integration(Integration { target, file, load_seconds, toolchain }) => {

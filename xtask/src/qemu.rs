@@ -18,8 +18,10 @@ use crate::{bridge, firmware, log};
 const PORTS: u16 = 3;
 /// The vehicle's UDP port on its Ethernet.
 const VEHICLE_PORT: u16 = 14_550;
-/// Where the firmware looks for the UDP port of ground stations: `STATION_PORT` in `examples/qemu/src/flash.rs`, behind the logs.
+/// Where the firmware looks for the UDP port of ground stations, and for whether it runs without components: `OPTIONS` in
+/// `examples/qemu/src/flash.rs`, behind the logs.
 const STATION_PORT: u32 = 0x2110_0000;
+const NO_COMPONENTS: u32 = STATION_PORT + 4;
 
 /// The transport of the telemetry link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,16 +49,28 @@ impl Telemetry {
     }
 }
 
+/// How to run the emulator.
+#[derive(Clone, Copy, Debug)]
+pub struct Options<'a> {
+    /// The first of the TCP ports.
+    pub port_base: u16,
+    /// The TCP port for QMP commands, a reset of the processor among them.
+    pub qmp: Option<u16>,
+    /// The emulator's network, to which the board's Ethernet is connected; by default this machine only.
+    pub nic: Option<&'a str>,
+    /// The vehicle runs without its camera and its gimbal.
+    pub no_components: bool,
+}
+
 /// `cargo qemu`.
 pub fn run(
     app: App,
-    port_base: u16,
     udp: Option<SocketAddr>,
-    qmp: Option<u16>,
     log: Option<&Path>,
-    nic: Option<&str>,
+    options: Options<'_>,
     choice: Option<Choice>,
 ) -> Result {
+    let Options { port_base, qmp, nic, .. } = options;
     let telemetry = Telemetry::new(app, udp)?;
     if nic.is_some() && !app.has_network() {
         return Err(format!("`{}` has no network: use --nic with --app ethernet", app.name()));
@@ -76,7 +90,7 @@ pub fn run(
     let tlog = log.map(Tlog::create).transpose()?;
     let console = Console::new();
     let stop = stop_signal()?;
-    let (mut emulator, output) = start(&path, port_base, telemetry, nic, qmp, tlog)?;
+    let (mut emulator, output) = start(&path, telemetry, options, tlog)?;
     println!("QEMU runs the firmware ({}) on {BOARD} (Cortex-M4F). Connect a ground station:\n", app.name());
     match telemetry {
         Telemetry::Tcp => println!("{}\n", HowToConnect::Tcp(port_base)),
@@ -134,17 +148,14 @@ fn check_ports(base: u16, telemetry: Telemetry) -> Result {
     Ok(())
 }
 
-/// Starts the firmware at `elf`, and returns the emulator with the firmware's log, encoded. The emulator takes QMP commands on TCP
-/// port `qmp`, a reset of the processor among them. The links' traffic is logged to `tlog`. The board's Ethernet is connected to the
-/// emulator's network `nic`, by default to this machine only.
+/// Starts the firmware at `elf`, and returns the emulator with the firmware's log, encoded. The links' traffic is logged to `tlog`.
 pub fn start(
     elf: &Path,
-    port_base: u16,
     telemetry: Telemetry,
-    nic: Option<&str>,
-    qmp: Option<u16>,
+    options: Options<'_>,
     tlog: Option<Arc<Tlog>>,
 ) -> Result<(Emulator, ChildStdout)> {
+    let Options { port_base, qmp, nic, no_components } = options;
     let mut command = emulator::command();
     command.args(["-machine", BOARD, "-display", "none", "-monitor", "none"]);
     for (uart, port) in (port_base..).take(PORTS.into()).enumerate() {
@@ -181,6 +192,9 @@ pub fn start(
         let this_machine = format!("user,hostfwd=udp:127.0.0.1:{port_base}-:{VEHICLE_PORT}");
         command.args(["-nic", nic.unwrap_or(&this_machine)]);
         command.args(["-device", &format!("loader,addr={STATION_PORT:#x},data={station},data-len=4")]);
+    }
+    if no_components {
+        command.args(["-device", &format!("loader,addr={NO_COMPONENTS:#x},data=1,data-len=4")]);
     }
     if let Some(port) = qmp {
         command.args(["-qmp", &format!("tcp:127.0.0.1:{port},server=on,wait=off")]);

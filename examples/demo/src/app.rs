@@ -176,6 +176,13 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         self.take_address();
     }
 
+    /// Leaves out the camera and the gimbal until the next boot. Plans with items for them are then refused. Call it before
+    /// [`restore`](Self::restore).
+    pub fn leave_out_components(&mut self) {
+        self.stack.leave_out_components();
+        self.vehicle.leave_out_components();
+    }
+
     /// Returns the system id of the parameter, which takes effect at the next boot.
     pub fn next_system(&self) -> Option<u8> {
         u8::try_from(self.stack.parameters().get(Tuning::MAV_SYS_ID)).ok()

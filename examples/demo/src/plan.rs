@@ -107,6 +107,38 @@ pub fn is_flown(command: MavCmd) -> bool {
     )
 }
 
+/// Whether the command is for the camera.
+fn is_for_camera(command: MavCmd) -> bool {
+    matches!(
+        command,
+        MavCmd::DO_SET_CAM_TRIGG_DIST
+            | MavCmd::SET_CAMERA_MODE
+            | MavCmd::IMAGE_START_CAPTURE
+            | MavCmd::IMAGE_STOP_CAPTURE
+            | MavCmd::VIDEO_START_CAPTURE
+            | MavCmd::VIDEO_STOP_CAPTURE
+    )
+}
+
+/// Whether the command is for the gimbal.
+fn is_for_gimbal(command: MavCmd) -> bool {
+    matches!(
+        command,
+        MavCmd::DO_GIMBAL_MANAGER_PITCHYAW
+            | MavCmd::DO_GIMBAL_MANAGER_CONFIGURE
+            | MavCmd::DO_SET_ROI_LOCATION
+            | MavCmd::DO_SET_ROI_WPNEXT_OFFSET
+            | MavCmd::DO_SET_ROI_NONE
+            | MavCmd::DO_MOUNT_CONFIGURE
+            | MavCmd::DO_MOUNT_CONTROL
+    )
+}
+
+/// Whether the command is for the camera or the gimbal.
+pub fn is_for_payload(command: MavCmd) -> bool {
+    is_for_camera(command) || is_for_gimbal(command)
+}
+
 /// Returns what `item` requests.
 pub fn action(item: &Item, now: &Situation) -> Action {
     let [p1, p2, p3, p4] = item.params;
@@ -149,19 +181,8 @@ pub fn action(item: &Item, now: &Situation) -> Action {
         MavCmd::DO_JUMP => Action::Jump,
         MavCmd::DO_SET_SERVO => Action::Servo { number: p1, pulse: p2 },
         MavCmd::DO_LAND_START => Action::Mark,
-        MavCmd::DO_SET_CAM_TRIGG_DIST
-        | MavCmd::SET_CAMERA_MODE
-        | MavCmd::IMAGE_START_CAPTURE
-        | MavCmd::IMAGE_STOP_CAPTURE
-        | MavCmd::VIDEO_START_CAPTURE
-        | MavCmd::VIDEO_STOP_CAPTURE => Action::Camera,
-        MavCmd::DO_GIMBAL_MANAGER_PITCHYAW
-        | MavCmd::DO_GIMBAL_MANAGER_CONFIGURE
-        | MavCmd::DO_SET_ROI_LOCATION
-        | MavCmd::DO_SET_ROI_WPNEXT_OFFSET
-        | MavCmd::DO_SET_ROI_NONE
-        | MavCmd::DO_MOUNT_CONFIGURE
-        | MavCmd::DO_MOUNT_CONTROL => Action::Gimbal,
+        command if is_for_camera(command) => Action::Camera,
+        command if is_for_gimbal(command) => Action::Gimbal,
         MavCmd::CONDITION_DELAY => Action::Wait(Condition::Delay(seconds(p1))),
         MavCmd::CONDITION_DISTANCE => Action::Wait(Condition::Distance(p1)),
         MavCmd::CONDITION_YAW => {

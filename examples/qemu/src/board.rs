@@ -207,8 +207,14 @@ pub fn ticks() -> u32 {
 #[cfg(feature = "network")]
 pub fn station_port() -> u16 {
     // SAFETY: PSRAM that nothing else uses. It is zero unless the emulator wrote it before the start.
-    let port = unsafe { Registers::at(crate::flash::STATION_PORT) }.read(0);
+    let port = unsafe { Registers::at(crate::flash::OPTIONS) }.read(0);
     u16::try_from(port).ok().filter(|&port| port > 0).unwrap_or(14_550)
+}
+
+/// Whether the vehicle runs without its camera and its gimbal: a word of the PSRAM, in which the emulator may put 1.
+pub fn is_without_components() -> bool {
+    // SAFETY: as in `station_port`.
+    unsafe { Registers::at(crate::flash::OPTIONS) }.read(1) != 0
 }
 
 /// An alarm, which raises [`Interrupt::TIMER1`].

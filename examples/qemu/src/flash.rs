@@ -13,14 +13,13 @@ const BASE: usize = 0x2100_0000;
 /// The address of the flight logs, behind the flash.
 const LOGS: usize = BASE + PsramFlash::LEN as usize;
 
-/// The address of the word with the UDP port of ground stations, at a distance from the start that does not depend on the length of the
-/// logs: `xtask/src/qemu.rs` has it too.
-#[cfg(feature = "network")]
-pub(crate) const STATION_PORT: usize = BASE + 0x10_0000;
-#[cfg(feature = "network")]
+/// The address of the words in which the emulator puts options, at a distance from the start that does not depend on the length of the
+/// logs: `xtask/src/qemu.rs` has it too. The first word is the UDP port of ground stations. The second one is not 0 if the vehicle runs
+/// without components.
+pub(crate) const OPTIONS: usize = BASE + 0x10_0000;
 const _: () = assert!(
-    LOGS + size_of::<LogMemory>() <= STATION_PORT,
-    "the flight logs overlap the station port: move STATION_PORT here and in xtask/src/qemu.rs"
+    LOGS + size_of::<LogMemory>() <= OPTIONS,
+    "the flight logs overlap the options: move OPTIONS here and in xtask/src/qemu.rs"
 );
 
 /// The flash: 192 KiB in erase units of 4 KiB, written in words, like serial NOR or internal flash.

@@ -5,7 +5,7 @@ use mavstack::storage::Store;
 use mavstack_demo::{App, Mavlink};
 use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::board::Board;
+use crate::board::{self, Board};
 use crate::flash::PsramFlash;
 
 /// The stack before it is begun. It is all zeros, so it is in `.bss`: it takes no flash, and no call stack at boot.
@@ -19,6 +19,9 @@ pub fn start() -> &'static mut App {
     let app = STACK.try_take().and_then(|stack| APP.try_init_with(|| App::new(stack)));
     let app = app.unwrap_or_else(|| Board::reset());
     app.keep_logs(crate::flash::logs());
+    if board::is_without_components() {
+        app.leave_out_components();
+    }
     app
 }
 

@@ -64,6 +64,10 @@ struct Arguments {
     /// Each further vehicle has a file with its number behind the name: FILE.2, FILE.3. Without this option nothing is stored.
     #[arg(long, value_name = "FILE")]
     storage: Option<PathBuf>,
+    /// Run without the camera and the gimbal, components 100 and 154: for clients that take any heartbeat for the vehicle's. Commands
+    /// and mission items for them are then unsupported.
+    #[arg(long)]
+    no_components: bool,
     /// Load this plan at the start: a mission, geofence or rally points in the text format of QGroundControl, Mission Planner
     /// and MAVProxy ("QGC WPL").
     #[arg(long, value_name = "FILE")]

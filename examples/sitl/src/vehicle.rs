@@ -116,6 +116,9 @@ impl Device {
         let mut device = Self { app, store: None, boot: time::Instant::now(), shown: Instant::ZERO };
         let app = &mut device.app;
         app.keep_logs(kept.logs);
+        if arguments.no_components {
+            app.leave_out_components();
+        }
         if let Some(path) = &arguments.storage {
             let path = numbered(path, index);
             let store = device.store.insert(Store::new(FileFlash::open(&path, STORAGE_LEN)?, 0..STORAGE_LEN));

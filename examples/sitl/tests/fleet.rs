@@ -264,6 +264,33 @@ fn system_ids_are_those_of_the_command_line_and_then_the_stored_ones() {
     }
 }
 
+/// K-10: heartbeats are sent by the autopilot, its gimbal and its camera; with `--no-components` by the autopilot only, also after a
+/// reboot.
+#[test]
+fn a_vehicle_without_components_sends_heartbeats_of_component_1() {
+    for (arguments, expected) in [(&[][..], &[1, 100, 154][..]), (&["--no-components"], &[1])] {
+        let socket = socket();
+        let (fleet, _) = Fleet::start_with(1, socket.local_addr().expect("an address"), arguments);
+        // On a busy machine heartbeats may be late. The components follow the autopilot at once.
+        let heard = || {
+            let (mut components, mut beats) = (BTreeSet::new(), 0);
+            receive(&socket, Duration::from_secs(30), |id, _, component, _| {
+                if id == Heartbeat::ID {
+                    components.insert(component);
+                    beats += u8::from(component == 1);
+                }
+                beats == 4
+            });
+            components.into_iter().collect::<Vec<_>>()
+        };
+        assert_eq!(heard(), expected, "{arguments:?}");
+        let (target_system, target_component) = (1, 1);
+        let command = MavCmd::PREFLIGHT_REBOOT_SHUTDOWN;
+        fleet.send(0, &CommandLong { command, param1: 1.0, target_system, target_component, ..CommandLong::UNKNOWN });
+        assert_eq!(heard(), expected, "{arguments:?}, after a reboot");
+    }
+}
+
 /// What 250 vehicles cost: `cargo test --release -p mavstack-sitl --test fleet -- --ignored --nocapture`.
 #[cfg(target_os = "linux")]
 #[test]

@@ -400,7 +400,8 @@ fn take_request<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mu
         _ => return,
     };
     let is_command = matches!(request, Pending::Command { .. });
-    let inside = if is_command { find_inside(F::COMPONENTS, cx.shared, to) } else { None };
+    let has_inside = is_command && !cx.shared.leaves_out_components::<F>();
+    let inside = if has_inside { find_inside(F::COMPONENTS, cx.shared, to) } else { None };
     match (inside.or_else(|| find(cx.peers, cx.shared, to)), what) {
         (Some(to), Some(what)) => *slot = Slot { state: State::Waiting, to, token, what, ..Slot::FREE },
         _ => {

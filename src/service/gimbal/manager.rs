@@ -17,7 +17,7 @@ use crate::message::{Address, ComponentId, Message, SystemId};
 use crate::network::PeerInfo;
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::{Context, Firmware, LinkId};
+use crate::types::{Component, Context, Firmware, LinkId};
 
 /// GIMBAL_MANAGER_STATUS: five times a second, as its definition advises, and every two seconds on a radio, as PX4 does.
 const STATUS: Row =
@@ -395,6 +395,8 @@ impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
             counters: ManagerCounters::ZERO,
         }
     };
+    /// Without its device the manager has nothing to manage.
+    const IS_OF_COMPONENTS: bool = Component::is_one(F::COMPONENTS, F::Vehicle::DEVICE);
     type Link = ManagerLink;
     const VACANT: ManagerLink = ManagerLink { status: Periodic::NEW, changes: 0 };
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMPONENT_IMPLEMENTS_GIMBAL_MANAGER;

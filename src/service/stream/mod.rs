@@ -304,7 +304,13 @@ impl<const N: usize> StreamService<N> {
 }
 
 impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamService<N> {
-    const NEW: Self = Self;
+    const NEW: Self = {
+        assert!(
+            !F::HAS_OPTIONAL_COMPONENTS || are_autopilots(F::Vehicle::STREAMS),
+            "a stream of a component that is `Components::OPTIONAL`: send it as the autopilot, or set `OPTIONAL` to false"
+        );
+        Self
+    };
     type Link = StreamLink<[Slot; N]>;
     const VACANT: Self::Link = StreamLink { streams: Streams::new(), slots: [Slot::NEW; N] };
 
@@ -367,6 +373,17 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         }
         if link.streams.is_asked() { view.now } else { Instant::NEVER }
     }
+}
+
+/// Whether all rows are the autopilot's.
+#[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated")]
+const fn are_autopilots(table: &[Stream]) -> bool {
+    let (mut i, mut are_autopilots) = (0, true);
+    while i < table.len() {
+        are_autopilots &= table[i].component.0 == 0;
+        i += 1;
+    }
+    are_autopilots
 }
 
 /// Returns the rows that a request to this component is about: 0 is the autopilot's, and `None` is all.

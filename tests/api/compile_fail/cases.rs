@@ -196,6 +196,19 @@ pub fn cases() -> Vec<Case> {
             components(&[154, 100, 171, 172]),
             "a firmware has at most 3 components besides the autopilot",
         ),
+        (
+            "components_with_a_stream",
+            implements(
+                &(telemetry("Stream::of::<Attitude>().of_component(mavstack::message::ComponentId(154))")
+                    + "impl Components for Rover {
+                           const COMPONENTS: &'static [Component] =
+                               &[Component::new(mavstack::message::ComponentId(154), MavType::GIMBAL)];
+                           const OPTIONAL: bool = true;
+                       }"),
+                "links: 1, streams, components",
+            ),
+            "a stream of a component that is `Components::OPTIONAL`",
+        ),
         ("components_without_hooks", declares("links: 1, components"), "does not implement `Components`"),
         ("send", sends("Tunnel", "links: 1, messages"), ""),
         (

@@ -108,7 +108,13 @@ impl Quadrotor {
             MavCmd::CONDITION_YAW => self.turn(cx, command),
             MavCmd::DO_SET_HOME => self.set_home(cx, command)?,
             MavCmd::DO_FLIGHTTERMINATION => self.terminate(cx, command)?,
+            MavCmd::DO_GIMBAL_MANAGER_PITCHYAW if !self.has_components && !self.payload.has_gimbal() => {
+                MavResult::UNSUPPORTED
+            }
             MavCmd::DO_GIMBAL_MANAGER_PITCHYAW => self.point_gimbal(cx, command)?,
+            MavCmd::DO_SET_CAM_TRIGG_DIST | MavCmd::DO_DIGICAM_CONTROL if !self.has_components => {
+                MavResult::UNSUPPORTED
+            }
             MavCmd::DO_SET_CAM_TRIGG_DIST => {
                 self.trigger_by_distance(p1, p3);
                 MavResult::ACCEPTED

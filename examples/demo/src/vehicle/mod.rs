@@ -146,6 +146,8 @@ pub struct Quadrotor {
     /// Our system id.
     system: u8,
     payload: Payload,
+    /// Whether the vehicle has its own camera and gimbal.
+    has_components: bool,
     camera: Photographer,
     gimbal: Gimbal,
     recorder: Recorder,
@@ -191,6 +193,7 @@ impl Quadrotor {
             authorisations: 0,
             system: 1,
             payload: Payload::NONE,
+            has_components: true,
             camera: Photographer::NEW,
             gimbal: Gimbal::NEW,
             recorder: Recorder::NONE,
@@ -210,6 +213,11 @@ impl Quadrotor {
             sampled: Instant::ZERO,
             told: Told { armed: false, mode: Mode::Hold, is_in_air: false },
         }
+    }
+
+    /// Leaves out the camera and the gimbal.
+    pub(crate) fn leave_out_components(&mut self) {
+        self.has_components = false;
     }
 
     /// Runs one pass of the flight loop: simulates up to the context's time, with the live plans.
@@ -524,6 +532,7 @@ impl Default for Quadrotor {
 impl Components for Quadrotor {
     const COMPONENTS: &'static [Component] =
         &[Component::new(GIMBAL, MavType::GIMBAL), Component::new(CAMERA, MavType::CAMERA)];
+    const OPTIONAL: bool = true;
 }
 
 impl Vehicle for Quadrotor {

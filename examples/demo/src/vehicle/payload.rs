@@ -32,6 +32,11 @@ pub(super) struct Payload {
 
 impl Payload {
     pub(super) const NONE: Self = Self { gimbal: None, camera: None, angles: [0.0; 2] };
+
+    /// Whether a gimbal is connected.
+    pub(super) fn has_gimbal(&self) -> bool {
+        self.gimbal.is_some()
+    }
 }
 
 impl Quadrotor {

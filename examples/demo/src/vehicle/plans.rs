@@ -9,6 +9,7 @@ use mavstack::{Command, CommandRule, Context, Item, PlanChange, PlanType, Plans,
 use super::commands::refuse;
 use super::{Mode, Quadrotor, mission};
 use crate::fence::{self, GROUPS};
+use crate::plan;
 
 /// Maximum distance of a mission's first waypoint from home (m), as in PX4.
 const MAX_FIRST_WAYPOINT_DISTANCE: u32 = 10_000;
@@ -90,6 +91,9 @@ impl Plans for Quadrotor {
         item: &Item,
     ) -> Result<(), MavMissionResult> {
         let [_, p2, ..] = item.params;
+        if plan::is_for_payload(item.command) && !self.has_components {
+            return Err(MavMissionResult::UNSUPPORTED);
+        }
         let is_bad = match item.command {
             // -1 keeps the speed, -2 restores the default. At 0 the vehicle would never arrive.
             MavCmd::DO_CHANGE_SPEED => !(p2 > 0.0 || p2 == -1.0 || p2 == -2.0),

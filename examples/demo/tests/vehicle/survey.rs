@@ -3,7 +3,7 @@
 use crate::support::wire::{CAMERA, GIMBAL, Wire, command_long};
 use crate::support::{act, at, waypoint};
 use mavstack::dialect::*;
-use mavstack::{Item, Message, Text};
+use mavstack::{Address, Item, Message, Text};
 use mavstack_demo::{Mode, TELEMETRY};
 
 const NAN: f32 = f32::NAN;
@@ -284,4 +284,52 @@ fn payloads_answer_for_themselves() {
     assert_eq!(command(&mut wire, 1, MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, &down), [(1, MavResult::DENIED)]);
     assert_eq!(command(&mut wire, 1, MavCmd::DO_GIMBAL_MANAGER_CONFIGURE, &[255.0, 190.0, -1.0, -1.0]), accepted(1));
     assert_eq!(command(&mut wire, 1, MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, &down), accepted(1));
+}
+
+/// K-10: without components, the vehicle is component 1 alone. Commands and items for the camera and the gimbal are unsupported, and
+/// those to their components have no answer.
+#[test]
+fn a_vehicle_without_components_is_alone() {
+    let mut wire = Wire::alone();
+    wire.run(10_000);
+    let others: Vec<_> = wire.received.iter().filter(|received| received.source != Address::new(1, 1)).collect();
+    assert!(others.is_empty() && wire.count::<Heartbeat>(TELEMETRY) > 9);
+    assert_eq!(wire.count::<GimbalManagerStatus>(TELEMETRY), 0);
+    for id in [
+        MavCmd::DO_SET_CAM_TRIGG_DIST,
+        MavCmd::DO_DIGICAM_CONTROL,
+        MavCmd::IMAGE_START_CAPTURE,
+        MavCmd::DO_GIMBAL_MANAGER_PITCHYAW,
+        MavCmd::DO_GIMBAL_MANAGER_CONFIGURE,
+        MavCmd::DO_SET_ROI_LOCATION,
+        MavCmd::DO_SET_ROI_NONE,
+        MavCmd::DO_MOUNT_CONTROL,
+    ] {
+        let params = [0.0; 7];
+        assert_eq!(command(&mut wire, 1, id, &params), [(1, MavResult::UNSUPPORTED)], "{id:?}");
+        for to in [100, 154] {
+            assert_eq!(command(&mut wire, to, id, &params), [], "{id:?} to {to}");
+        }
+    }
+    let id = AutopilotVersion::ID as f32;
+    assert_eq!(wire.long(MavCmd::REQUEST_MESSAGE, &[id]), MavResult::ACCEPTED);
+    wire.run(100);
+    let (_, version) = wire.take::<AutopilotVersion>().pop().expect("it was requested");
+    assert!(!version.capabilities.contains(MavProtocolCapability::COMPONENT_IMPLEMENTS_GIMBAL_MANAGER));
+
+    for item in
+        [trigger(10.0), act(MavCmd::SET_CAMERA_MODE, [0.0, 2.0, NAN, NAN]), act(MavCmd::DO_SET_ROI_NONE, [0.0; 4])]
+    {
+        let refused = MavMissionResult::UNSUPPORTED;
+        assert_eq!(wire.try_upload(&[waypoint(10.0, 0.0), item]), refused, "{:?}", item.command);
+    }
+    // A mission without such items is flown.
+    wire.upload(&[
+        at(MavCmd::NAV_TAKEOFF, [0.0, 0.0, NAN, NAN], 0.0, 0.0, 8.0),
+        waypoint(20.0, 0.0),
+        act(MavCmd::NAV_RETURN_TO_LAUNCH, [NAN; 4]),
+    ]);
+    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
+    assert_eq!(wire.long(MavCmd::MISSION_START, &[]), MavResult::ACCEPTED);
+    wire.until("flown", 300, |vehicle| !vehicle.is_armed());
 }

@@ -129,6 +129,14 @@ impl Wire {
         }
     }
 
+    /// Returns a vehicle with a GPS fix, without its camera and its gimbal.
+    pub fn alone() -> Self {
+        let mut wire = Self::new();
+        wire.app.leave_out_components();
+        wire.run(2_500);
+        wire
+    }
+
     /// Returns a vehicle with a GPS fix.
     pub fn booted() -> Self {
         let mut wire = Self::new();
@@ -271,16 +279,20 @@ impl Wire {
         panic!("no answer to {command:?}");
     }
 
-    /// Uploads a mission on the telemetry link.
+    /// Uploads a mission on the telemetry link, which is accepted.
     pub fn upload(&mut self, plan: &[Item]) {
+        assert_eq!(self.try_upload(plan), MavMissionResult::ACCEPTED);
+    }
+
+    /// Uploads a mission on the telemetry link. Returns the answer.
+    pub fn try_upload(&mut self, plan: &[Item]) -> MavMissionResult {
         let (target_system, target_component) = (1, 1);
         let count = plan.len() as u16;
         self.send(TELEMETRY, &MissionCount { count, target_system, target_component, ..Default::default() });
         loop {
             self.run(20);
             if let Some((_, ack)) = self.take::<MissionAck>().pop() {
-                assert_eq!(ack.r#type, MavMissionResult::ACCEPTED);
-                return;
+                return ack.r#type;
             }
             let Some((_, MissionRequestInt { seq, .. })) = self.take::<MissionRequestInt>().pop() else { continue };
             let Item { frame, command, autocontinue, params: [param1, param2, param3, param4], x, y, z } =
