@@ -369,7 +369,9 @@ pub mod __private {
     pub use crate::service::mode::ModeService;
     pub use crate::service::param::{NoParams, ParamMemory, ParamService, ParamValues, TableMut};
     pub use crate::service::stream::StreamService;
-    pub use crate::service::{Absent, ControlGate, ForwardingGate, OwnCommands, Service, SigningGate, WithoutSigning};
+    pub use crate::service::{
+        Absent, ControlGate, ForwardingGate, OwnCommands, Service, SigningGate, SticksGate, WithoutSigning,
+    };
     pub use crate::stack::{Declares, Persistent};
     #[cfg(feature = "storage")]
     pub use crate::storage::{RecordService, Storage};

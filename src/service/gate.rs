@@ -7,7 +7,7 @@ use crate::link::Port;
 use crate::message::{Address, Message, SystemId};
 use crate::network::{Booking, Passage};
 use crate::time::{Duration, Instant};
-use crate::types::{Answer, Command, Firmware, SignedAt};
+use crate::types::{Answer, Command, Firmware, Peer, SignedAt};
 
 /// Verifies the signatures of received frames, and signs sent frames. `L` is its state on a link.
 pub trait SigningGate<L> {
@@ -74,8 +74,9 @@ pub trait ForwardingGate<F: Firmware>: Service<F> {
 /// Decides which systems control the vehicle (O-5), before the services see their frames.
 pub trait ControlGate {
     /// Whether a frame that is no command is dropped, because its sender is not in control. Counted. `own` is our system.
-    fn drops(&mut self, own: SystemId, frame: &Frame<'_>) -> bool {
-        let _ = (own, frame);
+    /// `is_receiver`: the sender is the pilot's receiver, whose sticks are never dropped (J-11).
+    fn drops(&mut self, own: SystemId, is_receiver: bool, frame: &Frame<'_>) -> bool {
+        let _ = (own, is_receiver, frame);
         false
     }
 
@@ -92,6 +93,17 @@ pub trait ControlGate {
 }
 
 impl ControlGate for Absent {}
+
+/// Knows the pilot's receivers (J-10).
+pub trait SticksGate {
+    /// Whether the sender is one of them.
+    fn is_receiver(&self, from: Peer) -> bool {
+        let _ = from;
+        false
+    }
+}
+
+impl SticksGate for Absent {}
 
 /// Hands over the firmware's own commands to its other components, which are carried out without a link (K-11).
 pub trait OwnCommands<F: Firmware> {

@@ -43,7 +43,7 @@ pub(crate) mod statustext;
 pub(crate) mod stream;
 pub mod time;
 
-pub use gate::{Absent, ControlGate, ForwardingGate, OwnCommands, SigningGate, WithoutSigning};
+pub use gate::{Absent, ControlGate, ForwardingGate, OwnCommands, SigningGate, SticksGate, WithoutSigning};
 pub(crate) use share::{COST_OF_BYTE, MAX_LATENESS, Share};
 #[cfg(test)]
 pub(crate) use turn::TABLE;

@@ -12,7 +12,7 @@
 use super::{ControlGate, Cx, Handled, Received, Request, Service, Turn, Verdict, View, files, increment};
 use crate::dialect::{
     CommandAck, CommandCancel, CommandLong, FileTransferProtocol, LogErase, ManualControl, MavCmd,
-    MavProtocolCapability, MavResult, MissionSetCurrent, RcChannelsOverride, SetActuatorControlTarget,
+    MavProtocolCapability, MavResult, MissionSetCurrent, RadioRcChannels, RcChannelsOverride, SetActuatorControlTarget,
     SetAttitudeTarget, SetGpsGlobalOrigin, SetHomePosition, SetMode, SetPositionTargetGlobalInt,
     SetPositionTargetLocalNed,
 };
@@ -87,6 +87,7 @@ counters! {
 /// | sender | commands | sticks, setpoints |
 /// |---|---|---|
 /// | the owner, and components of the vehicle's own system | yes | yes |
+/// | the pilot's [receivers](crate::manual_control::ManualInput::set_receivers) for radio control | as their system | sticks |
 /// | [secondary](Self::set_secondaries) systems | yes | no |
 /// | others | NOT_IN_CONTROL | dropped and counted |
 ///
@@ -307,12 +308,13 @@ const fn is_for_all(command: MavCmd) -> bool {
 
 impl ControlGate for OperatorControl {
     #[inline(never)]
-    fn drops(&mut self, own: SystemId, frame: &Frame<'_>) -> bool {
+    fn drops(&mut self, own: SystemId, is_receiver: bool, frame: &Frame<'_>) -> bool {
         let system = frame.source().system;
         let may = match frame.id() {
-            ManualControl::ID
-            | RcChannelsOverride::ID
-            | SetPositionTargetLocalNed::ID
+            ManualControl::ID | RcChannelsOverride::ID | RadioRcChannels::ID => {
+                is_receiver || self.may_steer(own, system)
+            }
+            SetPositionTargetLocalNed::ID
             | SetPositionTargetGlobalInt::ID
             | SetAttitudeTarget::ID
             | SetActuatorControlTarget::ID => self.may_steer(own, system),

@@ -5,7 +5,7 @@ use crate::service::command::{CommandMemory, Commands};
 #[cfg(feature = "storage")]
 use crate::service::param::ExternalService;
 use crate::service::param::ParamMemory;
-use crate::service::{ControlGate, ForwardingGate, OwnCommands, Service, SigningGate};
+use crate::service::{ControlGate, ForwardingGate, OwnCommands, Service, SigningGate, SticksGate};
 use crate::types::{Firmware, Vehicle};
 
 #[cfg(feature = "storage")]
@@ -46,7 +46,7 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type LogStreaming: Service<Self>;
     type Mode: Service<Self>;
     type Time: Service<Self>;
-    type ManualControl: Service<Self>;
+    type ManualControl: Service<Self> + SticksGate;
     type Setpoints: Service<Self>;
     type OperatorControl: Service<Self> + ControlGate;
     type GimbalManager: Service<Self>;

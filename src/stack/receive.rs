@@ -10,7 +10,8 @@ use crate::message::{Address, Text};
 use crate::network::{self, Booking, Passage, Reception};
 use crate::service::command::{CommandMemory, CommandService};
 use crate::service::{
-    ControlGate, Cx, ForwardingGate, Handled, OwnCommands, Received, Request, SigningGate, Verdict, increment,
+    ControlGate, Cx, ForwardingGate, Handled, OwnCommands, Received, Request, SigningGate, SticksGate, Verdict,
+    increment,
 };
 use crate::time::Instant;
 use crate::types::{Allowance, Answer, Context, LinkId, MAX_TEXT_LEN, Peer, PeerEvent, Values, Vehicle};
@@ -55,13 +56,20 @@ impl<D: Declares> Services<D> {
             if is_served
                 && let Some(target) = filter(cx, port, frame)
                 && !self.command(cx, port, state, frame, target)
-                && !self.operator_control.drops(cx.shared.config.address.get().system, frame)
+                && !self.is_out_of_control(cx, port, frame)
             {
                 self.serve(cx, port, state, frame, target);
             }
             self.signing.wipe(id, decoder);
         }
         own_frame
+    }
+
+    /// Whether a frame that is no command is dropped, because its sender is not in control (O-5).
+    fn is_out_of_control(&mut self, cx: &Cx<'_, D>, port: &Port, frame: &Frame<'_>) -> bool {
+        let from = Peer { address: frame.source(), link: port.id };
+        let is_receiver = self.manual_control.is_receiver(from);
+        self.operator_control.drops(cx.shared.config.address.get().system, is_receiver, frame)
     }
 
     /// Returns the next frame that the decoder finds. Not inlined: the services need the stack space.

@@ -5,8 +5,8 @@ use crate::dialect::MavFrame;
 use crate::message::Address;
 use crate::time::{Duration, Instant};
 
-/// The number of radio control channels in the messages.
-pub(crate) const CHANNELS: usize = 18;
+/// The number of radio control channels in RADIO_RC_CHANNELS; the other messages have 18 or fewer.
+pub(crate) const CHANNELS: usize = 32;
 
 /// Sticks, channels or a setpoint that the stack has accepted: see
 /// [`Vehicle::control_input`](crate::Vehicle::control_input).
@@ -67,7 +67,8 @@ impl ManualControlInput {
     };
 }
 
-/// Radio control channels that replace received ones: the combination of the recent RC_CHANNELS_OVERRIDEs (J-4).
+/// Radio control channels that replace received ones: the combination of the recent RC_CHANNELS_OVERRIDEs (J-4), or of the
+/// recent RADIO_RC_CHANNELS (J-12).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RcOverride {

@@ -153,6 +153,13 @@ pub trait Vehicle {
         let _ = (cx, event);
     }
 
+    /// Called when another sender steers, or nobody does any longer: `holder` is its address, and the link by which it steers
+    /// (J-13). Only a stack with `manual_control` calls it, in [`poll`](crate::Stack::poll). A text says the same to the
+    /// operators. [`ManualInput::holder`](crate::manual_control::ManualInput::holder) returns it at any time.
+    fn stick_holder(&mut self, cx: &mut Context<'_>, holder: Option<Peer>) {
+        let _ = (cx, holder);
+    }
+
     /// Handles a frame with a correct checksum, addressed to us or to all, whose message the stack does not handle
     /// itself. Returns whether the vehicle handles that message. By default it returns false: a frame addressed to our
     /// system is then counted as [`unhandled`](crate::network::LinkCounters::unhandled).

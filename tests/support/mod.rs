@@ -12,6 +12,7 @@
 //! - [`Receiver`], [`stream`], [`damage`] and [`reference`]: a decoder alone, telemetry for it, damaged streams, and a reference
 //!   decoder to compare with.
 //! - [`Network`]: several stacks that forward, and the lines between them.
+//! - [`radio`]: receivers for radio control, ExpressLRS and mLRS.
 //! - [`World`]: one stack with its lines and ground stations, in steps of a millisecond.
 //!
 //! A typical test:
@@ -47,6 +48,7 @@ mod network;
 pub mod pilot;
 pub mod plan_file;
 pub mod pymavlink;
+pub mod radio;
 mod receiver;
 pub mod reference;
 mod rng;

@@ -3,8 +3,8 @@
 use super::{TestVehicle, Tuning};
 use mavstack::__private::{
     Absent, CommandSlots, Declares, EventHistory, Firmware, Forwarding, ForwardingGate, Missions, ModeService,
-    ParamMemory, ParamService, PeerTable, Persistent, RequestQueue, Requests, Service, SigningGate, StreamService,
-    TextQueue, Values, WithoutPlans, WithoutSigning,
+    ParamMemory, ParamService, PeerTable, Persistent, RequestQueue, Requests, Service, SigningGate, SticksGate,
+    StreamService, TextQueue, Values, WithoutPlans, WithoutSigning,
 };
 use mavstack::__private::{NoPlans, PlanBuffers, PlanMemory};
 use mavstack::clock::Time;
@@ -99,7 +99,7 @@ where
 /// The services that a test chooses.
 pub trait Options<D: Firmware> {
     type Time: Service<D>;
-    type ManualControl: Service<D>;
+    type ManualControl: Service<D> + SticksGate;
     type Setpoints: Service<D>;
     type HighLatency: Service<D>;
     type Signing: Persistent<D> + SigningGate<<Self::Signing as Service<D>>::Link>;

@@ -9,8 +9,8 @@ use mavstack::dialect::{
 use mavstack::message::LatLon;
 use mavstack::plan::PlanFault;
 use mavstack::{
-    Address, Command, CommandRule, Commands, Context, Frame, Item, LinkId, Outcome, ParamChange, Parameters, Peer,
-    PeerEvent, PlanChange, PlanType, Plans, Progress, Vehicle, VehicleState,
+    Address, Command, CommandRule, Commands, Context, Frame, Instant, Item, LinkId, Outcome, ParamChange, Parameters,
+    Peer, PeerEvent, PlanChange, PlanType, Plans, Progress, Vehicle, VehicleState,
 };
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -50,6 +50,8 @@ pub enum Call {
 pub struct TestVehicle {
     /// The state in the heartbeat; `None` for a fault.
     pub state: Option<VehicleState>,
+    /// When it was told who holds the sticks, and who.
+    pub stick_holders: Vec<(Instant, Option<Peer>)>,
     /// Answers to commands by id. Other commands are UNSUPPORTED.
     pub outcomes: BTreeMap<u16, Outcome>,
     /// Whether it arms and disarms on command.
@@ -97,6 +99,7 @@ impl TestVehicle {
     pub fn new() -> Self {
         let known = [MavCmd::COMPONENT_ARM_DISARM, MavCmd::NAV_TAKEOFF, MavCmd::NAV_LAND, MavCmd::MISSION_START];
         Self {
+            stick_holders: Vec::new(),
             state: Some(VehicleState {
                 base_mode: MavModeFlag::CUSTOM_MODE_ENABLED,
                 custom_mode: 4,
@@ -171,6 +174,10 @@ impl Vehicle for TestVehicle {
 
     fn peer(&mut self, _: &mut Context<'_>, event: PeerEvent) {
         self.calls.push(Call::Peer(event));
+    }
+
+    fn stick_holder(&mut self, cx: &mut Context<'_>, holder: Option<Peer>) {
+        self.stick_holders.push((cx.now(), holder));
     }
 
     fn message(&mut self, _: &mut Context<'_>, frame: &Frame<'_>, link: LinkId) -> bool {

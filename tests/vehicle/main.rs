@@ -24,6 +24,7 @@ mod param_backend;
 mod param_places;
 mod param_run_time;
 mod params;
+mod rc_over_mavlink;
 mod setpoint_properties;
 mod setpoints;
 mod si_values;

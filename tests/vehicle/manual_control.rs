@@ -482,7 +482,7 @@ fn new_policy_applies_at_once() {
     assert_eq!(sticks(&world), None);
 }
 
-/// H-10: manual control is neither a heartbeat, so it makes no peer alive, nor answered.
+/// H-10: manual control is neither a heartbeat, so it makes no peer alive, nor answered. A text says who steers (J-13).
 #[test]
 fn manual_control_does_not_make_a_peer_alive() {
     let mut world = world::<1>(ONLY_STATION);
@@ -492,7 +492,10 @@ fn manual_control_does_not_make_a_peer_alive() {
         world.run_for(millis(20));
     }
     assert_eq!(world.vehicle.calls, []);
-    assert!(world.gcs[0].received.iter().all(|frame| frame.header.id == Heartbeat::ID));
+    let (texts, others): (Vec<_>, Vec<_>) =
+        world.gcs[0].received.iter().partition(|frame| frame.header.id == Statustext::ID);
+    assert_eq!(texts.len(), 1);
+    assert!(others.iter().all(|frame| frame.header.id == Heartbeat::ID));
 }
 
 /// Without the service, the vehicle gets the messages, broadcasts included.

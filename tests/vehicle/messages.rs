@@ -276,10 +276,15 @@ fn message_interval_carries_the_actual_interval() {
     let mut world = World::new(Setup { links, ..Setup::new() });
     let radio = mavstack::Address::new(51, 68);
     for (txbuf, slower) in [(10, 60_000), (40, 80_000), (70, 80_000), (95, 60_000), (99, 20_000)] {
-        world.gcs[0].send_from(radio, &RadioStatus { txbuf, ..RadioStatus::default() });
+        for _ in 0..9 {
+            // Some radios send a hundred a second. One in 100 ms counts.
+            world.gcs[0].send_from(radio, &RadioStatus { txbuf, ..RadioStatus::default() });
+            world.run_for(millis(10));
+        }
         assert_eq!(interval(&mut world, 0, Attitude::ID), 20_000 + slower, "txbuf {txbuf}");
         assert_eq!(interval(&mut world, 0, Heartbeat::ID), 1_000_000, "it is not throttled");
         assert_eq!(interval(&mut world, 0, BatteryStatus::ID), -1, "off is off");
+        world.run_for(millis(100));
     }
     world.run_for(secs(6));
     assert_eq!(interval(&mut world, 0, Attitude::ID), 20_000, "the radio reports nothing any more");

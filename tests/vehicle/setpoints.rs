@@ -449,7 +449,7 @@ fn high_latency_link_carries_no_setpoints() {
     assert_eq!(world.stack.link_counters(LinkId(1)).unwrap().out_of_place, 3);
 }
 
-/// Setpoints do not steer by hand, sticks are no setpoints, and neither is answered.
+/// Setpoints do not steer by hand, sticks are no setpoints, and neither is answered, except for the texts that say who steers (J-13).
 #[test]
 fn sticks_and_setpoints_do_not_mix() {
     let mut world = world::<1>(ONLY_STATION);
@@ -461,7 +461,7 @@ fn sticks_and_setpoints_do_not_mix() {
     send(&mut world, 0, STATION, &fly(1.0));
     assert_eq!(world.stack.manual_input().manual_control(world.now()), None);
     world.run_for(millis(100));
-    assert!(world.gcs[0].received.iter().all(|frame| frame.header.id == Heartbeat::ID));
+    assert!(world.gcs[0].received.iter().all(|frame| [Heartbeat::ID, Statustext::ID].contains(&frame.header.id)));
     assert_eq!(world.vehicle.calls, []);
 }
 

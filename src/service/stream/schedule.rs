@@ -36,6 +36,10 @@ const FRESH: u16 = u16::MAX;
 /// The time after which a RADIO_STATUS is ignored: five seconds, in units of 1,024 µs.
 const RADIO_STALE: u32 = 4_883;
 
+/// The least time between two changes of the delay, in the same units (100 ms): ExpressLRS sends 90 RADIO_STATUS a second, and
+/// would otherwise switch the streams between full rate and almost none.
+const RADIO_STEP: u32 = 98;
+
 /// The step (µs) of the delay that a radio with a full buffer adds to all intervals, and the maximum number of steps.
 const STEP: u32 = 20_000;
 const MAX_SLOWDOWN: u8 = 100;
@@ -209,8 +213,12 @@ impl Streams {
         self.asked != 0 || self.indexed != 0 || !self.interval_requests.is_empty()
     }
 
-    /// Handles a RADIO_STATUS: `free` is the free part of the radio's transmit buffer, in percent.
+    /// Handles a RADIO_STATUS: `free` is the free part of the radio's transmit buffer, in percent. Ignored
+    /// [soon after](RADIO_STEP) the last one that was not.
     pub(super) fn on_radio(&mut self, now: Instant, free: u8) {
+        if self.radio != 0 && now.coarse().wrapping_sub(self.radio) < RADIO_STEP {
+            return;
+        }
         self.forget_radio(now);
         let slowdown = self.slowdown;
         self.slowdown = match free {

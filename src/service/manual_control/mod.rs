@@ -1,0 +1,517 @@
+//! Manual control: the sticks of a pilot on the ground, and the radio control channels that a receiver or a peer sends.
+//!
+//! Implements <https://mavlink.io/en/services/manual_control.html>: MANUAL_CONTROL, its alternative RC_CHANNELS_OVERRIDE
+//! (rules J-1 to J-5), and RADIO_RC_CHANNELS of a receiver for radio control (J-10 to J-13). None of them is answered. The
+//! vehicle decides what a stick does: it reads the input in every pass of its loop, and gets `None` when no one is steering.
+//!
+//! [`ManualInput`] shows which sender steers, and for how long.
+//!
+//! Left out: MANUAL_INPUT_STATUS, which is still under development. [`ManualInput::holder`], [`Vehicle::stick_holder`] and a
+//! text say who steers.
+//!
+//! [`Vehicle::stick_holder`]: crate::Vehicle::stick_holder
+
+mod channels;
+mod receiver;
+
+use channels::{pulse, raw_channels};
+use receiver::{Heard, Receiver};
+
+use super::{Cx, Handled, Received, Service, SticksGate, increment};
+use crate::dialect::{ManualControl, MavSeverity, MavType, RadioRcChannels, RcChannelsOverride};
+use crate::frame::Frame;
+use crate::link::Port;
+use crate::message::{Message, SystemId, Text};
+use crate::network::{PeerInfo, Peers};
+use crate::time::{Duration, Instant};
+use crate::types::{
+    CHANNELS, Config, ControlInput, Firmware, MAX_TEXT_LEN, ManualControlInput, Peer, RcOverride, Vehicle,
+};
+
+/// The channels of the original RC_CHANNELS_OVERRIDE. Here a 0 releases the channel; in the others a 0 means that the field
+/// was cut off.
+const FIRST_CHANNELS: usize = 8;
+/// The maximum number of receivers.
+const RECEIVERS: usize = 2;
+/// The value that releases a channel.
+const RELEASE: u16 = u16::MAX - 1;
+
+/// Who may steer the vehicle, by hand (J-2) or by setpoints (J-6).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum ControlSource {
+    /// Nobody.
+    Nobody,
+    /// Every component of one system: the ground station in control.
+    System(SystemId),
+    /// Every system from `first` to `last`, both included.
+    Systems {
+        /// The lowest id.
+        first: SystemId,
+        /// The highest id.
+        last: SystemId,
+    },
+    /// Every system that sends a ground station's heartbeats on the same link: type [`GCS`](MavType::GCS), and not
+    /// [timed out](crate::PeerEvent::Lost). A sender without an entry in the peer table is not known.
+    GroundStation,
+}
+
+impl ControlSource {
+    /// Whether it allows this sender.
+    pub(crate) fn allows(self, from: Peer, peers: &Peers) -> bool {
+        let system = from.address.system;
+        match self {
+            Self::Nobody => false,
+            Self::System(only) => system == only,
+            Self::Systems { first, last } => first <= system && system <= last,
+            Self::GroundStation => peers.iter().any(|info| {
+                info.peer.address.system == system
+                    && info.peer.link == from.link
+                    && info.r#type == MavType::GCS
+                    && info.is_alive
+            }),
+        }
+    }
+
+    /// Whether a ground station that may steer is alive, on any link.
+    pub(crate) fn is_alive(self, peers: &[PeerInfo]) -> bool {
+        let systems = match self {
+            Self::Nobody => return false,
+            Self::System(only) => only..=only,
+            Self::Systems { first, last } => first..=last,
+            Self::GroundStation => SystemId(0)..=SystemId(u8::MAX),
+        };
+        peers.iter().any(|info| info.is_living_station() && systems.contains(&info.peer.address.system))
+    }
+}
+
+counters! {
+    /// Counters of the messages of manual control. They wrap. Messages for other systems are counted in
+    /// [`LinkCounters::not_ours`](crate::network::LinkCounters::not_ours), those on a high-latency link in
+    /// [`out_of_place`](crate::network::LinkCounters::out_of_place).
+    ManualCounters {
+        /// Accepted messages of all kinds.
+        count taken,
+        /// Dropped because they were addressed to every vehicle (J-1).
+        drop broadcast,
+        /// Dropped because the sender may not steer (J-2). Only a receiver may send RADIO_RC_CHANNELS.
+        drop not_allowed,
+        /// Dropped because another sender was steering, or because a receiver sends RADIO_RC_CHANNELS besides (J-12).
+        drop not_holder,
+        /// Axes in accepted messages that were neither within ±1000 nor "not given" (J-1), and channels of RADIO_RC_CHANNELS
+        /// that were not within ±4096 (J-12).
+        drop bad_axes,
+    }
+}
+
+/// Manual control: declared by `manual_control` in [`stack!`](crate::stack), and read through
+/// [`Stack::manual_input`](crate::Stack::manual_input). A vehicle without it gets both messages in
+/// [`Vehicle::message`](crate::Vehicle::message).
+///
+/// ```text
+///                  to all? ──▶ authorised? ──▶ does another one steer? ──▶ ManualInput ──▶ manual_control(now)
+///                     │           │                       │                     │          rc_channels(now)
+///                     ▼           ▼                       ▼                     ▼
+///                 broadcast  not_allowed             not_holder        None from the timeout on
+/// ```
+///
+/// One sender, which is an address on a link, steers at a time: the *holder*. It holds the sticks until no message was
+/// received from it for the timeout. Messages of other senders are counted and ignored meanwhile. If the last message
+/// always won, the vehicle would jitter between two sticks, and an idle second joystick could take control from a
+/// pilot.
+///
+/// There are two kinds of authorised senders:
+///
+/// | rank | sender | set by |
+/// |---|---|---|
+/// | first | the pilot's receiver for radio control, such as ExpressLRS or mLRS in MAVLink mode (J-10) | [`set_receivers`](Self::set_receivers) |
+/// | second | a ground station's joystick, or a companion computer (J-2) | [`set_source`](Self::set_source) |
+///
+/// Among senders of the second rank, the first one holds the sticks until it stops. A receiver takes them from a sender of
+/// lower rank once it has sent for 500 ms without a gap of that length (J-11). Nothing takes them from a receiver while it is
+/// alive, [operator control](crate::operator_control) included. Its own frames show that it is alive: it sends no heartbeats.
+/// RADIO_RC_CHANNELS says when the receiver has lost its transmitter. Then the sticks are free at once (J-12).
+///
+/// A change of the holder is reported by [`Vehicle::stick_holder`] and in a text (J-13).
+///
+/// [`Vehicle::control_input`] gets each accepted message at once. A vehicle that enters a mode only with current input decides
+/// by it, because a request for the mode may follow in the same read (C-17).
+///
+/// Manual control does not show that a ground station is alive: only heartbeats do (H-10). To count it too, check
+/// [`ManualInput::holder`] besides [`Stack::has_controller`](crate::Stack::has_controller).
+///
+/// Input that is older than the timeout is never returned, neither a stick nor a channel; each channel has its own
+/// timeout (J-3). Input from a high-latency link is not accepted (J-5).
+///
+/// ```
+/// use mavstack::manual_control::ControlSource;
+/// # use mavstack::*;
+/// # struct Rover;
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
+/// # }
+/// mavstack::stack! {
+///     struct Mavlink for Rover { links: 2, manual_control }
+/// }
+///
+/// /// Called once, before the loop: until then no one may steer.
+/// fn configure(stack: &mut Mavlink) {
+///     let input = stack.manual_input_mut();
+///     // ExpressLRS in MAVLink mode, on the second UART. While it is silent, any ground station may steer.
+///     input.set_receivers(&[Peer { address: Address::new(255, 68), link: LinkId(1) }]);
+///     input.set_source(ControlSource::GroundStation);
+/// }
+///
+/// /// Called in every pass of the flight loop.
+/// fn steering(stack: &Mavlink, now: Instant) -> Option<i16> {
+///     let input = stack.manual_input();
+///     if let Some(sticks) = input.manual_control(now) {
+///         return sticks.y;
+///     }
+///     // `None`: nobody steers, or no longer. Start the failsafe.
+///     let pulse = input.rc_channels(now)?.channel(1)?;
+///     Some(pulse.clamp(1_000, 2_000).cast_signed() * 2 - 3_000)
+/// }
+/// ```
+#[derive(Clone, Debug)]
+pub struct ManualInput {
+    source: ControlSource,
+    /// The first has the highest rank.
+    receivers: [Receiver; RECEIVERS],
+    timeout: Duration,
+    /// The steering sender, and when its turn ends if it sends nothing more.
+    holder: Option<(Peer, Instant)>,
+    /// The holder that was reported last.
+    reported: Option<Peer>,
+    /// The sticks, and until when they are valid.
+    sticks: Option<(ManualControlInput, Instant)>,
+    /// The channels as received (µs); 0 for those that are not overridden.
+    channels: [u16; CHANNELS],
+    /// Until when each channel is valid.
+    until: [Instant; CHANNELS],
+    counters: ManualCounters,
+}
+
+impl ManualInput {
+    /// The default timeout. At ten messages a second, the lowest rate that clients use, it passes after five lost
+    /// messages.
+    pub const TIMEOUT: Duration = Duration::from_millis(500);
+
+    /// Returns the state in which no one is steering. `source` may; its input is valid for `timeout`, and with a timeout of
+    /// zero never.
+    const fn new(source: ControlSource, timeout: Duration) -> Self {
+        Self {
+            source,
+            receivers: [Receiver::VACANT; RECEIVERS],
+            timeout,
+            holder: None,
+            reported: None,
+            sticks: None,
+            channels: [0; CHANNELS],
+            until: [Instant::ZERO; CHANNELS],
+            counters: ManualCounters::ZERO,
+        }
+    }
+
+    /// Sets who may steer besides the receivers. A change ends the turn of the steering sender, unless it is a receiver; it
+    /// may begin again with its next message if it is still authorised. Until the first call only receivers may steer.
+    pub fn set_source(&mut self, source: ControlSource) {
+        if self.source != source {
+            self.source = source;
+            if !self.is_held_by_receiver() {
+                self.forget();
+            }
+        }
+    }
+
+    /// Sets the receivers for radio control, the one with the highest rank first: at most two; more are ignored. Each is an
+    /// address on a link (J-10). It needs no heartbeats, and is not a ground station. A change ends the turn of the steering
+    /// sender. Until the first call there is no receiver.
+    ///
+    /// | receiver | address |
+    /// |---|---|
+    /// | ExpressLRS | 255/68; the system id is a setting of the receiver |
+    /// | mLRS that sends RC_CHANNELS_OVERRIDE | 255/68 |
+    /// | mLRS that sends RADIO_RC_CHANNELS | 51/68; the system id is a setting, 51 to 55 |
+    ///
+    /// A receiver's MANUAL_CONTROL, RC_CHANNELS_OVERRIDE and RADIO_RC_CHANNELS are accepted. The last two may be addressed to
+    /// all: mLRS does so unless the autopilot is ArduPilot. Channels of RC_CHANNELS_OVERRIDE are ignored while the same
+    /// receiver also sends RADIO_RC_CHANNELS (J-12).
+    ///
+    /// ```
+    /// # use mavstack::manual_control::ManualInput;
+    /// use mavstack::{Address, LinkId, Peer};
+    ///
+    /// /// mLRS on the second link, whichever of its messages it is set to.
+    /// const MLRS: [Peer; 2] = [
+    ///     Peer { address: Address::new(51, 68), link: LinkId(1) },
+    ///     Peer { address: Address::new(255, 68), link: LinkId(1) },
+    /// ];
+    ///
+    /// fn configure(input: &mut ManualInput) {
+    ///     input.set_receivers(&MLRS);
+    /// }
+    /// ```
+    pub fn set_receivers(&mut self, receivers: &[Peer]) {
+        let mut places = [Receiver::VACANT; RECEIVERS];
+        for (place, &peer) in places.iter_mut().zip(receivers) {
+            place.peer = peer;
+        }
+        if places.iter().zip(&self.receivers).any(|(new, old)| new.peer != old.peer) {
+            self.receivers = places;
+            self.forget();
+        }
+    }
+
+    /// Returns whether a sender is one of the receivers.
+    pub fn is_receiver(&self, peer: Peer) -> bool {
+        self.rank(peer) < RECEIVERS
+    }
+
+    /// Returns the rank of a sender: 0 is the highest. It is the place of a receiver; all other senders have the lowest.
+    fn rank(&self, peer: Peer) -> usize {
+        let is_it = |receiver: &Receiver| receiver.peer == peer && peer.address.system.0 != 0;
+        self.receivers.iter().position(is_it).unwrap_or(RECEIVERS)
+    }
+
+    /// Sets how long input is valid, [`TIMEOUT`](Self::TIMEOUT) by default. It applies to later messages: input that
+    /// has expired does not become valid again.
+    pub fn set_timeout(&mut self, timeout: Duration) {
+        self.timeout = timeout;
+    }
+
+    /// Returns the sticks now; `None` without current input: initially, and once the last MANUAL_CONTROL is as old as
+    /// the timeout (J-3).
+    pub fn manual_control(&self, now: Instant) -> Option<ManualControlInput> {
+        self.sticks.filter(|&(_, until)| now < until).map(|(sticks, _)| sticks)
+    }
+
+    /// Returns the channels that are overridden now; `None` if none is. A message may leave channels unchanged, so each
+    /// is valid for the timeout since it was last given (J-3, J-4).
+    pub fn rc_channels(&self, now: Instant) -> Option<RcOverride> {
+        let mut channels = self.channels;
+        for (channel, &until) in channels.iter_mut().zip(&self.until) {
+            if now >= until {
+                *channel = 0;
+            }
+        }
+        channels.iter().any(|&raw| raw != 0).then_some(RcOverride { channels })
+    }
+
+    /// Returns who may steer besides the receivers, as last set.
+    pub const fn source(&self) -> ControlSource {
+        self.source
+    }
+
+    /// Returns the steering sender: its address, and the link by which it steers (J-13). Nobody of the same or a lower rank can
+    /// steer until it was silent for the timeout. [`is_receiver`](Self::is_receiver) says whether it is the pilot's receiver.
+    pub fn holder(&self, now: Instant) -> Option<Peer> {
+        self.holder.filter(|&(_, until)| now < until).map(|(holder, _)| holder)
+    }
+
+    /// Returns the counters.
+    pub const fn counters(&self) -> ManualCounters {
+        self.counters
+    }
+
+    fn forget(&mut self) {
+        self.holder = None;
+        self.sticks = None;
+        self.channels = [0; CHANNELS];
+    }
+
+    /// Whether a receiver steers, or was the last one to do so.
+    fn is_held_by_receiver(&self) -> bool {
+        self.holder.is_some_and(|(holder, _)| self.is_receiver(holder))
+    }
+
+    /// Handles one of the messages. Returns whether it is input that is accepted.
+    #[inline(never)]
+    fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) -> bool {
+        let (holder, rank, radio) = (self.holder(now), self.rank(from), frame.decode::<RadioRcChannels>());
+        let is_receiver = rank < RECEIVERS;
+        // mLRS addresses its channels to all.
+        let may_broadcast = is_receiver && frame.id() != ManualControl::ID;
+        let heard = self.receivers.get_mut(rank).filter(|_| !is_broadcast || may_broadcast);
+        let heard = heard.map(|receiver| receiver.hear(now, self.timeout, frame.id(), radio.as_ref()));
+        let is_refused = match holder {
+            Some(holder) if holder != from => {
+                rank >= self.rank(holder) || !self.receivers.get(rank).is_some_and(|it| it.has_returned(now))
+            }
+            _ => false,
+        };
+        let counters = &mut self.counters;
+        let counter = if is_broadcast && !may_broadcast {
+            &mut counters.broadcast
+        } else if !is_receiver && (radio.is_some() || !self.source.allows(from, peers)) {
+            &mut counters.not_allowed
+        } else if heard == Some(Heard::Outdated) {
+            &mut counters.taken
+        } else if heard == Some(Heard::Failsafe) {
+            increment(&mut counters.taken);
+            if holder == Some(from) {
+                self.forget();
+            }
+            return false;
+        } else if is_refused || heard == Some(Heard::Redundant) {
+            &mut counters.not_holder
+        } else {
+            if holder != Some(from) {
+                self.forget();
+            }
+            self.holder = Some((from, now.after(self.timeout)));
+            self.take(now, from, frame, radio.as_ref());
+            increment(&mut self.counters.taken);
+            return true;
+        };
+        increment(counter);
+        false
+    }
+
+    /// Returns what an accepted message with this id has set.
+    fn input(&self, now: Instant, id: u32) -> Option<ControlInput> {
+        match id {
+            ManualControl::ID => self.manual_control(now).map(ControlInput::Sticks),
+            _ => self.rc_channels(now).map(ControlInput::Channels),
+        }
+    }
+
+    fn take(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, radio: Option<&RadioRcChannels>) {
+        let valid_until = now.after(self.timeout);
+        let held = self.channels.iter_mut().zip(&mut self.until);
+        if let Some(message) = radio {
+            for (&value, (channel, until)) in message.channels.iter().take(message.count.into()).zip(held) {
+                match pulse(value) {
+                    Some(pulse) => (*channel, *until) = (pulse, valid_until),
+                    None => increment(&mut self.counters.bad_axes),
+                }
+            }
+        } else if let Some(message) = frame.decode::<ManualControl>() {
+            self.sticks = Some((sticks(now, from, &message, &mut self.counters.bad_axes), valid_until));
+        } else if let Some(message) = frame.decode::<RcChannelsOverride>() {
+            for (index, (raw, (channel, until))) in (0..CHANNELS).zip(raw_channels(&message).into_iter().zip(held)) {
+                match raw {
+                    u16::MAX => {}
+                    0 if index >= FIRST_CHANNELS => {}
+                    // The later channels' value for "release" works for all: no pulse is 65 ms long.
+                    0 | RELEASE => *channel = 0,
+                    _ => (*channel, *until) = (raw, valid_until),
+                }
+            }
+        }
+    }
+}
+
+/// Reports that another sender steers, or nobody (J-13).
+#[inline(never)]
+fn report<F: Firmware<Vehicle: Vehicle>>(cx: &mut Cx<'_, F>, holder: Option<Peer>) {
+    let (vehicle, mut context) = cx.hook();
+    vehicle.stick_holder(&mut context, holder);
+    if !F::HAS_TEXTS {
+        return;
+    }
+    let Some(Peer { address, link }) = holder else { return cx.say(MavSeverity::WARNING, b"Sticks lost") };
+    let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
+    text.push_str("Sticks: system ");
+    text.push_number(address.system.0.into());
+    text.push_str(" component ");
+    text.push_number(address.component.0.into());
+    text.push_str(", link ");
+    text.push_number(link.0.into());
+    cx.say(MavSeverity::NOTICE, text.as_bytes());
+}
+
+/// Returns the sticks in a MANUAL_CONTROL (J-1). An extension is present only with its bit. A field that a v1 sender
+/// does not have, or that a v2 sender cut off, is thus not given.
+fn sticks(now: Instant, from: Peer, message: &ManualControl, bad_axes: &mut u32) -> ManualControlInput {
+    let mut axis = |raw: i16| {
+        let value = Some(raw).filter(|raw| (-1_000..=1_000).contains(raw));
+        if value.is_none() && raw != i16::MAX {
+            increment(bad_axes);
+        }
+        value
+    };
+    let [x, y, z, r] = [message.x, message.y, message.z, message.r].map(&mut axis);
+    let mut bits = message.enabled_extensions;
+    let ManualControl { s, t, aux1, aux2, aux3, aux4, aux5, aux6, .. } = *message;
+    let [s, t, aux @ ..] = [s, t, aux1, aux2, aux3, aux4, aux5, aux6].map(|raw| {
+        let is_there = bits & 1 != 0;
+        bits >>= 1;
+        if is_there { axis(raw) } else { None }
+    });
+    let buttons = u32::from(message.buttons) | (u32::from(message.buttons2) << 16);
+    ManualControlInput { from, at: now, x, y, z, r, s, t, aux, buttons }
+}
+
+impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
+    /// `Some` of zeros is all zero bits, which `None` is not. These sticks have expired since [`Instant::ZERO`].
+    const NEW: Self = Self {
+        sticks: Some((ManualControlInput::VACANT, Instant::ZERO)),
+        ..Self::new(ControlSource::Nobody, Duration::ZERO)
+    };
+    type Link = ();
+    const VACANT: () = ();
+
+    fn begin(&mut self, _: &Config) {
+        self.timeout = Self::TIMEOUT;
+    }
+
+    #[cfg(feature = "defmt")]
+    fn drops(&self) -> u32 {
+        self.counters.drops()
+    }
+
+    #[cfg(feature = "defmt")]
+    fn log_drops(&self) {
+        event!("{}", self.counters);
+    }
+
+    /// Reports a change of the holder.
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>) {
+        let holder = self.holder(cx.now);
+        if holder.is_none() {
+            self.holder = None;
+        }
+        if holder != self.reported {
+            self.reported = holder;
+            report(cx, holder);
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        match self.holder {
+            None if self.reported.is_none() => Instant::NEVER,
+            Some((holder, until)) if self.reported == Some(holder) => until,
+            _ => Instant::ZERO,
+        }
+    }
+
+    /// A receiver's rank is above operator control (J-11).
+    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
+        let is_allowed = |(holder, _): (Peer, Instant)| [own, owner].contains(&holder.address.system);
+        if !self.holder.is_none_or(is_allowed) && !self.is_held_by_receiver() {
+            self.forget();
+        }
+    }
+
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
+        let Received { frame, from, target, .. } = received;
+        if !matches!(frame.id(), ManualControl::ID | RcChannelsOverride::ID | RadioRcChannels::ID) {
+            return Handled::No;
+        }
+        if self.receive(cx.now, *from, frame, target.system.0 == 0, cx.peers)
+            && let Some(input) = self.input(cx.now, frame.id())
+        {
+            let (vehicle, mut context) = cx.hook();
+            vehicle.control_input(&mut context, &input);
+        }
+        Handled::Yes
+    }
+}
+
+impl SticksGate for ManualInput {
+    fn is_receiver(&self, from: Peer) -> bool {
+        self.is_receiver(from)
+    }
+}
