@@ -11,8 +11,10 @@
 //! An upload like QGroundControl's `PlanManager` sends COUNT up to seven times, 1.5 s apart. It answers every request for an item.
 //! It aborts after 1.5 s without a request for the next item or the ACK (M-42). It ignores MISSION_REQUEST (M-47).
 //!
-//! An upload like dronekit sends COUNT once, then a MISSION_ITEM for each MISSION_REQUEST, without a timeout. It does not know
+//! An upload like dronekit 2.9 sends COUNT once, then a MISSION_ITEM for each MISSION_REQUEST, without a timeout. It does not know
 //! MISSION_REQUEST_INT.
+//!
+//! An upload like mavez 3.10 does the same with MISSION_ITEM_INT. It aborts after 5 s without a MISSION_REQUEST or the ACK.
 
 use super::Gcs;
 use mavstack::dialect::{
@@ -99,7 +101,10 @@ pub struct Upload {
     next: usize,
     is_asked: bool,
     is_qgroundcontrol: bool,
-    is_dronekit: bool,
+    /// It knows only MISSION_REQUEST.
+    is_old: bool,
+    /// It sends MISSION_ITEM.
+    sends_floats: bool,
     result: Option<Result<MissionAck, TransferError>>,
 }
 
@@ -113,7 +118,8 @@ impl Upload {
             next: 0,
             is_asked: false,
             is_qgroundcontrol: false,
-            is_dronekit: false,
+            is_old: false,
+            sends_floats: false,
             result: None,
         }
     }
@@ -130,8 +136,18 @@ impl Upload {
     /// Uploads like dronekit.
     #[must_use]
     pub fn like_dronekit(mut self) -> Self {
-        self.is_dronekit = true;
+        self.is_old = true;
+        self.sends_floats = true;
         self.session.timeout = Duration::from_secs(60);
+        self.session.patience = 1;
+        self
+    }
+
+    /// Uploads like mavez.
+    #[must_use]
+    pub fn like_mavez(mut self) -> Self {
+        self.is_old = true;
+        self.session.timeout = Duration::from_secs(5);
         self.session.patience = 1;
         self
     }
@@ -169,7 +185,7 @@ impl Upload {
             if let Some(request) = frame.decode::<MissionRequestInt>()
                 && self.session.is_for_us(request.target_system, request.target_component, request.mission_type)
             {
-                if !self.is_dronekit {
+                if !self.is_old {
                     self.on_request(now, usize::from(request.seq), gcs);
                 }
             } else if let Some(request) = frame.decode::<MissionRequest>()
@@ -212,10 +228,14 @@ impl Upload {
         let Address { system, component } = self.session.vehicle;
         let (target_system, target_component) = (system.0, component.0);
         let mission_type = self.session.plan;
-        if self.is_dronekit {
+        if self.is_old {
             let Some(item) = self.items.get(seq) else { return };
             self.next = self.next.max(seq + 1);
             self.session.refresh(now);
+            if !self.sends_floats {
+                let item = MissionItemInt { target_system, target_component, seq: seq as u16, ..*item };
+                return gcs.send_from(self.session.from, &item);
+            }
             let degrees = |scaled: i32| (f64::from(scaled) / 1e7) as f32;
             let MissionItemInt { frame, command, current, autocontinue, param1, param2, param3, param4, z, .. } = *item;
             let (seq, x, y) = (seq as u16, degrees(item.x), degrees(item.y));

@@ -341,8 +341,8 @@ impl Missions {
             return None;
         }
         upload.last = Number(from.link, frame.header().seq);
+        upload.form.answered();
         if next == 0 {
-            upload.form.fix(is_float);
             upload.counts.end(Number(from.link, frame.header().seq));
         }
         let was_doubtful = core::mem::take(&mut upload.may_be_duplicate);
@@ -538,9 +538,7 @@ impl Missions {
         if !upload.pace.has_timed_out(cx.now) {
             upload.is_request_pending = !upload.may_be_duplicate;
             upload.pace.retry(cx.now);
-            if cx.plans.staged() == 0 {
-                upload.form.repeat(upload.pace.retries());
-            }
+            upload.form.repeat(upload.pace.retries());
             return None;
         }
         event!("{} upload by {}: timed out", upload.plan, upload.client);

@@ -2,25 +2,53 @@
 
 use super::*;
 
-/// M-47, M-61: a client that knows only MISSION_REQUEST and MISSION_ITEM, such as dronekit and mavez, uploads and downloads.
+/// M-47, M-61: clients that know only MISSION_REQUEST upload and download: dronekit answers it with MISSION_ITEM, mavez with
+/// MISSION_ITEM_INT.
 #[test]
-fn client_of_the_old_messages_uploads_and_downloads() {
-    let mut world = world::<1>();
-    let items = plan(4, 1);
-    let mut upload = Upload::new(&world.gcs[0], &items).like_dronekit();
-    world.run_until(secs(20), |world| {
-        let now = world.now();
-        upload.poll(now, &mut world.gcs[0]).is_some()
-    });
-    assert!(upload.result().is_some_and(|result| result.is_ok()), "{:?}", upload.result());
-    assert!(world.now().as_micros() < 5_000_000, "within five seconds");
-    assert_eq!(world.stack.mission().items().len(), items.len());
-    for (seq, item) in (0..).zip(&items) {
-        world.gcs[0].send(&MissionRequest { target_system: 1, target_component: 1, seq, mission_type: MISSION });
-        let back: MissionItem = world.expect(0, millis(50));
-        assert_eq!((back.seq, back.x), (seq, (f64::from(item.x) / 1e7) as f32));
+fn clients_of_the_old_request_upload_and_download() {
+    for is_mavez in [false, true] {
+        let mut world = world::<1>();
+        let items = plan(4, 1);
+        let upload = Upload::new(&world.gcs[0], &items);
+        let mut upload = if is_mavez { upload.like_mavez() } else { upload.like_dronekit() };
+        world.run_until(secs(20), |world| {
+            let now = world.now();
+            upload.poll(now, &mut world.gcs[0]).is_some()
+        });
+        assert!(upload.result().is_some_and(|result| result.is_ok()), "{:?}", upload.result());
+        assert!(world.now().as_micros() < 5_000_000, "within five seconds");
+        assert_eq!(world.stack.mission().items().len(), items.len());
+        for (seq, item) in (0..).zip(&items) {
+            world.gcs[0].send(&MissionRequest { target_system: 1, target_component: 1, seq, mission_type: MISSION });
+            let back: MissionItem = world.expect(0, millis(50));
+            assert_eq!((back.seq, back.x), (seq, (f64::from(item.x) / 1e7) as f32));
+        }
+        assert_eq!(world.gcs[0].count_of::<MissionItemInt>(), 0);
     }
-    assert_eq!(world.gcs[0].count_of::<MissionItemInt>(), 0);
+}
+
+/// M-47: over a round trip of 1.2 s, which is longer than the interval between requests, every client uploads: QGroundControl and
+/// MAVSDK know MISSION_REQUEST_INT, dronekit and mavez only MISSION_REQUEST.
+#[test]
+fn every_client_uploads_over_a_long_round_trip() {
+    type Like = fn(Upload) -> Upload;
+    let likes: [(&str, Like); 4] = [
+        ("QGroundControl", Upload::like_qgroundcontrol),
+        ("MAVSDK", |upload| upload.with_patience(8)),
+        ("dronekit", Upload::like_dronekit),
+        ("mavez", Upload::like_mavez),
+    ];
+    for (name, like) in likes {
+        let mut world = world::<1>();
+        world.lines[0].set_up(|wire| wire.latency = millis(600));
+        world.lines[0].set_down(|wire| wire.latency = millis(600));
+        let mut upload = like(Upload::new(&world.gcs[0], &plan(4, 1)));
+        world.run_until(secs(60), |world| {
+            let now = world.now();
+            upload.poll(now, &mut world.gcs[0]).is_some()
+        });
+        assert!(upload.result().is_some_and(|result| result.is_ok()), "{name}: {:?}", upload.result());
+    }
 }
 
 /// M-35, M-47: MAVSDK refuses MISSION_REQUEST with UNSUPPORTED, which is not a cancel. The vehicle's first frames are
@@ -39,7 +67,7 @@ fn mavsdk_completes_an_upload_after_refusing_mission_request() {
         }
     }
     assert!(upload.result().is_some_and(|result| result.is_ok()), "{:?}", upload.result());
-    assert_eq!(world.gcs[0].count_of::<MissionRequest>(), 1);
+    assert_eq!(world.gcs[0].count_of::<MissionRequest>(), 1, "refused once, it is not sent again");
 }
 
 /// M-23, M-33: a second client is refused, and the first upload continues.

@@ -333,28 +333,46 @@ fn float_items_are_accepted_and_requested() {
     assert!(bench.wait(1_000).is_empty(), "after an item, UNSUPPORTED cancels the upload");
 }
 
-/// M-47: until the first item, the forms alternate from the third repetition on; the first item fixes the form. Each row:
-/// which request is answered, whether by MISSION_ITEM, and whether item 1 is requested by MISSION_REQUEST.
+/// M-47: until the first item, the forms alternate from the third repetition on; the first item fixes the form of the last
+/// request, whatever its own type. Each row: which request is answered, and whether item 1 is requested by MISSION_REQUEST.
 #[test]
-fn the_forms_of_requests_alternate_until_the_first_item() {
+fn the_first_item_fixes_the_form_that_it_answered() {
     let float = |seq: u16| item(1, seq).to_float(VEHICLE, MISSION, seq, false);
     let forms = [Ask(0), Ask(0), Ask(0), AskLegacy(0), Ask(0), AskLegacy(0)];
-    for (answered, is_float, is_old) in
-        [(0, true, false), (2, true, false), (3, false, false), (3, true, true), (4, true, true), (5, false, false)]
-    {
-        let mut bench = Bench::new();
-        let mut sent: Vec<Out> = bench.ask(A, &count(MISSION, 2)).into_iter().map(|(.., out)| out).collect();
-        while sent.len() <= answered {
-            sent.extend(bench.wait(10).into_iter().map(|(_, (.., out))| out));
+    let answer = |bench: &mut Bench, seq: u16, is_float: bool| {
+        if is_float { bench.ask(A, &float(seq)) } else { bench.ask(A, &int(MISSION, seq.into(), &item(1, seq))) }
+    };
+    for (answered, is_old) in [(0, false), (2, false), (3, true), (4, false), (5, true)] {
+        for is_float in [false, true] {
+            let mut bench = Bench::new();
+            let mut sent: Vec<Out> = bench.ask(A, &count(MISSION, 3)).into_iter().map(|(.., out)| out).collect();
+            while sent.len() <= answered {
+                sent.extend(bench.wait(10).into_iter().map(|(_, (.., out))| out));
+            }
+            assert_eq!(sent, forms[..=answered]);
+            let form = |seq, is_old| to_a(if is_old { AskLegacy(seq) } else { Ask(seq) });
+            assert_eq!(answer(&mut bench, 0, is_float), [form(1, is_old)], "{answered} {is_float}");
+            // If both forms had requested item 0, it may be a late answer to the other one, so they alternate.
+            let alternates = answered >= 3;
+            let repeated = bench.wait(2_000);
+            assert!(repeated.len() >= 3, "{repeated:?}");
+            for ((_, sent), repetition) in repeated.iter().zip(1..) {
+                assert_eq!(*sent, form(1, is_old ^ (alternates && repetition % 2 == 1)), "{answered} {repetition}");
+            }
+            // Item 1 answers the last request. From an item on that a single request had asked for, the form stays.
+            let is_old = repeated.last().unwrap().1 == form(1, true);
+            assert_eq!(answer(&mut bench, 1, is_float), [form(2, is_old)]);
+            assert_eq!(bench.wait(250).len(), 1);
         }
-        assert_eq!(sent, forms[..=answered]);
-        let out = if is_float { bench.ask(A, &float(0)) } else { bench.ask(A, &int(MISSION, 0, &item(1, 0))) };
-        let next = if is_old { AskLegacy(1) } else { Ask(1) };
-        assert_eq!(out, [to_a(next)], "{answered} {is_float}");
-        // The form stays fixed, whatever happens next.
-        let repeated = bench.wait(4_500);
-        assert!(repeated.len() > 3 && repeated.iter().all(|(_, sent)| *sent == to_a(next)), "{repeated:?}");
     }
+    // Item 1 answers a single MISSION_REQUEST: item 2 is requested by nothing else.
+    let mut bench = Bench::new();
+    bench.ask(A, &count(MISSION, 3));
+    bench.wait(1_750);
+    assert_eq!(answer(&mut bench, 0, false), [to_a(AskLegacy(1))]);
+    assert_eq!(answer(&mut bench, 1, false), [to_a(AskLegacy(2))]);
+    let repeated = bench.wait(4_500);
+    assert!(repeated.len() > 3 && repeated.iter().all(|(_, sent)| *sent == to_a(AskLegacy(2))), "{repeated:?}");
 }
 
 /// M-35, M-47: after a MISSION_REQUEST, UNSUPPORTED requests the other form and is not a cancel, before and after the
@@ -371,6 +389,20 @@ fn unsupported_after_the_old_request_cancels_nothing() {
     assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))]);
     assert!(bench.ask(A, &refusal).is_empty(), "a delayed refusal");
     assert_eq!(bench.ask(A, &int(MISSION, 1, &item(1, 1))), [to_a(Ack(ACCEPTED, id_of(&plan(1, 2))))]);
+    // The old form has ended, also when the refusal arrives after the next request.
+    let mut bench = Bench::new();
+    bench.ask(A, &count(MISSION, 2));
+    assert_eq!(bench.wait(2_750).last().unwrap().1, to_a(Ask(0)));
+    assert!(bench.ask(A, &refusal).is_empty());
+    let repeated = bench.wait(2_000);
+    assert!(!repeated.is_empty() && repeated.iter().all(|(_, sent)| *sent == to_a(Ask(0))), "{repeated:?}");
+    // A client that refuses MISSION_REQUEST_INT, over a long round trip: its second refusal is delayed.
+    let mut bench = Bench::new();
+    bench.ask(A, &count(MISSION, 2));
+    assert_eq!(bench.wait(250).len(), 1);
+    assert_eq!(bench.ask(A, &refusal), [to_a(AskLegacy(0))]);
+    assert!(bench.ask(A, &refusal).is_empty());
+    assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(AskLegacy(1))]);
     // A client that accepts neither form.
     let mut bench = Bench::new();
     let mut requests = bench.ask(A, &count(MISSION, 1)).len();
