@@ -6,7 +6,8 @@
 //! (M-63).
 //!
 //! ```text
-//!   (none) ── COUNT sent ──▶ current ── plan replaced ──▶ stale ── COUNT sent ──▶ current
+//!                                                                 COUNT sent,
+//!   (none) ── COUNT sent ──▶ current ── plan replaced ──▶ stale ── or own change ──▶ current
 //!      ▲                        │                           │
 //!      └── MISSION_ACK, or 10 s without a request ──────────┘
 //! ```
@@ -96,6 +97,14 @@ impl Sessions {
     pub(super) fn invalidate(&mut self, plan: PlanType) {
         for session in self.sessions.iter_mut().filter(|session| session.plan == plan) {
             session.is_stale = true;
+        }
+    }
+
+    /// Renews the session of `client`, which has replaced the plan itself: it knows the new plan. A client that has moved to this
+    /// link gets a session here, because the other one may be another station's (M-45).
+    pub(super) fn renew(&mut self, now: Instant, client: Peer, plan: PlanType) {
+        if self.find(now, client, plan, true).is_some() {
+            self.open(now, client, plan);
         }
     }
 
