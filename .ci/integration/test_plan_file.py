@@ -1,4 +1,4 @@
-"""sitl starts with a plan from a text file, and stores it."""
+"""sitl starts with a plan from a text file, and stores it. Rule W-9."""
 
 import pathlib
 import time
@@ -23,7 +23,8 @@ def has_plans(log):
     [
         # Its jump leads to row 3 of the file. Row 0 is home, so this is item 2.
         ("qgroundcontrol.waypoints", [], MISSION, [22, 178, 16, 16, 177, 21]),
-        ("mavproxy_fence.txt", ["--no-home"], FENCE, [5000, 5001, 5001, 5001, 5004]),
+        # Row 0 is an item: MAVProxy writes no home (W-9).
+        ("mavproxy_fence.txt", [], FENCE, [5000, 5001, 5001, 5001, 5004]),
     ],
 )
 def test_sitl_starts_with_a_plan_from_a_file(request, target, tmp_path, file, options, kind, commands):

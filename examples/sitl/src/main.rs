@@ -69,7 +69,8 @@ struct Arguments {
     #[arg(long)]
     no_components: bool,
     /// Load this plan at the start: a mission, geofence or rally points in the text format of QGroundControl, Mission Planner
-    /// and MAVProxy ("QGC WPL").
+    /// and MAVProxy ("QGC WPL"). Its first row is the home position if it has index 0, frame 0 and command 16 or 0, and an item
+    /// otherwise; the program prints which.
     #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
     /// Log the links' traffic to this file (".tlog", as Mission Planner and MAVProxy write it). While a client is connected,
@@ -80,7 +81,7 @@ struct Arguments {
     /// with zeros. An existing log is replaced; any other existing file is refused. All vehicles share it.
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
-    /// Treat the first row of the plan as an item. By default it is the home position, as in missions saved by ground stations.
+    /// Treat the first row of the plan as an item, even if it looks like a home position.
     #[arg(long, requires = "plan")]
     no_home: bool,
 }

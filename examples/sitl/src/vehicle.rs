@@ -5,15 +5,15 @@ use std::sync::Arc;
 use std::time;
 
 use mavstack::network::LinkError;
-use mavstack::wpl::HomeRow;
 use mavstack::{Instant, LinkId, Pulse};
 use mavstack_console::{Console, Tlog};
 use mavstack_demo::{App, COMPANION, LogMemory, Mavlink, PORTS, SATELLITE, TELEMETRY};
 
 use crate::flash::FileFlash;
+use crate::plan::Plan;
 use crate::tcp::Port;
 use crate::udp::Datagrams;
-use crate::{Arguments, Log, plan};
+use crate::{Arguments, Log};
 
 /// The application. Its stack is boxed because it is large for a stack frame.
 pub type SitlApp = App<Box<Mavlink>>;
@@ -130,12 +130,11 @@ impl Device {
             app.set_system(system);
         }
         if let Some(path) = &arguments.plan {
-            let home_row = if arguments.no_home { HomeRow::None } else { HomeRow::First };
-            let items = plan::read(path, home_row)?;
+            let plan = Plan::read(path, arguments.no_home)?;
             if index == 0 {
-                console.print(format_args!("{}: {} items", path.display(), items.len()));
+                console.print(format_args!("{}: {plan}", path.display()));
             }
-            plan::load(app, items).map_err(|fault| format!("{}: {fault}", path.display()))?;
+            plan.load(app).map_err(|fault| format!("{}: {fault}", path.display()))?;
         }
         // This machine's clock serves as the vehicle's real-time clock.
         if let Ok(since_1970) = time::SystemTime::now().duration_since(time::UNIX_EPOCH) {
