@@ -2,7 +2,7 @@
 //!
 //! Rules M-3 to M-5 and M-37. Positions are integers whatever message brought them; a float form is converted once, exactly.
 
-use super::Address;
+use super::{Address, CommandRule};
 use crate::crc32::Crc32;
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavMissionType, MissionItemInt};
 use crate::num;
@@ -22,9 +22,11 @@ pub struct Item {
     pub autocontinue: u8,
     /// Parameters 1 to 4; NaN means "default" where the command has one (M-70).
     pub params: [f32; 4],
-    /// Latitude (deg·1e7) in a global frame; parameter 5, unscaled, in [`MavFrame::MISSION`]. `i32::MAX` is "not given".
+    /// Latitude (deg·1e7) of a command with a position, in a global frame. Otherwise parameter 5, unscaled in every frame (M-75).
+    /// `i32::MAX` is "not given".
     pub x: i32,
-    /// Longitude (deg·1e7) in a global frame; parameter 6, unscaled, in [`MavFrame::MISSION`]. `i32::MAX` is "not given".
+    /// Longitude (deg·1e7) of a command with a position, in a global frame. Otherwise parameter 6, unscaled in every frame (M-75).
+    /// `i32::MAX` is "not given".
     pub y: i32,
     /// Altitude (m), as the frame counts it; parameter 7 in [`MavFrame::MISSION`].
     pub z: f32,
@@ -89,13 +91,14 @@ impl Item {
     }
 
     /// The item of a MISSION_ITEM (M-37), which has MISSION_ITEM_INT's fields at the same places, but floats in x and y:
-    /// `raw` is what comes of reading it so. Degrees become deg·1e7, NaN becomes "not given".
-    pub(crate) fn from_float(raw: Self) -> Result<Self, MavMissionResult> {
+    /// `raw` is what comes of reading it so. Degrees of a command with a position become deg·1e7; plain numbers stay (M-75). NaN
+    /// becomes "not given".
+    pub(crate) fn from_float(raw: Self, rule: &CommandRule) -> Result<Self, MavMissionResult> {
         let position = position(raw.frame).ok_or(MavMissionResult::UNSUPPORTED_FRAME)?;
         let given = |bits: i32| match (f32::from_bits(bits.cast_unsigned()), position) {
             (value, _) if value.is_nan() => Some(i32::MAX),
-            (value, Position::Global) => num::scale_1e7(value),
-            (value, Position::None) => num::integer(value),
+            (value, Position::Global) if rule.is_located() => num::scale_1e7(value),
+            (value, _) => num::integer(value),
         };
         Ok(Self {
             x: given(raw.x).ok_or(MavMissionResult::INVALID_PARAM5_X)?,
@@ -127,10 +130,10 @@ impl Item {
     }
 
     /// Returns its MISSION_ITEM_INT as a MISSION_ITEM, which has floats in place of `x` and `y`, and else the same fields: degrees
-    /// as the nearest floats.
-    pub(crate) fn with_floats(self, message: MissionItemInt) -> MissionItemInt {
-        let is_global = position(self.frame) == Some(Position::Global);
-        let float = |value| if is_global { num::from_1e7(value) } else { num::from_i32(value) };
+    /// of a command with a position as the nearest floats, plain numbers as they are (M-75).
+    pub(crate) fn with_floats(self, message: MissionItemInt, rule: Option<&CommandRule>) -> MissionItemInt {
+        let is_scaled = rule.is_some_and(CommandRule::is_located) && position(self.frame) == Some(Position::Global);
+        let float = |value| if is_scaled { num::from_1e7(value) } else { num::from_i32(value) };
         let bits = |value| float(value).to_bits().cast_signed();
         MissionItemInt { x: bits(self.x), y: bits(self.y), ..message }
     }
@@ -205,20 +208,21 @@ mod tests {
         /// The item as MISSION_ITEM, as the engine sends it.
         pub(crate) fn to_float(self, to: Address, plan: MavMissionType, seq: u16, current: bool) -> MissionItem {
             let mut payload = [0; MissionItem::MAX_LEN];
-            self.with_floats(self.to_int(to, plan, seq, current)).encode(&mut payload).unwrap();
+            let rule = CommandRule::any(self.command);
+            self.with_floats(self.to_int(to, plan, seq, current), Some(&rule)).encode(&mut payload).unwrap();
             MissionItem::decode(&payload)
         }
     }
 
     fn float(frame: MavFrame, x: f32, y: f32) -> MissionItem {
-        MissionItem { frame, x, y, ..Default::default() }
+        MissionItem { frame, x, y, command: MavCmd::NAV_WAYPOINT, ..Default::default() }
     }
 
     /// As the engine reads it: the payload of a MISSION_ITEM by the layout of MISSION_ITEM_INT.
     fn from_float(message: &MissionItem) -> Result<Item, MavMissionResult> {
         let mut payload = [0; MissionItem::MAX_LEN];
         message.encode(&mut payload).unwrap();
-        Item::from_float(Item::from_int(&MissionItemInt::decode(&payload)))
+        Item::from_float(Item::from_int(&MissionItemInt::decode(&payload)), &CommandRule::any(message.command))
     }
 
     fn position_of(message: &MissionItem) -> Result<(i32, i32), MavMissionResult> {
@@ -244,6 +248,20 @@ mod tests {
         assert_eq!(position_of(&float(MavFrame::MISSION, f32::NAN, 0.0)), Ok((i32::MAX, 0)));
         assert_eq!(position_of(&float(MavFrame::MISSION, 0.5, 0.0)), Err(MavMissionResult::INVALID_PARAM5_X));
         assert_eq!(position_of(&float(MavFrame::BODY_FRD, 0.0, 0.0)), Err(MavMissionResult::UNSUPPORTED_FRAME));
+    }
+
+    /// M-75: of a command without a position they are copied in every frame.
+    #[test]
+    fn float_numbers_without_a_position_are_not_scaled() {
+        for frame in [0, 2, 3, 5, 6, 10, 11].map(MavFrame) {
+            let message = |x, y| MissionItem { command: MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, ..float(frame, x, y) };
+            assert_eq!(position_of(&message(12.0, -70_000.0)), Ok((12, -70_000)), "{frame:?}");
+            assert_eq!(position_of(&message(12.5, 0.0)), Err(MavMissionResult::INVALID_PARAM5_X));
+            assert_eq!(position_of(&message(0.0, f32::INFINITY)), Err(MavMissionResult::INVALID_PARAM6_Y));
+            let item = from_float(&message(12.0, f32::NAN)).unwrap();
+            let back = item.to_float(Address::new(1, 1), MavMissionType::MISSION, 3, false);
+            assert!(back.x == 12.0 && back.y.is_nan(), "{back:?}");
+        }
     }
 
     #[test]
@@ -272,6 +290,7 @@ mod tests {
         #[test]
         fn float_form_round_trips(x in 1.0f32..90.0, y in -180.0f32..-1.0, item in any_item()) {
             let frame = MavFrame::GLOBAL_RELATIVE_ALT;
+            let item = Item { command: MavCmd::NAV_WAYPOINT, ..item };
             let message = Item { frame, ..item }.to_float(Address::new(1, 1), MavMissionType::MISSION, 3, false);
             let message = MissionItem { x, y, ..message };
             let back = from_float(&message).unwrap();

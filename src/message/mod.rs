@@ -21,7 +21,7 @@ pub use field::{Char, Field, FieldReader, FieldWriter};
 pub(crate) use item::{Digest, Position, position};
 pub use item::{Item, LatLon};
 pub use rules::{CommandRule, ParamRule};
-pub(crate) use rules::{Value, is_zero_here};
+pub(crate) use rules::{Value, has_position, is_above_terrain, is_scaled, is_zero_here};
 pub use secret::Secret;
 pub use table::{Dialect, FieldInfo, MessageInfo, MessageTable};
 pub use text::Text;

@@ -6,7 +6,7 @@
 //! costs flash.
 
 use super::item::{Item, Position, position};
-use crate::dialect::{MavCmd, MavFrame, MavMissionResult};
+use crate::dialect::{MavCmd, MavFrame, MavMissionResult, rules};
 use crate::num;
 
 // In words of the processor: on a microcontroller 20 bytes a command, and 16 a parameter that has a rule.
@@ -19,6 +19,52 @@ const MAX_ALTITUDE: f32 = 1e6;
 const MAX_LATITUDE: u32 = 900_000_000;
 /// Greatest longitude, deg·1e7.
 const MAX_LONGITUDE: u32 = 1_800_000_000;
+
+/// From this number on, a parameter 5 or 6 outside [`MavFrame::MISSION`] was scaled like degrees by its sender (M-75).
+const SCALED: u32 = 1_000_000;
+
+/// The commands of common without a position.
+#[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated")]
+const WITHOUT_POSITION: &[u16] = {
+    const COUNT: usize = {
+        let (mut count, mut rest) = (0, rules::ALL);
+        while let [rule, tail @ ..] = rest {
+            count += if rule.is_located() { 0 } else { 1 };
+            rest = tail;
+        }
+        count
+    };
+    const IDS: [u16; COUNT] = {
+        let (mut ids, mut at, mut rest) = ([0; COUNT], 0, rules::ALL);
+        while let [rule, tail @ ..] = rest {
+            if !rule.is_located() {
+                ids[at] = rule.command.0;
+                at += 1;
+            }
+            rest = tail;
+        }
+        ids
+    };
+    &IDS
+};
+
+/// Whether parameters 5 and 6 of a command are a position. The command's own description says so, not the frame that a sender
+/// writes (M-75). One that common does not know may have a position.
+pub(crate) const fn has_position(command: MavCmd) -> bool {
+    let mut rest = WITHOUT_POSITION;
+    while let [id, tail @ ..] = rest {
+        if *id == command.0 {
+            return false;
+        }
+        rest = tail;
+    }
+    true
+}
+
+/// Whether a number in parameter 5 or 6 of a command without a position was scaled by its sender (M-75).
+pub(crate) fn is_scaled(number: i32, frame: MavFrame) -> bool {
+    frame != MavFrame::MISSION && number != i32::MAX && number.unsigned_abs() >= SCALED
+}
 
 /// What one parameter of a command may be. What no rule names may be any number and NaN, but not infinite.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -150,14 +196,16 @@ const fn frame_bit(frame: MavFrame) -> u8 {
     match frame {
         MavFrame::GLOBAL | MavFrame::GLOBAL_INT => 1,
         MavFrame::GLOBAL_RELATIVE_ALT | MavFrame::GLOBAL_RELATIVE_ALT_INT => 2,
-        MavFrame::GLOBAL_TERRAIN_ALT | MavFrame::GLOBAL_TERRAIN_ALT_INT => 4,
+        MavFrame::GLOBAL_TERRAIN_ALT | MavFrame::GLOBAL_TERRAIN_ALT_INT => TERRAIN,
         MavFrame::MISSION => 8,
         _ => 0,
     }
 }
 
+/// Above the terrain.
+const TERRAIN: u8 = 4;
 /// The global frames.
-const GLOBAL: u8 = 1 | 2 | 4;
+const GLOBAL: u8 = 1 | 2 | TERRAIN;
 /// All that plans know.
 const ANY_FRAME: u8 = GLOBAL | 8;
 
@@ -227,8 +275,13 @@ pub struct CommandRule {
 
 impl CommandRule {
     /// Every item of this command passes that has a frame that plans know, no infinite number, and in a global frame a
-    /// position on the globe or none.
+    /// position on the globe or none. A command that common defines without a position has none here either, and its
+    /// parameters 5 and 6 are plain numbers (M-75). One of the firmware's own without a position is
+    /// [`without_position`](Self::without_position).
     pub const fn any(command: MavCmd) -> Self {
+        if !has_position(command) {
+            return Self::without_position(command.0, &[]);
+        }
         Self::at_position(command.0, &[]).any_frame().position_optional().altitude_optional().zero_position_allowed()
     }
 
@@ -238,8 +291,9 @@ impl CommandRule {
         Self { command, frames: GLOBAL, flags: located(command), params, own: &[] }
     }
 
-    /// A command without a position. Its frame says nothing: MISSION is the right one, and the global ones are what older
-    /// ground stations write. For generated code.
+    /// A command without a position, with the rules of its parameters. Its frame says nothing: MISSION is the right one, and
+    /// the global ones are what older ground stations write. Parameters 5 and 6 are plain numbers in all of them. An item with
+    /// 1,000,000 and more there is refused outside MISSION, because its sender has scaled it like degrees (M-75).
     pub const fn without_position(command: u16, params: &'static [ParamRule]) -> Self {
         Self { command: MavCmd(command), frames: ANY_FRAME, flags: 0, params, own: &[] }
     }
@@ -329,6 +383,25 @@ impl CommandRule {
         !value.float.is_infinite() && rule.is_none_or(|rule| rule.admits_value(value))
     }
 
+    /// Whether the command has an altitude above the terrain: in `frame`, or in that of a parameter (M-49).
+    pub(crate) fn needs_terrain(&self, frame: MavFrame, params: &[f32; 4]) -> bool {
+        let [_, own_frame, ..] = *params;
+        match self.command {
+            MavCmd::DO_CHANGE_ALTITUDE => {
+                num::integer(own_frame).is_some_and(|frame| is_above_terrain(MavFrame(frame)))
+            }
+            MavCmd::NAV_CONTINUE_AND_CHANGE_ALT | MavCmd::CONDITION_CHANGE_ALT => is_above_terrain(frame),
+            _ => self.is_located() && is_above_terrain(frame),
+        }
+    }
+
+    /// Like [`check`](Self::check), for a vehicle with or without a model of the terrain (M-49).
+    pub(crate) fn check_for(&self, item: &Item, has_terrain: bool) -> Result<(), MavMissionResult> {
+        let is_unknown = !has_terrain && self.needs_terrain(item.frame, &item.params);
+        refuse(is_unknown, MavMissionResult::UNSUPPORTED_FRAME)?;
+        self.check(item)
+    }
+
     /// Checks an item of this command.
     ///
     /// # Errors
@@ -349,9 +422,10 @@ impl CommandRule {
             let is_unset = item.x == 0 && item.y == 0 && self.has(ZERO_REFUSED);
             (is_unset || is_bad(item.x, MAX_LATITUDE), is_bad(item.y, MAX_LONGITUDE))
         } else {
-            // Ground stations that write a global frame here have scaled the parameters like degrees.
-            let value = |value| if is_global { Value::of_1e7(value) } else { Value::of_integer(value) };
-            (!self.admits(5, value(item.x)), !self.admits(6, value(item.y)))
+            // Plain numbers in every frame. Importers scale them like degrees outside MISSION (M-75).
+            let is_bad =
+                |index, number| is_scaled(number, item.frame) || !self.admits(index, Value::of_integer(number));
+            (is_bad(5, item.x), is_bad(6, item.y))
         };
         refuse(is_x_bad, MavMissionResult::INVALID_PARAM5_X)?;
         refuse(is_y_bad, MavMissionResult::INVALID_PARAM6_Y)?;
@@ -364,6 +438,11 @@ impl CommandRule {
     }
 }
 
+/// Whether the frame's altitudes are above the terrain.
+pub(crate) const fn is_above_terrain(frame: MavFrame) -> bool {
+    frame_bit(frame) == TERRAIN
+}
+
 fn refuse(bad: bool, result: MavMissionResult) -> Result<(), MavMissionResult> {
     if bad { Err(result) } else { Ok(()) }
 }
@@ -371,7 +450,7 @@ fn refuse(bad: bool, result: MavMissionResult) -> Result<(), MavMissionResult> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dialect::rules::{self, DO_GIMBAL_MANAGER_PITCHYAW, NAV_TAKEOFF, NAV_WAYPOINT};
+    use crate::dialect::rules::{DO_GIMBAL_MANAGER_PITCHYAW, NAV_TAKEOFF, NAV_WAYPOINT};
     use proptest::prelude::*;
 
     const NAN: f32 = f32::NAN;
@@ -488,18 +567,39 @@ mod tests {
         assert_eq!(CommandRule::any(MavCmd::NAV_WAYPOINT).check(&zero(above_home)), Ok(()));
     }
 
-    /// Parameters 5 and 6 of a command without a place: MAVSDK sends them unscaled in MISSION, QGroundControl scaled in a
-    /// global frame.
+    /// M-75: parameters 5 and 6 of a command without a position are plain numbers in every frame. QGroundControl and MAVSDK's
+    /// importers scale them outside MISSION: those are refused.
     #[test]
-    fn without_a_place_five_and_six_are_parameters() {
+    fn without_a_place_five_and_six_are_plain_numbers() {
         let rule = DO_GIMBAL_MANAGER_PITCHYAW;
         let item = Item { frame: MavFrame::MISSION, params: [0.0; 4], x: 12, y: i32::MIN, z: NAN, ..HERE };
         assert_eq!(rule.check(&item), Ok(()));
         let too_much = Item { x: 1024, ..item };
         assert_eq!(rule.check(&too_much), Err(MavMissionResult::INVALID_PARAM5_X));
-        let scaled = |x| Item { frame: MavFrame::GLOBAL, x, ..item };
-        assert_eq!(rule.check(&scaled(120_000_000)), Ok(()));
-        assert_eq!(rule.check(&scaled(12)), Err(MavMissionResult::INVALID_PARAM5_X));
+        let any = CommandRule::any(MavCmd::DO_GIMBAL_MANAGER_PITCHYAW);
+        for frame in [0, 3, 5, 6, 10, 11].map(MavFrame) {
+            let at = |x, y| Item { frame, x, y, ..item };
+            for rule in [rule, any] {
+                for (x, y) in [(12, 0), (0, -999_999), (0, 999_999), (12, i32::MAX)] {
+                    assert_eq!(rule.check(&at(x, y)), Ok(()), "{frame:?} {x} {y}");
+                }
+                for (number, result) in [1_000_000, -1_000_000, 120_000_000, i32::MIN].map(|number| (number, 10)) {
+                    assert_eq!(rule.check(&at(number, 0)), Err(MavMissionResult(result)), "{frame:?} {number}");
+                    assert_eq!(rule.check(&at(0, number)), Err(MavMissionResult(result + 1)), "{frame:?} {number}");
+                }
+            }
+        }
+        assert_eq!(any.check(&Item { x: 120_000_000, ..item }), Ok(()), "MISSION is never scaled");
+    }
+
+    /// M-75: the definitions say whether a command has a position; of unknown ones nothing is known.
+    #[test]
+    fn positions_are_those_of_the_definitions() {
+        for rule in rules::ALL {
+            assert_eq!(has_position(rule.command()), rule.is_located(), "{rule:?}");
+        }
+        assert!(has_position(MavCmd::DO_SET_ROI) && !has_position(MavCmd::DO_JUMP));
+        assert!(has_position(MavCmd(65_535)) && CommandRule::any(MavCmd(65_535)).is_located());
     }
 
     proptest! {

@@ -89,8 +89,9 @@ impl CommandParams {
             return Err(MavMissionResult::UNSUPPORTED);
         }
         rule.check(item)?;
-        // In other cases the rule has admitted a global frame.
-        let value = if item.frame == MavFrame::MISSION { Value::of_integer } else { Value::of_1e7 };
+        // The rule has admitted a global frame or MISSION. Only a position is scaled (M-75).
+        let is_scaled = rule.is_located() && item.frame != MavFrame::MISSION;
+        let value = |number| if is_scaled { Value::of_1e7(number) } else { Value::of_integer(number) };
         self.set(item.params, value(item.x), value(item.y), item.z);
         self.location = Location::new(item);
         Ok(())

@@ -26,7 +26,7 @@ use crate::service::signing::{Signing, SigningStream};
 use crate::service::stream::{Stream, StreamService, Telemetry};
 use crate::service::time::{Time, TimeSample};
 use crate::time::Instant;
-use crate::types::{Destination, LinkId, Pending, Recipient};
+use crate::types::{Destination, LinkId, Pending, Recipient, Vehicle};
 
 /// With `commands: { slots: N }`.
 impl<D: Declares<Commands = CommandSlots<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
@@ -130,7 +130,9 @@ impl<D: Declares<ExtParameters = ExtParamServer>, const LINKS: usize> Stack<D, L
 }
 
 /// With `gimbal_manager` (GIM-7).
-impl<D: Declares<Vehicle: GimbalManager, GimbalManager = ManagerService>, const LINKS: usize> Stack<D, LINKS> {
+impl<D: Declares<Vehicle: GimbalManager + Vehicle, GimbalManager = ManagerService>, const LINKS: usize>
+    Stack<D, LINKS>
+{
     /// Returns the gimbal manager: who is in control of the gimbal.
     pub fn gimbal_manager(&self) -> &ManagerService {
         &self.services.gimbal_manager

@@ -85,7 +85,8 @@ impl CommandPosition {
         }
     }
 
-    /// Returns parameters 5 and 6 of a command without a location; NaN for one that is not given (C-7).
+    /// Returns parameters 5 and 6 of a command without a location; NaN for one that is not given (C-7). They are plain numbers in
+    /// every frame (M-75).
     pub fn params(&self) -> (f32, f32) {
         match *self {
             Self::Long { param5, param6 } => (param5, param6),

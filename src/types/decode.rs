@@ -89,12 +89,14 @@ impl Command {
         let item = self.located_item(MavFrame::GLOBAL);
         // By reference: it is large.
         let item = item.as_ref().map_err(|result| *result)?;
+        let is_int = matches!(self.position, CommandPosition::Int { .. });
         rule.check(item).map_err(|fault| match fault {
-            MavMissionResult::UNSUPPORTED_FRAME => MavResult::COMMAND_UNSUPPORTED_MAV_FRAME,
+            // A COMMAND_LONG has no frame (M-49).
+            MavMissionResult::UNSUPPORTED_FRAME if is_int => MavResult::COMMAND_UNSUPPORTED_MAV_FRAME,
             _ => MavResult::DENIED,
         })?;
         params.location = Location::new(item);
-        if matches!(self.position, CommandPosition::Long { .. }) {
+        if !is_int {
             params.location.frame = None;
         }
         Ok(())

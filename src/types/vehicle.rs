@@ -138,6 +138,19 @@ pub trait Vehicle {
     /// ```
     const MESSAGES: MessageTable = Common::MESSAGES;
 
+    /// Whether the vehicle has a model of the terrain: false by default. Without one, nothing that has an altitude above the
+    /// terrain (frames 10 and 11) is accepted, whatever the rules of its commands admit, because the vehicle could only ignore
+    /// what the altitude refers to (M-49):
+    ///
+    /// - Items of all plans are refused with `UNSUPPORTED_FRAME`.
+    /// - Declared commands, and regions of interest for a [`GimbalManager`](crate::GimbalManager), get
+    ///   `COMMAND_UNSUPPORTED_MAV_FRAME`.
+    ///
+    /// The vehicle itself checks the frame of a command that it does not declare
+    /// ([`Location::frame`](crate::message::Location::frame)), and of a setpoint
+    /// ([`PositionSetpoint::frame`](crate::setpoints::PositionSetpoint::frame)).
+    const HAS_TERRAIN_MODEL: bool = false;
+
     /// Returns the vehicle's state for the next heartbeat; `None` while the vehicle is in a fault, which stops the
     /// heartbeats (H-5).
     ///

@@ -53,13 +53,16 @@
 //! - Numbers with a sign and an exponent, and `nan`. In param1 to param4 and z also `inf`, which the vehicle's
 //!   validation then refuses.
 //! - x and y in degrees in global frames, rounded to 1e-7; in metres in local frames, rounded to 1e-4 (M-4); as whole
-//!   numbers in [`MavFrame::MISSION`]. `nan` means "not given", which is `i32::MAX` in an item (M-70).
+//!   numbers in [`MavFrame::MISSION`], and in every frame if the command has no position (M-75). `nan` means "not given", which
+//!   is `i32::MAX` in an item (M-70).
 //!
 //! The reader refuses the following, with the number of the line:
 //!
 //! - Versions other than 110 and 120: for example 100, and the protobuf format `PB 110`.
 //! - Fence files with latitude and longitude only, and rally files of `RALLY` lines.
 //! - Numbers that do not fit in the item, or have more than 64 characters.
+//! - Numbers of 1,000,000 and more in x or y of a command without a position, outside [`MavFrame::MISSION`]: whoever wrote
+//!   them scaled them like degrees (M-75).
 //! - Frames for which the meaning of x and y is not known.
 //! - A [`DO_JUMP`](MavCmd::DO_JUMP) to home, or to a row that does not exist.
 //!
@@ -78,7 +81,7 @@ pub use reader::{Error, Fault, Reader};
 pub use writer::Writer;
 
 use crate::dialect::{MavCmd, MavFrame};
-use crate::message::Item;
+use crate::message::{Item, has_position, is_scaled};
 use crate::num;
 
 /// Whether row 0 of a version 110 file is the home position (W-6). The file itself does not say.
@@ -95,8 +98,20 @@ pub enum HomeRow {
     None,
 }
 
-/// Returns the number of decimals of x and y in this frame; `None` if their meaning is not known (M-4).
-fn decimals(frame: MavFrame) -> Option<u8> {
+/// Returns the number of decimals of an item's x and y; `None` if their meaning is not known in its frame (M-4). Only a
+/// position is scaled (M-75). The row of `home` always has one.
+fn decimals(item: &Item, is_home: bool) -> Option<u8> {
+    let decimals = scale(item.frame)?;
+    Some(if is_home || has_position(item.command) { decimals } else { 0 })
+}
+
+/// Whether x or y was scaled although it is a plain number (M-75).
+fn is_wrongly_scaled(item: &Item, number: i32, decimals: u8) -> bool {
+    decimals == 0 && is_scaled(number, item.frame)
+}
+
+/// Returns the number of decimals of a position in this frame; `None` if the meaning of x and y is not known (M-4).
+fn scale(frame: MavFrame) -> Option<u8> {
     match frame {
         MavFrame::GLOBAL
         | MavFrame::GLOBAL_INT

@@ -2,7 +2,7 @@
 
 use heapless::Vec;
 
-use super::{HomeRow, decimal, decimals, jump_target};
+use super::{HomeRow, decimal, decimals, is_wrongly_scaled, jump_target, scale};
 use crate::dialect::{MavCmd, MavFrame};
 use crate::message::Item;
 
@@ -29,9 +29,10 @@ pub enum Fault {
     Number,
     /// A column has more than 64 bytes.
     TooLong,
-    /// The number does not fit in the item: it is too large, or infinite in x or y.
+    /// The number does not fit in the item: it is too large, or infinite in x or y. Also a plain number in x or y that was scaled
+    /// like degrees (M-75).
     Range,
-    /// x or y is not a whole number in [`MavFrame::MISSION`], where it is an integer parameter.
+    /// x or y is not a whole number, but an integer parameter: in [`MavFrame::MISSION`], or of a command without a position.
     Fraction,
     /// The meaning of x and y is not known in this frame.
     Frame,
@@ -277,10 +278,15 @@ impl Reader {
                     12 => item.autocontinue = value,
                     _ => {}
                 }
-                decimals(item.frame).ok_or(Fault::Frame)?;
+                scale(item.frame).ok_or(Fault::Frame)?;
             }
             9 | 10 => {
-                let value = decimal::parse_scaled(text, decimals(item.frame).ok_or(Fault::Frame)?)?;
+                let is_home = self.home_row == HomeRow::First && self.rows == 0;
+                let decimals = decimals(item, is_home).ok_or(Fault::Frame)?;
+                let value = decimal::parse_scaled(text, decimals)?;
+                if is_wrongly_scaled(item, value, decimals) {
+                    return Err(Fault::Range);
+                }
                 *(if column == 9 { &mut item.x } else { &mut item.y }) = value;
             }
             _ => {

@@ -1,7 +1,7 @@
 //! Writing: items to lines (W-3, W-6).
 
 use super::line::Line;
-use super::{Fault, HomeRow, decimals, jump_target};
+use super::{Fault, HomeRow, decimals, is_wrongly_scaled, jump_target};
 use crate::message::Item;
 
 /// Writes a plan as text: [`HEADER`](Self::HEADER), then one line for each item.
@@ -27,13 +27,18 @@ impl Writer {
     /// # Errors
     ///
     /// - [`Frame`](Fault::Frame): the meaning of x and y is not known in the item's frame.
+    /// - [`Range`](Fault::Range): a command without a position has 1,000,000 or more in x or y outside
+    ///   [`MavFrame::MISSION`](crate::dialect::MavFrame::MISSION), which no reader takes (M-75).
     /// - [`Jump`](Fault::Jump): the target of a [`DO_JUMP`](crate::dialect::MavCmd::DO_JUMP) is not a sequence number.
     /// - [`TooMany`](Fault::TooMany): there are more rows than sequence numbers.
     pub fn row(&mut self, item: &Item) -> Result<&[u8], Fault> {
-        let decimals = decimals(item.frame).ok_or(Fault::Frame)?;
         let rows = self.rows.checked_add(1).ok_or(Fault::TooMany)?;
         let has_home = self.home_row == HomeRow::First;
         let is_home = has_home && self.rows == 0;
+        let decimals = decimals(item, is_home).ok_or(Fault::Frame)?;
+        if is_wrongly_scaled(item, item.x, decimals) || is_wrongly_scaled(item, item.y, decimals) {
+            return Err(Fault::Range);
+        }
         let mut params = item.params;
         if let Some(target) = jump_target(item).filter(|_| !is_home) {
             let [param1, ..] = &mut params;

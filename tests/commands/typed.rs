@@ -260,15 +260,18 @@ fn items_decode_like_commands() {
     assert_eq!(fault(Item { z: f32::INFINITY, ..item }), Some(MavMissionResult::INVALID_PARAM7));
     assert_eq!(fault(Item { frame: MavFrame::LOCAL_ENU, ..item }), Some(MavMissionResult::UNSUPPORTED_FRAME));
 
-    // Parameters 5 and 6 of a command without a position are integers in MISSION and scaled in a global frame.
+    // Parameters 5 and 6 of a command without a position are plain numbers in every frame (M-75).
     let calibration = |frame, x, y| {
         let item = Item { frame, command: MavCmd::PREFLIGHT_CALIBRATION, x, y, ..Item::default() };
         item.decode::<PreflightCalibration>()
             .map(|calibration| (calibration.accelerometer, calibration.compmot_or_airspeed))
     };
     let expected = Ok((PreflightCalibrationAccelerometer::SIMPLE, Some(2)));
-    assert_eq!(calibration(MavFrame::MISSION, 4, 2), expected);
-    assert_eq!(calibration(MavFrame::GLOBAL, 40_000_000, 20_000_000), expected);
+    for frame in [MavFrame::MISSION, MavFrame::GLOBAL, MavFrame::GLOBAL_RELATIVE_ALT_INT] {
+        assert_eq!(calibration(frame, 4, 2), expected);
+    }
+    assert_eq!(calibration(MavFrame::GLOBAL, 40_000_000, 2), Err(MavMissionResult::INVALID_PARAM5_X));
+    assert_eq!(calibration(MavFrame::GLOBAL, 4, 20_000_000), Err(MavMissionResult::INVALID_PARAM6_Y));
     assert_eq!(calibration(MavFrame::MISSION, 40_000_000, 2), Err(MavMissionResult::INVALID_PARAM5_X));
 }
 

@@ -162,8 +162,13 @@ fn wrong_plan_changes_nothing() {
         (with(1, |item| (item.x, item.y) = (0, 0)), "Mission item 1: no position (0, 0)"),
         (with(3, |item| item.frame = MavFrame::LOCAL_NED), "Mission item 3: frame not supported"),
         (
-            with(3, |item| (item.command, item.param1) = (MavCmd::DO_JUMP, 9.0)),
+            with(3, |item| (item.command, item.param1, item.x, item.y) = (MavCmd::DO_JUMP, 9.0, 0, 0)),
             "Mission item 3: parameter 1 out of range",
+        ),
+        // A command without a position has plain numbers there: a client has scaled these (M-75).
+        (
+            with(3, |item| (item.command, item.param1) = (MavCmd::DO_JUMP, 1.0)),
+            "Mission item 3: parameter 5 out of range",
         ),
         (with(1, |item| item.mission_type = MavMissionType::FENCE), not_consistent),
         (with(1, |item| item.current = 2), not_consistent),

@@ -1,8 +1,8 @@
 //! Plan files: what ground stations write, what is refused, and the round trip through text.
 
-use mavstack::Item;
-use mavstack::dialect::{MavCmd, MavFrame};
+use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult};
 use mavstack::wpl::{Error, Fault, HomeRow, Reader, Writer};
+use mavstack::{CommandRule, Item};
 use proptest::prelude::*;
 
 /// The items, and the home position.
@@ -124,6 +124,27 @@ fn plans_of_mavproxy() {
     assert_eq!(read(include_bytes!("../wpl/mavproxy_rally.txt"), HomeRow::None), Ok((items, None)));
 }
 
+/// M-75: x and y of a command without a position are plain numbers in every frame, as MAVProxy and Mission Planner write them.
+#[test]
+fn numbers_without_a_position_are_not_scaled() {
+    let flags = |frame| item(frame, MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, [0.0; 4], (12, -70_000, 0.0));
+    for frame in [0, 1, 2, 3, 5, 6, 10, 11].map(MavFrame) {
+        let row = format!("QGC WPL 110\n0 0 {} 1000 0 0 0 0 12.000000 -70000 0 1\n", frame.0);
+        assert_eq!(read(row, HomeRow::None), Ok((vec![flags(frame)], None)));
+        let text = write(&[flags(frame)], None).unwrap();
+        let expected = format!("QGC WPL 110\n0\t0\t{}\t1000\t0\t0\t0\t0\t12\t-70000\t0\t1\n", frame.0);
+        assert_eq!(String::from_utf8(text).unwrap(), expected);
+    }
+    // Only MISSION is never scaled. A region of interest has a position.
+    let row = "QGC WPL 110\n0 0 2 1000 0 0 0 0 120000000 nan 0 1\n1 0 3 201 3 0 0 0 47.5 8.5 10 1\n";
+    let roi = item(RELATIVE, MavCmd::DO_SET_ROI, [3.0, 0.0, 0.0, 0.0], (475_000_000, 85_000_000, 10.0));
+    let in_mission = Item { x: 120_000_000, y: UNSET, ..flags(MavFrame::MISSION) };
+    assert_eq!(read(row, HomeRow::None), Ok((vec![in_mission, roi], None)));
+    // The row of home is a position, whatever its command.
+    let home = item(GLOBAL, MavCmd::DO_JUMP, [0.0; 4], (473_977_419, 85_455_938, 488.1));
+    assert_eq!(read(write(&[], Some(&home)).unwrap(), HomeRow::First), Ok((Vec::new(), Some(home))));
+}
+
 #[test]
 fn white_space_comments_and_line_ends_do_not_matter() {
     // W-5
@@ -197,6 +218,11 @@ fn error_names_line_and_column() {
         ("1 0 3 16 0 0 0 0 47.5 8.5 10 256", 12, Fault::Range),
         ("1 0 3 16 0 0 0 0 47.5 8.5 10 1 # home", 0, Fault::Columns),
         ("1 0 3 16 0 0 0 0 47.5\08.5 10 1 1", 9, Fault::Number),
+        // A command without a position has plain numbers in every frame; one that was scaled is refused (M-75).
+        ("1 0 3 1000 0 0 0 0 28.6 0 0 1", 9, Fault::Fraction),
+        ("1 0 1 1000 0 0 0 0 0 0.5 0 1", 10, Fault::Fraction),
+        ("1 0 3 1000 0 0 0 0 120000000 0 0 1", 9, Fault::Range),
+        ("1 0 0 1000 0 0 0 0 0 -1000000 0 1", 10, Fault::Range),
         ("1 0 3 177 0.5 0 0 0 0 0 0 1", 5, Fault::Jump),
         ("1 0 3 177 -1 0 0 0 0 0 0 1", 5, Fault::Jump),
         ("1 0 3 177 nan 0 0 0 0 0 0 1", 5, Fault::Jump),
@@ -323,6 +349,8 @@ fn unrepresentable_plan_is_refused() {
     for (item, fault) in [
         (Item { frame: MavFrame(13), ..home }, Fault::Frame),
         (Item { frame: MavFrame(255), ..home }, Fault::Frame),
+        (Item { command: MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, x: 120_000_000, ..home }, Fault::Range),
+        (Item { command: MavCmd::DO_GIMBAL_MANAGER_PITCHYAW, y: -1_000_000, ..home }, Fault::Range),
         (jump(0.5, 1.0), Fault::Jump),
         (jump(-1.0, 1.0), Fault::Jump),
         (jump(NAN, 1.0), Fault::Jump),
@@ -362,6 +390,24 @@ fn any_item() -> impl Strategy<Value = Item> {
             z,
         })
         .prop_filter("no jump", |item| item.command != MavCmd::DO_JUMP)
+        .prop_map(|item| plain(item, has_position(item.command)))
+}
+
+/// Whether the definitions give the command a position, or do not know it.
+fn has_position(command: MavCmd) -> bool {
+    let rule = mavstack::dialect::rules::ALL.iter().find(|rule| rule.command() == command);
+    let in_mission = Item { command, frame: MavFrame::MISSION, ..waypoint(0, 0, 0.0) };
+    let needs_frame = |rule: &CommandRule| rule.check(&in_mission) == Err(MavMissionResult::UNSUPPORTED_FRAME);
+    command == MavCmd::DO_LAND_START || rule.is_none_or(needs_frame)
+}
+
+/// Returns the item without numbers that were scaled like degrees, if it has no position (M-75).
+fn plain(item: Item, has_position: bool) -> Item {
+    let number = |number: i32| if number == UNSET { number } else { number % 1_000_000 };
+    if has_position || item.frame == MavFrame::MISSION {
+        return item;
+    }
+    Item { x: number(item.x), y: number(item.y), ..item }
 }
 
 proptest! {
@@ -378,6 +424,7 @@ proptest! {
         for (at, to) in jumps {
             if let Some(item) = plan.get_mut(at) {
                 (item.command, item.params[0]) = (MavCmd::DO_JUMP, (to % count) as f32);
+                *item = plain(*item, false);
             }
         }
         let file = write(&plan, home.as_ref()).unwrap();

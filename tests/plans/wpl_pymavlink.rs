@@ -23,10 +23,13 @@ fn write(home: Option<&Item>, items: &[Item]) -> Vec<u8> {
     let mut file = Writer::HEADER.to_vec();
     let mut writer = Writer::new(if home.is_some() { HomeRow::First } else { HomeRow::None });
     for item in home.into_iter().chain(items) {
-        file.extend(writer.row(item).expect("a good item"));
+        file.extend(writer.row(item).unwrap_or_else(|fault| panic!("{fault}: {item:?}")));
     }
     file
 }
+
+/// A command without a position.
+const PLAIN: MavCmd = MavCmd::DO_GIMBAL_MANAGER_PITCHYAW;
 
 /// Numbers of all magnitudes, in every frame that a file can have.
 fn mission() -> Vec<Item> {
@@ -40,7 +43,7 @@ fn mission() -> Vec<Item> {
         let [a, b, c, d, z] = floats(seed);
         Item {
             frame: MavFrame(frames[seed as usize % frames.len()]),
-            command: MavCmd(16 + (seed % 100) as u16),
+            command: MavCmd([16, 17, 18, 19, 21, 22, 80, 201, 5_000, 31_000][seed as usize % 10]),
             autocontinue: (seed % 2) as u8,
             params: [a, b, c, d],
             x: seed.wrapping_mul(2_246_822_519).cast_signed() / 4,
@@ -56,12 +59,21 @@ fn mission() -> Vec<Item> {
         y: 0,
         ..item(1)
     };
-    (1..=300).map(|seed| if seed % 50 == 0 { jump(seed - 1) } else { item(seed) }).collect()
+    // Parameters 5 and 6 of a command without a position are plain numbers in every frame (M-75).
+    let plain = |seed: u32| Item { command: PLAIN, x: seed as i32 * 3_000, y: -(seed as i32), ..item(seed) };
+    (1..=300)
+        .map(|seed| match seed {
+            seed if seed % 50 == 0 => jump(seed - 1),
+            seed if seed % 7 == 0 => plain(seed),
+            seed => item(seed),
+        })
+        .collect()
 }
 
 /// Returns the decimals of x and y.
-fn scale(frame: MavFrame) -> usize {
-    match frame.0 {
+fn scale(item: &Item) -> usize {
+    match item.frame.0 {
+        _ if [PLAIN, MavCmd::DO_JUMP, MavCmd::DO_CHANGE_SPEED].contains(&item.command) => 0,
         0 | 3 | 5 | 6 | 10 | 11 => 7,
         2 => 0,
         _ => 4,
@@ -94,7 +106,7 @@ fn as_decimal(value: i32, decimals: usize) -> String {
 fn printed(row: usize, item: &Item, home: bool) -> String {
     let bits = |value: f32| if value.is_nan() { "nan".to_owned() } else { format!("{:08x}", value.to_bits()) };
     let [p1, p2, p3, p4] = item.params.map(bits);
-    let decimals = scale(item.frame);
+    let decimals = scale(item);
     let wide = |value: i32| match value {
         i32::MAX => "nan".to_owned(),
         _ => format!("{:016x}", as_decimal(value, decimals).parse::<f64>().unwrap().to_bits()),
@@ -135,8 +147,8 @@ fn plan_files_are_exchanged_with_pymavlink() {
 
         let to_six = |item: Item| Item {
             params: item.params.map(float_to_six),
-            x: coordinate_to_six(item.x, scale(item.frame)),
-            y: coordinate_to_six(item.y, scale(item.frame)),
+            x: coordinate_to_six(item.x, scale(&item)),
+            y: coordinate_to_six(item.y, scale(&item)),
             z: float_to_six(item.z),
             ..item
         };

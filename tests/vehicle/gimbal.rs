@@ -519,6 +519,13 @@ fn regions_of_interest() {
     let count = world.vehicle.pointed.len();
     int.frame = MavFrame::LOCAL_NED;
     assert_eq!(command_int(&mut world, STATION, &int), MavResult::COMMAND_UNSUPPORTED_MAV_FRAME);
+    // Without a model of the terrain, the altitude cannot be honoured (M-49).
+    for frame in [MavFrame::GLOBAL_TERRAIN_ALT, MavFrame::GLOBAL_TERRAIN_ALT_INT] {
+        int.frame = frame;
+        assert_eq!(command_int(&mut world, STATION, &int), MavResult::COMMAND_UNSUPPORTED_MAV_FRAME);
+        let roi = CommandInt { command: MavCmd::DO_SET_ROI, param1: 3.0, ..int };
+        assert_eq!(command_int(&mut world, STATION, &roi), MavResult::COMMAND_UNSUPPORTED_MAV_FRAME);
+    }
     (int.frame, int.x) = (MavFrame::GLOBAL, i32::MAX);
     assert_eq!(command_int(&mut world, STATION, &int), MavResult::DENIED, "no latitude");
     for params in [

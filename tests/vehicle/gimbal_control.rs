@@ -2,7 +2,8 @@
 //! everything: rules GIM-2, GIM-7 and GIM-12.
 
 use super::gimbal::{
-    Carried, DOWN, NAN, PITCH_YAW, angles, command, configure, control, last, pitch_yaw, place, send, take, world,
+    Carried, DOWN, NAN, PITCH_YAW, angles, command, configure, control, last, next_waypoint, pitch_yaw, place, send,
+    take, world,
 };
 use crate::support::*;
 use mavstack::config::{LinkClass, StreamProfile};
@@ -33,7 +34,21 @@ fn vehicle_points_for_its_mission() {
     let roi = item(MavCmd::DO_SET_ROI_LOCATION, [0.0; 4], 475_000_000, 82_500_000, 5.0, frame);
     assert_eq!(world.stack.point_gimbal(now, &roi, &mut world.vehicle), MavResult::ACCEPTED);
     assert_eq!(last(&world).1, place(475_000_000, 82_500_000, 5.0, Some(frame)));
+    // Parameters 5 and 6 of a command without a position are plain numbers in every frame (M-75).
+    for frame in [0, 2, 3, 6, 10].map(MavFrame) {
+        let flags = item(PITCH_YAW, [-90.0, NAN, NAN, NAN], 8, 0, 0.0, frame);
+        assert_eq!(world.stack.point_gimbal(now, &flags, &mut world.vehicle), MavResult::ACCEPTED);
+        assert_eq!(world.vehicle.pointed.last().unwrap().flags.0, 8);
+        let offset = item(MavCmd::DO_SET_ROI_WPNEXT_OFFSET, [0.0; 4], 30, -10, 90.0, frame);
+        assert_eq!(world.stack.point_gimbal(now, &offset, &mut world.vehicle), MavResult::ACCEPTED);
+        let [pitch, roll, yaw] = [30.0, -10.0, 90.0].map(|degrees: f32| Some(degrees * (PI / 180.0)));
+        assert_eq!(last(&world).1, Some(next_waypoint([roll, pitch, yaw])));
+        let scaled = Item { x: 300_000_000, ..offset };
+        assert_eq!(world.stack.point_gimbal(now, &scaled, &mut world.vehicle), MavResult::DENIED);
+    }
+    let terrain = item(MavCmd::DO_SET_ROI_LOCATION, [0.0; 4], 1, 1, 1.0, MavFrame::GLOBAL_TERRAIN_ALT);
     for (bad, result) in [
+        (terrain, MavResult::COMMAND_UNSUPPORTED_MAV_FRAME),
         (item(PITCH_YAW, [200.0, 0.0, NAN, NAN], 0, 0, 0.0, mission), MavResult::DENIED),
         (item(MavCmd::DO_SET_ROI_LOCATION, [0.0; 4], 1, 1, 1.0, mission), MavResult::COMMAND_UNSUPPORTED_MAV_FRAME),
         (item(MavCmd::NAV_WAYPOINT, [0.0; 4], 1, 1, 1.0, frame), MavResult::UNSUPPORTED),

@@ -25,7 +25,7 @@ use crate::link::Port;
 use crate::log::RefusalLog;
 use crate::message::{Address, ComponentId};
 use crate::time::Instant;
-use crate::types::{Command, CommandPosition, Context, Firmware, LinkId, Origin, Outcome, Peer, Refusal};
+use crate::types::{Command, CommandPosition, Context, Firmware, LinkId, Origin, Outcome, Peer, Refusal, Vehicle};
 
 /// Returns the command of a COMMAND_LONG.
 pub(crate) fn from_long(message: &CommandLong, origin: Origin) -> Command {
@@ -227,7 +227,7 @@ impl<S: CommandMemory> CommandService<S> {
     /// Returns the answer to a command that must not be carried out: its declaration refuses it, it is running, or it is a
     /// duplicate (C-5, C-12, C-14, C-21, C-24). For a vehicle that declares nothing, this compiles to almost nothing.
     #[inline(never)]
-    pub(crate) fn admit<F: Firmware<Vehicle: Commands>>(
+    pub(crate) fn admit<F: Firmware<Vehicle: Commands + Vehicle>>(
         &mut self,
         cx: &mut Cx<'_, F>,
         Request { command, answer_as, signed_at, .. }: &Request,
@@ -381,6 +381,6 @@ fn cancel<F: Firmware<Vehicle: Commands>>(
 }
 
 /// Whether the vehicle's declaration permits `command` (C-5). For messages that are equivalent to a command.
-pub(crate) fn is_allowed<V: Commands>(vehicle: &V, cx: &mut Context<'_>, command: &Command) -> bool {
+pub(crate) fn is_allowed<V: Commands + Vehicle>(vehicle: &V, cx: &mut Context<'_>, command: &Command) -> bool {
     policy::check(vehicle, cx, command).is_ok()
 }

@@ -5,7 +5,9 @@
 use super::{Commands, Once};
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
 use crate::message::{CommandRule, Value};
-use crate::types::{Command, CommandPosition, Context, Refusal, Why};
+use crate::types::{Command, CommandPosition, Context, Refusal, Vehicle, Why};
+
+const UNSUPPORTED_FRAME: MavResult = MavResult::COMMAND_UNSUPPORTED_MAV_FRAME;
 
 /// Only COMMAND_INT.
 const INT_ONLY: u8 = 1;
@@ -134,7 +136,8 @@ impl CommandPolicy {
     }
 
     /// Checks what does not depend on the vehicle's state, in the order of C-5.
-    fn check(&self, command: &Command, is_in_control: impl FnOnce() -> bool) -> Result<(), Refusal> {
+    /// `has_terrain`: whether the vehicle has a model of the terrain (M-49).
+    fn check(&self, command: &Command, has_terrain: bool, is_in_control: impl FnOnce() -> bool) -> Result<(), Refusal> {
         let is_int = matches!(command.position, CommandPosition::Int { .. });
         refuse(is_int && self.has(LONG_ONLY), MavResult::COMMAND_LONG_ONLY)?;
         refuse(!is_int && self.has(INT_ONLY), MavResult::COMMAND_INT_ONLY)?;
@@ -142,6 +145,12 @@ impl CommandPolicy {
         let denied = |why| Refusal { result: MavResult::DENIED, why };
         if command.is_broadcast && self.has(NO_BROADCAST) {
             return Err(denied(Why::Broadcast));
+        }
+        let frame = if let CommandPosition::Int { frame, .. } = command.position { frame } else { self.long_frame };
+        if !has_terrain && self.rule.needs_terrain(frame, &command.params) {
+            // A COMMAND_LONG has no frame: the altitude, or the frame in a parameter, is out of the question.
+            let index = if command.id == MavCmd::DO_CHANGE_ALTITUDE { 2 } else { 7 };
+            return Err(if is_int { UNSUPPORTED_FRAME.into() } else { denied(Why::Param(index)) });
         }
         if !self.rule.is_located() {
             // The frame of a command without a position is ignored (C-7).
@@ -152,7 +161,8 @@ impl CommandPolicy {
             return bad.map_or(Ok(()), |(index, _)| Err(denied(Why::Param(index))));
         }
         self.rule.check(&command.located_item(self.long_frame)?).map_err(|fault| match fault {
-            MavMissionResult::UNSUPPORTED_FRAME => MavResult::COMMAND_UNSUPPORTED_MAV_FRAME.into(),
+            MavMissionResult::UNSUPPORTED_FRAME if is_int => UNSUPPORTED_FRAME.into(),
+            MavMissionResult::UNSUPPORTED_FRAME => denied(Why::Param(7)),
             _ => denied(Why::Param(fault.0.wrapping_sub(MavMissionResult::INVALID_PARAM1.0).wrapping_add(1))),
         })
     }
@@ -178,7 +188,62 @@ pub(super) fn once<V: Commands>(command: MavCmd) -> Once {
 
 /// Checks a command against its declaration, if there is one. Also for messages that are equivalent to a command (M-46).
 #[inline(never)]
-pub(super) fn check<V: Commands>(vehicle: &V, cx: &mut Context<'_>, command: &Command) -> Result<(), Refusal> {
+pub(super) fn check<V: Commands + Vehicle>(
+    vehicle: &V,
+    cx: &mut Context<'_>,
+    command: &Command,
+) -> Result<(), Refusal> {
     let policy = declared::<V>(command.id);
-    policy.map_or(Ok(()), |policy| policy.check(command, || vehicle.is_in_control(cx, command)))
+    policy.map_or(Ok(()), |policy| policy.check(command, V::HAS_TERRAIN_MODEL, || vehicle.is_in_control(cx, command)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dialect::rules::{CONDITION_CHANGE_ALT, DO_CHANGE_ALTITUDE, DO_CHANGE_SPEED, NAV_TAKEOFF};
+    use crate::message::{Address, ComponentId};
+    use crate::types::{LinkClass, LinkId, Peer};
+
+    fn command(id: MavCmd, params: [f32; 4], position: CommandPosition) -> Command {
+        Command {
+            id,
+            params,
+            position,
+            z: 20.0,
+            from: Peer { address: Address::new(255, 190), link: LinkId(0) },
+            class: LinkClass::Normal,
+            age: None,
+            component: ComponentId(1),
+            is_broadcast: false,
+            confirmation: 0,
+        }
+    }
+
+    /// M-49, C-5: without a model of the terrain, an altitude above it is COMMAND_UNSUPPORTED_MAV_FRAME in a COMMAND_INT and DENIED
+    /// in a COMMAND_LONG. The frame of a command without an altitude means nothing (C-7).
+    #[test]
+    fn altitudes_above_terrain_need_a_model_of_it() {
+        let long = CommandPosition::Long { param5: 47.0, param6: 8.0 };
+        for frame in [0, 3, 5, 6, 10, 11].map(MavFrame) {
+            let int = CommandPosition::Int { frame, x: 0, y: 0 };
+            let own_frame = [20.0, frame.0.into(), 0.0, 0.0];
+            for (rule, params, index) in [
+                (NAV_TAKEOFF, [0.0; 4], Some(7)),
+                (CONDITION_CHANGE_ALT, [0.0; 4], Some(7)),
+                (DO_CHANGE_ALTITUDE, own_frame, Some(2)),
+                (DO_CHANGE_SPEED, [0.0; 4], None),
+            ] {
+                let policy = CommandPolicy::new(rule).long_frame(frame);
+                let is_refused = frame.0 >= 10 && index.is_some();
+                let result = |position, has_terrain| {
+                    policy.check(&command(rule.command(), params, position), has_terrain, || true)
+                };
+                let refused = |refusal| if is_refused { Err(refusal) } else { Ok(()) };
+                let why = Why::Param(index.unwrap_or(0));
+                assert_eq!(result(int, false), refused(UNSUPPORTED_FRAME.into()), "{rule:?} {frame:?}");
+                assert_eq!(result(long, false), refused(Refusal { result: MavResult::DENIED, why }));
+                assert_eq!([result(int, true), result(long, true)], [Ok(()), Ok(())]);
+            }
+        }
+    }
 }

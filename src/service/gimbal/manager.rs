@@ -17,7 +17,7 @@ use crate::message::{Address, ComponentId, Message, SystemId};
 use crate::network::PeerInfo;
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::{Component, Context, Firmware, LinkId};
+use crate::types::{Component, Context, Firmware, LinkId, Vehicle};
 
 /// GIMBAL_MANAGER_STATUS: five times a second, as its definition advises, and every two seconds on a radio, as PX4 does.
 const STATUS: Row =
@@ -185,7 +185,7 @@ impl ManagerService {
     ///
     /// The result of what the vehicle was not asked for: a parameter is out of range, or the frame is not supported.
     #[inline(never)]
-    pub(crate) fn carry_out<F: Firmware<Vehicle: GimbalManager>>(
+    pub(crate) fn carry_out<F: Firmware<Vehicle: GimbalManager + Vehicle>>(
         &mut self,
         cx: &mut Cx<'_, F>,
         from: Who,
@@ -215,7 +215,7 @@ impl ManagerService {
             return Ok(MavResult::DENIED);
         }
         let mut raw = Raw::NEW;
-        order.read(&mut raw)?;
+        order.read(&mut raw, F::Vehicle::HAS_TERRAIN_MODEL)?;
         let result = if is_ours { self.point(cx, from, takes || from == self.primary, &raw) } else { None };
         let result = result.ok_or(MavResult::DENIED)?;
         if takes && result == MavResult::ACCEPTED {
@@ -378,7 +378,7 @@ impl ManagerLink {
     }
 }
 
-impl<F: Firmware<Vehicle: GimbalManager>> Service<F> for ManagerService {
+impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerService {
     const NEW: Self = {
         let device = F::Vehicle::DEVICE;
         assert!(device != 0, "`GimbalManager::DEVICE` is 1 to 6, or the component id of the gimbal device");

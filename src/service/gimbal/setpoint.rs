@@ -7,7 +7,7 @@ use crate::dialect::{
     MavFrame, MavMountMode, MavResult, MavRoi,
 };
 use crate::frame::Frame;
-use crate::message::{Address, Item, LatLon, Message, SystemId};
+use crate::message::{Address, Item, LatLon, Message, SystemId, is_above_terrain};
 use crate::num;
 use crate::types::{Command, CommandPosition};
 
@@ -122,7 +122,8 @@ pub enum GimbalTarget {
         /// The altitude (m) in `frame`, if it is given.
         altitude: Option<f32>,
         /// [`GLOBAL`](MavFrame::GLOBAL), [`GLOBAL_RELATIVE_ALT`](MavFrame::GLOBAL_RELATIVE_ALT) or
-        /// [`GLOBAL_TERRAIN_ALT`](MavFrame::GLOBAL_TERRAIN_ALT). `None` for a COMMAND_LONG, which has no frame field (C-6).
+        /// [`GLOBAL_TERRAIN_ALT`](MavFrame::GLOBAL_TERRAIN_ALT), the last one only for a vehicle with
+        /// [a model of the terrain](crate::Vehicle::HAS_TERRAIN_MODEL). `None` for a COMMAND_LONG, which has no frame field (C-6).
         frame: Option<MavFrame>,
     },
     /// At the next waypoint: MAV_CMD_DO_SET_ROI_WPNEXT_OFFSET, MAV_ROI_WPNEXT, MAV_MOUNT_MODE_WPNEXT_OFFSET.
@@ -154,6 +155,9 @@ const MOUNT: GimbalManagerFlags =
     GimbalManagerFlags::ROLL_LOCK.with(GimbalManagerFlags::PITCH_LOCK).with(GimbalManagerFlags::YAW_IN_VEHICLE_FRAME);
 
 const NAN: f32 = f32::NAN;
+
+/// No plain number of a command is that large.
+const SCALED: f32 = 1e6;
 
 /// A setpoint as read, of whatever kind: it is checked once, by [`target`](Self::target).
 #[derive(Clone, Copy, Debug)]
@@ -271,20 +275,18 @@ pub(crate) struct Order {
     params: [f32; 4],
     position: CommandPosition,
     z: f32,
-    /// Parameters 5 and 6 are scaled by 1e7 even if they are no location.
-    is_scaled: bool,
 }
 
 impl Order {
     pub(crate) const fn of_command(command: &Command) -> Self {
         let Command { id, params, position, z, .. } = *command;
-        Self { id, params, position, z, is_scaled: false }
+        Self { id, params, position, z }
     }
 
     pub(crate) fn of_item(item: &Item) -> Self {
         let Item { frame, command, params, x, y, z, .. } = *item;
         let position = CommandPosition::Int { frame, x, y };
-        Self { id: command, params, position, z, is_scaled: frame != MavFrame::MISSION }
+        Self { id: command, params, position, z }
     }
 
     /// Returns the parameter that names a gimbal device; 0 if the command has none. NaN and 0 are every device.
@@ -304,38 +306,20 @@ impl Order {
         [[a, b], [c, d]]
     }
 
-    /// Returns parameter 5 or 6 of a command without a location.
-    #[inline(never)]
-    fn plain(&self, is_sixth: bool) -> f32 {
-        match self.position {
-            CommandPosition::Long { param5, param6 } => {
-                if is_sixth {
-                    param6
-                } else {
-                    param5
-                }
-            }
-            CommandPosition::Int { x, y, .. } => {
-                let number = if is_sixth { y } else { x };
-                if self.is_scaled { num::from_1e7(number) } else { num::from_i32(number) }
-            }
-        }
-    }
-
-    /// Reads a command that points.
+    /// Reads a command that points. `has_terrain`: whether the vehicle has a model of the terrain (M-49).
     ///
     /// # Errors
     ///
     /// The result for the answer: a parameter is out of range, or the frame is not supported.
     #[inline(never)]
-    pub(super) fn read(&self, raw: &mut Raw) -> Result<(), MavResult> {
+    pub(super) fn read(&self, raw: &mut Raw, has_terrain: bool) -> Result<(), MavResult> {
         let [p1, p2, p3, p4] = self.params;
         // The older protocol: MAV_CMD_DO_MOUNT_CONTROL has the mode in parameter 7, all others theirs in parameter 1.
         let is_mount = self.id == MavCmd::DO_MOUNT_CONTROL;
         let mode = num::integer::<u8>(if is_mount { self.z } else { p1 }).unwrap_or(u8::MAX);
         raw.kind = match self.id {
             MavCmd::DO_GIMBAL_MANAGER_PITCHYAW => {
-                let flags = self.plain(false);
+                let (flags, _) = self.position.params();
                 let flags = if flags.is_nan() { Some(0) } else { num::unsigned(flags) };
                 raw.flags = GimbalManagerFlags(flags.filter(|flags| flags & !FLAGS == 0).ok_or(MavResult::DENIED)?);
                 if p1.abs() > 180.0 || p2.abs() > 180.0 {
@@ -351,7 +335,12 @@ impl Order {
                 Kind::System
             }
             MavCmd::DO_SET_ROI_WPNEXT_OFFSET => {
-                raw.angles = [self.plain(true), self.plain(false), self.z];
+                let (pitch, roll) = self.position.params();
+                // No angle: a sender has scaled it like degrees of a position (M-75).
+                if pitch.abs() >= SCALED || roll.abs() >= SCALED {
+                    return Err(MavResult::DENIED);
+                }
+                raw.angles = [roll, pitch, self.z];
                 Kind::NextWaypoint
             }
             MavCmd::DO_SET_ROI => match MavRoi(mode) {
@@ -386,7 +375,7 @@ impl Order {
             }
             Kind::Location => {
                 raw.angles = [if is_mount { p4 } else { self.z }; 3];
-                return self.read_place(is_mount, raw);
+                return self.read_place(is_mount, raw, has_terrain);
             }
             _ => {}
         }
@@ -394,23 +383,23 @@ impl Order {
     }
 
     /// Reads latitude, longitude and frame.
-    fn read_place(&self, is_mount: bool, raw: &mut Raw) -> Result<(), MavResult> {
+    fn read_place(&self, is_mount: bool, raw: &mut Raw, has_terrain: bool) -> Result<(), MavResult> {
         match self.position {
-            CommandPosition::Long { param5, param6 } => {
-                // ArduPilot's clients scale the location of the older command by 1e7, also in a float. No degree is that large.
-                let is_scaled = is_mount && (param5.abs() > 180.0 || param6.abs() > 180.0);
-                raw.place = [scaled(param5, is_scaled), scaled(param6, is_scaled)];
-            }
-            CommandPosition::Int { frame, x, y } => {
+            CommandPosition::Int { frame, x, y } if !is_mount => {
                 raw.place = [x, y];
                 raw.frame = Some(match frame {
                     MavFrame::GLOBAL | MavFrame::GLOBAL_INT => MavFrame::GLOBAL,
                     MavFrame::GLOBAL_RELATIVE_ALT | MavFrame::GLOBAL_RELATIVE_ALT_INT => MavFrame::GLOBAL_RELATIVE_ALT,
-                    MavFrame::GLOBAL_TERRAIN_ALT | MavFrame::GLOBAL_TERRAIN_ALT_INT => MavFrame::GLOBAL_TERRAIN_ALT,
-                    // The older command has no location by its definition, so its frame means nothing (C-7).
-                    _ if is_mount => return Ok(()),
+                    frame if has_terrain && is_above_terrain(frame) => MavFrame::GLOBAL_TERRAIN_ALT,
                     _ => return Err(MavResult::COMMAND_UNSUPPORTED_MAV_FRAME),
                 });
+            }
+            // The older command has no location by its definition, so its frame means nothing (C-7, M-75).
+            position => {
+                let (param5, param6) = position.params();
+                // ArduPilot's clients scale its location by 1e7, also in a float. No degree is that large.
+                let is_scaled = is_mount && (param5.abs() > 180.0 || param6.abs() > 180.0);
+                raw.place = [scaled(param5, is_scaled), scaled(param6, is_scaled)];
             }
         }
         Ok(())

@@ -14,10 +14,11 @@
 
 use super::Progress;
 use super::replies::{Kind, Reply};
+use super::validate;
 use crate::dialect::{MavMissionResult, MissionCount, MissionItem};
 use crate::link::Outbox;
 use crate::log::RefusalLog;
-use crate::message::{Address, Message};
+use crate::message::{Address, CommandRule, Message};
 use crate::time::{Duration, Instant};
 use crate::types::{LinkId, Peer};
 use crate::types::{PlanType, PlansMut};
@@ -110,14 +111,15 @@ impl Sessions {
 
     /// Sends the answer `reply`, which is no MISSION_ACK.
     ///
-    /// `float_form`: whether MISSION_REQUEST is answered by MISSION_ITEM instead of MISSION_ITEM_INT (M-61).
+    /// `floats`: the rules of the mission's commands, if MISSION_REQUEST is answered by MISSION_ITEM instead of MISSION_ITEM_INT
+    /// (M-61).
     pub(super) fn answer(
         &mut self,
         now: Instant,
         reply: &Reply,
         plans: &PlansMut<'_>,
         progress: &Progress,
-        float_form: bool,
+        floats: Option<&'static [CommandRule]>,
         tx: &mut Outbox,
     ) -> bool {
         let Reply { to, mission_type, .. } = *reply;
@@ -143,10 +145,12 @@ impl Sessions {
         } else if let Some(item) = plans.live(plan).items().get(usize::from(seq)) {
             let is_current = plan == PlanType::Mission && seq == progress.current;
             let message = item.to_int(to, mission_type, seq, is_current);
-            return if float_form && reply.kind() == Kind::LegacyItem {
-                tx.send_like(&item.with_floats(message), const { &MissionItem::INFO })
-            } else {
-                tx.send(&message)
+            return match floats.filter(|_| reply.kind() == Kind::LegacyItem) {
+                Some(rules) => {
+                    let rule = validate::rule(plan, rules, item.command).ok();
+                    tx.send_like(&item.with_floats(message, rule), const { &MissionItem::INFO })
+                }
+                None => tx.send(&message),
             };
         } else {
             MavMissionResult::INVALID_SEQUENCE

@@ -358,8 +358,8 @@ impl Missions {
         // The command is checked first, as M-38 orders the checks: without a rule the frame cannot be judged.
         let rule = validate::rule(plan, V::MISSION_COMMANDS, item.command);
         let checked = rule.and_then(|rule| {
-            let item = if is_float { Item::from_float(item)? } else { item };
-            rule.check(&item)?;
+            let item = if is_float { Item::from_float(item, rule)? } else { item };
+            rule.check_for(&item, V::HAS_TERRAIN_MODEL)?;
             vehicle.check_item(&mut cx.hook(), plan, seq, &item)?;
             Ok(item)
         });

@@ -109,10 +109,10 @@ impl Quadrotor {
     pub(super) fn return_landing(&self, cx: &Context<'_>) -> Maneuver {
         let here = self.body.position;
         let rally = if cx.parameter(Tuning::RTL_TYPE) == 0 { cx.plan(PlanType::Rally).items() } else { &[] };
-        let rally = rally.iter().map(|item| {
+        let rally = rally.iter().filter_map(|item| {
             let (north, east) = self.home.to_local(item.x, item.y);
-            let height = self.home.to_height(item.frame, item.z).unwrap_or(0.0);
-            Vector { north, east, down: -height }
+            let height = self.home.to_height(item.frame, item.z)?;
+            Some(Vector { north, east, down: -height })
         });
         let home = self.home.spot;
         let spot = core::iter::once(home)

@@ -219,7 +219,8 @@ impl GimbalManager for Quadrotor {
                 let (north, east) = self.home.to_local(position.latitude, position.longitude);
                 // On the ground, if no altitude is given.
                 let frame = frame.unwrap_or(MavFrame::GLOBAL_RELATIVE_ALT);
-                let height = altitude.and_then(|altitude| self.home.to_height(frame, altitude)).unwrap_or(0.0);
+                let height = altitude.map_or(Some(0.0), |altitude| self.home.to_height(frame, altitude));
+                let Some(height) = height else { return MavResult::COMMAND_UNSUPPORTED_MAV_FRAME };
                 Aim::Place(Vector { north, east, down: -height })
             }
             GimbalTarget::NextWaypoint { offsets } => {

@@ -69,15 +69,37 @@ fn the_old_request_is_answered_as_configured() {
     }
 }
 
-/// M-61: only latitudes and longitudes are scaled.
+/// M-61, M-75: only positions are scaled. Parameters 5 and 6 of a command without one are plain numbers in every frame, in both
+/// forms, and served as they were stored.
 #[test]
-fn local_positions_are_not_scaled() {
-    let local =
-        Item { frame: MavFrame::MISSION, command: MavCmd::DO_JUMP, params: [0.0; 4], x: 3, y: -4, ..item(1, 1) };
-    let mut bench = Bench::of(true, Version::V2);
-    bench.upload(A, MISSION, &[item(1, 0), local]);
-    let old = MissionRequest { seq: 1, ..Default::default() };
-    assert_eq!(bench.ask(A, &old), [to_a(FloatPart(1, 3.0, -4.0))]);
+fn numbers_without_a_position_are_not_scaled() {
+    for frame in [0, 2, 3, 5, 6, 10, 11].map(MavFrame) {
+        let jump = Item { frame, command: MavCmd::DO_JUMP, params: [0.0; 4], x: 3, y: -70_000, ..item(1, 1) };
+        let old = MissionRequest { seq: 1, ..Default::default() };
+        for is_float in [false, true] {
+            let mut bench = Bench::of(true, Version::V2);
+            bench.ask(A, &count(MISSION, 2));
+            bench.ask(A, &int(MISSION, 0, &item(1, 0)));
+            let ack = to_a(Ack(ACCEPTED, id_of(&[item(1, 0), jump])));
+            let last = jump.to_float(VEHICLE, MISSION, 1, false);
+            assert_eq!(last.x, 3.0);
+            let sent = if is_float { bench.ask(A, &last) } else { bench.ask(A, &int(MISSION, 1, &jump)) };
+            assert_eq!(sent, [ack], "{frame:?}");
+            assert_eq!(bench.ask(A, &old), [to_a(FloatPart(1, 3.0, -70_000.0))]);
+            assert_eq!(bench.ask(A, &request(MISSION, 1)), [to_a(Part(1, 0, jump))]);
+        }
+        // A number that the client has scaled.
+        let (scaled, mut bench) = (Item { y: 120_000_000, ..jump }, Bench::new());
+        bench.ask(A, &count(MISSION, 2));
+        bench.ask(A, &int(MISSION, 0, &item(1, 0)));
+        let sent = bench.ask(A, &int(MISSION, 1, &scaled));
+        if frame == MavFrame::MISSION {
+            assert_eq!(sent, [to_a(Ack(ACCEPTED, id_of(&[item(1, 0), scaled])))]);
+        } else {
+            assert_eq!(sent, [to_a(Ack(MavMissionResult::INVALID_PARAM6_Y, 0))]);
+            assert_eq!(bench.texts(), ["Mission item 1: parameter 6 out of range"]);
+        }
+    }
 }
 
 /// M-63: a client that began with the old plan gets no item of the new one until it requests the count again.

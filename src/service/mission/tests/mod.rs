@@ -289,7 +289,8 @@ impl Bench {
         let is_pending = replies.has_ack();
         let sent = replies.next_ack(tx);
         assert_eq!(is_pending, sent, "what is pending is sent");
-        if !sent && !self.missions.transfer(self.now, replies, &plans, &self.vehicle.progress, self.float_form, tx) {
+        let floats = self.float_form.then_some(Vehicle::MISSION_COMMANDS);
+        if !sent && !self.missions.transfer(self.now, replies, &plans, &self.vehicle.progress, floats, tx) {
             return None;
         }
         Some(with_frame(&take(tx), |frame| {
