@@ -7,13 +7,14 @@ use crate::support::*;
 use mavstack::__private::PlanMemory;
 use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::{
-    MavCmd, MavMissionResult, MavMissionType, MissionAck, MissionClearAll, MissionCount, MissionCurrent, MissionItem,
-    MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList, MissionSetCurrent, MissionState, Statustext,
+    CommandAck, MavCmd, MavMissionResult, MavMissionType, MavResult, MissionAck, MissionClearAll, MissionCount,
+    MissionCurrent, MissionItem, MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList,
+    MissionSetCurrent, MissionState, Statustext,
 };
 use mavstack::frame::Version;
 use mavstack::message::LatLon;
 use mavstack::plan::PlanCounters;
-use mavstack::{LinkConfig, LinkId, Message, Peer, PlanType, plan_memory};
+use mavstack::{Item, LinkConfig, LinkId, Message, Peer, PlanType, plan_memory};
 
 const CAPACITY: u16 = 60;
 
@@ -37,6 +38,11 @@ fn content(items: &[MissionItemInt]) -> Vec<Vec<u8>> {
         bytes
     };
     items.iter().map(content).collect()
+}
+
+fn item_of(message: &MissionItemInt) -> Item {
+    let MissionItemInt { frame, command, autocontinue, param1, param2, param3, param4, x, y, z, .. } = *message;
+    Item { frame, command, autocontinue, params: [param1, param2, param3, param4], x, y, z }
 }
 
 fn assert_downloads<const N: usize>(world: &mut TestWorld<N>, link: usize, items: &[MissionItemInt]) {
@@ -261,6 +267,64 @@ fn waypoint_without_position_or_too_far_away_is_refused() {
     world.vehicle.first_waypoint_limit = Some((home, 11_000));
     zero[0].x = home.latitude;
     world.upload(0, &zero).expect("only the first waypoint is checked");
+}
+
+/// M-48: a mission that went live before the position was known counts as not checked. It is checked when the position becomes
+/// known, and before it starts. However it came: by an upload, from the firmware, or as a file.
+#[test]
+fn distance_is_checked_when_the_position_becomes_known_and_before_the_start() {
+    const UNKNOWN: &str = "Mission refused: no position yet";
+    const FAR: &str = "Mission item 0: more than 11000 m away";
+    let items = plan(4, 2);
+    let far = LatLon { latitude: items[0].x + 1_000_000, longitude: items[0].y };
+    let near = LatLon { latitude: items[0].x, longitude: items[0].y };
+    for is_loaded in [false, true] {
+        let mut world = world::<1>();
+        world.vehicle.limits_first_waypoint = true;
+        if is_loaded {
+            let (now, items) = (world.now(), items.iter().map(item_of));
+            world.stack.load_plan(now, PlanType::Mission, items, &mut world.vehicle).expect("loaded");
+        } else {
+            world.upload(0, &items).expect("accepted");
+        }
+        world.run_for(secs(1));
+        let start = |world: &mut TestWorld<1>, first: f32| {
+            // An equal text is not repeated at once (T-5).
+            world.run_for(secs(6));
+            world.gcs[0].forget();
+            world.vehicle.calls.clear();
+            let command = world.gcs[0].long(MavCmd::MISSION_START, [first, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            world.gcs[0].send(&command);
+            world.run_for(millis(100));
+            let result = world.gcs[0].all::<CommandAck>().pop().expect("an answer").1.result;
+            let texts = world.gcs[0].all::<Statustext>();
+            let has_started = world.vehicle.calls.iter().any(|call| matches!(call, Call::StartMission(..)));
+            (result, has_started, texts.first().map(|(_, text)| text.text.as_str().unwrap_or_default().to_owned()))
+        };
+        let refused = |result, text: &str| (result, false, Some(text.to_owned()));
+        let accepted = (MavResult::ACCEPTED, true, None);
+        for first in [0.0, f32::NAN] {
+            assert_eq!(start(&mut world, first), refused(MavResult::TEMPORARILY_REJECTED, UNKNOWN));
+        }
+        assert_eq!(start(&mut world, 1.0), accepted, "not from item 0");
+        // The position becomes known: one text.
+        world.gcs[0].forget();
+        world.vehicle.first_waypoint_limit = Some((far, 11_000));
+        world.run_for(secs(3));
+        let texts = world.gcs[0].all::<Statustext>();
+        assert_eq!(texts.iter().map(|(_, text)| text.text.as_str()).collect::<Vec<_>>(), [Some(FAR)]);
+        for first in [0.0, f32::NAN] {
+            assert_eq!(start(&mut world, first), refused(MavResult::DENIED, FAR));
+        }
+        // Resumed past item 0; a complete mission starts again.
+        world.vehicle.progress.current = 2;
+        assert_eq!(start(&mut world, f32::NAN), accepted);
+        assert_eq!(start(&mut world, 0.0), refused(MavResult::DENIED, FAR));
+        world.vehicle.progress.state = MissionState::COMPLETE;
+        assert_eq!(start(&mut world, f32::NAN), refused(MavResult::DENIED, FAR));
+        world.vehicle.first_waypoint_limit = Some((near, 11_000));
+        assert_eq!(start(&mut world, 0.0), accepted);
+    }
 }
 
 /// M-50, M-52: each clear is acknowledged, the vehicle is notified once, and MISSION_CURRENT says that there is no mission.

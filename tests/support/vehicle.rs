@@ -72,6 +72,8 @@ pub struct TestVehicle {
     pub plan_verdict: Result<(), MavMissionResult>,
     /// Limit for the first waypoint: a position and the maximum distance from it.
     pub first_waypoint_limit: Option<(LatLon, u32)>,
+    /// Whether it has a limit even if that is `None`, because its position is not known.
+    pub limits_first_waypoint: bool,
     /// Whether each hook that decides about plans or control says so in a text.
     pub is_talkative: bool,
     /// Whether its storage may be written.
@@ -115,6 +117,7 @@ impl TestVehicle {
             bad_items: BTreeMap::new(),
             plan_verdict: Ok(()),
             first_waypoint_limit: None,
+            limits_first_waypoint: false,
             is_talkative: false,
             may_persist: true,
             progress_verdict: MavResult::ACCEPTED,
@@ -265,6 +268,10 @@ impl Plans for TestVehicle {
 
     fn first_waypoint_limit(&self) -> Option<(LatLon, u32)> {
         self.first_waypoint_limit
+    }
+
+    fn limits_first_waypoint(&self) -> bool {
+        self.limits_first_waypoint || self.first_waypoint_limit.is_some()
     }
 
     fn plan_changed(&mut self, _: &mut Context<'_>, change: PlanChange<'_>) {

@@ -219,10 +219,24 @@ impl Missions {
         self.sessions.invalidate(plan);
         if plan == PlanType::Mission {
             self.reached.clear();
+            self.is_unchecked = vehicle.first_waypoint_limit().is_none();
         }
         let mut context = cx.hook();
         let items = context.plan(plan).items();
         vehicle.plan_changed(&mut context, PlanChange { plan, items, first });
+    }
+
+    /// Checks the distance of the first waypoint once the position is known, if it was not when the mission went live (M-48).
+    pub(super) fn poll_distance<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &V) {
+        if self.is_unchecked
+            && let Some((from, limit)) = vehicle.first_waypoint_limit()
+        {
+            self.is_unchecked = false;
+            let items = cx.plans.live(PlanType::Mission).items();
+            if let Some(seq) = first_too_far(items, V::MISSION_COMMANDS, from, limit) {
+                cx.report(&Problem::TooFar(seq, limit));
+            }
+        }
     }
 
     /// Ends a change with this result. Returns the answer to its client.
@@ -292,7 +306,7 @@ impl Missions {
         if seq >= cx.plans.capacity(plan) {
             return Err(MavMissionResult::NO_SPACE.into());
         }
-        let checked = validate::check_item(plan, V::MISSION_COMMANDS, &item)
+        let checked = validate::check_item(plan, V::MISSION_COMMANDS, &item, V::HAS_TERRAIN_MODEL)
             .and_then(|()| vehicle.check_item(&mut cx.hook(), plan, seq, &item));
         checked.map_err(|result| PlanFault { seq: Some(seq), result })?;
         let _ = cx.plans.staging.push(item);

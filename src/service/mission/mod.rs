@@ -56,11 +56,11 @@ use crate::dialect::{
 use crate::frame::{Frame, Version};
 use crate::link::{Outbox, Port};
 use crate::log::RefusalLog;
-use crate::message::{ComponentId, Message, Text};
+use crate::message::{CommandRule, ComponentId, Message, Text};
 use crate::time::Instant;
 use crate::types::{
     Config, Context, Durability, EventLog, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanMemory, PlanType, PlansMut,
-    Requests, StatusTexts, Values,
+    Requests, StatusTexts, Values, Vehicle,
 };
 
 counters! {
@@ -114,14 +114,26 @@ impl Work<'_, '_> {
         }
     }
 
-    /// Sends a text to the operators. Without the feature `plan-texts` this compiles to nothing. Not inlined: the text takes
-    /// stack, and the callers are deep in the call graph.
-    #[inline(never)]
+    /// Sends a text to the operators.
     fn report(&mut self, problem: &Problem<'_>) {
+        problem.push(self.now, self.normal, self.texts);
+    }
+}
+
+impl Problem<'_> {
+    /// Sends a text to the operators, from a hook.
+    fn say(&self, cx: &mut Context<'_>) {
+        self.push(cx.now, cx.normal, cx.texts);
+    }
+
+    /// Without the feature `plan-texts` this compiles to nothing. Not inlined: the text takes stack, and the callers are deep in
+    /// the call graph.
+    #[inline(never)]
+    fn push(&self, now: Instant, links: LinkMask, texts: &mut StatusTexts) {
         if cfg!(feature = "plan-texts") {
             let mut words = Text::<ONE_FRAME>::EMPTY;
-            problem.write(&mut words);
-            self.texts.push(self.now, self.normal, MavSeverity::WARNING, words.as_bytes());
+            self.write(&mut words);
+            texts.push(now, links, MavSeverity::WARNING, words.as_bytes());
         }
     }
 }
@@ -201,6 +213,8 @@ pub struct Missions {
     sessions: Sessions,
     current: Current,
     reached: Reached,
+    /// Whether the distance of the live mission's first waypoint is not checked yet, because the position was not known (M-48).
+    is_unchecked: bool,
     counters: PlanCounters,
     refused: RefusalLog,
     /// The final answers that are sent again.
@@ -221,6 +235,7 @@ impl Missions {
         heard_at: Instant::ZERO,
         sessions: Sessions::new(),
         reached: Reached::new(),
+        is_unchecked: false,
         counters: PlanCounters::ZERO,
         refused: RefusalLog::NEW,
         repeated: RefusalLog::NEW,
@@ -314,6 +329,7 @@ impl Missions {
     pub(crate) fn run_timers<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &V) -> Option<(LinkId, Reply)> {
         self.current.poll(cx.now, vehicle.progress(), cx.normal);
         self.reached.poll(cx.now, cx.normal);
+        self.poll_distance(cx, vehicle);
         // At most one of the three is active.
         self.poll_upload(cx).or_else(|| self.poll_commit(cx)).or_else(|| self.poll_second_answer(cx.now))
     }
@@ -344,20 +360,21 @@ impl Missions {
     }
 
     /// Sends a request for an item, or an answer to a download. Returns false if neither is pending on this link.
-    /// `float_form` is [`Config::float_mission_items`](crate::Config::float_mission_items).
+    /// `floats`: the rules of the mission's commands, if MISSION_REQUEST is answered by MISSION_ITEM
+    /// ([`Config::float_mission_items`](crate::Config::float_mission_items)).
     pub(crate) fn transfer(
         &mut self,
         now: Instant,
         replies: &mut Replies,
         plans: &PlansMut<'_>,
         progress: &Progress,
-        float_form: bool,
+        floats: Option<&'static [CommandRule]>,
         tx: &mut Outbox,
     ) -> bool {
         if let Some(upload) = self.upload.as_mut().filter(|upload| upload.has_request_on(tx)) {
             return upload.request(now, plans.staged(), tx);
         }
-        replies.pop(false).is_some_and(|reply| self.sessions.answer(now, &reply, plans, progress, float_form, tx))
+        replies.pop(false).is_some_and(|reply| self.sessions.answer(now, &reply, plans, progress, floats, tx))
     }
 }
 
@@ -453,11 +470,11 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         if !is_pending {
             return false;
         }
-        let float_form = cx.shared.config.float_mission_items;
+        let floats = cx.shared.config.float_mission_items.then_some(F::Vehicle::MISSION_COMMANDS);
         let Some((work, vehicle)) = work(cx) else { return false };
         let progress = vehicle.progress();
         match turn {
-            Turn::MissionTransfer => self.transfer(work.now, link, work.plans, &progress, float_form, &mut port.outbox),
+            Turn::MissionTransfer => self.transfer(work.now, link, work.plans, &progress, floats, &mut port.outbox),
             _ => self.next_progress(work.plans, &progress, &mut port.outbox),
         }
     }
@@ -512,7 +529,12 @@ fn is_for_planner(component: ComponentId, id: u32) -> bool {
 
 /// Returns the item of a MISSION_SET_CURRENT whose sender is not authorised to give the equivalent command (M-46).
 #[inline(never)]
-fn refused_item(received: &Received<'_>, port: &Port, vehicle: &impl Commands, cx: &mut Work<'_, '_>) -> Option<u16> {
+fn refused_item(
+    received: &Received<'_>,
+    port: &Port,
+    vehicle: &(impl Commands + Vehicle),
+    cx: &mut Work<'_, '_>,
+) -> Option<u16> {
     let message = received.frame.decode::<MissionSetCurrent>()?;
     let command = progress::from_set_current(&message, received.origin(port));
     (!is_allowed(vehicle, &mut cx.hook(), &command)).then_some(message.seq)

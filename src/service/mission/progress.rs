@@ -2,16 +2,17 @@
 
 use heapless::Vec;
 
+use super::distance::first_too_far;
 use super::validate::Problem;
 use super::{Missions, Work};
 use super::{Plans, Progress};
-use crate::dialect::{MavCmd, MavResult, MissionCurrent, MissionItemReached, MissionSetCurrent};
+use crate::dialect::{MavCmd, MavResult, MissionCurrent, MissionItemReached, MissionSetCurrent, MissionState};
 use crate::link::Outbox;
 use crate::list::take_first;
 use crate::message::{ComponentId, Message};
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::{Command, CommandPosition, LinkMask, Origin};
+use crate::types::{Command, CommandPosition, Context, LinkMask, Origin};
 use crate::types::{PlanType, PlansMut};
 
 /// Capacity of the queue of reached items that are not yet reported on every link.
@@ -209,10 +210,36 @@ fn start<V: Plans>(
     }
     let [first, last, ..] = command.params;
     let (first, last) = (item(first, count)?, item(last, count)?.filter(|&seq| seq > 0));
-    match (first, last) {
-        (Some(first), Some(last)) if first > last => Err(MavResult::DENIED),
-        (first, last) => Ok(vehicle.start_mission(&mut cx.hook(), command, first, last)),
+    if let (Some(first), Some(last)) = (first, last)
+        && first > last
+    {
+        return Err(MavResult::DENIED);
     }
+    let Progress { current, state, .. } = vehicle.progress();
+    let resumed = if state == MissionState::COMPLETE { 0 } else { current };
+    if first.unwrap_or(resumed) == 0
+        && let Err(result) = vehicle.check_start(&mut cx.hook())
+    {
+        return Ok(result);
+    }
+    Ok(vehicle.start_mission(&mut cx.hook(), command, first, last))
+}
+
+/// Checks the distance of the live mission's first waypoint before a start (M-48): see [`Plans::check_start`].
+#[inline(never)]
+pub(super) fn check_start<V: Plans>(vehicle: &V, cx: &mut Context<'_>) -> Result<(), MavResult> {
+    if !vehicle.limits_first_waypoint() {
+        return Ok(());
+    }
+    let Some((from, limit)) = vehicle.first_waypoint_limit() else {
+        Problem::NotChecked.say(cx);
+        return Err(MavResult::TEMPORARILY_REJECTED);
+    };
+    let items = cx.plan(PlanType::Mission).items();
+    first_too_far(items, V::MISSION_COMMANDS, from, limit).map_or(Ok(()), |seq| {
+        Problem::TooFar(seq, limit).say(cx);
+        Err(MavResult::DENIED)
+    })
 }
 
 /// Returns the item that a parameter names; `None` for NaN.

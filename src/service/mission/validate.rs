@@ -56,9 +56,14 @@ pub(super) fn rule(
     rules.iter().find(|rule| rule.command() == command).ok_or(MavMissionResult::UNSUPPORTED)
 }
 
-/// Checks an item against the rule of its command.
-pub(super) fn check_item(plan: PlanType, mission: &'static [CommandRule], item: &Item) -> Result<(), MavMissionResult> {
-    rule(plan, mission, item.command)?.check(item)
+/// Checks an item against the rule of its command. `has_terrain`: whether the vehicle has a model of the terrain (M-49).
+pub(super) fn check_item(
+    plan: PlanType,
+    mission: &'static [CommandRule],
+    item: &Item,
+    has_terrain: bool,
+) -> Result<(), MavMissionResult> {
+    rule(plan, mission, item.command)?.check_for(item, has_terrain)
 }
 
 /// A problem with a plan that is reported to the operators by a text (feature `plan-texts`).
@@ -70,6 +75,8 @@ pub(super) enum Problem<'a> {
     NoPosition(PlanType, u16),
     /// "Mission item 0: more than 10000 m away" (M-48).
     TooFar(u16, u32),
+    /// "Mission refused: no position yet", because the distance of its first waypoint is not checked (M-48).
+    NotChecked,
     /// "Mission refused: stored too often, try later" (C-15).
     RateLimited(PlanType),
     /// "Mission upload timed out at item 12".
@@ -127,6 +134,7 @@ impl Problem<'_> {
             Self::Refused(plan, PlanFault { seq, .. }) => (name(*plan), " item ", *seq),
             Self::NoPosition(plan, seq) => (name(*plan), " item ", Some(*seq)),
             Self::TooFar(seq, _) => (name(PlanType::Mission), " item ", Some(*seq)),
+            Self::NotChecked => (name(PlanType::Mission), " refused: no position yet", None),
             Self::RateLimited(plan) => (name(*plan), " refused: stored too often, try later", None),
             Self::TimedOut(plan, seq) => (name(*plan), " upload timed out at item ", Some(*seq)),
             Self::NotCurrent(seq) => (name(PlanType::Mission), " item ", Some(*seq)),
@@ -151,7 +159,7 @@ impl Problem<'_> {
                 text.push_number(*limit);
                 text.push_str(" m away");
             }
-            Self::TimedOut(..) | Self::Guided | Self::NotSaved(_) | Self::RateLimited(_) => {}
+            Self::TimedOut(..) | Self::Guided | Self::NotSaved(_) | Self::RateLimited(_) | Self::NotChecked => {}
         }
     }
 }
@@ -179,7 +187,9 @@ fn push_reason(text: &mut Text<ONE_FRAME>, result: MavMissionResult) {
 mod tests {
     use super::*;
     use crate::dialect::MavCmd;
-    use crate::dialect::rules::{DO_CHANGE_SPEED, NAV_LAND, NAV_WAYPOINT};
+    use crate::dialect::rules::{
+        CONDITION_CHANGE_ALT, DO_CHANGE_ALTITUDE, DO_CHANGE_SPEED, NAV_CONTINUE_AND_CHANGE_ALT, NAV_LAND, NAV_WAYPOINT,
+    };
     use std::vec::Vec;
 
     const NAN: f32 = f32::NAN;
@@ -195,7 +205,7 @@ mod tests {
     };
 
     fn mission(item: &Item) -> Result<(), MavMissionResult> {
-        check_item(PlanType::Mission, COMMANDS, item)
+        check_item(PlanType::Mission, COMMANDS, item, true)
     }
 
     fn fence(command: MavCmd, p1: f32) -> Item {
@@ -282,7 +292,7 @@ mod tests {
         for (own, plan) in [PlanType::Mission, PlanType::Fence, PlanType::Rally].into_iter().enumerate() {
             for (of, item) in items.iter().enumerate() {
                 let expected = if of == own { Ok(()) } else { Err(MavMissionResult::UNSUPPORTED) };
-                assert_eq!(check_item(plan, COMMANDS, item), expected, "{plan:?}: {item:?}");
+                assert_eq!(check_item(plan, COMMANDS, item, false), expected, "{plan:?}: {item:?}");
             }
         }
     }
@@ -293,7 +303,7 @@ mod tests {
         const INCLUSION: MavCmd = MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION;
         const EXCLUSION: MavCmd = MavCmd::NAV_FENCE_POLYGON_VERTEX_EXCLUSION;
         const CIRCLES: [MavCmd; 2] = [MavCmd::NAV_FENCE_CIRCLE_INCLUSION, MavCmd::NAV_FENCE_CIRCLE_EXCLUSION];
-        let check = |item: &Item| check_item(PlanType::Fence, &[], item);
+        let check = |item: &Item| check_item(PlanType::Fence, &[], item, true);
         for command in [INCLUSION, EXCLUSION] {
             for p1 in [3.0, 4.0, 65_534.0] {
                 assert_eq!(check(&fence(command, p1)), Ok(()), "{p1}");
@@ -337,7 +347,7 @@ mod tests {
     /// M-84
     #[test]
     fn rally_points_need_a_global_position() {
-        let check = |item: &Item| check_item(PlanType::Rally, COMMANDS, item);
+        let check = |item: &Item| check_item(PlanType::Rally, COMMANDS, item, true);
         let point = fence(MavCmd::NAV_RALLY_POINT, 0.0);
         for frame in [0, 3, 5, 6, 10, 11].map(MavFrame) {
             assert_eq!(check(&Item { frame, params: [NAN; 4], ..point }), Ok(()));
@@ -349,6 +359,37 @@ mod tests {
             (Item { z: f32::INFINITY, ..point }, MavMissionResult::INVALID_PARAM7),
         ] {
             assert_eq!(check(&item), Err(code), "{item:?}");
+        }
+    }
+
+    /// M-49: without a model of the terrain, an altitude above it is refused in every plan. The frame of a command without an
+    /// altitude means nothing.
+    #[test]
+    fn altitudes_above_terrain_need_a_model_of_it() {
+        const COMMANDS: &[CommandRule] =
+            &[NAV_WAYPOINT, DO_CHANGE_SPEED, CONDITION_CHANGE_ALT, NAV_CONTINUE_AND_CHANGE_ALT, DO_CHANGE_ALTITUDE];
+        let check = |plan, item: &Item, has_terrain| check_item(plan, COMMANDS, item, has_terrain);
+        let of = |command| Item { command, params: [1.0; 4], ..ON_EARTH };
+        let refused = Err(MavMissionResult::UNSUPPORTED_FRAME);
+        for frame in [0, 3, 5, 6, 10, 11].map(MavFrame) {
+            let expected = if frame.0 >= 10 { refused } else { Ok(()) };
+            for (plan, item) in [
+                (PlanType::Mission, ON_EARTH),
+                (PlanType::Rally, of(MavCmd::NAV_RALLY_POINT)),
+                (PlanType::Mission, Item { x: 0, y: 0, ..of(MavCmd::CONDITION_CHANGE_ALT) }),
+                (PlanType::Mission, Item { x: 0, y: 0, ..of(MavCmd::NAV_CONTINUE_AND_CHANGE_ALT) }),
+            ] {
+                assert_eq!(check(plan, &Item { frame, ..item }, false), expected, "{frame:?} {item:?}");
+                assert_eq!(check(plan, &Item { frame, ..item }, true), Ok(()), "{frame:?} {item:?}");
+            }
+            assert_eq!(check(PlanType::Fence, &Item { frame, ..of(MavCmd::NAV_FENCE_RETURN_POINT) }, false), expected);
+            let speed = Item { frame, x: 0, y: 0, ..of(MavCmd::DO_CHANGE_SPEED) };
+            assert_eq!(check(PlanType::Mission, &speed, false), Ok(()));
+            // This one has the frame in a parameter.
+            let params = [50.0, frame.0.into(), 0.0, 0.0];
+            let altitude = Item { params, x: 0, y: 0, ..of(MavCmd::DO_CHANGE_ALTITUDE) };
+            assert_eq!(check(PlanType::Mission, &altitude, false), expected);
+            assert_eq!(check(PlanType::Mission, &altitude, true), Ok(()));
         }
     }
 
@@ -385,6 +426,7 @@ mod tests {
         problems.extend([
             Problem::NoPosition(mission, u16::MAX),
             Problem::TooFar(u16::MAX, u32::MAX),
+            Problem::NotChecked,
             Problem::RateLimited(mission),
             Problem::TimedOut(mission, u16::MAX),
             Problem::NotCurrent(u16::MAX),

@@ -1,5 +1,6 @@
 //! The plan service's interface to the vehicle.
 
+use super::progress::check_start;
 use crate::dialect::{MavMissionResult, MavResult, MissionState};
 use crate::message::{CommandRule, Item, LatLon};
 use crate::types::{Command, Context, Peer, PlanType, Vehicle};
@@ -134,10 +135,39 @@ pub trait Plans: Vehicle {
 
     /// Returns the reference position, usually home or the vehicle's position, and the maximum distance (m) of a mission's
     /// first waypoint from it. A mission whose first waypoint is farther away is refused with `INVALID_PARAM5_X` and a text,
-    /// when it is uploaded, loaded, or restored from storage (M-48). `None`, the default, means no limit; return it while the
-    /// vehicle does not know its position. The distance is accurate to 3 % up to 100 km and below 80° of latitude.
+    /// when it is uploaded, loaded, or restored from storage (M-48). The distance is accurate to 3 % up to 100 km and below 80°
+    /// of latitude.
+    ///
+    /// `None`, the default, means no limit; return it also while the vehicle does not know its position. A vehicle with a limit
+    /// then says so by [`limits_first_waypoint`](Self::limits_first_waypoint). A mission that went live meanwhile is checked
+    /// when the position becomes known, and a text reports one that is too far away. Every mission is checked again before it
+    /// starts: see [`check_start`](Self::check_start).
     fn first_waypoint_limit(&self) -> Option<(LatLon, u32)> {
         None
+    }
+
+    /// Returns whether the first waypoint is limited, also while [`first_waypoint_limit`](Self::first_waypoint_limit) is `None`
+    /// because the position is not known: until then no mission starts (M-48). By default, `None` means that there is no limit.
+    fn limits_first_waypoint(&self) -> bool {
+        self.first_waypoint_limit().is_some()
+    }
+
+    /// Checks that the first waypoint of the live mission is within the limit, before the mission starts from its first item
+    /// (M-48). It may have been stored at another site, or uploaded before the position was known. The stack calls this for
+    /// MAV_CMD_MISSION_START. A vehicle with a limit calls it before it starts the mission for another reason, such as a change
+    /// of the mode or a switch of the pilot. A mission that is resumed at a later item is not checked.
+    ///
+    /// Not to be overridden.
+    ///
+    /// # Errors
+    ///
+    /// The answer to the command, after a text that says why: TEMPORARILY_REJECTED while the position is not known, DENIED for a
+    /// waypoint that is too far away.
+    fn check_start(&self, cx: &mut Context<'_>) -> Result<(), MavResult>
+    where
+        Self: Sized,
+    {
+        check_start(self, cx)
     }
 
     /// Called when a new plan has become live: the vehicle restarts its progress (M-39), even if the old plan was longer
@@ -158,7 +188,8 @@ pub trait Plans: Vehicle {
         MavResult::UNSUPPORTED
     }
 
-    /// Starts the mission (MAV_CMD_MISSION_START), from item `first` to item `last` where they are given. Both exist, and
+    /// Starts the mission (MAV_CMD_MISSION_START), from item `first` to item `last` where they are given. If it starts at item 0,
+    /// it has passed [`check_start`](Self::check_start). Both exist, and
     /// `first` is not after `last` (M-95). A `last` of 0 counts as not given, because clients that leave it out send 0; a
     /// `first` of 0 is the first item. `command` has the sender, and whether the command was broadcast (C-1).
     fn start_mission(

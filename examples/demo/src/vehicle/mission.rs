@@ -12,7 +12,7 @@
 
 use mavstack::dialect::{MavCmd, MavMissionResult, MavResult, MavSeverity, MissionState};
 use mavstack::plan::PlanFault;
-use mavstack::{Context, Duration, Instant, Item, PlanType};
+use mavstack::{Context, Duration, Instant, Item, PlanType, Plans};
 
 use super::commands::refuse;
 use super::{Mode, Quadrotor, disarm_delay};
@@ -196,10 +196,16 @@ impl Quadrotor {
         self.fly_from(cx, None)
     }
 
-    /// Starts the mission at `first`; `None` resumes it.
+    /// Starts the mission at `first`; `None` resumes it. At its beginning, the distance of the first waypoint is checked (M-48).
     fn fly_from(&mut self, cx: &mut Context<'_>, first: Option<u16>) -> MavResult {
         if self.mission.count == 0 {
             return refuse(cx, MavResult::FAILED, "Mission refused: no mission uploaded");
+        }
+        let resumed = if self.mission.is_complete { 0 } else { self.mission.current };
+        if first.unwrap_or(resumed) == 0
+            && let Err(result) = self.check_start(cx)
+        {
+            return result;
         }
         let result = self.start(cx, Mode::Mission, self.maneuver);
         if result == MavResult::ACCEPTED {

@@ -83,6 +83,10 @@ impl Plans for Quadrotor {
         self.last.has_fix.then_some((LatLon { latitude, longitude }, MAX_FIRST_WAYPOINT_DISTANCE))
     }
 
+    fn limits_first_waypoint(&self) -> bool {
+        true
+    }
+
     fn check_item(
         &mut self,
         _: &mut Context<'_>,

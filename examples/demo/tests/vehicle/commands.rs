@@ -1,5 +1,6 @@
 //! Commands as MAVSDK, QGroundControl and MAVProxy send them: their effects, and their refusals.
 
+use crate::support::waypoint;
 use crate::support::wire::{NORMAL, Wire, command_long};
 use mavstack::dialect::*;
 use mavstack_demo::{COMPANION, Mode, TELEMETRY, Tuning, Vector};
@@ -60,6 +61,55 @@ fn qgroundcontrol_goto_pause_and_altitude_change() {
     assert_eq!(int, MavResult::ACCEPTED);
     wire.run(12_000);
     assert!((wire.height() - 12.0).abs() < 0.3 && wire.vehicle().local_position().distance(place) < 0.3);
+}
+
+/// M-49: the vehicle has no model of the terrain, so it refuses every command with an altitude above the terrain.
+#[test]
+fn altitude_above_terrain_is_refused() {
+    let mut wire = Wire::airborne();
+    let (x, y) = north(10.0);
+    for command in [
+        MavCmd::DO_REPOSITION,
+        MavCmd::DO_SET_HOME,
+        MavCmd::NAV_TAKEOFF,
+        MavCmd::NAV_LAND,
+        MavCmd::DO_SET_ROI_LOCATION,
+        MavCmd::DO_SET_ROI,
+    ] {
+        for frame in [MavFrame::GLOBAL_TERRAIN_ALT, MavFrame::GLOBAL_TERRAIN_ALT_INT] {
+            let params = if command == MavCmd::DO_SET_ROI { [3.0, 0.0, 0.0, 0.0] } else { [0.0; 4] };
+            let result = wire.int(command, frame, params, x, y, 20.0);
+            assert_eq!(result, MavResult::COMMAND_UNSUPPORTED_MAV_FRAME, "{command:?} {frame:?}");
+        }
+    }
+    assert_eq!(wire.vehicle().mode(), Mode::Hold);
+}
+
+/// M-48: a mission from another site, uploaded before the fix, counts as not checked: no way starts it until the position is
+/// known, and then it is too far away. Resuming past item 0 is not checked.
+#[test]
+fn mission_from_another_site_does_not_start() {
+    const FAR: &str = "Mission item 0: more than 10000 m away";
+    const MISSION: [f32; 3] = [1.0, 4.0, 4.0];
+    let mut wire = Wire::new();
+    wire.run(100);
+    wire.upload(&[waypoint(-10_050.0, 0.0), waypoint(10.0, 0.0)]);
+    assert!(!wire.vehicle().has_fix());
+    assert_eq!(wire.long(MavCmd::DO_SET_MODE, &MISSION), MavResult::TEMPORARILY_REJECTED);
+    assert_eq!(wire.long(MavCmd::MISSION_START, &[0.0]), MavResult::TEMPORARILY_REJECTED);
+    assert!(wire.texts().contains(&"Mission refused: no position yet".to_owned()));
+    wire.run(3_000);
+    assert!(wire.vehicle().has_fix());
+    assert!(wire.texts().contains(&FAR.to_owned()), "checked when the position is known");
+    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
+    wire.run(5_000);
+    wire.texts();
+    assert_eq!(wire.long(MavCmd::MISSION_START, &[0.0]), MavResult::DENIED);
+    assert_eq!(wire.long(MavCmd::DO_SET_MODE, &MISSION), MavResult::DENIED);
+    assert!(wire.texts().contains(&FAR.to_owned()));
+    assert_eq!(wire.vehicle().mode(), Mode::Hold);
+    assert_eq!(wire.long(MavCmd::DO_SET_MISSION_CURRENT, &[1.0]), MavResult::ACCEPTED);
+    assert_eq!(wire.long(MavCmd::DO_SET_MODE, &MISSION), MavResult::ACCEPTED);
 }
 
 /// C-5 to C-9: checks of form, frame, parameters and state.

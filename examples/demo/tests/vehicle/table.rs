@@ -201,4 +201,12 @@ fn fences_and_rally_points_are_checked() {
     }
     let rally = at(MavCmd::NAV_RALLY_POINT, [0.0; 4], 30.0, 0.0, 20.0);
     assert_eq!(upload.answer(MavMissionType::RALLY, &[rally]), MavMissionResult::ACCEPTED);
+    // The vehicle has no model of the terrain (M-49).
+    for frame in [MavFrame::GLOBAL_TERRAIN_ALT, MavFrame::GLOBAL_TERRAIN_ALT_INT] {
+        let answer = upload.answer(MavMissionType::RALLY, &[Item { frame, ..rally }]);
+        assert_eq!(answer, MavMissionResult::UNSUPPORTED_FRAME);
+        let home = at(MavCmd::NAV_FENCE_RETURN_POINT, [0.0; 4], 0.0, 0.0, 20.0);
+        let answer = upload.answer(MavMissionType::FENCE, &[Item { frame, ..home }]);
+        assert_eq!(answer, MavMissionResult::UNSUPPORTED_FRAME);
+    }
 }
