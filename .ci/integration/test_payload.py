@@ -20,6 +20,7 @@ from mavsdk.plugins.mission.mission import MissionItem, MissionPlan
 from mavsdk.plugins.telemetry import Telemetry
 from plans import differences
 from pymavlink import mavutil
+from test_log import Logged
 from test_mavproxy import MavProxy
 from transfer import ACCEPTED as PLAN_ACCEPTED
 from transfer import download, send_item
@@ -515,3 +516,26 @@ def test_components_speak_for_themselves(port):
         assert {(1, component) for component in kinds} <= set(sequences.last) and not sequences.gaps
     finally:
         gcs.close()
+
+
+def test_vehicle_without_components(target, request, tmp_path):
+    """K-10: with `--no-components` only component 1 sends, and it has no commands for a camera or a gimbal."""
+    option = request.config.getoption
+    program = [option("program")] if target == "sitl" else [option("xtask"), "qemu"]
+    vehicle = Logged([*program, "--no-components"], option("spare_port_base"), tmp_path)
+    try:
+        gcs = Gcs(vehicle.port)
+        beats, components = 0, set()
+        while beats < 4:
+            message = gcs.hear(None, 10)
+            assert message, "the vehicle is silent"
+            # pymavlink does not report the sender of a message that it does not know.
+            if "UNKNOWN" not in message.get_type():
+                components.add(message.get_srcComponent())
+            beats += message.get_type() == "HEARTBEAT"
+        assert components == {AUTOPILOT}
+        for command in [POINT, mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST, mavlink.MAV_CMD_IMAGE_START_CAPTURE]:
+            assert gcs.command(command) == mavlink.MAV_RESULT_UNSUPPORTED
+        gcs.close()
+    finally:
+        vehicle.end()

@@ -447,7 +447,8 @@ fn storage_action([parameters, missions, ..]: &[f32; 4], is_stored: bool) -> Opt
         Some(0 | 1) => is_stored,
         _ => false,
     };
-    // Missions are loaded and stored automatically; MISSION_CLEAR_ALL resets them.
+    // Parameter 2 was an action on missions in definitions before September 2026. Missions are loaded and stored automatically, so
+    // to reset them is refused; MISSION_CLEAR_ALL does that.
     parameters.filter(|_| is_known && matches!(missions, Some(NOTHING..=1)))
 }
 
