@@ -1,10 +1,13 @@
-//! Plans that are uploaded as files, and stored: rules F-23, F-24, M-44, M-45.
+//! Plans that are uploaded as files, and stored: rules F-23, F-24, M-44, M-45, M-48.
 
 use crate::setup;
 use crate::support::flash::RamFlash;
 use crate::support::plan_file::{file, path};
 use crate::support::*;
-use mavstack::dialect::{MavFtpErr, MavMissionResult, MissionAck, MissionCount, MissionItemInt};
+use mavstack::dialect::{
+    CommandAck, MavCmd, MavFtpErr, MavMissionResult, MavResult, MissionAck, MissionCount, MissionItemInt, Statustext,
+};
+use mavstack::message::LatLon;
 use mavstack::plan::Durability;
 use mavstack::storage::Store;
 use mavstack::{Config, Duration, PlanType};
@@ -55,6 +58,36 @@ fn run(
 
 fn upload(seq: u16, items: &[MissionItemInt]) -> Transfer {
     Transfer::upload(STATION, 0, seq, path(PlanType::Mission), &file(PlanType::Mission, items))
+}
+
+/// M-48: a mission that was uploaded as a file before the position was known, or that was stored at another site, does not start.
+#[test]
+fn restored_mission_is_checked_before_it_starts() {
+    let (mut world, mut store) = shelf(Flash::new(LEN), |_| ());
+    world.vehicle.limits_first_waypoint = true;
+    let items = plan(3, 1);
+    let mut upload = upload(0, &items);
+    assert_eq!(run(&mut world, &mut upload, secs(2), Some(&mut store)), Some(Ok(())));
+    let (mut restarted, _) = shelf(store.flash().clone(), |_| ());
+    restarted.vehicle.limits_first_waypoint = true;
+    for world in [&mut world, &mut restarted] {
+        assert_eq!(world.stack.mission().items().len(), 3);
+        let start = |world: &mut Shelf| {
+            world.gcs[0].forget();
+            let command = world.gcs[0].long(MavCmd::MISSION_START, [0.0; 7]);
+            world.gcs[0].send(&command);
+            world.expect::<CommandAck>(0, secs(1)).result
+        };
+        assert_eq!(start(world), MavResult::TEMPORARILY_REJECTED);
+        world.run_for(millis(100));
+        world.gcs[0].forget();
+        let far = LatLon { latitude: items[0].x + 1_000_000, longitude: items[0].y };
+        world.vehicle.first_waypoint_limit = Some((far, 11_000));
+        let text: Statustext = world.expect(0, secs(1));
+        assert_eq!(text.text.as_str(), Some("Mission item 0: more than 11000 m away"));
+        assert_eq!(start(world), MavResult::DENIED);
+        assert!(!world.vehicle.calls.iter().any(|call| matches!(call, Call::StartMission(..))));
+    }
 }
 
 /// F-23, M-44: the last part is answered when the plan is stored. It is live after a restart.

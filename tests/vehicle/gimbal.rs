@@ -582,6 +582,17 @@ fn older_protocol() {
     }
     let setpoint = world.vehicle.pointed[2];
     assert_eq!(setpoint.flags, GimbalManagerFlags(4 | 8 | 32), "roll and pitch are level");
+    // In a COMMAND_INT, whole degrees or a scaled location, in any frame (M-75).
+    for frame in [0, 2, 3, 10].map(MavFrame) {
+        for (x, y, expected) in [
+            (473_977_418, -85_455_939, place(473_977_418, -85_455_939, 20.0, None)),
+            (47, -8, place(470_000_000, -80_000_000, 20.0, None)),
+        ] {
+            let int = CommandInt { command: control, frame, param4: 20.0, x, y, z: 4.0, ..CommandInt::default() };
+            assert_eq!(command_int(&mut world, STATION, &int), MavResult::ACCEPTED);
+            assert_eq!(last(&world).1, expected, "{frame:?}");
+        }
+    }
     // The pilot on the ground steers.
     assert_eq!(command(&mut world, STATION, control, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0]), MavResult::ACCEPTED);
     let setpoint = *world.vehicle.pointed.last().unwrap();

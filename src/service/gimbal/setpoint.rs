@@ -394,10 +394,11 @@ impl Order {
                     _ => return Err(MavResult::COMMAND_UNSUPPORTED_MAV_FRAME),
                 });
             }
-            // The older command has no location by its definition, so its frame means nothing (C-7, M-75).
+            // The older command has no location by its definition, so its frame means nothing (C-7, M-75). ArduPilot's clients
+            // scale its location by 1e7, also in a float. No degree is that large.
+            CommandPosition::Int { x, y, .. } if x.unsigned_abs() > 180 || y.unsigned_abs() > 180 => raw.place = [x, y],
             position => {
                 let (param5, param6) = position.params();
-                // ArduPilot's clients scale its location by 1e7, also in a float. No degree is that large.
                 let is_scaled = is_mount && (param5.abs() > 180.0 || param6.abs() > 180.0);
                 raw.place = [scaled(param5, is_scaled), scaled(param6, is_scaled)];
             }
