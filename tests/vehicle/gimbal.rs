@@ -257,7 +257,8 @@ fn interval_of_the_status_is_set_on_a_link() {
     assert_eq!(world.gcs[0].count_of::<GimbalManagerStatus>(), 1);
 }
 
-/// GIM-3, GIM-2: control is taken, handed over, and released by anyone; each change is reported once on each link.
+/// GIM-3, GIM-2: control is taken, handed over, and released by anyone; each change is reported once on each link. -2 is the
+/// sender.
 #[test]
 fn control_is_taken_and_released() {
     let mut world = world();
@@ -269,9 +270,10 @@ fn control_is_taken_and_released() {
         (OTHER_STATION, [254, 190, 254, 190], [second, second]),
         (STATION, [-3, -3, -3, -3], [second, second]),
         (OTHER_STATION, [-3, -3, -3, -3], [None, None]),
-        // For a mission; and for somebody else.
-        (STATION, [-2, -2, 254, 190], [Some(VEHICLE), second]),
-        (STATION, [-1, -1, 255, 190], [Some(VEHICLE), first]),
+        (OTHER_STATION, [-2, -2, -2, -2], [second, second]),
+        // For itself; and for somebody else.
+        (STATION, [-2, -2, 254, 190], [first, second]),
+        (STATION, [1, 1, 255, 190], [Some(VEHICLE), first]),
         (STATION, [-1, -1, -3, -3], [Some(VEHICLE), None]),
         (OTHER_STATION, [0, 0, 0, 0], [None, None]),
         (OTHER_STATION, [-1, -1, -1, -1], [None, None]),
@@ -291,7 +293,7 @@ fn control_is_taken_and_released() {
             assert_eq!(told, if before == expected { vec![] } else { vec![expected] }, "{params:?}");
         }
     }
-    assert_eq!(world.vehicle.changes.len(), 7, "the vehicle learns of each change");
+    assert_eq!(world.vehicle.changes.len(), 8, "the vehicle learns of each change");
 }
 
 /// GIM-3, GIM-6, C-9: what names nobody is DENIED, and changes nothing.

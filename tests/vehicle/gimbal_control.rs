@@ -62,6 +62,7 @@ fn vehicle_points_for_its_mission() {
     assert_eq!(control(&world), [Some(STATION), None]);
     let own = item(MavCmd::DO_GIMBAL_MANAGER_CONFIGURE, [-2.0, -2.0, -1.0, -1.0], 0, 0, 0.0, mission);
     assert_eq!(world.stack.point_gimbal(now, &own, &mut world.vehicle), MavResult::ACCEPTED);
+    assert_eq!(control(&world), [Some(Address::new(1, 1)), None], "an item is of the autopilot (GIM-3)");
     world.stack.release_gimbal();
     assert_eq!(control(&world), [None, None]);
     take(&mut world, STATION);

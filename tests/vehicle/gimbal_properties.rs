@@ -133,7 +133,7 @@ impl Model {
     fn configured([system, component]: [i16; 2], has: Option<Address>, from: Address) -> Result<Option<Address>, ()> {
         match (system, component) {
             (-1, -1) => Ok(has),
-            (-2, -2) => Ok(Some(VEHICLE)),
+            (-2, -2) => Ok(Some(from).filter(|from| from.system.0 != 0)),
             (-3, -3) => Ok(has.filter(|has| *has != from)),
             (0, 0..) => Ok(None),
             (1.., 1..) => Ok(Some(Address::new(system as u8, component as u8))),

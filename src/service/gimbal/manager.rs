@@ -161,13 +161,14 @@ impl ManagerService {
 
     /// Returns who has control after a pair of MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE; `None` if it is invalid.
     #[inline(never)]
-    fn configured(pair: [f32; 2], has: Who, from: Who, own: Who) -> Option<Who> {
+    fn configured(pair: [f32; 2], has: Who, from: Who) -> Option<Who> {
         // NaN leaves it as it is (C-8), and -9 is invalid.
         let [system, component] =
             pair.map(|param| if param.is_nan() { -1 } else { num::integer::<i32>(param).unwrap_or(-9) });
         match (system, component) {
             (-1, -1) => Some(has),
-            (-2, -2) => Some(own),
+            // An item of the mission is of the autopilot.
+            (-2, -2) => Some(from),
             (-3, -3) => Some(if has == from { NOBODY } else { has }),
             (0, 0..=255) => Some(NOBODY),
             // A component 0 would be every one of its system.
@@ -195,8 +196,8 @@ impl ManagerService {
         let is_ours = is_for::<F>(order);
         if order.id == MavCmd::DO_GIMBAL_MANAGER_CONFIGURE {
             let [primary, secondary] = order.pairs();
-            let primary = Self::configured(primary, self.primary, from, own);
-            let secondary = Self::configured(secondary, self.secondary, from, own);
+            let primary = Self::configured(primary, self.primary, from);
+            let secondary = Self::configured(secondary, self.secondary, from);
             let (Some(primary), Some(secondary), true) = (primary, secondary, is_ours) else {
                 return Err(MavResult::DENIED);
             };
