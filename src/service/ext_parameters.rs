@@ -85,7 +85,7 @@ impl<'a> ExtValue<'a> {
         }
     }
 
-    /// Reads a value of this type.
+    /// Reads a value of this type. `None` for NaN and the infinities, which are no settings (P-41).
     #[inline(never)]
     fn read(kind: MavParamExtType, bytes: &'a [u8]) -> Option<Self> {
         Some(match kind {
@@ -97,8 +97,8 @@ impl<'a> ExtValue<'a> {
             MavParamExtType::INT32 => Self::I32(Field::read(bytes, 0)),
             MavParamExtType::UINT64 => Self::U64(Field::read(bytes, 0)),
             MavParamExtType::INT64 => Self::I64(Field::read(bytes, 0)),
-            MavParamExtType::REAL32 => Self::F32(Field::read(bytes, 0)),
-            MavParamExtType::REAL64 => Self::F64(Field::read(bytes, 0)),
+            MavParamExtType::REAL32 => Self::F32(Some(Field::read(bytes, 0)).filter(|value: &f32| value.is_finite())?),
+            MavParamExtType::REAL64 => Self::F64(Some(Field::read(bytes, 0)).filter(|value: &f64| value.is_finite())?),
             MavParamExtType::CUSTOM => Self::Custom(bytes),
             _ => return None,
         })

@@ -270,6 +270,29 @@ fn refusals_have_the_present_value() {
     assert_eq!(ack(&mut site, 0).param_result, ParamAck::FAILED);
 }
 
+/// P-41: NaN and the infinities are refused before the vehicle, as PARAM_SET refuses them, and the greatest numbers are not.
+#[test]
+fn numbers_that_are_none_are_refused() {
+    for value in [f64::NAN, -f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let mut site = site();
+        set(&mut site, 0, "CAM_SHUTTER", MavParamExtType::REAL64, &value.to_le_bytes());
+        let ack = ack(&mut site, 0);
+        let present = bytes(&0.004f64.to_le_bytes());
+        assert_eq!((ack.param_result, ack.param_value), (ParamAck::VALUE_UNSUPPORTED, present), "{value}");
+        assert!(site.vehicle.changes.is_empty());
+    }
+    for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::from_bits(0x7F80_0001)] {
+        let mut site = site();
+        set(&mut site, 0, "F32", MavParamExtType::REAL32, &value.to_le_bytes());
+        assert_eq!(ack(&mut site, 0).param_result, ParamAck::VALUE_UNSUPPORTED, "{value}");
+        assert!(site.vehicle.changes.is_empty());
+    }
+    let mut site = site();
+    set(&mut site, 0, "CAM_SHUTTER", MavParamExtType::REAL64, &f64::MAX.to_le_bytes());
+    assert_eq!(ack(&mut site, 0).param_result, ParamAck::ACCEPTED);
+    assert_eq!(site.vehicle.shutter, f64::MAX);
+}
+
 /// P-41: a change that takes long is IN_PROGRESS first, and answered again at its end.
 #[test]
 fn long_change_is_answered_twice() {
