@@ -252,7 +252,7 @@ pub mod limits {
 /// Commands: which ones a vehicle accepts, and those that run for long. [`Commands`] has the hooks.
 pub mod command {
     pub use crate::service::command::{CommandPolicy, LongCommands};
-    pub use crate::types::CommandPosition;
+    pub use crate::types::{CommandPosition, HookFaults};
 }
 
 /// Plans: missions, fences and rally points. [`Plans`] has the hooks.

@@ -424,7 +424,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 
     /// Sends a text to the operators: a STATUSTEXT on every normal link (T-5). Takes any text: a `&str`, or a
     /// [`&Text`](crate::Text) with formatted numbers. A text is cut off after [`MAX_TEXT_LEN`](crate::limits::MAX_TEXT_LEN)
-    /// bytes. The same text is dropped if it is repeated within five seconds. A full queue evicts the least severe
+    /// bytes. The same text is dropped if it is repeated within five seconds; a text that a hook sends about a received
+    /// frame, such as a refused command, within two (C-16). A full queue evicts the least severe
     /// text; `texts` in [`stack!`](crate::stack) declares its length.
     pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: &(impl AsRef<[u8]> + ?Sized)) {
         self.push_text(now, severity, text.as_ref());

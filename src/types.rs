@@ -7,6 +7,7 @@ mod context;
 mod control;
 mod decode;
 mod events;
+mod faults;
 mod firmware;
 mod flight;
 mod identity;
@@ -29,6 +30,7 @@ pub use control::{
     AttitudeSetpoint, ControlInput, ManualControlInput, Place, PositionSetpoint, RcOverride, Setpoint, Target,
 };
 pub use events::{EventEntry, EventLog, MAX_EVENT_ARGUMENTS};
+pub use faults::HookFaults;
 pub use firmware::{Firmware, Values};
 pub(crate) use flight::Flight;
 pub use identity::Identity;

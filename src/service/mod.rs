@@ -60,8 +60,8 @@ use crate::time::{Duration, Instant};
 #[cfg(feature = "defmt")]
 use crate::types::LinkId;
 use crate::types::{
-    Command, Config, Context, EventLog, Firmware, Flight, LinkMask, Origin, Outcome, Peer, PlansMut, Refusal, Requests,
-    SignedAt, StatusTexts, Values,
+    Command, Config, Context, EventLog, Firmware, Flight, HookFaults, LinkMask, Origin, Outcome, Peer, PlansMut,
+    Refusal, Requests, SignedAt, StatusTexts, Values,
 };
 
 /// A service of the firmware `F`. It calls the hooks of the firmware's vehicle.
@@ -237,6 +237,7 @@ pub struct Shared {
     pub(crate) log_numbers: u16,
     /// Until when a client is reading the file of a flight log.
     pub(crate) logs_read_until: Instant,
+    pub(crate) faults: HookFaults,
 }
 
 impl Shared {
@@ -252,6 +253,7 @@ impl Shared {
         is_alone: false,
         log_numbers: 0,
         logs_read_until: Instant::ZERO,
+        faults: HookFaults::ZERO,
     };
 
     /// Whether the other components of the firmware are left out.

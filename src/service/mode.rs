@@ -8,9 +8,9 @@
 //! High-latency links get nothing but answers. Links that send MAVLink 1 get none of these messages, because MAVLink 1
 //! has no room for their ids (S-10). The table cannot change, so AVAILABLE_MODES_MONITOR is only sent on request.
 
-use super::{Cx, Received, Request, Service, Turn, Verdict, View};
+use super::{Cx, Received, Request, Service, Turn, Verdict, View, increment};
 use crate::dialect::{
-    AvailableModes, AvailableModesMonitor, CurrentMode, MavCmd, MavModeFlag, MavModeProperty, MavResult,
+    AvailableModes, AvailableModesMonitor, CurrentMode, MavCmd, MavModeFlag, MavModeProperty, MavResult, MavSeverity,
     MavStandardMode, SetMode,
 };
 use crate::frame::Version;
@@ -19,7 +19,8 @@ use crate::message::{ComponentId, Message, Text};
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{
-    Command, CommandPosition, Context, Firmware, LinkClass, ModeFault, Origin, Outcome, Peer, Refusal, Vehicle, Why,
+    Command, CommandPosition, Context, Firmware, Flight, LinkClass, ModeFault, Origin, Outcome, Peer, Refusal, Vehicle,
+    VehicleState, Why,
 };
 
 /// The maximum number of modes of a vehicle.
@@ -172,7 +173,14 @@ pub trait Modes: Vehicle {
     const CUSTOM_MODE: CustomMode = CustomMode::Whole;
 
     /// Enters `mode`, a selectable row of [`MODES`](Self::MODES), or refuses. The outcome is sent at once and is the
-    /// only answer, so do not return IN_PROGRESS. A request for the current mode must do no harm (C-11).
+    /// only answer, so IN_PROGRESS is answered FAILED. A request for the current mode must do no harm (C-11).
+    ///
+    /// ACCEPTED means that [`Vehicle::state`] reports the mode within a second (C-18). Refuse a mode that the vehicle
+    /// cannot enter now, such as "land" on the ground: a ground station that is told ACCEPTED waits for the mode. The
+    /// stack counts an accepted mode that is not reported
+    /// ([`HookFaults::unreported_modes`](crate::command::HookFaults::unreported_modes)), and reports it by a text.
+    ///
+    /// Decide on what has arrived: [`Vehicle::control_input`] gets sticks and setpoints before this is called (C-17).
     ///
     /// The stack has DENIED invalid requests before: a number or a standard mode that is not in the table, NaN, a
     /// fraction, flags without [`CUSTOM_MODE_ENABLED`](MavModeFlag::CUSTOM_MODE_ENABLED). The armed flag is ignored, as
@@ -235,7 +243,14 @@ pub struct ModeService {
     mode: u32,
     /// How often it has changed. Wraps.
     changes: u8,
+    /// The mode that was accepted and is not reported yet.
+    accepted: u32,
+    /// Until when it must be reported; [`Instant::ZERO`] if there is none.
+    report_until: Instant,
 }
+
+/// An accepted mode must be reported within this time (C-18).
+const REPORTED_WITHIN: Duration = Duration::from_secs(1);
 
 /// Counts pairs of scheduled heartbeats, starting with the first: CURRENT_MODE is sent once for each.
 const fn pairs(port: &Port) -> u8 {
@@ -247,22 +262,54 @@ impl ModeService {
     fn owes_current(&self, port: &Port, link: &ModeLink) -> bool {
         link.current || ((link.changes != self.changes || link.pairs != pairs(port)) && can_send(port))
     }
+
+    /// Has the vehicle enter a mode. What it accepts, it must report (C-18).
+    fn enter<F: Firmware<Vehicle: Modes>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        mode: &'static FlightMode,
+        request: &ModeRequest,
+    ) -> Verdict {
+        let (vehicle, mut context) = cx.hook();
+        let outcome = vehicle.set_mode(&mut context, mode, request);
+        if outcome.result == MavResult::ACCEPTED {
+            // A mode may end before the next poll.
+            let is_reported = cx.vehicle.state().is_some_and(|state| state.custom_mode == mode.custom_mode);
+            self.accepted = mode.custom_mode;
+            self.report_until = if is_reported { Instant::ZERO } else { cx.now.after(REPORTED_WITHIN) };
+        }
+        outcome.into()
+    }
 }
 
 impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
-    const NEW: Self = Self { mode: 0, changes: 0 };
+    const NEW: Self = Self { mode: 0, changes: 0, accepted: 0, report_until: Instant::ZERO };
     type Link = ModeLink;
     const VACANT: ModeLink = ModeLink { listed: 0, current: false, monitor: false, changes: 0, pairs: 0 };
 
     /// Sends CURRENT_MODE when the mode differs from the last reported one.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ModeLink>) {
-        let flight = &cx.shared.flight;
-        if !flight.has_state || flight.state.custom_mode == self.mode {
+        let Flight { has_state, state: VehicleState { custom_mode, .. }, .. } = cx.shared.flight;
+        if self.report_until != Instant::ZERO {
+            let is_reported = has_state && custom_mode == self.accepted;
+            if is_reported || cx.now >= self.report_until {
+                self.report_until = Instant::ZERO;
+            }
+            if !is_reported && self.report_until == Instant::ZERO {
+                increment(&mut cx.shared.faults.unreported_modes);
+                cx.say(MavSeverity::ERROR, b"Accepted mode was not reported");
+            }
+        }
+        if !has_state || custom_mode == self.mode {
             return;
         }
-        self.mode = flight.state.custom_mode;
+        self.mode = custom_mode;
         self.changes = self.changes.wrapping_add(1);
         event!("mode {=u32}", self.mode);
+    }
+
+    fn deadline(&self) -> Instant {
+        if self.report_until == Instant::ZERO { Instant::NEVER } else { self.report_until }
     }
 
     /// SET_MODE.
@@ -277,7 +324,7 @@ impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
         link: &mut ModeLink,
         request: &Request,
     ) -> Option<Verdict> {
-        handle_command(cx, port, link, request)
+        handle_command(self, cx, port, link, request)
     }
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ModeLink, turn: Turn) -> bool {
@@ -303,6 +350,7 @@ impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
 /// Handles a command about modes; `None` for all others.
 #[inline(never)]
 fn handle_command<F: Firmware<Vehicle: Modes>>(
+    service: &mut ModeService,
     cx: &mut Cx<'_, F>,
     port: &Port,
     link: &mut ModeLink,
@@ -338,8 +386,7 @@ fn handle_command<F: Firmware<Vehicle: Modes>>(
         }
         Some(mode) => {
             let Command { from, class, age, is_broadcast, .. } = *command;
-            let (vehicle, mut context) = cx.hook();
-            vehicle.set_mode(&mut context, mode, &ModeRequest { from, class, age, is_broadcast }).into()
+            service.enter(cx, mode, &ModeRequest { from, class, age, is_broadcast })
         }
         // MAVLink's guide answers an unknown standard mode with FAILED. DENIED is clearer: asking again never helps
         // (C-4).

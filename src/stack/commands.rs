@@ -2,7 +2,7 @@
 
 use super::{Declares, Stack};
 use crate::service::command::CommandService;
-use crate::types::LinkId;
+use crate::types::{HookFaults, LinkId};
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Whether every command that was received on `link` was answered, down to the last byte that the transport takes.
@@ -18,5 +18,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         link.is_none_or(|(link, state)| {
             CommandService::<D::Commands>::has_answered(&state.command) && link.port.outbox.is_empty()
         })
+    }
+    /// Returns the counters of answers of the vehicle's hooks that promised what did not happen.
+    pub fn hook_faults(&self) -> HookFaults {
+        self.shared.faults
     }
 }

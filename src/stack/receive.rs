@@ -53,12 +53,17 @@ impl<D: Declares> Services<D> {
             let is_accepted = self.accepts(cx, port, state, frame);
             let (copied, is_served) = self.learn(cx, port, frame, is_accepted, &mut own_frame);
             allowance.spend(copied);
-            if is_served
-                && let Some(target) = filter(cx, port, frame)
-                && !self.command(cx, port, state, frame, target)
-                && !self.is_out_of_control(cx, port, frame)
-            {
-                self.serve(cx, port, state, frame, target);
+            if is_served && let Some(target) = filter(cx, port, frame) {
+                // Another press of a button has its text again (C-16).
+                if D::HAS_TEXTS {
+                    cx.texts.is_answering = true;
+                }
+                if !self.command(cx, port, state, frame, target) && !self.is_out_of_control(cx, port, frame) {
+                    self.serve(cx, port, state, frame, target);
+                }
+                if D::HAS_TEXTS {
+                    cx.texts.is_answering = false;
+                }
             }
             self.signing.wipe(id, decoder);
         }

@@ -149,6 +149,8 @@ pub enum Why {
     Broadcast,
     /// This parameter is out of range.
     Param(u8),
+    /// There is no storage.
+    NoStorage,
     /// The mode cannot be entered. The text names it by this number; a negative one is not known.
     Mode(i32, ModeFault),
 }

@@ -15,6 +15,9 @@ pub(crate) const ONE_FRAME: usize = 50;
 /// The same text is dropped if it is repeated within this time, on links that it was for before.
 const REPEAT_AFTER: Duration = Duration::from_secs(5);
 
+/// The same for a text about a received frame: the same refusal again is the answer to another press of a button (C-16).
+const ANSWER_AFTER: Duration = Duration::from_secs(2);
+
 /// After this time, a text that a link has not sent may be evicted by any other text. Otherwise a dead link would block
 /// the texts of all links.
 const GIVE_UP_AFTER: Duration = Duration::from_secs(10);
@@ -55,18 +58,20 @@ const SENT: u8 = 2;
 pub struct StatusTexts<E: ?Sized = [TextEntry]> {
     /// The number of the newest text. 0 is not used, because the id of a chunk is not 0.
     pub(crate) newest: u16,
+    /// Whether a received frame is being handled.
+    pub(crate) is_answering: bool,
     dropped: u32,
     pub(crate) entries: E,
 }
 
 impl<const N: usize> StatusTexts<[TextEntry; N]> {
     pub(crate) const fn new() -> Self {
-        Self { newest: 0, dropped: 0, entries: [const { TextEntry::SENT }; N] }
+        Self { newest: 0, is_answering: false, dropped: 0, entries: [const { TextEntry::SENT }; N] }
     }
 }
 
 impl StatusTexts {
-    /// Returns the number of texts that were dropped: repeated within five seconds, or evicted unsent from a full
+    /// Returns the number of texts that were dropped: repeated too soon, or evicted unsent from a full
     /// queue. Wraps.
     pub(crate) const fn dropped(&self) -> u32 {
         self.dropped
@@ -76,8 +81,9 @@ impl StatusTexts {
     /// because vehicles send texts deep down, where a text would take 120 bytes of stack.
     pub(crate) fn push(&mut self, now: Instant, links: LinkMask, severity: MavSeverity, text: &[u8]) {
         let text = front(text, MAX_TEXT_LEN);
+        let repeat_after = if self.is_answering { ANSWER_AFTER } else { REPEAT_AFTER };
         let repeated = |entry: &TextEntry| {
-            entry.text.as_bytes() == text && entry.severity == severity && now.since(entry.at) < REPEAT_AFTER
+            entry.text.as_bytes() == text && entry.severity == severity && now.since(entry.at) < repeat_after
         };
         let sent = self.entries.iter().filter(|entry| repeated(entry)).map(|entry| entry.links);
         let left = sent.fold(links, LinkMask::without);

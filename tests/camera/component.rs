@@ -144,6 +144,21 @@ fn camera_is_a_component() {
     assert!(seqs.windows(2).all(|pair| pair[1] == pair[0].wrapping_add(1)), "{seqs:?}");
 }
 
+/// a request for a message that a component does not have is DENIED, as by the autopilot, and so is its interval. UNSUPPORTED
+/// would say that the command is unknown.
+#[test]
+fn what_a_component_does_not_have_is_denied() {
+    let mut site = site();
+    for id in [Attitude::ID, AutopilotVersion::ID, ParamValue::ID, 9_999, 16_777_216] {
+        for command_id in [MavCmd::REQUEST_MESSAGE, MavCmd::SET_MESSAGE_INTERVAL, MavCmd::GET_MESSAGE_INTERVAL] {
+            let (ack, by) = command(&mut site, 100, command_id, [id as f32, 100_000.0, 0.0]);
+            assert_eq!((ack.result, by), (MavResult::DENIED, 100), "{command_id:?} {id}");
+        }
+    }
+    let (ack, by) = command(&mut site, 100, MavCmd::CAMERA_TRACK_POINT, [0.5; 3]);
+    assert_eq!((ack.result, by), (MavResult::UNSUPPORTED, 100), "an unknown command");
+}
+
 /// CAM-9, R-1: commands to the autopilot reach the vehicle, and those that the camera does not have reach its component.
 #[test]
 fn commands_are_told_apart() {

@@ -92,6 +92,38 @@ fn retransmission_gets_the_newest_result() {
     assert_eq!(results(&mut world, 0), [ended(MavResult::ACCEPTED)]);
 }
 
+/// C-23: PREFLIGHT_CALIBRATION with all parameters 0 is PX4's form of cancel: it ends the running calibration, whose sender gets
+/// CANCELLED before the answer to the cancel. Without a running one, or if the vehicle continues, it is a command like others.
+#[test]
+fn calibration_is_cancelled_by_zeros() {
+    const ZEROS: [f32; 7] = [0.0; 7];
+    for zeros in [ZEROS, [f32::NAN; 7], [0.0, -0.0, f32::NAN, 0.0, 0.0, 0.0, 0.0]] {
+        let mut world = world::<2>();
+        send(&mut world, 0, CALIBRATE, PARAMS, 0);
+        assert_eq!(results(&mut world, 0), [running(255)]);
+        send(&mut world, 0, CALIBRATE, zeros, 0);
+        world.run_for(millis(20));
+        assert_eq!(results(&mut world, 0), [ended(MavResult::CANCELLED), ended(MavResult::ACCEPTED)]);
+        assert!(!world.stack.long_commands().is_running(CALIBRATE));
+        // From another link: each sender gets its own answer.
+        world.run_for(secs(4));
+        send(&mut world, 0, CALIBRATE, PARAMS, 0);
+        send(&mut world, 1, CALIBRATE, zeros, 0);
+        world.run_for(millis(20));
+        assert_eq!(results(&mut world, 0), [running(255), ended(MavResult::CANCELLED)]);
+        assert_eq!(results(&mut world, 1), [ended(MavResult::ACCEPTED)]);
+    }
+    let mut world = world::<1>();
+    world.vehicle.cancels = false;
+    send(&mut world, 0, CALIBRATE, PARAMS, 0);
+    results(&mut world, 0);
+    send(&mut world, 0, CALIBRATE, ZEROS, 0);
+    assert_eq!(results(&mut world, 0), [ended(MavResult::TEMPORARILY_REJECTED)], "the vehicle continues");
+    send(&mut world, 0, CALIBRATE, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], 0);
+    assert_eq!(results(&mut world, 0), [ended(MavResult::TEMPORARILY_REJECTED)]);
+    assert!(world.stack.long_commands().is_running(CALIBRATE));
+}
+
 /// C-20: IN_PROGRESS is sent at once, then once a second and when the progress changes, then one final ACK.
 #[test]
 fn long_command_reports_progress() {

@@ -13,6 +13,7 @@ mod long;
 mod mode_requests;
 mod modes;
 mod once;
+mod promises;
 mod protocol;
 #[cfg(feature = "plan-texts")]
 mod refusal_texts;

@@ -223,3 +223,97 @@ fn policy_applies_to_both_messages() {
     world.vehicle.controller = Some(OTHER_STATION);
     assert_eq!(command(&mut world, 0, SET_STANDARD, &[1.0]), ACCEPTED);
 }
+
+/// Returns the texts that the station of link 0 has received since the last call.
+fn texts(world: &mut Piloted<1, PX4>) -> Vec<String> {
+    let gcs = &mut world.gcs[0];
+    let texts = std::iter::from_fn(|| gcs.take::<Statustext>());
+    texts.map(|(_, text)| text.text.as_str().unwrap().to_owned()).collect()
+}
+
+/// Asks for Hold by each of the three messages, or for Position as a standard mode.
+const WAYS: [fn(&mut Piloted<1, PX4>) -> u32; 3] = [
+    |world| {
+        assert_eq!(command(world, 0, SET, &[CUSTOM, 4.0, 3.0]), ACCEPTED);
+        HOLD
+    },
+    |world| {
+        assert_eq!(command(world, 0, SET_STANDARD, &[1.0]), ACCEPTED);
+        POSITION
+    },
+    |world| {
+        world.gcs[0].send(&set_mode(1, HOLD));
+        assert_eq!(world.expect::<CommandAck>(0, millis(10)).result, ACCEPTED);
+        HOLD
+    },
+];
+
+/// C-18: a mode that the vehicle has accepted, and does not report within a second, is counted and reported, once, whichever
+/// message asked for it. In a fault no mode is reported.
+#[test]
+fn accepted_mode_that_is_not_reported_is_counted() {
+    for ask in WAYS {
+        for is_faulty in [false, true] {
+            let mut world = world::<1, PX4>();
+            let mode = ask(&mut world);
+            if is_faulty {
+                world.vehicle.enter(mode);
+                world.vehicle.state = None;
+            }
+            let fault = "Accepted mode was not reported".to_owned();
+            world.run_for(millis(900));
+            assert_eq!((texts(&mut world), world.stack.hook_faults().unreported_modes), (vec![], 0));
+            world.run_for(millis(200));
+            assert_eq!((texts(&mut world), world.stack.hook_faults().unreported_modes), (vec![fault], 1));
+            world.run_for(secs(5));
+            assert_eq!((texts(&mut world), world.stack.hook_faults().unreported_modes), (vec![], 1));
+        }
+    }
+}
+
+/// C-18: a mode that is reported within a second is no fault, even if another one follows at once. Neither is a refused one. A
+/// sleeping loop notices the fault in time.
+#[test]
+fn accepted_mode_that_is_reported_is_not_counted() {
+    for ask in WAYS {
+        let mut world = world::<1, PX4>();
+        let mode = ask(&mut world);
+        world.run_for(millis(900));
+        world.vehicle.enter(mode);
+        world.run_for(millis(20));
+        world.vehicle.enter(RETURN);
+        world.run_for(secs(3));
+        // The present mode, and a refused one.
+        world.vehicle.enter(mode);
+        ask(&mut world);
+        world.vehicle.enter(TEST);
+        world.run_for(secs(3));
+        world.vehicle.verdict = MavResult::TEMPORARILY_REJECTED.into();
+        world.gcs[0].send(&set_mode(1, RETURN));
+        world.run_for(secs(3));
+        assert_eq!((texts(&mut world), world.stack.hook_faults().unreported_modes), (vec![], 0));
+    }
+    let mut world = world::<1, PX4>();
+    world.gcs[0].send(&set_mode(1, RETURN));
+    world.sleep_for(millis(1_050));
+    assert_eq!(world.stack.hook_faults().unreported_modes, 1);
+}
+
+/// C-20: IN_PROGRESS for a mode is a promise that nothing ends: FAILED, counted, with a text.
+#[test]
+fn mode_in_progress_fails() {
+    let mut world = world::<1, PX4>();
+    world.vehicle.verdict = MavResult::IN_PROGRESS.into();
+    for number in 1..=3 {
+        world.run_for(secs(2));
+        match number {
+            1 => world.gcs[0].command_long(SET, seven(&[CUSTOM, 4.0, 3.0])),
+            2 => world.gcs[0].command_long(SET_STANDARD, seven(&[1.0])),
+            _ => world.gcs[0].send(&set_mode(1, HOLD)),
+        }
+        assert_eq!(world.expect::<CommandAck>(0, millis(10)).result, MavResult::FAILED);
+        world.run_for(millis(50));
+        assert_eq!(texts(&mut world), ["IN_PROGRESS without a slot"]);
+        assert_eq!(world.stack.hook_faults().unfinished, number);
+    }
+}

@@ -51,6 +51,11 @@ impl Acks {
         self.count == 0
     }
 
+    /// Whether an IN_PROGRESS is pending.
+    pub(crate) fn has_progress(&mut self) -> bool {
+        (0..self.count).any(|number| self.slot(number).is_some_and(|ack| ack.result == MavResult::IN_PROGRESS))
+    }
+
     fn slot(&mut self, number: u8) -> Option<&mut Ack> {
         self.slots.get_mut(usize::from(self.first.wrapping_add(number)) % SLOTS)
     }

@@ -20,7 +20,9 @@ pub use policy::CommandPolicy;
 pub use vehicle::Commands;
 
 use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
-use crate::dialect::{CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavProtocolCapability, MavResult};
+use crate::dialect::{
+    CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavProtocolCapability, MavResult, MavSeverity,
+};
 use crate::link::Port;
 use crate::log::RefusalLog;
 use crate::message::{Address, ComponentId};
@@ -187,8 +189,13 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
     }
 
     /// Sends one COMMAND_ACK: the answer to a received command, the final result of a finished one, or the progress of a running
-    /// one. Progress is limited to the link's byte rate, and is not sent on high-latency links.
+    /// one. A final result precedes the answers, because the answer to what has ended a command has the same id (C-23); but not
+    /// the command's own IN_PROGRESS. Progress is limited to the link's byte rate, and is not sent on high-latency links.
     fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut CommandLink, _: Turn) -> bool {
+        let is_first = !link.acks.has_progress();
+        if is_first && self.slots.view_mut().is_some_and(|long| long.next_final::<F>(&mut port.outbox)) {
+            return true;
+        }
         let sent = link.acks.next::<F>(&mut port.outbox, |command| {
             let long = self.slots.view_mut();
             long.map_or(self::long::NO_PROGRESS, |long| long.progress_of(command))
@@ -241,6 +248,12 @@ impl<S: CommandMemory> CommandService<S> {
         }
         let once = policy::once::<F::Vehicle>(command.id);
         let long = self.slots.view_mut()?;
+        if ends_calibration(command) && long.is_running(command.id) {
+            cancel(cx, long, command.id, command.component, command.from);
+            if !long.is_running(command.id) {
+                return Some(Verdict::done(MavResult::ACCEPTED));
+            }
+        }
         let outcome = match is_own::<F>(command) {
             true => long.recall_own(cx.now, command)?,
             false => long.recall(cx.now, command, *signed_at, once)?,
@@ -261,16 +274,17 @@ impl<S: CommandMemory> CommandService<S> {
         verdict: Option<Verdict>,
         is_admitted: bool,
     ) {
-        let outcome = match verdict {
+        let is_own_hook = verdict.is_none();
+        let mut outcome = match verdict {
             None => self.execute(cx, &request.command),
             Some(Verdict::Done(outcome)) => outcome,
             Some(Verdict::Refused(refusal)) => {
-                refusal::explain(cx, port, link, &request.command, refusal);
+                refusal::explain(cx, port, link, request, refusal);
                 refusal.result.into()
             }
         };
         if is_admitted {
-            self.settle(cx, request, outcome);
+            self.settle(cx, request, &mut outcome, is_own_hook);
         }
         let from = request.command.from.address;
         self.log(cx.now, request.answer_as, from, outcome.result);
@@ -290,13 +304,14 @@ impl<S: CommandMemory> CommandService<S> {
         verdict: Option<Verdict>,
         is_admitted: bool,
     ) -> Outcome {
-        let outcome = match verdict {
+        let is_own_hook = verdict.is_none();
+        let mut outcome = match verdict {
             None => self.execute_of_component(cx, &request.command),
             Some(Verdict::Done(outcome)) => outcome,
             Some(Verdict::Refused(refusal)) => refusal.result.into(),
         };
         if is_admitted {
-            self.settle(cx, request, outcome);
+            self.settle(cx, request, &mut outcome, is_own_hook);
         }
         outcome
     }
@@ -328,7 +343,11 @@ impl<S: CommandMemory> CommandService<S> {
         let can_start = self.slots.view_mut().is_some_and(|long| long.can_start());
         let (vehicle, mut context) = cx.hook();
         context.can_start = can_start;
-        F::component_command(vehicle, &mut context, command)
+        match F::component_command(vehicle, &mut context, command) {
+            // The command is known: the component does not have this message.
+            Outcome { result: MavResult::UNSUPPORTED, .. } if is_about_message(command.id) => MavResult::DENIED.into(),
+            outcome => outcome,
+        }
     }
 
     /// Logs the answer to a command; of refusals, at most one a second.
@@ -340,20 +359,42 @@ impl<S: CommandMemory> CommandService<S> {
         }
     }
 
-    /// Records the outcome of a command that was carried out.
+    /// Records the outcome of a command that was carried out. IN_PROGRESS is a promise, which only a slot keeps, and only the hooks
+    /// for commands get one: otherwise it becomes FAILED, and a text says so (C-20).
     #[inline(never)]
     fn settle<F: Firmware<Vehicle: Commands>>(
         &mut self,
         cx: &mut Cx<'_, F>,
         Request { command, signed_at, .. }: &Request,
-        outcome: Outcome,
+        outcome: &mut Outcome,
+        may_start: bool,
     ) {
+        cx.shared.has_acted = true;
+        let has_slot = may_start && self.slots.view().is_some_and(LongCommands::can_start);
+        if outcome.result == MavResult::IN_PROGRESS && !has_slot {
+            outcome.result = MavResult::FAILED;
+            increment(&mut cx.shared.faults.unfinished);
+            cx.say(MavSeverity::ERROR, b"IN_PROGRESS without a slot");
+        }
         if let Some(long) = self.slots.view_mut() {
             let once = if is_own::<F>(command) { Once::No } else { policy::once::<F::Vehicle>(command.id) };
-            long.settle(cx.now, command, *signed_at, outcome, once);
+            long.settle(cx.now, command, *signed_at, *outcome, once);
         }
-        cx.shared.has_acted = true;
     }
+}
+
+/// Whether every component knows this command, for its HEARTBEAT at least.
+const fn is_about_message(command: MavCmd) -> bool {
+    matches!(command, MavCmd::REQUEST_MESSAGE | MavCmd::SET_MESSAGE_INTERVAL | MavCmd::GET_MESSAGE_INTERVAL)
+}
+
+/// Whether the command is PX4's form of COMMAND_CANCEL for a calibration: all parameters are 0.
+fn ends_calibration(command: &Command) -> bool {
+    let (p5, p6) = command.position.params();
+    let rest = [p5, p6, command.z];
+    command.id == MavCmd::PREFLIGHT_CALIBRATION
+        // NaN is "not given" (C-8).
+        && !command.params.iter().chain(&rest).any(|param| param.abs() > 0.0)
 }
 
 /// Whether the firmware itself has given the command to one of its components. Nothing is lost on that way, so nothing is repeated.

@@ -1,16 +1,16 @@
 //! Texts that explain why a command is refused: a COMMAND_ACK has a result but no reason (C-4).
 //!
 //! Only the stack's own refusals are explained here; the vehicle explains its own. Requests for messages have no text: programs
-//! send them, and ask for many messages that a vehicle does not have. COMMAND_LONG_ONLY, COMMAND_INT_ONLY and UNSUPPORTED are
+//! send them, and ask for many messages that a vehicle does not have (C-16). COMMAND_LONG_ONLY, COMMAND_INT_ONLY and UNSUPPORTED are
 //! clear without a text.
 
-use super::super::Cx;
+use super::super::{Cx, Request};
 use super::CommandLink;
 use crate::dialect::{MavCmd, MavResult, MavSeverity};
 use crate::link::Port;
 use crate::message::{SystemId, Text};
 use crate::time::Instant;
-use crate::types::{Command, Firmware, LinkClass, LinkMask, ModeFault, ONE_FRAME, Refusal, StatusTexts, Why};
+use crate::types::{Firmware, LinkClass, LinkMask, ModeFault, ONE_FRAME, Refusal, StatusTexts, Why};
 
 /// Returns the number of the current period of 2^20 µs (1.05 s): a link gets at most one text per period, whatever it receives.
 /// Only the low 16 bits are stored, in what would be padding; they repeat after 19 hours.
@@ -26,43 +26,43 @@ pub(super) fn explain<F: Firmware>(
     cx: &mut Cx<'_, F>,
     port: &Port,
     link: &mut CommandLink,
-    command: &Command,
+    request: &Request,
     refusal: Refusal,
 ) {
-    match refusal.why {
+    // SET_MODE is no command: only the answer has the number 11 (C-16, C-32).
+    let is_set_mode = F::HAS_MODES && request.set_mode.is_some();
+    let (what, number) = match is_set_mode {
+        true => ("SET_MODE ", None),
+        false => ("Command ", Some(request.command.id.0.into())),
+    };
+    let reason = match refusal.why {
         // Compiled only for a vehicle with modes.
-        Why::Mode(number, fault) if F::HAS_MODES => explain_mode(cx.now, port, link, cx.texts, number, fault),
-        _ => explain_command(cx.now, cx.shared.config.address.get().system, port, link, cx.texts, command, refusal),
+        Why::Mode(number, fault) if F::HAS_MODES => return explain_mode(cx.now, port, link, cx.texts, number, fault),
+        _ => reason(cx.shared.config.address.get().system, request.command.id, refusal),
+    };
+    if let Some(reason) = reason {
+        push(cx.now, port, link, cx.texts, what, number, reason);
     }
 }
 
-/// Sends the reason for a refusal. `own` is our system id.
+/// Returns the reason for a refusal. `own` is our system id.
 #[inline(never)]
-fn explain_command(
-    now: Instant,
-    own: SystemId,
-    port: &Port,
-    link: &mut CommandLink,
-    texts: &mut StatusTexts,
-    command: &Command,
-    refusal: Refusal,
-) {
-    let why = refusal.why;
-    let reason = match (refusal.result, why) {
-        _ if command.id == MavCmd::REQUEST_MESSAGE => return,
+fn reason(own: SystemId, command: MavCmd, Refusal { result, why }: Refusal) -> Option<Reason> {
+    Some(match (result, why) {
+        _ if command == MavCmd::REQUEST_MESSAGE => return None,
         (MavResult::DENIED, Why::Broadcast) => Reason { suffix: own.0, ..Reason::new("sent to 0; use system ") },
         (MavResult::DENIED, Why::Param(param)) => Reason { index: param, ..Reason::new(" out of range") },
-        (MavResult::DENIED, Why::Result) => Reason::new("a parameter is out of range"),
+        (MavResult::DENIED, Why::NoStorage) => Reason::new("there is no storage"),
+        (MavResult::DENIED, _) => Reason::new("a parameter is out of range"),
         (MavResult::TEMPORARILY_REJECTED, _) => Reason::new("not now; try again later"),
         (MavResult::FAILED, _) => Reason::new("there is no such item"),
         (MavResult::COMMAND_UNSUPPORTED_MAV_FRAME, _) => Reason::new("frame not supported"),
         (MavResult::NOT_IN_CONTROL, _) => Reason::new("another station has control"),
-        _ => return,
-    };
-    push(now, port, link, texts, "Command ", Some(command.id.0.into()), reason);
+        _ => return None,
+    })
 }
 
-/// Like [`explain_command`], for a mode. A negative `number` is not named.
+/// Explains why a mode is refused. A negative `number` is not named.
 fn explain_mode(
     now: Instant,
     port: &Port,
@@ -138,27 +138,21 @@ mod tests {
     use crate::message::Address;
     use crate::service::command::Acks;
     use crate::service::statustext::TextCursor;
-    use crate::types::{CommandPosition, LinkId, Peer, TextEntry};
+    use crate::types::{LinkId, TextEntry};
 
     /// Returns the number of frames of the refusal's text; one frame holds 50 bytes.
-    fn frames(id: u16, refusal: Refusal) -> usize {
+    fn frames(id: Option<u16>, refusal: Refusal) -> usize {
         let port = Link::VACANT.port;
         let mut link = CommandLink { acks: Acks::new(), refusal: 0 };
         let mut entries = StatusTexts::<[TextEntry; 2]>::new();
         let (texts, now): (&mut StatusTexts, _) = (&mut entries, Instant::from_millis(5_000));
-        let command = Command {
-            id: MavCmd(id),
-            params: [0.0; 4],
-            position: CommandPosition::Long { param5: 0.0, param6: 0.0 },
-            z: 0.0,
-            from: Peer { address: Address::new(255, 190), link: LinkId(0) },
-            class: LinkClass::Normal,
-            age: None,
-            component: crate::message::ComponentId(1),
-            is_broadcast: false,
-            confirmation: 0,
+        let (what, id) = match id {
+            Some(id) => ("Command ", id),
+            None => ("SET_MODE ", MavCmd::DO_SET_MODE.0),
         };
-        explain_command(now, SystemId(254), &port, &mut link, texts, &command, refusal);
+        if let Some(reason) = reason(SystemId(254), MavCmd(id), refusal) {
+            push(now, &port, &mut link, texts, what, (what == "Command ").then_some(id.into()), reason);
+        }
         let (mut cursor, mut tx) = (TextCursor::new(), Outbox::VACANT);
         tx.configure(LinkId(0), Address::new(254, 1), Version::V2);
         let next = || {
@@ -176,10 +170,12 @@ mod tests {
     fn each_reason_fits_into_one_frame() {
         let mut explained = 0;
         for result in (0..=15).map(MavResult) {
-            for why in [Why::Result, Why::Broadcast, Why::Param(7)] {
-                let count = frames(42_424, Refusal { result, why });
-                assert!(count <= 1, "{result:?} {why:?}");
-                explained += count;
+            for why in [Why::Result, Why::Broadcast, Why::Param(7), Why::NoStorage] {
+                for id in [Some(42_424), None] {
+                    let count = frames(id, Refusal { result, why });
+                    assert!(count <= 1, "{result:?} {why:?}");
+                    explained += count;
+                }
             }
         }
         assert!(explained >= 7, "{explained}");

@@ -32,6 +32,10 @@ pub trait Commands {
     /// [`once`](CommandPolicy::once). Every call is answered by exactly one COMMAND_ACK (C-3); a started command gets another one
     /// when it has ended.
     ///
+    /// IN_PROGRESS is a promise of another answer, so return it only from [`Context::start`]. Without a slot that holds the command it
+    /// is answered FAILED, counted in [`HookFaults::unfinished`](crate::command::HookFaults::unfinished), and explained by a text
+    /// (C-20).
+    ///
     /// A reboot is answered before it happens (C-30): return ACCEPTED, accept no more commands, and reset when
     /// [`Stack::has_answered`](crate::Stack::has_answered) returns true.
     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome;
@@ -47,7 +51,8 @@ pub trait Commands {
         true
     }
 
-    /// Cancels the running `command` at the request of `from` (COMMAND_CANCEL). Returns true if it was cancelled: the sender of
+    /// Cancels the running `command` at the request of `from`: COMMAND_CANCEL, or MAV_CMD_PREFLIGHT_CALIBRATION with all parameters 0,
+    /// which cancels a calibration as in PX4. Returns true if it was cancelled: the sender of
     /// the command then gets CANCELLED. Returns false if it continues (C-23).
     fn cancel_command(&mut self, cx: &mut Context<'_>, command: MavCmd, from: Peer) -> bool {
         let _ = (cx, command, from);

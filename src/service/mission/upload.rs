@@ -217,6 +217,7 @@ impl Missions {
             if let Some(refused) = self.refused.count(cx.now) {
                 event!("{} of {=u16} items by {}: no space; {=u32} refused so far", plan, count, caller.from, refused);
             }
+            cx.report(&Problem::Refused(plan, MavMissionResult::NO_SPACE.into()));
             return caller.ack(mission_type, MavMissionResult::NO_SPACE, 0);
         }
         // M-52: an empty plan may always be cleared.

@@ -203,7 +203,7 @@ where
             return None;
         }
         let refused = |result: MavResult| Some(Verdict::Refused(result.into()));
-        let Some(action) = storage_action(&command.params, true) else { return refused(MavResult::DENIED) };
+        let Ok(action) = storage_action(&command.params, true) else { return refused(MavResult::DENIED) };
         let writes = matches!(action, 1 | 2 | 4);
         if is_armed(cx.vehicle) || (writes && !self.bucket.has(cx.now, 1)) {
             return refused(MavResult::TEMPORARILY_REJECTED);

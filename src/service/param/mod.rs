@@ -54,7 +54,7 @@ use crate::frame::Version;
 use crate::link::{Outbox, Port};
 use crate::message::{Message, Text};
 use crate::time::{Duration, Instant};
-use crate::types::{Config, Firmware, LinkId, LinkMask, Peer, StatusTexts, Vehicle};
+use crate::types::{Config, Firmware, LinkId, LinkMask, Peer, Refusal, StatusTexts, Vehicle, Why};
 use info::HASH_NAME;
 use saving::Saving;
 use table::{Rows, Table};
@@ -274,17 +274,20 @@ where
         if command.id != MavCmd::PREFLIGHT_STORAGE {
             return None;
         }
-        let refused = |result: MavResult| Some(Verdict::Refused(result.into()));
+        let refused = |refusal: Refusal| Some(Verdict::Refused(refusal));
         let mut table = self.table(cx.parameters);
         let (count, is_stored) = (table.count(), table.state.kept.saving.schedule.is_attached());
-        let Some(parameters) = storage_action(&command.params, is_stored) else { return refused(MavResult::DENIED) };
+        let parameters = match storage_action(&command.params, is_stored) {
+            Ok(parameters) => parameters,
+            Err(why) => return refused(Refusal { result: MavResult::DENIED, why }),
+        };
         if is_armed(cx.vehicle) {
-            return refused(MavResult::TEMPORARILY_REJECTED);
+            return refused(MavResult::TEMPORARILY_REJECTED.into());
         }
         table.notice(cx.now);
         let will_change = matches!(parameters, 2 | 4);
         if (will_change || parameters == 1) && table.state.kept.saving.is_rate_limited(cx.now, will_change) {
-            return refused(MavResult::TEMPORARILY_REJECTED);
+            return refused(MavResult::TEMPORARILY_REJECTED.into());
         }
         if parameters == 0 {
             table.state.kept.saving.is_reload_requested = true;
@@ -437,19 +440,21 @@ impl ParamService {
 /// No action on the stored parameters.
 const NOTHING: i32 = -1;
 
-/// Returns the action on parameters of a PREFLIGHT_STORAGE: [`NOTHING`], 0 to read, 1 to write, 2 or 4 to reset. `None` if the
-/// command is invalid, or needs storage and there is none.
-fn storage_action([parameters, missions, ..]: &[f32; 4], is_stored: bool) -> Option<i32> {
+/// Returns the action on parameters of a PREFLIGHT_STORAGE: [`NOTHING`], 0 to read, 1 to write, 2 or 4 to reset.
+///
+/// # Errors
+///
+/// The command is invalid, or needs storage and there is none.
+fn storage_action([parameters, missions, ..]: &[f32; 4], is_stored: bool) -> Result<i32, Why> {
     let action = |param: f32| if param.is_nan() { Some(NOTHING) } else { crate::num::integer(param) };
     let (parameters, missions) = (action(*parameters), action(*missions));
-    let is_known = match parameters {
-        Some(NOTHING | 2 | 4) => true,
-        Some(0 | 1) => is_stored,
-        _ => false,
-    };
     // Parameter 2 was an action on missions in definitions before September 2026. Missions are loaded and stored automatically, so
     // to reset them is refused; MISSION_CLEAR_ALL does that.
-    parameters.filter(|_| is_known && matches!(missions, Some(NOTHING..=1)))
+    match (parameters, missions) {
+        (Some(0 | 1), Some(NOTHING..=1)) if !is_stored => Err(Why::NoStorage),
+        (Some(parameters @ (NOTHING..=2 | 4)), Some(NOTHING..=1)) => Ok(parameters),
+        _ => Err(Why::Result),
+    }
 }
 
 fn is_armed(vehicle: &impl Vehicle) -> bool {

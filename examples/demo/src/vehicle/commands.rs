@@ -1,7 +1,7 @@
 //! Commands, mainly those for flight. Commands for the ground are in [`ground`](super::ground).
 //!
 //! [`POLICIES`] declares the rules for commands. The stack refuses a command that violates them, with a text. Each refusal in
-//! this file sends a text with the reason too (C-31). The stack drops a text that repeats within five seconds, so refusals
+//! this file sends a text with the reason too (C-31). The stack drops a text that repeats within two seconds, so refusals
 //! cannot flood the operator. A repeated command does no harm (C-11).
 
 use mavstack::camera::CameraOrder;
@@ -122,7 +122,9 @@ impl Quadrotor {
             // MAVProxy asks the autopilot for an image.
             MavCmd::DO_DIGICAM_CONTROL if command.position.params().0 != 1.0 => MavResult::UNSUPPORTED,
             MavCmd::DO_DIGICAM_CONTROL if self.operate_camera_by(CameraOrder::TakeImage) => MavResult::ACCEPTED,
-            MavCmd::DO_DIGICAM_CONTROL => MavResult::TEMPORARILY_REJECTED,
+            MavCmd::DO_DIGICAM_CONTROL => {
+                refuse(cx, MavResult::TEMPORARILY_REJECTED, "Image refused: others are pending")
+            }
             MavCmd::DO_LAND_START => self.fly_landing(cx),
             MavCmd::DO_SET_SERVO => {
                 self.set_servo(p1, p2);
@@ -229,6 +231,10 @@ impl Quadrotor {
         let NavLand { location, yaw_angle, .. } = command.decode()?;
         // The altitude is ignored: the vehicle descends until it touches the ground.
         let to = self.destination(&location, ABOVE_HOME, None)?;
+        if !self.armed && self.is_landed() {
+            // It has landed (C-11). The mode is another question: `start` refuses it (C-18).
+            return Ok(MavResult::ACCEPTED);
+        }
         let result = self.start(cx, Mode::Land, Maneuver::Land(to));
         Ok(self.point(result, yaw_angle.map(f32::to_radians)))
     }
@@ -323,15 +329,14 @@ impl Quadrotor {
 
     #[inline(never)]
     pub(super) fn start(&mut self, cx: &mut Context<'_>, mode: Mode, maneuver: Maneuver) -> MavResult {
-        // On the ground it lands in place, and disarms as after any landing.
-        let maneuver = match mode == Mode::Land && self.is_landed() {
-            true if !self.armed => return MavResult::ACCEPTED,
-            true => Maneuver::Land(self.body.rest()),
-            false => maneuver,
-        };
         if !self.armed {
             return refuse(cx, MavResult::TEMPORARILY_REJECTED, "Command refused: not armed");
         }
+        // On the ground it lands in place, and disarms as after any landing.
+        let maneuver = match mode == Mode::Land && self.is_landed() {
+            true => Maneuver::Land(self.body.rest()),
+            false => maneuver,
+        };
         // A return must not cause a takeoff.
         if mode == Mode::Return && self.is_landed() {
             return refuse(cx, MavResult::TEMPORARILY_REJECTED, "Return refused: on the ground");

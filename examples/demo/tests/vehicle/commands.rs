@@ -274,7 +274,7 @@ fn arming_refusals_send_the_reason() {
     assert_eq!(wire.long(arm, &[1.0]), MavResult::TEMPORARILY_REJECTED);
     assert_eq!(wire.long(MavCmd::RUN_PREARM_CHECKS, &[]), MavResult::ACCEPTED);
     wire.run(2_000);
-    assert_eq!(wire.texts(), ["Arming refused: no GPS fix yet"], "once within five seconds");
+    assert_eq!(wire.texts(), ["Arming refused: no GPS fix yet"], "once within two seconds");
     assert_eq!(wire.long(MavCmd::RUN_PREARM_CHECKS, &[]), MavResult::ACCEPTED);
     for params in [[0.5, 0.0], [2.0, 0.0], [NAN, 0.0], [1.0, 1.0], [1.0, 21_195.0]] {
         assert_eq!(wire.long(arm, &params), MavResult::DENIED, "{params:?}");
@@ -459,6 +459,22 @@ fn calibration_can_be_cancelled() {
     wire.run(3_000);
     let results: Vec<_> = wire.take::<CommandAck>().into_iter().map(|(_, ack)| ack.result).collect();
     assert_eq!(results.last(), Some(&MavResult::CANCELLED));
+    assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
+    assert_eq!(wire.texts(), ["Calibrating: keep the vehicle still", "Calibration cancelled"]);
+}
+
+/// C-23: QGroundControl cancels a calibration with the command itself and all parameters 0, as PX4 expects.
+#[test]
+fn calibration_can_be_cancelled_by_zeros() {
+    const CALIBRATE: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
+    let mut wire = Wire::booted();
+    assert_eq!(wire.long(CALIBRATE, &[0.0, 0.0, 0.0, 0.0, 1.0]), MavResult::IN_PROGRESS);
+    wire.run(1_500);
+    wire.take::<CommandAck>();
+    wire.send(TELEMETRY, &command_long(1, CALIBRATE, &[0.0; 7]));
+    wire.run(3_000);
+    let results: Vec<_> = wire.take::<CommandAck>().into_iter().map(|(_, ack)| ack.result).collect();
+    assert_eq!(results, [MavResult::CANCELLED, MavResult::ACCEPTED]);
     assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
     assert_eq!(wire.texts(), ["Calibrating: keep the vehicle still", "Calibration cancelled"]);
 }

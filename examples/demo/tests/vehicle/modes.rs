@@ -60,6 +60,54 @@ fn modes_are_set_as_standard_modes_and_by_set_mode() {
     assert_eq!(wire.vehicle().mode(), Mode::Hold);
 }
 
+/// C-18: ACCEPTED means that the mode is reported within a second, for each mode and by all three ways, on the ground and in the
+/// air, armed and not. Land mode on the ground was accepted while disarmed, and not entered.
+#[test]
+fn accepted_modes_are_reported() {
+    let by_number = |wire: &mut Wire, number: u32, _| wire.long(SET, &[1.0, number as f32]);
+    let by_standard = |wire: &mut Wire, _, standard: MavStandardMode| {
+        wire.long(MavCmd::DO_SET_STANDARD_MODE, &[f32::from(standard.0)])
+    };
+    let by_message = |wire: &mut Wire, custom_mode, _| {
+        let base_mode = MavModeFlag::CUSTOM_MODE_ENABLED;
+        wire.send(TELEMETRY, &SetMode { target_system: 1, base_mode, custom_mode });
+        wire.answer(MavCmd(11)).result
+    };
+    let modes = [
+        (Mode::Land, MavStandardMode::LAND),
+        (Mode::Return, MavStandardMode::SAFE_RECOVERY),
+        (Mode::Takeoff, MavStandardMode::TAKEOFF),
+        (Mode::Mission, MavStandardMode::MISSION),
+        (Mode::Position, MavStandardMode::POSITION_HOLD),
+        (Mode::Hold, MavStandardMode::NON_STANDARD),
+        (Mode::Offboard, MavStandardMode::NON_STANDARD),
+    ];
+    for ask in [by_number as fn(&mut Wire, u32, MavStandardMode) -> MavResult, by_standard, by_message] {
+        let armed = || {
+            let mut wire = Wire::booted();
+            assert_eq!(wire.long(MavCmd::COMPONENT_ARM_DISARM, &[1.0]), MavResult::ACCEPTED);
+            wire
+        };
+        for mut wire in [Wire::booted(), armed(), Wire::airborne()] {
+            for (mode, standard) in modes {
+                // An extra heartbeat comes at most every 200 ms (H-16), and on the ground Land mode ends at once.
+                wire.run(300);
+                wire.take::<Heartbeat>();
+                if ask(&mut wire, mode.number(), standard) == MavResult::ACCEPTED {
+                    wire.run(1_000);
+                    let reported = wire.take::<Heartbeat>();
+                    assert!(reported.iter().any(|(_, beat)| beat.custom_mode == mode.number()), "{mode:?}");
+                }
+            }
+            assert_eq!(wire.app.stack().hook_faults().unreported_modes, 0);
+        }
+        let mut wire = Wire::booted();
+        wire.texts();
+        assert_eq!(ask(&mut wire, Mode::Land.number(), MavStandardMode::LAND), MavResult::TEMPORARILY_REJECTED);
+        assert_eq!(wire.texts(), ["Command refused: not armed"]);
+    }
+}
+
 /// CURRENT_MODE: the intended mode ends when the mode completes, but not when a failsafe replaces it.
 #[test]
 fn the_intended_mode_lasts_until_it_completes() {
@@ -75,7 +123,7 @@ fn the_intended_mode_lasts_until_it_completes() {
     assert_eq!(intended(&mut wire), Mode::Land.number());
     wire.until("down", 60, |vehicle| !vehicle.is_armed());
     assert_eq!(intended(&mut wire), Mode::Hold.number(), "the landing is complete");
-    assert_eq!(wire.long(SET, &[1.0, 4.0, 6.0]), MavResult::ACCEPTED, "already landed");
+    assert_eq!(wire.long(SET, &[1.0, 4.0, 6.0]), MavResult::TEMPORARILY_REJECTED, "already landed");
     assert_eq!(intended(&mut wire), Mode::Hold.number(), "it does not land again");
 
     let mut wire = Wire::airborne();
