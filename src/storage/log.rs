@@ -174,6 +174,19 @@ pub(crate) struct Log {
     is_secret: bool,
     /// Whether pages outside of the open segment may have an old key.
     has_old_secret: bool,
+    /// Whether the last page of the new record was written, and has read back as something else: in the open segment, where it may
+    /// be found after a restart nevertheless, and in a new one.
+    is_doubtful: bool,
+    is_worn: bool,
+    /// Whether a unit that did not take a page was left out, and no page was written since: storage that takes nothing must not be
+    /// erased over and over.
+    has_left_out: bool,
+    /// The number of attempts to erase the unit that has an old key.
+    scrubs: u8,
+    /// The number of pages of the new record, at most.
+    new_pages: u16,
+    /// The next segment begins with this page: those before it were not written in an attempt that failed.
+    skipped: u16,
     /// The number of pages of the largest record.
     largest: u16,
     /// The first pages of the next segment that are erased.
@@ -240,6 +253,12 @@ impl Log {
         scrub: 0,
         used: 0,
         has_old_secret: false,
+        is_doubtful: false,
+        is_worn: false,
+        has_left_out: false,
+        scrubs: 0,
+        new_pages: 0,
+        skipped: 0,
         rest_until: Instant::ZERO,
         scrub_from: Instant::ZERO,
     };
@@ -454,24 +473,18 @@ impl Log {
                 }
                 Event::Nothing
             }
-            Pending::Erase if self.task == Task::Append => {
-                if self.write.number == self.open.number {
-                    // Another attempt leaves this unit out.
-                    let end = self.region.end_of_unit(self.write.erased);
-                    (self.write.head, self.write.erased) = (end, end);
-                }
-                self.failed(false)
-            }
+            Pending::Erase if self.task == Task::Append => self.leave_out(),
             Pending::EraseNext if is_done => {
                 self.next_erased = self.region.end_of_unit(0);
                 Event::Nothing
             }
-            Pending::Scrub if is_done => {
-                self.scrub = self.scrub.wrapping_sub(1);
+            // A unit that cannot be erased is given up, so that the others with an old key are erased.
+            Pending::Scrub if is_done || self.scrubs >= ATTEMPTS => {
+                (self.scrub, self.scrubs) = (self.scrub.wrapping_sub(1), 0);
                 Event::Nothing
             }
             Pending::Scrub => {
-                self.scrub_from = now.after(LONG_PAUSE);
+                (self.scrub_from, self.scrubs) = (now.after(LONG_PAUSE), self.scrubs.wrapping_add(1));
                 Event::Nothing
             }
             Pending::Erase | Pending::EraseNext => {
@@ -510,6 +523,17 @@ impl Log {
                 _ => self.wait(now, PAUSE),
             },
             Task::Append => self.append_done(now, is_done, page),
+            // The copies in this unit are erased too, so all are made again behind it.
+            Task::Undo if is_done && self.is_worn => {
+                self.skipped = self.region.end_of_unit(self.write.head);
+                self.begin_segment();
+                if self.skipped == 0 || self.has_left_out {
+                    return self.failed(false);
+                }
+                self.has_left_out = true;
+                (self.task, self.stage, self.attempts) = (Task::Append, Stage::Content, 0);
+                Event::Nothing
+            }
             Task::Undo if is_done => self.failed(true),
             Task::Undo if self.attempts < 2 * ATTEMPTS => {
                 self.attempts = self.attempts.wrapping_add(1);

@@ -28,6 +28,7 @@ mod signing_key;
 mod spi;
 mod stall;
 mod stm32f4;
+mod worn;
 
 use embedded_storage::nor_flash::NorFlash;
 use mavstack::__private::{Declares, Storage};

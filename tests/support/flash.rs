@@ -24,6 +24,8 @@ pub struct RamFlash<const WRITE: usize, const ERASE: usize> {
     pub erases: u32,
     /// The unit at this address cannot be erased.
     pub bad_erase: Option<u32>,
+    /// Worn units, by index.
+    pub worn: Vec<(usize, Worn)>,
     /// Places that cannot be read until they are erased.
     pub bad: Vec<Range<u32>>,
     /// The number of erases of each unit.
@@ -41,6 +43,17 @@ pub enum Torn {
     Garbage,
     /// Unreadable: reads fail with an ECC error until the unit is erased.
     Unreadable,
+}
+
+/// What a worn unit no longer does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Worn {
+    /// Erasing fails without an effect.
+    Erase,
+    /// Writing fails without an effect.
+    Write,
+    /// A written byte is wrong, without an error.
+    Keep,
 }
 
 /// A fault to inject.
@@ -106,6 +119,7 @@ impl<const WRITE: usize, const ERASE: usize> RamFlash<WRITE, ERASE> {
             torn,
             fault,
             bad_erase: None,
+            worn: Vec::new(),
             bad: Vec::new(),
             reads: 0,
             erases: 0,
@@ -128,6 +142,12 @@ impl<const WRITE: usize, const ERASE: usize> RamFlash<WRITE, ERASE> {
     /// Returns the total cost so far. A run with less fuel is cut.
     pub fn cost(&self) -> u64 {
         self.bytes_written + Self::ERASE_COST * u64::from(self.erases)
+    }
+
+    /// Whether a unit among these bytes is worn in this way.
+    fn is_worn(&self, bytes: Range<u32>, worn: Worn) -> bool {
+        let units = bytes.start as usize / ERASE..(bytes.end as usize).div_ceil(ERASE);
+        self.worn.iter().any(|(unit, how)| units.contains(unit) && *how == worn)
     }
 
     fn check_power(&self) -> Result<(), FlashError> {
@@ -202,6 +222,9 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for RamFlash<WRITE, ERASE>
         if self.fault == Fault::Erase || self.bad_erase.is_some_and(|bad| (from..to).contains(&bad)) {
             return Err(FlashError::Fault);
         }
+        if self.is_worn(from..to, Worn::Erase) {
+            return Err(FlashError::Fault);
+        }
         for start in (from as usize..to as usize).step_by(ERASE) {
             let burnt = self.burn(Self::ERASE_COST);
             self.erases += 1;
@@ -230,7 +253,9 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for RamFlash<WRITE, ERASE>
         }
         let count = self.writes;
         self.writes += 1;
+        let place = offset..offset + bytes.len() as u32;
         match self.fault {
+            _ if self.is_worn(place.clone(), Worn::Write) => return Err(FlashError::Fault),
             Fault::Write(after) if count >= after => return Err(FlashError::Fault),
             Fault::HalfWrite(after) if count >= after => {
                 let half = bytes.len() / 2;
@@ -253,6 +278,7 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for RamFlash<WRITE, ERASE>
         match self.fault {
             Fault::LyingWrite(after) if count >= after => return Err(FlashError::Fault),
             Fault::WrongWrite(after) if count >= after => self.bytes[range.start + bytes.len() / 2] ^= 0x10,
+            _ if self.is_worn(place, Worn::Keep) => self.bytes[range.start + bytes.len() / 2] ^= 0x10,
             _ => {}
         }
         Ok(())

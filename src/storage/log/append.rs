@@ -3,7 +3,8 @@
 use super::super::page::{Content, Footer, PAGE, Page, flag};
 use super::super::region::Job;
 use super::{
-    ANY_KIND, ATTEMPTS, Entry, Event, GRACE, Log, NO_ENTRY, Next, PAUSE, Pending, Record, Segment, Stage, Switch, Task,
+    ANY_KIND, ATTEMPTS, ENTRIES, Entry, Event, GRACE, Log, NO_ENTRY, Next, PAUSE, Pending, Record, Segment, Stage,
+    Switch, Task,
 };
 use crate::time::Instant;
 
@@ -11,10 +12,7 @@ impl Log {
     /// Begins to write a record of a kind, of at most this many pages. With `is_secret`, everything older is erased once
     /// it is complete. Returns false if there is no room for it.
     pub(crate) fn begin(&mut self, kind: u8, schema: u16, pages: u16, is_secret: bool) -> bool {
-        let others = self.entries.iter().filter(|entry| entry.kind != 0 && entry.kind != kind);
-        let needed = others.fold(u32::from(pages), |sum, entry| {
-            sum.wrapping_add(entry.pages.into()).wrapping_add(entry.is_damaged.into())
-        });
+        let needed = self.needed(kind, pages, 0);
         if let Some(place) = self.index_of(ANY_KIND).and_then(|index| self.entries.get_mut(index))
             && needed == u32::from(self.region.segment).wrapping_add(1)
         {
@@ -27,20 +25,72 @@ impl Log {
             return false;
         }
         self.new = Record { kind, schema, ..Record::NONE };
-        self.is_secret = is_secret;
+        (self.is_secret, self.new_pages) = (is_secret, pages);
+        (self.is_doubtful, self.is_worn) = (false, false);
         let room = self.region.segment.wrapping_sub(self.write.head);
         if is_secret || self.switch != Switch::IfFull || self.open.number == 0 || pages > room {
-            self.newest = self.newest.wrapping_add(1);
-            let first = if self.open.number == 0 { 0 } else { self.region.next(self.open.first) };
-            self.write = Segment { number: self.newest, first, erased: self.next_erased, ..Segment::NONE };
-            self.next_erased = 0;
-            (self.entry, self.record) = (0, Record::NONE);
+            self.begin_segment();
         } else {
             (self.entry, self.record) = (NO_ENTRY, self.new);
         }
         self.attempts = 0;
         (self.task, self.stage) = (Task::Append, Stage::Content);
         true
+    }
+
+    /// Returns the number of pages of a new record of this kind, and of the others from entry `first` on.
+    fn needed(&self, kind: u8, pages: u16, first: u8) -> u32 {
+        let others = self.entries.iter().skip(first.into()).filter(|entry| entry.kind != 0 && entry.kind != kind);
+        others.fold(u32::from(pages), |sum, entry| {
+            sum.wrapping_add(entry.pages.into()).wrapping_add(entry.is_damaged.into())
+        })
+    }
+
+    /// Begins the next segment, with the copies.
+    #[inline(never)]
+    pub(super) fn begin_segment(&mut self) {
+        self.newest = self.newest.wrapping_add(1);
+        let first = if self.open.number == 0 { 0 } else { self.region.next(self.open.first) };
+        let room = self.region.segment.wrapping_sub(self.skipped);
+        if self.needed(self.new.kind, self.new_pages, 0) > room.into() {
+            self.skipped = 0;
+        }
+        let (head, erased) = (self.skipped, self.next_erased.max(self.skipped));
+        self.write = Segment { number: self.newest, first, head, erased, ..Segment::NONE };
+        self.next_erased = 0;
+        (self.entry, self.record) = (0, Record::NONE);
+    }
+
+    /// Leaves out the rest of the unit at the head, which cannot be erased or written, and begins the record behind it again: in
+    /// the next segment if there is no room for it. Fails if there is none in the next segment either.
+    #[inline(never)]
+    pub(super) fn leave_out(&mut self) -> Event {
+        let end = self.region.end_of_unit(self.write.head);
+        (self.write.head, self.write.erased) = (end, self.write.erased.max(end));
+        (self.record, self.stage, self.attempts) = (Record::NONE, Stage::Content, 0);
+        if self.needed(self.new.kind, self.new_pages, self.entry) <= self.region.segment.wrapping_sub(end).into() {
+            return Event::Nothing;
+        }
+        if self.write.number != self.open.number {
+            self.skipped = 0;
+            return self.failed(false);
+        }
+        self.open = self.write;
+        self.begin_segment();
+        Event::Nothing
+    }
+
+    /// Leaves out the unit that did not take a page; or ends writing, and the next attempt leaves it out.
+    fn not_written(&mut self) -> Event {
+        if !core::mem::replace(&mut self.has_left_out, true) {
+            return self.leave_out();
+        }
+        let end = self.region.end_of_unit(self.write.head);
+        (self.write.head, self.write.erased) = (end, self.write.erased.max(end));
+        if self.write.number != self.open.number {
+            self.skipped = end;
+        }
+        self.failed(false)
     }
 
     /// Gives up the record that is being written: it does not count. Does nothing while a page that was written is still
@@ -113,12 +163,12 @@ impl Log {
             Stage::Content => return self.copy_read(now, is_done, page),
             Stage::Body if is_last(page) && usize::from(self.region.tail) < PAGE => {
                 if !is_done {
-                    return self.failed(true);
+                    return self.not_written();
                 }
                 self.stage = Stage::Tail;
             }
             // What a driver says of the last write does not count: after a restart, what can be read does.
-            Stage::Body if !is_done && !is_last(page) => return self.failed(true),
+            Stage::Body if !is_done && !is_last(page) => return self.not_written(),
             Stage::Body | Stage::Tail => self.stage = Stage::Check,
             Stage::Check if !is_done && self.attempts < ATTEMPTS => {
                 self.attempts = self.attempts.wrapping_add(1);
@@ -131,11 +181,13 @@ impl Log {
                         return self.written(now, &footer);
                     }
                     _ if self.write.number == self.open.number => {
-                        self.failed(true);
-                        return Event::Failed { is_doubtful: true };
+                        self.is_doubtful = true;
+                        return if is_done { self.not_written() } else { self.failed(true) };
                     }
+                    // A copy opens no segment.
+                    _ if is_done && usize::from(self.entry) < ENTRIES => return self.not_written(),
                     // It might be whole after a restart, or look like damage, and count for the segment that it opens.
-                    _ => self.task = Task::Undo,
+                    _ => (self.task, self.is_worn) = (Task::Undo, is_done),
                 }
             }
         }
@@ -175,7 +227,7 @@ impl Log {
     fn written(&mut self, now: Instant, footer: &Footer) -> Event {
         self.write.head = self.write.head.wrapping_add(1);
         self.record.advance(footer.crc);
-        (self.stage, self.attempts) = (Stage::Content, 0);
+        (self.stage, self.attempts, self.has_left_out) = (Stage::Content, 0, false);
         if !footer.is_last() {
             return Event::Nothing;
         }
@@ -191,7 +243,7 @@ impl Log {
             return Event::Nothing;
         }
         if self.write.number != self.open.number {
-            self.switch = Switch::IfFull;
+            (self.switch, self.skipped) = (Switch::IfFull, 0);
             for entry in &mut self.entries {
                 entry.at = entry.moved;
             }
@@ -212,7 +264,7 @@ impl Log {
             self.switch = Switch::IfFull;
         }
         self.stop(is_dirty);
-        Event::Failed { is_doubtful: false }
+        Event::Failed { is_doubtful: self.is_doubtful }
     }
 }
 

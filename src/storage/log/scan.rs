@@ -16,6 +16,7 @@ impl Log {
         self.entries = [Entry::FREE; ENTRIES];
         (self.scrub, self.used, self.has_old_secret) = (0, 0, false);
         (self.copied, self.switch, self.next_erased) = (Segment::NONE, Switch::IfFull, 0);
+        self.skipped = 0;
         (self.has_other_data, self.has_log, self.has_foreign) = (false, false, false);
     }
 
@@ -54,6 +55,11 @@ impl Log {
             return;
         }
         let Footer { segment, position, .. } = footer;
+        if segment.cast_signed() <= 0 {
+            // No segment has this number. Without an open segment, it is what is left of a log.
+            self.has_lost_all = true;
+            return;
+        }
         if is_newer(segment, self.newest) {
             self.newest = segment;
         }
@@ -71,6 +77,7 @@ impl Log {
 
     pub(super) fn end_of_find(&mut self, now: Instant) -> Event {
         (self.page, self.record) = (0, Record::NONE);
+        self.has_lost_all &= self.open.number == 0;
         if self.open.number == 0 && self.copied.number != 0 {
             // The record that opened the segment is lost, and so is the segment before.
             (self.open, self.has_lost_all) = (self.copied, true);

@@ -6,6 +6,7 @@ mod cuts;
 mod damage;
 mod faults;
 mod unlikely;
+mod worn;
 
 #[path = "../../../tests/support/flash.rs"]
 mod flash;

@@ -154,23 +154,6 @@ fn an_old_secret_is_erased_though_erasing_fails_once() {
     assert!(!has_old(&rig));
 }
 
-/// A unit of the open segment that cannot be erased is left out.
-#[test]
-fn a_unit_that_cannot_be_erased_is_left_out() {
-    let (mut rig, mut model) = filled(0);
-    // One page after five: the second unit is next.
-    rig.flash.bad_erase = Some(2 * E as u32);
-    let mut saves = 0;
-    for salt in 0..12 {
-        if rig.save(2, &content(40, salt)) == Saved::Yes {
-            model.insert(2, content(40, salt));
-            saves += 1;
-        }
-    }
-    assert!(saves >= 8, "{saves}");
-    assert_eq!(Rig::start(rig.flash).all(), model);
-}
-
 /// SEC-12: a start erases at most one unit ahead, and seldom, so that many starts hardly wear one unit more than another.
 #[test]
 fn many_starts_wear_evenly() {
