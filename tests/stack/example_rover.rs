@@ -5,12 +5,13 @@
 mod rover;
 
 use crate::support::flash::{Fault, RamFlash};
+use crate::support::radio::ExpressLrs;
 use crate::support::*;
 use mavstack::Text;
 use mavstack::dialect::*;
 use mavstack::storage::{RestoreError, Store};
 use mavstack::telemetry::Battery;
-use rover::{HOLD, MISSION, Mavlink, Tuning};
+use rover::{HOLD, MANUAL, MISSION, Mavlink, Tuning};
 
 fn world() -> World<1, Mavlink> {
     let mut setup = Setup::<1>::new();
@@ -99,6 +100,60 @@ fn rover_drives_and_holds_when_the_station_is_lost() {
     assert_eq!(texts[0].1.text.as_str(), Some("Ground station lost: holding"));
     world.gcs[0].forget();
     assert_eq!(world.expect::<Heartbeat>(0, secs(2)).system_status, MavState::CRITICAL);
+}
+
+/// J-10, J-11: one UART carries the sticks of ExpressLRS, telemetry, and a ground station with a joystick. The pilot needs no ground
+/// station. The joystick steers only while the receiver is silent. Without sticks the rover holds.
+#[test]
+fn rover_is_driven_by_the_pilots_receiver() {
+    let mut world = world();
+    let mut receiver = ExpressLrs::new();
+    let mut drive = |world: &mut World<1, Mavlink>, receiver: &mut ExpressLrs, has_joystick: bool, millis: u64| {
+        for _ in 0..millis {
+            let now = world.now();
+            if now.as_millis() % 10 == 0 {
+                world.vehicle.drive(now, &mut world.stack);
+            }
+            if has_joystick && now.as_millis() % 40 == 0 {
+                world.gcs[0].send(&ManualControl { target: 1, x: 200, y: -100, ..ManualControl::default() });
+            }
+            let bytes = receiver.write(now.as_millis());
+            world.gcs[0].send_raw(&bytes);
+            world.step();
+        }
+    };
+    let manual = |world: &mut World<1, Mavlink>| {
+        world.gcs[0].command_long(MavCmd::DO_SET_MODE, [1.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        world.expect::<CommandAck>(0, secs(1)).result
+    };
+    assert_eq!(MANUAL, 3 << 16);
+    assert_eq!(manual(&mut world), MavResult::TEMPORARILY_REJECTED, "no sticks yet");
+    receiver.pulse = 1_750;
+    drive(&mut world, &mut receiver, false, 100);
+    assert_eq!(arm(&mut world), MavResult::ACCEPTED);
+    assert_eq!(manual(&mut world), MavResult::ACCEPTED);
+    drive(&mut world, &mut receiver, false, 10_000);
+    assert_eq!(world.vehicle.sticks(), Some([0, 500]), "without a ground station");
+
+    // QGroundControl comes, with a joystick.
+    world.gcs[0].heartbeat_period = Some(secs(1));
+    drive(&mut world, &mut receiver, true, 5_000);
+    assert_eq!(world.vehicle.sticks(), Some([0, 500]));
+    receiver.is_connected = false;
+    drive(&mut world, &mut receiver, true, 1_000);
+    assert_eq!(world.vehicle.sticks(), None, "the rover holds: the pilot is lost");
+    assert_eq!(manual(&mut world), MavResult::ACCEPTED, "by the joystick");
+    drive(&mut world, &mut receiver, true, 1_000);
+    assert_eq!(world.vehicle.sticks(), Some([200, -100]));
+    receiver.is_connected = true;
+    drive(&mut world, &mut receiver, true, 600);
+    assert_eq!(world.vehicle.sticks(), Some([0, 500]), "the pilot is back");
+
+    receiver.is_connected = false;
+    drive(&mut world, &mut receiver, false, 2_000);
+    assert_eq!(world.vehicle.sticks(), None);
+    let texts = world.gcs[0].all::<Statustext>();
+    assert!(texts.iter().any(|(_, text)| text.text.as_str() == Some("Sticks lost: holding")), "{texts:?}");
 }
 
 /// The battery is unknown until it is measured. If the parameter says so, an unknown or a low one prevents arming, by its own voltage

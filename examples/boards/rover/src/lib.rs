@@ -7,13 +7,15 @@
 //! | battery, attitude, position, home | `Telemetry`, by the types of `mavstack::telemetry` |
 //! | "ready": the pre-arm check | `Rover::sys_status` |
 //! | a mission | `Plans`; boards with a flash driver store it, with the parameters |
-//! | a failsafe | `Rover::drive`: the rover drives only while armed, in mode Mission, and with a ground station alive |
+//! | a joystick | mode Manual; the pilot's receiver, ExpressLRS or mLRS in MAVLink mode, takes precedence |
+//! | a failsafe | `Rover::drive`: the rover drives a mission only while a ground station is alive, and manually only with sticks |
 #![no_std]
 #![forbid(unsafe_code)]
 
 use mavstack::dialect::commands::ComponentArmDisarm;
 use mavstack::dialect::rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
 use mavstack::dialect::*;
+use mavstack::manual_control::{ControlSource, ManualControlInput, RcOverride};
 use mavstack::message::Item;
 use mavstack::plan::Durability;
 use mavstack::telemetry::{Battery, GpsFix, Home, Motion};
@@ -41,6 +43,7 @@ stack! {
         parameters: Tuning,
         streams,
         modes,
+        manual_control,
         storage,
     }
 }
@@ -61,6 +64,16 @@ parameters! {
 pub const HOLD: u32 = 4 << 16 | 3 << 24;
 /// Drives the mission.
 pub const MISSION: u32 = 4 << 16 | 4 << 24;
+/// The pilot steers.
+pub const MANUAL: u32 = 3 << 16;
+
+/// The pilot's receiver, on the first link: ExpressLRS, or mLRS that sends RC_CHANNELS_OVERRIDE; and mLRS that sends
+/// RADIO_RC_CHANNELS. One UART carries sticks and telemetry.
+pub const RECEIVERS: [Peer; 2] =
+    [Peer { address: Address::new(255, 68), link: LinkId(0) }, Peer { address: Address::new(51, 68), link: LinkId(0) }];
+
+/// Forward and right, each -1000 to 1000.
+pub type Sticks = [i16; 2];
 
 /// A rover. The board writes the sensor values, in SI units. Unknown values stay `UNKNOWN`, and are sent as "unknown".
 #[derive(Debug)]
@@ -75,6 +88,7 @@ pub struct Rover {
     pub battery: Battery<'static>,
     armed: bool,
     mode: u32,
+    sticks: Option<Sticks>,
     current: u16,
     is_complete: bool,
     is_station_lost: bool,
@@ -91,6 +105,7 @@ impl Default for Rover {
             battery: Battery::UNKNOWN,
             armed: false,
             mode: HOLD,
+            sticks: None,
             current: 0,
             is_complete: false,
             is_station_lost: false,
@@ -107,15 +122,36 @@ impl Rover {
         // An unknown voltage is not a sufficient one, and an unreadable plan is not an empty one.
         self.is_battery_low = minimum > 0.0 && !(voltage.is_finite() && voltage >= minimum);
         self.is_restored = stack.restore_errors().is_empty();
-        let is_lost = self.armed && stack.parameters().get(Tuning::FS_GCS_ENABLE) == 1 && !stack.has_ground_station();
+        self.read_sticks(now, stack);
+        // A pilot with a receiver needs no ground station.
+        let needs_station = self.armed && self.mode != MANUAL && stack.parameters().get(Tuning::FS_GCS_ENABLE) == 1;
+        let is_lost = needs_station && !stack.has_ground_station();
         if is_lost && !self.is_station_lost {
             self.mode = HOLD;
             stack.send_text(now, MavSeverity::CRITICAL, "Ground station lost: holding");
         }
         self.is_station_lost = is_lost;
         let limit = stack.parameters().get(Tuning::SPEED_MAX);
-        let _ = (self.target(stack), limit); // Your navigation and motors; call `self.reached(now, stack)` at the item.
+        let _ = (self.target(stack), self.sticks(), limit); // Your navigation and motors; call `self.reached(now, stack)` at the item.
         PULSE.tick();
+    }
+
+    /// Reads the sticks of the pilot's receiver, or of a joystick while it is silent. Without either the rover holds.
+    fn read_sticks(&mut self, now: Instant, stack: &mut Stack<Mavlink, LINKS>) {
+        let input = stack.manual_input_mut();
+        input.set_receivers(&RECEIVERS);
+        input.set_source(ControlSource::GroundStation);
+        let channels = || input.rc_channels(now).and_then(|channels| of_channels(&channels));
+        self.sticks = input.manual_control(now).map(|axes| of_axes(&axes)).or_else(channels);
+        if self.mode == MANUAL && self.sticks.is_none() {
+            self.mode = HOLD;
+            stack.send_text(now, MavSeverity::CRITICAL, "Sticks lost: holding");
+        }
+    }
+
+    /// Returns where the pilot steers; `None` to stop, or to drive the mission.
+    pub fn sticks(&self) -> Option<Sticks> {
+        self.sticks.filter(|_| self.armed && self.mode == MANUAL)
     }
 
     /// Returns the mission item to drive to; `None` to stop.
@@ -152,10 +188,30 @@ impl Rover {
     }
 }
 
+/// A joystick: forward is `x`, right is `y`.
+fn of_axes(axes: &ManualControlInput) -> Sticks {
+    [axes.x.unwrap_or(0), axes.y.unwrap_or(0)]
+}
+
+/// Radio channels in ArduPilot's order: 1 is right, 2 is forward, and low is forward. `None` if one is not given.
+fn of_channels(channels: &RcOverride) -> Option<Sticks> {
+    let stick = |number| channels.channel(number).map(|pulse| pulse.clamp(1_000, 2_000).cast_signed() * 2 - 3_000);
+    Some([-stick(2)?, stick(1)?])
+}
+
 impl Vehicle for Rover {
     fn state(&self) -> Option<VehicleState> {
         let state = VehicleState::new(self.armed).with_mode(self.mode);
         Some(if self.is_station_lost { state.with_status(MavState::CRITICAL) } else { state })
+    }
+
+    /// The request for mode Manual may be right behind the first sticks.
+    fn control_input(&mut self, _: &mut Context<'_>, input: &ControlInput) {
+        match input {
+            ControlInput::Sticks(axes) => self.sticks = Some(of_axes(axes)),
+            ControlInput::Channels(channels) => self.sticks = of_channels(channels),
+            _ => {}
+        }
     }
 }
 
@@ -179,6 +235,7 @@ impl Modes for Rover {
     const MODES: &'static [FlightMode] = &[
         FlightMode::new(HOLD, "Hold").with_properties(MavModeProperty::AUTO_MODE),
         FlightMode::new(MISSION, "Mission").with_standard_mode(MavStandardMode::MISSION),
+        FlightMode::new(MANUAL, "Manual"),
     ];
     const CUSTOM_MODE: CustomMode = CustomMode::MainSub;
 
@@ -186,6 +243,10 @@ impl Modes for Rover {
         if mode.custom_mode == MISSION && cx.plan(PlanType::Mission).items().is_empty() {
             cx.text(MavSeverity::WARNING, "No mission");
             return MavResult::DENIED.into();
+        }
+        if mode.custom_mode == MANUAL && self.sticks.is_none() {
+            cx.text(MavSeverity::WARNING, "No sticks");
+            return MavResult::TEMPORARILY_REJECTED.into();
         }
         if mode.custom_mode == MISSION && self.is_complete {
             (self.current, self.is_complete) = (0, false);

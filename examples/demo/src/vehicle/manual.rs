@@ -3,15 +3,16 @@
 //! - MANUAL_CONTROL has axes as QGroundControl and MAVSDK send them. Forward, right and yaw to the right are positive. The
 //!   throttle is 0 to 1000; in the middle the vehicle keeps its height.
 //! - Radio channels are in ArduPilot's order: 1 roll, 2 pitch (low is forward), 3 throttle, 4 yaw.
+//! - The pilot's receiver is ExpressLRS or mLRS in MAVLink mode, on the companion's UART: see the guide to RC over MAVLink.
 
 use mavstack::dialect::{MavResult, MavSeverity, RcChannels};
 use mavstack::manual_control::{ControlSource, ManualControlInput, ManualInput, RcOverride};
 use mavstack::message::SystemId;
-use mavstack::{Context, ControlInput, Duration, Instant};
+use mavstack::{Address, Context, ControlInput, Duration, Instant, Peer};
 
 use super::commands::refuse;
 use super::{Mode, Quadrotor};
-use crate::app::Mavlink;
+use crate::app::{COMPANION, Mavlink};
 use crate::plan::Maneuver;
 use crate::tuning::Tuning;
 
@@ -21,6 +22,10 @@ pub type Sticks = [f32; 4];
 /// Deflection below which a stick counts as centred.
 const DEAD_BAND: f32 = 0.05;
 
+/// The pilot's receiver: ExpressLRS, and mLRS if it sends RC_CHANNELS_OVERRIDE; and mLRS if it sends RADIO_RC_CHANNELS.
+const RECEIVERS: [Peer; 2] =
+    [Peer { address: Address::new(255, 68), link: COMPANION }, Peer { address: Address::new(51, 68), link: COMPANION }];
+
 impl Quadrotor {
     /// Configures the accepted source and the timeout of manual control from the parameters, and reads the current input.
     #[inline(never)]
@@ -29,6 +34,7 @@ impl Quadrotor {
         let system = tuning.get(Tuning::MAV_GCS_SYSID);
         let timeout = tuning.get(Tuning::COM_RC_LOSS_T);
         let input = stack.manual_input_mut();
+        input.set_receivers(&RECEIVERS);
         input.set_source(source(system));
         input.set_timeout(Duration::from_micros((timeout * 1e6) as u64));
         self.sticks = sticks(input, now);
@@ -80,7 +86,7 @@ impl Quadrotor {
         self.advance(cx, next);
     }
 
-    /// Returns RC_CHANNELS. The vehicle has no RC receiver, so it contains the channels of RC_CHANNELS_OVERRIDE.
+    /// Returns RC_CHANNELS: the channels of RC_CHANNELS_OVERRIDE or RADIO_RC_CHANNELS.
     pub(crate) fn rc_channels(&self, now: Instant) -> RcChannels {
         self.channels.to_message(now, &[])
     }

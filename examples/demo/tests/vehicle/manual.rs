@@ -2,7 +2,13 @@
 
 use crate::support::wire::{STATION, Wire};
 use mavstack::dialect::*;
-use mavstack_demo::{Mode, TELEMETRY, Tuning, Vector};
+use mavstack_demo::{COMPANION, Mode, TELEMETRY, Tuning, Vector};
+
+#[path = "../../../../tests/support/radio.rs"]
+#[allow(dead_code, reason = "the protocol tests use the rest")]
+mod receivers;
+
+use receivers::{ExpressLrs, Mlrs, MlrsChannels};
 
 const POSITION: [f32; 3] = [129.0, 3.0, 0.0];
 const CENTRED: [i16; 4] = [0, 0, 500, 0];
@@ -129,7 +135,8 @@ fn lost_manual_control_makes_it_hold() {
     wire.run(5_000);
     let Vector { north, east, down } = wire.vehicle().velocity();
     assert!(north.abs() < 0.05 && east.abs() < 0.05 && down.abs() < 0.05);
-    assert_eq!(wire.texts(), ["Manual control lost: holding"]);
+    let texts = ["Sticks: system 255 component 190, link 0", "Sticks lost", "Manual control lost: holding"];
+    assert_eq!(wire.texts(), texts);
     // When input returns, the pilot must select the mode again.
     steer(&mut wire, [1_000, 0, 500, 0], 1_000);
     assert_eq!(wire.vehicle().mode(), Mode::Hold);
@@ -235,6 +242,59 @@ fn only_the_permitted_source_steers() {
     assert_eq!(enter(&mut wire), MavResult::TEMPORARILY_REJECTED);
 }
 
+/// J-10 to J-13: the pilot's receiver on the second UART, beside QGroundControl's joystick on the first. It flies the vehicle without a
+/// ground station, keeps the sticks while it is alive, and takes them back.
+#[test]
+fn receiver_flies_beside_a_joystick() {
+    fn fly(write: &mut dyn FnMut(u64) -> Vec<u8>, address: (u8, u8)) {
+        let mut wire = Wire::airborne();
+        let mut run = |wire: &mut Wire, millis: u64, is_alive: bool, has_joystick: bool| {
+            for _ in 0..millis {
+                if has_joystick && wire.millis % 1_000 == 0 {
+                    send_heartbeat(wire);
+                }
+                if has_joystick && wire.millis % 40 == 0 {
+                    let message = ManualControl { target: 1, x: -1_000, z: 500, ..ManualControl::default() };
+                    wire.send(TELEMETRY, &message);
+                }
+                let bytes = write(wire.millis);
+                if is_alive {
+                    wire.send_raw(COMPANION, &bytes);
+                }
+                wire.run(1);
+            }
+        };
+        run(&mut wire, 1_000, true, false);
+        assert_eq!(wire.long(MavCmd::DO_SET_MODE, &POSITION), MavResult::ACCEPTED);
+        run(&mut wire, 4_000, true, false);
+        let Vector { north, east, .. } = wire.vehicle().velocity();
+        assert!((east - 4.0).abs() < 0.1 && north.abs() < 0.1, "right: {:?}", wire.vehicle().velocity());
+        run(&mut wire, 4_000, true, true);
+        assert!((wire.vehicle().velocity().east - 4.0).abs() < 0.1, "the joystick is refused");
+        assert_eq!(wire.vehicle().mode(), Mode::Position);
+        let (system, component) = address;
+        assert_eq!(wire.texts(), [format!("Sticks: system {system} component {component}, link 1")]);
+
+        // A gap of 0.6 s: the joystick has the sticks, until the receiver is back for 500 ms.
+        run(&mut wire, 600, false, true);
+        assert_eq!(wire.vehicle().mode(), Mode::Hold);
+        assert_eq!(wire.long(MavCmd::DO_SET_MODE, &POSITION), MavResult::ACCEPTED);
+        run(&mut wire, 400, true, true);
+        assert!(wire.vehicle().velocity().east < 4.0);
+        run(&mut wire, 6_000, true, true);
+        let Vector { north, east, .. } = wire.vehicle().velocity();
+        assert!((east - 4.0).abs() < 0.1 && north.abs() < 0.1, "right again: {:?}", wire.vehicle().velocity());
+    }
+    let mut elrs = ExpressLrs::new();
+    elrs.pulse = 1_750;
+    fly(&mut |millis| elrs.write(millis), (255, 68));
+    for (channels, system) in [(MlrsChannels::Override, 255), (MlrsChannels::Radio, 51)] {
+        let mut mlrs = Mlrs::new(channels);
+        mlrs.pulse = 1_750;
+        fly(&mut |millis| mlrs.write(millis), (system, 68));
+    }
+}
+
 /// The fence also applies to manual flight.
 #[test]
 fn the_fence_stops_manual_flight() {
@@ -245,5 +305,5 @@ fn the_fence_stops_manual_flight() {
     assert_eq!(wire.vehicle().mode(), Mode::Hold);
     let north = wire.vehicle().local_position().north;
     assert!((25.0..30.0).contains(&north), "{north}");
-    assert_eq!(wire.texts(), ["Holding at the fence"]);
+    assert_eq!(wire.texts(), ["Sticks: system 255 component 190, link 0", "Holding at the fence"]);
 }
