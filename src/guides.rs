@@ -5,6 +5,7 @@
 //! | [`porting`] | from a bare board to a vehicle that ground stations detect: UARTs, clock, pulse, flight in a task of its own, flash |
 //! | [`storage`](mod@storage) | choosing a region, where the erases run, wear, recipes for families of flash |
 //! | [`ground_stations`] | connecting to the demo vehicle; quirks of each client |
+//! | [`rc_over_mavlink`] | ExpressLRS and mLRS: wiring, settings, who holds the sticks, loss of the transmitter |
 //! | [`features`] | what is supported, service by service |
 //! | [`sizing`] | flash and RAM, option by option |
 //! | [`figures`] | targets and results: speed, work, stack, bad lines, coverage |
@@ -25,6 +26,7 @@ macro_rules! labels {
 [figures]: crate::guides::figures
 [ground-stations]: crate::guides::ground_stations
 [porting]: crate::guides::porting
+[rc-over-mavlink]: crate::guides::rc_over_mavlink
 [safety]: crate::guides::safety
 [sizing]: crate::guides::sizing
 [storage]: crate::guides::storage
@@ -59,6 +61,10 @@ pub mod ground_stations {}
 #[doc = labels!()]
 #[doc = include_str!("../docs/porting.md")]
 pub mod porting {}
+
+#[doc = labels!()]
+#[doc = include_str!("../docs/rc-over-mavlink.md")]
+pub mod rc_over_mavlink {}
 
 #[doc = labels!()]
 #[doc = include_str!("../docs/safety.md")]

@@ -70,7 +70,7 @@ const IN_QEMU: [Emulated; 3] = [
         name: "stm32vldiscovery",
         machine: "stm32vldiscovery",
         build: &["--features", "qemu"],
-        test: &["--items", "40", "--forgets"],
+        test: &["--items", "32", "--forgets"],
         ready: None,
     },
 ];

@@ -39,7 +39,7 @@ stack! {
     /// A mission item takes 32 bytes, and uploads need a second copy.
     pub struct Mavlink for Rover {
         links: LINKS,
-        plans: { mission: if cfg!(feature = "small") { 40 } else { 100 } },
+        plans: { mission: if cfg!(feature = "small") { 32 } else { 100 } },
         parameters: Tuning,
         streams,
         modes,

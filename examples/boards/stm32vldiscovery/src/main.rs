@@ -1,7 +1,7 @@
 //! A rover on an STM32VLDISCOVERY: an STM32F100, a Cortex-M3 at 24 MHz with 8 KiB of RAM. Telemetry is on USART1, PA9 (TX) and PA10
 //! (RX), at 57,600 bit/s.
 //!
-//! This is the smallest board: it has a mission of 40 items, and no storage. Otherwise it is the firmware of `stm32f405`, with the system
+//! This is the smallest board: it has a mission of 32 items, and no storage. Otherwise it is the firmware of `stm32f405`, with the system
 //! timer as the clock.
 //!
 //! `cargo xtask boards --run` runs this firmware in QEMU. The feature `qemu` is only for that.
