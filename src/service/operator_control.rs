@@ -311,6 +311,7 @@ impl ControlGate for OperatorControl {
     fn drops(&mut self, own: SystemId, is_receiver: bool, frame: &Frame<'_>) -> bool {
         let system = frame.source().system;
         let may = match frame.id() {
+            // A receiver's rank is above operator control (J-11).
             ManualControl::ID | RcChannelsOverride::ID | RadioRcChannels::ID => {
                 is_receiver || self.may_steer(own, system)
             }

@@ -64,6 +64,7 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
             "test_commands.py",
             "test_mavsdk.py",
             "test_mavsdk_flight.py",
+            "test_receiver.py",
             "test_satellite.py",
         ],
     ),
