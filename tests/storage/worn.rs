@@ -12,7 +12,7 @@ type Flash = RamFlash<8, 1024>;
 type Vessel = World<1, OnlyParams>;
 
 /// Returns a vehicle with the parameters of this flash.
-fn start<'a>(flash: &'a mut Flash) -> (Vessel, Store<&'a mut Flash>) {
+fn start(flash: &mut Flash) -> (Vessel, Store<&mut Flash>) {
     let len = flash.bytes.len() as u32;
     let (mut world, mut store) = (Vessel::of(Setup::new()), Store::new(flash, 0..len));
     assert_eq!(world.stack.restore(world.now(), &mut store, &mut world.vehicle), Ok(()));
@@ -36,7 +36,6 @@ fn every_save_succeeds_beside_a_worn_unit() {
                 while world.stack.persist(world.now(), &mut store, &mut world.vehicle) {}
                 world.run_for(secs(1));
                 if save % 8 == 0 {
-                    drop(store);
                     (world, store) = start(&mut flash);
                     let found = world.stack.parameters().get(Tuning::CRUISE);
                     assert_eq!(found, value, "{units} units, unit {unit}: {how:?}, save {save}");
@@ -56,7 +55,6 @@ fn failing_storage_does_not_spin_the_loop() {
         world.stack.save_parameters(world.now());
         world.step();
         while world.stack.persist(world.now(), &mut store, &mut world.vehicle) {}
-        drop(store);
         flash.fault = fault.clone();
         let len = flash.bytes.len() as u32;
         let (mut world, mut store) = (Vessel::of(Setup::new()), Store::new(&mut flash, 0..len));
