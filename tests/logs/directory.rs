@@ -163,7 +163,7 @@ fn a_file_is_never_of_two_logs() {
     }
 }
 
-/// LOG-15, LOG-6: names that are no log's are not found, files are not written or removed, and in flight nothing is read.
+/// LOG-15, LOG-6, F-32: names that are no log's are not found, files are not written or removed, and in flight nothing is read.
 #[test]
 fn other_files_are_refused() {
     let mut shelf = shelf(&[100]);

@@ -16,7 +16,8 @@
 //! Behind the last record there are zeros, which decoders skip and MAVLink 2 does not send. They extend the file to the length
 //! of as many of the longest records, whatever the length of the client's packets (F-30).
 //!
-//! Integers without a sign are in the next larger type, which the format has with a sign only. A larger u32 is a float.
+//! Integers without a sign are in the next larger type, which the format has with a sign only. A larger u32 is a float. In an upload, a
+//! float that is a whole number is accepted for any integer (P-19).
 
 use core::borrow::Borrow;
 
