@@ -12,7 +12,7 @@ use crate::link::Port;
 use crate::message::{Address, Message};
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::{Context, Firmware, LinkId, Peer};
+use crate::types::{Context, Firmware, LinkId, Peer, Refusal, Why};
 
 /// A stream ends when its client was silent for this time.
 const SILENCE: Duration = Duration::from_secs(10);
@@ -223,13 +223,24 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
         let result = match command.id {
             MavCmd::LOGGING_START => {
                 let [format, ..] = command.params;
-                let is_ulog = format.is_nan() || num::integer(format) == Some(0);
-                match is_ulog && port.outbox.takes(LoggingData::ID) {
+                if !(format.is_nan() || num::integer(format) == Some(0)) {
+                    return Some(Verdict::Refused(Refusal { result: MavResult::DENIED, why: Why::Param(1) }));
+                }
+                match port.outbox.takes(LoggingData::ID) {
+                    true if self.phase != Phase::Off && !self.is_gone && command.from != self.client => {
+                        increment(&mut self.counters.busy);
+                        return Some(Verdict::Refused(Refusal {
+                            result: MavResult::TEMPORARILY_REJECTED,
+                            why: Why::Taken,
+                        }));
+                    }
                     true => start(self, cx, command.from),
                     false => MavResult::DENIED,
                 }
             }
-            MavCmd::LOGGING_STOP if self.phase != Phase::Off && command.from != self.client => MavResult::DENIED,
+            MavCmd::LOGGING_STOP if self.phase != Phase::Off && command.from != self.client => {
+                return Some(Verdict::Refused(Refusal { result: MavResult::DENIED, why: Why::Taken }));
+            }
             MavCmd::LOGGING_STOP => {
                 stop(self, cx);
                 MavResult::ACCEPTED
@@ -298,14 +309,9 @@ fn data_due<F: Firmware<Vehicle: LogStreaming>>(cx: &Cx<'_, F>) -> Instant {
 /// Starts a stream (LOG-10).
 #[inline(never)]
 fn start<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>, from: Peer) -> MavResult {
-    if streamer.phase != Phase::Off && !streamer.is_gone {
-        if from != streamer.client {
-            increment(&mut streamer.counters.busy);
-            return MavResult::TEMPORARILY_REJECTED;
-        }
-        if cx.now.since(streamer.started) < RETRANSMITTED {
-            return MavResult::ACCEPTED;
-        }
+    let is_running = streamer.phase != Phase::Off && !streamer.is_gone;
+    if is_running && cx.now.since(streamer.started) < RETRANSMITTED {
+        return MavResult::ACCEPTED;
     }
     // A client that was restarted needs the definitions again.
     stop(streamer, cx);

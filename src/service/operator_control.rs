@@ -22,7 +22,7 @@ use crate::message::{Address, Message, SystemId};
 use crate::network::Peers;
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::{Command, Firmware, LinkId, LinkMask, Peer};
+use crate::types::{Command, Firmware, LinkId, LinkMask, Peer, Refusal, Why};
 
 /// MAV_CMD_REQUEST_OPERATOR_CONTROL: action, takeover, timeout, system.
 const REQUEST_OPERATOR_CONTROL: MavCmd = MavCmd(32_100);
@@ -390,7 +390,17 @@ impl<F: Firmware> Service<F> for OperatorControl {
         request: &Request,
     ) -> Option<Verdict> {
         let command = &request.command;
-        (command.id == REQUEST_OPERATOR_CONTROL).then(|| Verdict::done(self.request(cx, command)))
+        if command.id != REQUEST_OPERATOR_CONTROL {
+            return None;
+        }
+        let why = match self.request(cx, command) {
+            MavResult::DENIED if command.is_broadcast => Why::Broadcast,
+            MavResult::DENIED => Why::Result,
+            MavResult::FAILED if self.owner.0 != 0 => Why::Taken,
+            result => return Some(Verdict::done(result)),
+        };
+        let result = if why == Why::Taken { MavResult::FAILED } else { MavResult::DENIED };
+        Some(Verdict::Refused(Refusal { result, why }))
     }
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut OperatorLink, _: Turn) -> bool {

@@ -151,6 +151,8 @@ pub enum Why {
     Param(u8),
     /// There is no storage.
     NoStorage,
+    /// Another station has what the command asks for.
+    Taken,
     /// The mode cannot be entered. The text names it by this number; a negative one is not known.
     Mode(i32, ModeFault),
 }

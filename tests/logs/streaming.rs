@@ -190,7 +190,7 @@ fn a_repeated_command_starts_once() {
     assert!(client.content() == field.vehicle.logs.definitions);
 }
 
-/// LOG-10, LOG-13: another client waits, and ends no stream but its own.
+/// LOG-10, LOG-13: another client waits, and ends no stream but its own. A text says why (C-16).
 #[test]
 fn one_stream_at_a_time() {
     let mut field = ideal();
@@ -199,6 +199,10 @@ fn one_stream_at_a_time() {
         assert_eq!(start(&mut field, link, from), MavResult::TEMPORARILY_REJECTED);
         assert_eq!(stop(&mut field, link, from), MavResult::DENIED);
     }
+    field.run_for(millis(50));
+    let texts = all::<Statustext>(&field, 1);
+    let texts: Vec<_> = texts.iter().map(|text| text.text.as_str().unwrap()).collect();
+    assert_eq!(texts, ["Command 2510 refused: another station has control"], "one a second");
     let expected = counted(|counters: &mut StreamingCounters| (counters.started, counters.busy) = (1, 2));
     assert_eq!(field.stack.log_streaming().counters(), expected);
     assert_eq!(stop(&mut field, 0, STATION), MavResult::ACCEPTED);

@@ -298,6 +298,28 @@ fn lost_owner_releases_control() {
     }
 }
 
+/// C-16: a refused request has its reason: a wrong parameter, or that another station has control.
+#[cfg(feature = "plan-texts")]
+#[test]
+fn refused_requests_are_explained() {
+    let mut world = world();
+    request(&mut world, STATION, 0.0);
+    for (params, result, text) in [
+        ([1.0, 0.0, 10.0, 254.0], MavResult::FAILED, "Command 32100 refused: another station has control"),
+        ([1.0, 2.0, 10.0, 254.0], MavResult::DENIED, "Command 32100 refused: a parameter is out of range"),
+        ([0.0, 0.0, 0.0, 254.0], MavResult::FAILED, "Command 32100 refused: another station has control"),
+    ] {
+        world.run_for(secs(2));
+        world.gcs[1].forget();
+        beat(&mut world);
+        assert_eq!(command(&mut world, 1, OTHER_STATION, REQUEST_OPERATOR_CONTROL, params), result);
+        world.run_for(millis(50));
+        let texts = world.gcs[1].all::<Statustext>();
+        let texts: Vec<_> = texts.iter().map(|(_, text)| text.text.as_str().unwrap()).collect();
+        assert_eq!(texts, [text]);
+    }
+}
+
 /// O-5: requests that mean nothing are denied. A station that is not alive would lose control at once, so its request fails.
 #[test]
 fn invalid_requests_are_refused() {

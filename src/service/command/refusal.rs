@@ -53,11 +53,11 @@ fn reason(own: SystemId, command: MavCmd, Refusal { result, why }: Refusal) -> O
         (MavResult::DENIED, Why::Broadcast) => Reason { suffix: own.0, ..Reason::new("sent to 0; use system ") },
         (MavResult::DENIED, Why::Param(param)) => Reason { index: param, ..Reason::new(" out of range") },
         (MavResult::DENIED, Why::NoStorage) => Reason::new("there is no storage"),
+        (MavResult::NOT_IN_CONTROL, _) | (_, Why::Taken) => Reason::new("another station has control"),
         (MavResult::DENIED, _) => Reason::new("a parameter is out of range"),
         (MavResult::TEMPORARILY_REJECTED, _) => Reason::new("not now; try again later"),
         (MavResult::FAILED, _) => Reason::new("there is no such item"),
         (MavResult::COMMAND_UNSUPPORTED_MAV_FRAME, _) => Reason::new("frame not supported"),
-        (MavResult::NOT_IN_CONTROL, _) => Reason::new("another station has control"),
         _ => return None,
     })
 }
@@ -170,7 +170,7 @@ mod tests {
     fn each_reason_fits_into_one_frame() {
         let mut explained = 0;
         for result in (0..=15).map(MavResult) {
-            for why in [Why::Result, Why::Broadcast, Why::Param(7), Why::NoStorage] {
+            for why in [Why::Result, Why::Broadcast, Why::Param(7), Why::NoStorage, Why::Taken] {
                 for id in [Some(42_424), None] {
                     let count = frames(id, Refusal { result, why });
                     assert!(count <= 1, "{result:?} {why:?}");

@@ -28,6 +28,12 @@ const COMMANDS: &[(MavCmd, &[f32])] = &[
     (MavCmd::DO_SET_MISSION_CURRENT, &[0.0, 0.0]),
     (MavCmd::MISSION_START, &[]),
     (MavCmd::CONTROL_HIGH_LATENCY, &[0.0]),
+    (MavCmd::DO_LAND_START, &[]),
+    (MavCmd::DO_GIMBAL_MANAGER_CONFIGURE, &[-1.0, -1.0, -1.0, -1.0]),
+    (MavCmd::DO_SET_ROI_NONE, &[]),
+    (MavCmd::LOGGING_START, &[0.0]),
+    // MAV_CMD_REQUEST_OPERATOR_CONTROL.
+    (MavCmd(32_100), &[0.0, 0.0]),
 ];
 
 fn is_refused(result: MavResult) -> bool {
