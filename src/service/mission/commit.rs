@@ -58,16 +58,6 @@ pub(super) enum Change {
     Clear(Option<PlanType>),
 }
 
-impl Change {
-    /// Whether it changes this plan.
-    fn is_of(&self, plan: PlanType) -> bool {
-        match *self {
-            Self::Upload { plan: own, .. } => own == plan,
-            Self::Clear(only) => only.is_none_or(|only| only == plan),
-        }
-    }
-}
-
 impl Commit {
     /// All zero bits, also as `Some`; `None` is not.
     pub(super) const VACANT: Self = Self {
@@ -243,14 +233,12 @@ impl Missions {
     fn end_change(&mut self, cx: &mut Work<'_, '_>, commit: &Commit, result: MavMissionResult) -> Reply {
         let &Commit { client, mission_type, change, .. } = commit;
         self.current.announce(cx.normal);
-        if result == MavMissionResult::ACCEPTED {
-            for plan in PlanType::ALL.into_iter().filter(|plan| change.is_of(*plan)) {
-                self.sessions.renew(cx.now, client, plan);
-            }
-        }
         let id = match change {
             Change::Upload { plan, seq, id, last, .. } => {
                 let id = if result == MavMissionResult::ACCEPTED { id } else { 0 };
+                if id != 0 {
+                    self.sessions.renew(cx.now, client, plan);
+                }
                 self.record_end(cx, Done { client: client.address, plan, seq, result, id, last, at: cx.now });
                 id
             }

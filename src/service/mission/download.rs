@@ -7,7 +7,7 @@
 //!
 //! ```text
 //!                                                                 COUNT sent,
-//!   (none) ── COUNT sent ──▶ current ── plan replaced ──▶ stale ── or own change ──▶ current
+//!   (none) ── COUNT sent ──▶ current ── plan replaced ──▶ stale ── or own upload ──▶ current
 //!      ▲                        │                           │
 //!      └── MISSION_ACK, or 10 s without a request ──────────┘
 //! ```

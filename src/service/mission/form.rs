@@ -8,6 +8,19 @@
 /// Repetitions before the forms alternate.
 const REPETITIONS: u8 = 3;
 
+/// A MISSION_REQUEST_INT has requested the missing item.
+const INT: u8 = 1;
+/// A MISSION_REQUEST has requested the missing item.
+const OLD: u8 = 2;
+/// A MISSION_REQUEST was sent in this upload.
+const HAS_ASKED_OLD: u8 = 4;
+/// Repetitions keep the form.
+const FIXED: u8 = 8;
+/// The client has refused a MISSION_REQUEST_INT.
+const REFUSES_INT: u8 = 16;
+/// The client has refused a MISSION_REQUEST.
+const REFUSES_OLD: u8 = 32;
+
 /// The form of the requests of one upload.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Form {
@@ -15,67 +28,60 @@ pub(super) struct Form {
     is_old: bool,
     /// The last request was a MISSION_REQUEST.
     was_old: bool,
-    /// A MISSION_REQUEST was sent in this upload.
-    has_asked_old: bool,
-    /// The missing item was requested by a MISSION_REQUEST.
-    old_for_item: bool,
-    /// The missing item was requested by a MISSION_REQUEST_INT.
-    int_for_item: bool,
-    /// Repetitions keep the form.
-    is_fixed: bool,
-    /// The client has refused a MISSION_REQUEST_INT.
-    refuses_int: bool,
-    /// The client has refused a MISSION_REQUEST.
-    refuses_old: bool,
+    /// What was asked and refused: the flags above.
+    flags: u8,
 }
 
 impl Form {
-    pub(super) const NEW: Self = Self {
-        is_old: false,
-        was_old: false,
-        has_asked_old: false,
-        old_for_item: false,
-        int_for_item: false,
-        is_fixed: false,
-        refuses_int: false,
-        refuses_old: false,
-    };
+    pub(super) const NEW: Self = Self { is_old: false, was_old: false, flags: 0 };
+
+    const fn has(self, flag: u8) -> bool {
+        self.flags & flag != 0
+    }
 
     /// Records that a request is sent. Returns whether it is a MISSION_REQUEST.
     pub(super) fn take(&mut self) -> bool {
         self.was_old = self.is_old;
-        self.has_asked_old |= self.is_old;
-        self.old_for_item |= self.is_old;
-        self.int_for_item |= !self.is_old;
+        self.flags |= if self.is_old { OLD | HAS_ASKED_OLD } else { INT };
         self.is_old
     }
 
     /// Chooses the form of repetition number `retries`.
     pub(super) fn repeat(&mut self, retries: u8) {
-        if !self.is_fixed && (retries >= REPETITIONS || self.has_asked_old) {
-            self.is_old = !self.was_old && !self.refuses_old;
+        if !self.has(FIXED) && (retries >= REPETITIONS || self.has(HAS_ASKED_OLD)) {
+            self.is_old = !self.was_old && !self.has(REFUSES_OLD);
         }
     }
 
     /// Chooses the form for the next item when the missing one is received: that of the last request.
     pub(super) fn answered(&mut self) {
-        self.is_old = self.was_old && !self.refuses_old;
-        self.is_fixed |= self.old_for_item != self.int_for_item || !self.has_asked_old;
-        (self.old_for_item, self.int_for_item) = (false, false);
+        self.is_old = self.was_old && !self.has(REFUSES_OLD);
+        let asked = self.flags & (INT | OLD);
+        if asked == INT || asked == OLD || !self.has(HAS_ASKED_OLD) {
+            self.flags |= FIXED;
+        }
+        self.flags &= !(INT | OLD);
     }
 
     /// Whether UNSUPPORTED refuses the form of a request, rather than cancelling the upload.
-    pub(super) fn explains_unsupported(&self, has_items: bool) -> bool {
-        self.has_asked_old || !has_items
+    pub(super) fn explains_unsupported(self, has_items: bool) -> bool {
+        self.has(HAS_ASKED_OLD) || !has_items
     }
 
     /// Chooses the other form after the client answered UNSUPPORTED. Returns whether to send a request at once. Several
     /// requests in transit may each be refused, and a client that knows neither form must not set the pace of the requests.
     pub(super) fn refused(&mut self) -> bool {
-        self.refuses_int |= !self.has_asked_old;
-        self.is_old = self.refuses_int;
-        let is_first = !(self.refuses_old || self.refuses_int && self.has_asked_old);
-        self.refuses_old |= !self.refuses_int;
-        is_first && (self.refuses_int || self.was_old)
+        if !self.has(HAS_ASKED_OLD) {
+            self.flags |= REFUSES_INT;
+            self.is_old = true;
+            return true;
+        }
+        // One that refuses MISSION_REQUEST_INT may have refused several.
+        self.is_old = self.has(REFUSES_INT);
+        let is_new = !self.has(REFUSES_INT | REFUSES_OLD);
+        if is_new {
+            self.flags |= REFUSES_OLD;
+        }
+        is_new && self.was_old
     }
 }
