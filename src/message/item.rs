@@ -131,8 +131,8 @@ impl Item {
 
     /// Returns its MISSION_ITEM_INT as a MISSION_ITEM, which has floats in place of `x` and `y`, and else the same fields: degrees
     /// of a command with a position as the nearest floats, plain numbers as they are (M-75).
-    pub(crate) fn with_floats(self, message: MissionItemInt, rule: Option<&CommandRule>) -> MissionItemInt {
-        let is_scaled = rule.is_some_and(CommandRule::is_located) && position(self.frame) == Some(Position::Global);
+    pub(crate) fn with_floats(self, message: MissionItemInt, has_position: bool) -> MissionItemInt {
+        let is_scaled = has_position && position(self.frame) == Some(Position::Global);
         let float = |value| if is_scaled { num::from_1e7(value) } else { num::from_i32(value) };
         let bits = |value| float(value).to_bits().cast_signed();
         MissionItemInt { x: bits(self.x), y: bits(self.y), ..message }
@@ -208,8 +208,8 @@ mod tests {
         /// The item as MISSION_ITEM, as the engine sends it.
         pub(crate) fn to_float(self, to: Address, plan: MavMissionType, seq: u16, current: bool) -> MissionItem {
             let mut payload = [0; MissionItem::MAX_LEN];
-            let rule = CommandRule::any(self.command);
-            self.with_floats(self.to_int(to, plan, seq, current), Some(&rule)).encode(&mut payload).unwrap();
+            let has_position = CommandRule::any(self.command).is_located();
+            self.with_floats(self.to_int(to, plan, seq, current), has_position).encode(&mut payload).unwrap();
             MissionItem::decode(&payload)
         }
     }

@@ -387,9 +387,8 @@ impl CommandRule {
     pub(crate) fn needs_terrain(&self, frame: MavFrame, params: &[f32; 4]) -> bool {
         let [_, own_frame, ..] = *params;
         match self.command {
-            MavCmd::DO_CHANGE_ALTITUDE => {
-                num::integer(own_frame).is_some_and(|frame| is_above_terrain(MavFrame(frame)))
-            }
+            // 10 and 11 are the frames above the terrain.
+            MavCmd::DO_CHANGE_ALTITUDE => own_frame == 10.0 || own_frame == 11.0,
             MavCmd::NAV_CONTINUE_AND_CHANGE_ALT | MavCmd::CONDITION_CHANGE_ALT => is_above_terrain(frame),
             _ => self.is_located() && is_above_terrain(frame),
         }
@@ -440,7 +439,7 @@ impl CommandRule {
 
 /// Whether the frame's altitudes are above the terrain.
 pub(crate) const fn is_above_terrain(frame: MavFrame) -> bool {
-    frame_bit(frame) == TERRAIN
+    matches!(frame, MavFrame::GLOBAL_TERRAIN_ALT | MavFrame::GLOBAL_TERRAIN_ALT_INT)
 }
 
 fn refuse(bad: bool, result: MavMissionResult) -> Result<(), MavMissionResult> {

@@ -101,11 +101,11 @@ impl Sessions {
         }
     }
 
-    /// Renews the session of `client`, which has replaced the plan itself: it knows the new plan. A client that has moved to this
-    /// link gets a session here, because the other one may be another station's (M-45).
+    /// Renews the session of `client` on its link: it has replaced the plan itself, so it knows the new one. A session with its ids
+    /// on another link may be another station's (M-45).
     pub(super) fn renew(&mut self, now: Instant, client: Peer, plan: PlanType) {
-        if self.find(now, client, plan, true).is_some() {
-            self.open(now, client, plan);
+        if let Some(session) = self.find(now, client, plan, false) {
+            session.is_stale = false;
         }
     }
 
@@ -147,8 +147,9 @@ impl Sessions {
             let message = item.to_int(to, mission_type, seq, is_current);
             return match floats.filter(|_| reply.kind() == Kind::LegacyItem) {
                 Some(rules) => {
-                    let rule = validate::rule(plan, rules, item.command).ok();
-                    tx.send_like(&item.with_floats(message, rule), const { &MissionItem::INFO })
+                    let rule = validate::rule(plan, rules, item.command);
+                    let has_position = rule.is_ok_and(CommandRule::is_located);
+                    tx.send_like(&item.with_floats(message, has_position), const { &MissionItem::INFO })
                 }
                 None => tx.send(&message),
             };

@@ -114,7 +114,8 @@ impl Work<'_, '_> {
         }
     }
 
-    /// Sends a text to the operators.
+    /// Sends a text to the operators. Not inlined: the text takes stack, and the callers are deep in the call graph.
+    #[inline(never)]
     fn report(&mut self, problem: &Problem<'_>) {
         problem.push(self.now, self.normal, self.texts);
     }
@@ -122,13 +123,13 @@ impl Work<'_, '_> {
 
 impl Problem<'_> {
     /// Sends a text to the operators, from a hook.
+    #[inline(never)]
     fn say(&self, cx: &mut Context<'_>) {
         self.push(cx.now, cx.normal, cx.texts);
     }
 
-    /// Without the feature `plan-texts` this compiles to nothing. Not inlined: the text takes stack, and the callers are deep in
-    /// the call graph.
-    #[inline(never)]
+    /// Without the feature `plan-texts` this compiles to nothing.
+    #[inline(always)]
     fn push(&self, now: Instant, links: LinkMask, texts: &mut StatusTexts) {
         if cfg!(feature = "plan-texts") {
             let mut words = Text::<ONE_FRAME>::EMPTY;

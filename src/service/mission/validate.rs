@@ -42,7 +42,8 @@ const fn circle(rule: CommandRule) -> CommandRule {
 }
 
 /// Returns the rule of a command in this plan. `mission` has the rules of the vehicle's missions; fences and rally points have
-/// fixed ones.
+/// fixed ones. Not inlined, because it has several callers.
+#[inline(never)]
 pub(super) fn rule(
     plan: PlanType,
     mission: &'static [CommandRule],
