@@ -108,13 +108,13 @@ fn rover_drives_and_holds_when_the_station_is_lost() {
 fn rover_is_driven_by_the_pilots_receiver() {
     let mut world = world();
     let mut receiver = ExpressLrs::new();
-    let mut drive = |world: &mut World<1, Mavlink>, receiver: &mut ExpressLrs, has_joystick: bool, millis: u64| {
+    let drive = |world: &mut World<1, Mavlink>, receiver: &mut ExpressLrs, has_joystick: bool, millis: u64| {
         for _ in 0..millis {
             let now = world.now();
-            if now.as_millis() % 10 == 0 {
+            if now.as_millis().is_multiple_of(10) {
                 world.vehicle.drive(now, &mut world.stack);
             }
-            if has_joystick && now.as_millis() % 40 == 0 {
+            if has_joystick && now.as_millis().is_multiple_of(40) {
                 world.gcs[0].send(&ManualControl { target: 1, x: 200, y: -100, ..ManualControl::default() });
             }
             let bytes = receiver.write(now.as_millis());

@@ -6,6 +6,7 @@ use mavstack::dialect::*;
 use mavstack::manual_control::{ControlSource, ManualCounters, ManualInput};
 use mavstack::message::SystemId;
 use mavstack::{Address, Instant, LinkId, Message, Peer};
+use proptest::prelude::*;
 
 mavstack::stack! {
     struct Piloted for TestVehicle {
@@ -456,6 +457,34 @@ fn radio_channels_are_centred_at_zero() {
     assert_eq!([1, 2, 3, 32].map(|number| seen.channel(number)), [Some(1_500), Some(1_500), None, None]);
     scene.send(1, MLRS, &RadioRcChannels { target_system: 1, count: 255, ..RadioRcChannels::default() });
     assert_eq!(scene.input().rc_channels(scene.world.now()).unwrap().channel(32), Some(1_500));
+}
+
+proptest! {
+    #![proptest_config(cases(200))]
+
+    /// J-12, S-6: channels of any payload of any length are those of the decoded message.
+    #[test]
+    fn radio_channels_are_those_of_the_message(
+        numbers in prop::collection::vec(-5_000..5_000i16, 32),
+        (count, len) in (any::<u8>(), 0..=73usize),
+    ) {
+        let mut payload: Vec<u8> = vec![0, 0, 0, 0, 0, 0, 1, 1, count];
+        payload.extend(numbers.into_iter().flat_map(i16::to_le_bytes));
+        payload.truncate(len);
+        let mut scene = mlrs(MlrsChannels::Radio);
+        let frame = reference::v2(RadioRcChannels::ID, [0, 0], [51, 68], &payload, RadioRcChannels::CRC_EXTRA);
+        scene.run(1);
+        // Its last frame has expired.
+        scene.world.step_to(Instant::from_millis(5_000));
+        scene.deliver(1, &frame);
+        let message = RadioRcChannels::decode(&payload);
+        let seen = scene.input().rc_channels(scene.world.now());
+        for (number, &value) in (1..=32).zip(&message.channels) {
+            let is_given = number <= message.count && (-4_096..=4_096).contains(&value);
+            let pulse = (1_500 + i32::from(value) * 5 / 32) as u16;
+            prop_assert_eq!(seen.and_then(|seen| seen.channel(number)), is_given.then_some(pulse));
+        }
+    }
 }
 
 /// J-11: the first receiver has the higher rank, and the second one steers while it is silent.

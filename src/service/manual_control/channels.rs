@@ -1,6 +1,8 @@
 //! The channels of radio control: RC_CHANNELS_OVERRIDE, RADIO_RC_CHANNELS and RC_CHANNELS (J-4, J-12).
 
-use crate::dialect::{RcChannels, RcChannelsOverride};
+use crate::dialect::{RadioRcChannels, RcChannels, RcChannelsOverride};
+use crate::frame::Frame;
+use crate::message::Message;
 use crate::time::Instant;
 use crate::types::{CHANNELS, RcOverride};
 
@@ -60,33 +62,57 @@ impl RcOverride {
     }
 }
 
-/// Returns the pulse (µs) of a channel in RADIO_RC_CHANNELS: ±4096 is 860 to 2140, as ArduPilot takes it. `None` out of this
-/// range.
-pub(super) fn pulse(value: i16) -> Option<u16> {
-    let value = Some(i32::from(value)).filter(|value| (-4_096..=4_096).contains(value))?;
-    u16::try_from((value.wrapping_mul(5) / 32).wrapping_add(1_500)).ok()
+/// What a message says about a channel.
+pub(super) enum Given {
+    /// A pulse (µs).
+    Pulse(u16),
+    /// The channel is no longer overridden.
+    Released,
+    /// Nothing: it stays as it is.
+    Nothing,
+    /// A value out of range, which is ignored.
+    Invalid,
 }
 
-/// Returns the channels of an RC_CHANNELS_OVERRIDE, channel 1 first.
-pub(super) const fn raw_channels(message: &RcChannelsOverride) -> [u16; 18] {
-    [
-        message.chan1_raw,
-        message.chan2_raw,
-        message.chan3_raw,
-        message.chan4_raw,
-        message.chan5_raw,
-        message.chan6_raw,
-        message.chan7_raw,
-        message.chan8_raw,
-        message.chan9_raw,
-        message.chan10_raw,
-        message.chan11_raw,
-        message.chan12_raw,
-        message.chan13_raw,
-        message.chan14_raw,
-        message.chan15_raw,
-        message.chan16_raw,
-        message.chan17_raw,
-        message.chan18_raw,
-    ]
+/// The number of channels in RC_CHANNELS_OVERRIDE, and of those in its original form.
+pub(super) const OVERRIDES: u8 = 18;
+const FIRST_OVERRIDES: u8 = 8;
+/// The value of RC_CHANNELS_OVERRIDE that releases a channel.
+const RELEASE: u16 = u16::MAX - 1;
+
+/// Where the extensions begin in the payloads: the channels of RADIO_RC_CHANNELS, and those after channel 8 in
+/// RC_CHANNELS_OVERRIDE.
+const RADIO_AT: u8 = 9;
+const OVERRIDES_AT: u8 = 18;
+const _: () = assert!(RadioRcChannels::BASE_LEN == 9 && RcChannelsOverride::BASE_LEN == 18, "the offsets above");
+
+/// Returns a number of a payload, as far as the sender did not cut it off (S-6). A loop over bytes takes less flash than decoding
+/// all channels by name.
+fn number(frame: &Frame<'_>, at: u8) -> u16 {
+    u16::from_le_bytes([frame.byte(at), frame.byte(at.saturating_add(1))])
+}
+
+/// Returns what RC_CHANNELS_OVERRIDE says about a channel (J-4). `index` is 0 for channel 1.
+pub(super) fn of_override(frame: &Frame<'_>, index: u8) -> Given {
+    let later = index.checked_sub(FIRST_OVERRIDES);
+    let at = later.map_or(index.wrapping_mul(2), |later| later.wrapping_mul(2).saturating_add(OVERRIDES_AT));
+    match number(frame, at) {
+        u16::MAX => Given::Nothing,
+        // In the later channels a 0 means that the field was cut off.
+        0 if later.is_some() => Given::Nothing,
+        // The later channels' value for "release" works for all: no pulse is 65 ms long.
+        0 | RELEASE => Given::Released,
+        raw => Given::Pulse(raw),
+    }
+}
+
+/// Returns what RADIO_RC_CHANNELS says about a channel (J-12): ±4096 is 860 to 2140 µs, as ArduPilot takes it. `index` is 0 for
+/// channel 1.
+pub(super) fn of_radio(frame: &Frame<'_>, index: u8) -> Given {
+    let value = i32::from(number(frame, index.wrapping_mul(2).saturating_add(RADIO_AT)).cast_signed());
+    let pulse = u16::try_from((value.wrapping_mul(5) / 32).wrapping_add(1_500));
+    match pulse {
+        Ok(pulse) if (-4_096..=4_096).contains(&value) => Given::Pulse(pulse),
+        _ => Given::Invalid,
+    }
 }

@@ -14,8 +14,8 @@
 mod channels;
 mod receiver;
 
-use channels::{pulse, raw_channels};
-use receiver::{Heard, Receiver};
+use channels::{Given, OVERRIDES, of_override, of_radio};
+use receiver::{Heard, Radio, Receiver};
 
 use super::{Cx, Handled, Received, Service, SticksGate, increment};
 use crate::dialect::{ManualControl, MavSeverity, MavType, RadioRcChannels, RcChannelsOverride};
@@ -28,13 +28,8 @@ use crate::types::{
     CHANNELS, Config, ControlInput, Firmware, MAX_TEXT_LEN, ManualControlInput, Peer, RcOverride, Vehicle,
 };
 
-/// The channels of the original RC_CHANNELS_OVERRIDE. Here a 0 releases the channel; in the others a 0 means that the field
-/// was cut off.
-const FIRST_CHANNELS: usize = 8;
 /// The maximum number of receivers.
 const RECEIVERS: usize = 2;
-/// The value that releases a channel.
-const RELEASE: u16 = u16::MAX - 1;
 
 /// Who may steer the vehicle, by hand (J-2) or by setpoints (J-6).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -329,12 +324,12 @@ impl ManualInput {
     /// Handles one of the messages. Returns whether it is input that is accepted.
     #[inline(never)]
     fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) -> bool {
-        let (holder, rank, radio) = (self.holder(now), self.rank(from), frame.decode::<RadioRcChannels>());
+        let (holder, rank, radio) = (self.holder(now), self.rank(from), Radio::of(frame));
         let is_receiver = rank < RECEIVERS;
         // mLRS addresses its channels to all.
         let may_broadcast = is_receiver && frame.id() != ManualControl::ID;
         let heard = self.receivers.get_mut(rank).filter(|_| !is_broadcast || may_broadcast);
-        let heard = heard.map(|receiver| receiver.hear(now, self.timeout, frame.id(), radio.as_ref()));
+        let heard = heard.map(|receiver| receiver.hear(now, self.timeout, frame.id(), radio));
         let is_refused = match holder {
             Some(holder) if holder != from => {
                 rank >= self.rank(holder) || !self.receivers.get(rank).is_some_and(|it| it.has_returned(now))
@@ -361,7 +356,7 @@ impl ManualInput {
                 self.forget();
             }
             self.holder = Some((from, now.after(self.timeout)));
-            self.take(now, from, frame, radio.as_ref());
+            self.take(now, from, frame, radio);
             increment(&mut self.counters.taken);
             return true;
         };
@@ -377,27 +372,20 @@ impl ManualInput {
         }
     }
 
-    fn take(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, radio: Option<&RadioRcChannels>) {
+    fn take(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, radio: Option<Radio>) {
         let valid_until = now.after(self.timeout);
-        let held = self.channels.iter_mut().zip(&mut self.until);
-        if let Some(message) = radio {
-            for (&value, (channel, until)) in message.channels.iter().take(message.count.into()).zip(held) {
-                match pulse(value) {
-                    Some(pulse) => (*channel, *until) = (pulse, valid_until),
-                    None => increment(&mut self.counters.bad_axes),
-                }
-            }
-        } else if let Some(message) = frame.decode::<ManualControl>() {
+        if let Some(message) = frame.decode::<ManualControl>() {
             self.sticks = Some((sticks(now, from, &message, &mut self.counters.bad_axes), valid_until));
-        } else if let Some(message) = frame.decode::<RcChannelsOverride>() {
-            for (index, (raw, (channel, until))) in (0..CHANNELS).zip(raw_channels(&message).into_iter().zip(held)) {
-                match raw {
-                    u16::MAX => {}
-                    0 if index >= FIRST_CHANNELS => {}
-                    // The later channels' value for "release" works for all: no pulse is 65 ms long.
-                    0 | RELEASE => *channel = 0,
-                    _ => (*channel, *until) = (raw, valid_until),
-                }
+            return;
+        }
+        let count = radio.map_or(OVERRIDES, |radio| radio.count);
+        for (index, (channel, until)) in (0..count).zip(self.channels.iter_mut().zip(&mut self.until)) {
+            let given = if radio.is_some() { of_radio(frame, index) } else { of_override(frame, index) };
+            match given {
+                Given::Pulse(pulse) => (*channel, *until) = (pulse, valid_until),
+                Given::Released => *channel = 0,
+                Given::Nothing => {}
+                Given::Invalid => increment(&mut self.counters.bad_axes),
             }
         }
     }

@@ -1,12 +1,26 @@
 //! A pilot's receiver for radio control: whether it hears its transmitter, and since when (J-10 to J-12).
 
 use crate::dialect::{RadioRcChannels, RadioRcChannelsFlags, RcChannelsOverride};
+use crate::frame::Frame;
 use crate::message::{Address, Message};
 use crate::time::{Duration, Instant};
 use crate::types::{LinkId, Peer};
 
 /// A receiver that comes back takes over after it has sent for this long (J-11).
 const TAKEOVER: Duration = Duration::from_millis(500);
+
+/// A RADIO_RC_CHANNELS, without its channels.
+#[derive(Clone, Copy)]
+pub(super) struct Radio {
+    flags: RadioRcChannelsFlags,
+    pub(super) count: u8,
+}
+
+impl Radio {
+    pub(super) fn of(frame: &Frame<'_>) -> Option<Self> {
+        frame.decode::<RadioRcChannels>().map(|RadioRcChannels { flags, count, .. }| Self { flags, count })
+    }
+}
 
 /// A receiver for radio control.
 #[derive(Clone, Copy, Debug)]
@@ -30,8 +44,8 @@ impl Receiver {
     };
 
     /// Handles a frame of this receiver, and says what it is.
-    pub(super) fn hear(&mut self, now: Instant, timeout: Duration, id: u32, radio: Option<&RadioRcChannels>) -> Heard {
-        if let Some(RadioRcChannels { flags, .. }) = radio {
+    pub(super) fn hear(&mut self, now: Instant, timeout: Duration, id: u32, radio: Option<Radio>) -> Heard {
+        if let Some(Radio { flags, .. }) = radio {
             self.radio_until = now.after(timeout);
             if flags.contains(RadioRcChannelsFlags::FAILSAFE) {
                 // The next input is the first after a gap.

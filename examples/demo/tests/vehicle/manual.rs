@@ -250,10 +250,10 @@ fn receiver_flies_beside_a_joystick() {
         let mut wire = Wire::airborne();
         let mut run = |wire: &mut Wire, millis: u64, is_alive: bool, has_joystick: bool| {
             for _ in 0..millis {
-                if has_joystick && wire.millis % 1_000 == 0 {
+                if has_joystick && wire.millis.is_multiple_of(1_000) {
                     send_heartbeat(wire);
                 }
-                if has_joystick && wire.millis % 40 == 0 {
+                if has_joystick && wire.millis.is_multiple_of(40) {
                     let message = ManualControl { target: 1, x: -1_000, z: 500, ..ManualControl::default() };
                     wire.send(TELEMETRY, &message);
                 }
