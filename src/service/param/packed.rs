@@ -348,7 +348,7 @@ impl Uploaded {
     pub(super) fn value_of(&self, ours: MavParamType) -> Option<u32> {
         let (from, bits) = match (self.r#type, ours) {
             (MavParamType::REAL32, MavParamType::REAL32) => return Some(self.bits),
-            (MavParamType::REAL32, _) => return value::whole(ours, f32::from_bits(self.bits)),
+            (MavParamType::REAL32, _) => value::whole(f32::from_bits(self.bits))?,
             (integer, MavParamType::REAL32) => {
                 return Some(num::f32_from_i32(value::extended(integer, self.bits)).to_bits());
             }

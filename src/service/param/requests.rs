@@ -180,14 +180,19 @@ fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u3
     } else if info.is_read_only() {
         return refused(MavParamError::READ_ONLY);
     }
-    let Some(bits) = value::from_wire(encoding, named, set.param_value) else {
-        let asked = if is_cast || value::size(ours) == 4 { Asked::Set } else { Asked::SetUnclear };
-        return Err((asked, MavParamError::VALUE_OUT_OF_RANGE));
+    let mut asked = Asked::Set;
+    let bits = if ours == MavParamType::REAL32 {
+        Some(set.param_value.to_bits())
+    } else {
+        let integer = value::from_wire(encoding, named, set.param_value);
+        if integer.is_none() && !is_cast && value::size(ours) < 4 {
+            asked = Asked::SetUnclear;
+        }
+        // A client may know the parameter from another autopilot, as an integer of another size.
+        integer.and_then(|(from, bits)| value::converted(from, ours, bits))
     };
-    // A client may know the parameter from another autopilot, as an integer of another size. The value is not clamped: a client
-    // that reads back a different value sets it again, and fails (P-14).
-    let bits = value::converted(named, ours, bits).filter(|bits| info.has_room(*bits));
-    bits.ok_or((Asked::Set, MavParamError::VALUE_OUT_OF_RANGE))
+    // Not clamped: a client that reads back a different value sets it again, and fails (P-14).
+    bits.filter(|bits| info.has_room(*bits)).ok_or((asked, MavParamError::VALUE_OUT_OF_RANGE))
 }
 
 /// Queues a text about a refusal. Not inlined, so that its buffer takes no stack while a refusal is queued.

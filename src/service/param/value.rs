@@ -164,28 +164,24 @@ pub(super) fn to_wire(encoding: ParamEncoding, r#type: MavParamType, bits: u32) 
     if is_signed(r#type) { num::f32_from_i32(extended(r#type, bits)) } else { num::f32_from_u32(bits) }
 }
 
-/// Returns the value encoded in a PARAM_SET; `None` if it is not a value of this type (P-19).
+/// Returns the integer that is encoded in a PARAM_SET with this type, and its type; `None` if it is none (P-19).
 ///
 /// Clients fill the unused bytes of a small integer with zeros, or with copies of its top bit. MAVSDK 4.1 sends NaN in its place,
 /// and other clients send a float: its low bytes are no value.
-pub(super) fn from_wire(encoding: ParamEncoding, r#type: MavParamType, value: f32) -> Option<u32> {
+pub(super) fn from_wire(encoding: ParamEncoding, r#type: MavParamType, value: f32) -> Option<(MavParamType, u32)> {
     let bits = value.to_bits();
     let low = low(r#type, bits);
     let is_extended = low == bits || extended(r#type, bits).cast_unsigned() == bits;
-    if r#type == MavParamType::REAL32 || (encoding == ParamEncoding::Bytewise && is_extended) {
-        return Some(low);
-    }
-    whole(r#type, value)
+    if encoding == ParamEncoding::Bytewise && is_extended { Some((r#type, low)) } else { whole(value) }
 }
 
-/// Returns a float as an integer of this type; `None` if it is not a whole number, or does not fit.
-pub(super) fn whole(r#type: MavParamType, value: f32) -> Option<u32> {
-    if !is_signed(r#type) {
-        return num::unsigned(value).filter(|bits| low(r#type, *bits) == *bits);
+/// Returns a float as an integer, and its type; `None` if it is not a whole number. Not inlined, because it has several callers.
+#[inline(never)]
+pub(super) fn whole(value: f32) -> Option<(MavParamType, u32)> {
+    match num::unsigned(value) {
+        Some(bits) => Some((MavParamType::UINT32, bits)),
+        None => Some((MavParamType::INT32, num::integer::<i32>(value)?.cast_unsigned())),
     }
-    let integer = num::integer::<i32>(value)?;
-    let bits = low(r#type, integer.cast_unsigned());
-    (extended(r#type, bits) == integer).then_some(bits)
 }
 
 /// Returns the bytes that this type uses; the others are zeros.
@@ -222,6 +218,14 @@ mod tests {
     use super::*;
     use ParamEncoding::{Bytewise, CCast};
     use proptest::prelude::*;
+
+    /// Returns the value of a parameter that is set with its own type.
+    fn from_wire(encoding: ParamEncoding, r#type: MavParamType, value: f32) -> Option<u32> {
+        if r#type == MavParamType::REAL32 {
+            return Some(value.to_bits());
+        }
+        super::from_wire(encoding, r#type, value).and_then(|(from, bits)| converted(from, r#type, bits))
+    }
 
     /// P-2: both encodings at the limits of the types, and of small negative integers.
     #[test]
