@@ -199,6 +199,9 @@ fn requests() -> Vec<Request> {
     pool.push(of(GimbalDeviceInformation::default()));
     pool.push(of(GimbalManagerSetPitchyaw { target_system, target_component, ..Default::default() }));
     pool.push(of(ManualControl { x: 0, y: 0, z: 500, r: 0, target: 1, ..Default::default() }));
+    for flags in [RadioRcChannelsFlags::EMPTY, RadioRcChannelsFlags::FAILSAFE] {
+        pool.push(of(RadioRcChannels { flags, target_system, target_component, count: 4, ..Default::default() }));
+    }
     for to in [STATION, WINGMAN, Address::new(0, 0)] {
         let (target_system, target_component) = (to.system.0, to.component.0);
         pool.push(of(Tunnel { target_system, target_component, ..Default::default() }));
@@ -280,6 +283,7 @@ impl World {
         let satellite = LinkConfig::unlimited().with_class(LinkClass::HighLatency);
         let mut stack =
             Everything::new(config, [onboard, LinkConfig::uart(115_200).with_version(TxVersion::Auto), satellite]);
+        stack.manual_input_mut().set_receivers(&[Peer { address: COMPANION, link: LinkId(0) }]);
         stack.manual_input_mut().set_source(ControlSource::System(STATION.system));
         stack.high_latency_mut().set_config(HighLatencyConfig {
             announce_once: true,
