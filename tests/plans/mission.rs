@@ -327,6 +327,49 @@ fn distance_is_checked_when_the_position_becomes_known_and_before_the_start() {
     }
 }
 
+/// M-48: a mission that was begun past its first item does not go back to it unchecked, by the command or by the message. While the
+/// vehicle flies no mission, the start checks it.
+#[test]
+fn going_back_to_the_first_item_is_a_start() {
+    const UNKNOWN: &str = "Mission refused: no position yet";
+    const FAR: &str = "Mission item 0: more than 11000 m away";
+    let items = plan(4, 2);
+    let far = LatLon { latitude: items[0].x + 1_000_000, longitude: items[0].y };
+    let mut world = world::<1>();
+    world.vehicle.limits_first_waypoint = true;
+    world.upload(0, &items).expect("accepted");
+    let mut go = |limit, in_mission_mode, seq: u16, is_command| {
+        // An equal text is not repeated at once (T-5).
+        world.run_for(secs(6));
+        world.vehicle.first_waypoint_limit = limit;
+        world.vehicle.progress.in_mission_mode = in_mission_mode;
+        world.run_for(secs(6));
+        world.gcs[0].forget();
+        world.vehicle.calls.clear();
+        if is_command {
+            world.gcs[0].command_long(MavCmd::DO_SET_MISSION_CURRENT, [f32::from(seq), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        } else {
+            world.gcs[0].send(&MissionSetCurrent { seq, target_system: 1, target_component: 1 });
+        }
+        world.run_for(millis(100));
+        let is_set = world.vehicle.calls.iter().any(|call| matches!(call, Call::SetCurrent(..)));
+        let texts = world.gcs[0].all::<Statustext>();
+        let texts: Vec<_> = texts.iter().map(|(_, text)| text.text.as_str().unwrap_or_default().to_owned()).collect();
+        (is_set, world.gcs[0].all::<CommandAck>().pop().map(|(_, ack)| ack.result), texts)
+    };
+    for (limit, result, why) in
+        [(None, MavResult::TEMPORARILY_REJECTED, UNKNOWN), (Some((far, 11_000)), MavResult::DENIED, FAR)]
+    {
+        assert_eq!(go(limit, true, 0, true), (false, Some(result), vec![why.to_owned()]));
+        let (is_set, _, texts) = go(limit, true, 0, false);
+        assert!(!is_set && texts.contains(&why.to_owned()), "{texts:?}");
+        for is_command in [false, true] {
+            assert!(go(limit, true, 1, is_command).0, "past the first item");
+            assert!(go(limit, false, 0, is_command).0, "the start checks it");
+        }
+    }
+}
+
 /// M-50, M-52: each clear is acknowledged, the vehicle is notified once, and MISSION_CURRENT says that there is no mission.
 #[test]
 fn repeated_clear_is_acknowledged() {

@@ -104,7 +104,7 @@ impl Missions {
     #[inline(never)]
     pub(super) fn on_set_current<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, seq: u16) {
         let is_there = seq < cx.plans.count(PlanType::Mission);
-        if is_there && vehicle.set_current(&mut cx.hook(), seq, false) == MavResult::ACCEPTED {
+        if is_there && go_to(cx, vehicle, seq, false) == MavResult::ACCEPTED {
             self.current.announce_progress(vehicle.progress(), cx.normal);
         } else {
             self.refuse_current(cx, vehicle, seq);
@@ -192,9 +192,20 @@ fn set_current<V: Plans>(
         _ => return Err(MavResult::DENIED),
     };
     match seq.filter(|&seq| seq < count) {
-        Some(seq) => Ok(vehicle.set_current(&mut cx.hook(), seq, reset)),
+        Some(seq) => Ok(go_to(cx, vehicle, seq, reset)),
         None => Err(MavResult::FAILED),
     }
+}
+
+/// Has the vehicle continue at item `seq`. If it flies its mission, item 0 begins it again, and is checked like a start (M-48).
+fn go_to<V: Plans>(cx: &mut Work<'_, '_>, vehicle: &mut V, seq: u16, reset: bool) -> MavResult {
+    if seq == 0
+        && vehicle.progress().in_mission_mode
+        && let Err(result) = vehicle.check_start(&mut cx.hook())
+    {
+        return result;
+    }
+    vehicle.set_current(&mut cx.hook(), seq, reset)
 }
 
 /// Handles MAV_CMD_MISSION_START: parameters 1 and 2 are the first and the last item. NaN means "not given", and so does 0 for

@@ -154,8 +154,9 @@ pub trait Plans: Vehicle {
 
     /// Checks that the first waypoint of the live mission is within the limit, before the mission starts from its first item
     /// (M-48). It may have been stored at another site, or uploaded before the position was known. The stack calls this for
-    /// MAV_CMD_MISSION_START. A vehicle with a limit calls it before it starts the mission for another reason, such as a change
-    /// of the mode or a switch of the pilot. A mission that is resumed at a later item is not checked.
+    /// MAV_CMD_MISSION_START, and before item 0 is made current while the vehicle flies its mission. A vehicle with a limit
+    /// calls it before it starts the mission for another reason, such as a change of the mode or a switch of the pilot. A
+    /// mission that is resumed at a later item is not checked.
     ///
     /// Not to be overridden.
     ///
