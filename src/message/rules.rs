@@ -385,13 +385,15 @@ impl CommandRule {
 
     /// Whether the command has an altitude above the terrain: in `frame`, or in that of a parameter (M-49).
     pub(crate) fn needs_terrain(&self, frame: MavFrame, params: &[f32; 4]) -> bool {
-        let [_, own_frame, ..] = *params;
-        match self.command {
-            // 10 and 11 are the frames above the terrain.
-            MavCmd::DO_CHANGE_ALTITUDE => own_frame == 10.0 || own_frame == 11.0,
-            MavCmd::NAV_CONTINUE_AND_CHANGE_ALT | MavCmd::CONDITION_CHANGE_ALT => is_above_terrain(frame),
-            _ => self.is_located() && is_above_terrain(frame),
-        }
+        let [_, second, third, _] = *params;
+        let (own_frame, has_altitude) = match self.command {
+            MavCmd::DO_CHANGE_ALTITUDE => (second, false),
+            MavCmd::OVERRIDE_GOTO => (third, true),
+            MavCmd::NAV_CONTINUE_AND_CHANGE_ALT | MavCmd::CONDITION_CHANGE_ALT => (0.0, true),
+            _ => (0.0, self.is_located()),
+        };
+        // 10 and 11 are the frames above the terrain.
+        own_frame == 10.0 || own_frame == 11.0 || (has_altitude && is_above_terrain(frame))
     }
 
     /// Like [`check`](Self::check), for a vehicle with or without a model of the terrain (M-49).

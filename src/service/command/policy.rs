@@ -200,7 +200,9 @@ pub(super) fn check<V: Commands + Vehicle>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dialect::rules::{CONDITION_CHANGE_ALT, DO_CHANGE_ALTITUDE, DO_CHANGE_SPEED, NAV_TAKEOFF};
+    use crate::dialect::rules::{
+        CONDITION_CHANGE_ALT, DO_CHANGE_ALTITUDE, DO_CHANGE_SPEED, NAV_TAKEOFF, OVERRIDE_GOTO,
+    };
     use crate::message::{Address, ComponentId};
     use crate::types::{LinkClass, LinkId, Peer};
 
@@ -244,6 +246,11 @@ mod tests {
                 assert_eq!(result(long, false), refused(Refusal { result: MavResult::DENIED, why }));
                 assert_eq!([result(int, true), result(long, true)], [Ok(()), Ok(())]);
             }
+            // A frame in parameter 3, beside that of the position.
+            let int = CommandPosition::Int { frame: MavFrame::GLOBAL, x: 0, y: 0 };
+            let goto = command(MavCmd::OVERRIDE_GOTO, [0.0, 2.0, frame.0.into(), 0.0], int);
+            let expected = if frame.0 >= 10 { Err(UNSUPPORTED_FRAME.into()) } else { Ok(()) };
+            assert_eq!(CommandPolicy::new(OVERRIDE_GOTO).check(&goto, false, || true), expected, "{frame:?}");
         }
     }
 }
