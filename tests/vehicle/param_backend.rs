@@ -265,3 +265,71 @@ fn nothing_is_stored() {
     assert!(!world.stack.persist(world.now(), &mut store, &mut world.vehicle));
     assert_eq!(store.flash().writes, 0);
 }
+
+/// A backend that neither stores nor resets.
+struct Plain;
+
+mavstack::stack! {
+    struct OfPlain for Plain { links: 1, parameters: mavstack::param::ExternalParams<1> }
+}
+
+impl mavstack::Vehicle for Plain {
+    fn state(&self) -> Option<mavstack::VehicleState> {
+        None
+    }
+}
+
+impl mavstack::Commands for Plain {
+    fn command(&mut self, _: &mut mavstack::Context<'_>, _: &mavstack::Command) -> mavstack::Outcome {
+        MavResult::UNSUPPORTED.into()
+    }
+}
+
+impl mavstack::ParamBackend for Plain {
+    fn param_count(&self) -> u16 {
+        1
+    }
+
+    fn param_info(&self, _: u16) -> Option<ParamInfo> {
+        ParamInfo::new("A", 0i32, 0..=1).ok()
+    }
+
+    fn param_bits(&self, _: u16) -> Option<u32> {
+        Some(0)
+    }
+
+    fn set_param(
+        &mut self,
+        _: &mut mavstack::Context<'_>,
+        _: &mavstack::param::ParamWrite,
+    ) -> Result<(), MavParamError> {
+        Ok(())
+    }
+}
+
+impl Default for Plain {
+    fn default() -> Self {
+        Self
+    }
+}
+
+/// C-16: what a backend cannot do is refused with its reason.
+#[test]
+fn a_backend_without_storage_says_so() {
+    let mut world: World<1, OfPlain> = World::of(Setup::new());
+    for (action, text) in [
+        (0.0, "Parameters are not stored"),
+        (1.0, "Parameters are not stored"),
+        (2.0, "Parameters cannot be reset"),
+        (4.0, "Parameters cannot be reset"),
+    ] {
+        world.run_for(secs(3));
+        world.gcs[0].forget();
+        world.gcs[0].command_long(MavCmd::PREFLIGHT_STORAGE, [action, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!(world.expect::<CommandAck>(0, millis(100)).result, MavResult::DENIED);
+        world.run_for(millis(100));
+        let texts = world.gcs[0].all::<Statustext>();
+        let texts: Vec<_> = texts.iter().map(|(_, text)| text.text.as_str()).collect();
+        assert_eq!(texts, [Some(text)], "{action}");
+    }
+}

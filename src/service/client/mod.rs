@@ -449,11 +449,14 @@ fn fail<F: Firmware<Vehicle: CommandClient>>(cx: &mut Cx<'_, F>, is_command: boo
     vehicle.param_answered(&mut context, token, answer);
 }
 
-/// Not inlined: it has many callers.
+/// Passes a reply to the vehicle, which may refuse the command of a ground station because of it: its texts are answers, also those
+/// about silence (C-16). Not inlined: it has many callers.
 #[inline(never)]
 fn answered<F: Firmware<Vehicle: CommandClient>>(cx: &mut Cx<'_, F>, token: u16, reply: CommandReply) {
+    let was_answering = core::mem::replace(&mut cx.texts.is_answering, true);
     let (vehicle, mut context) = cx.hook();
     vehicle.command_answered(&mut context, token, reply);
+    cx.texts.is_answering = was_answering;
 }
 
 impl Context<'_> {

@@ -5,7 +5,7 @@ use core::cmp::Ordering;
 use super::info::{MAX_PARAMS, ParamFault, ParamInfo};
 use super::value::ParamType;
 use super::{ParamEncoding, ParamHash};
-use crate::dialect::{MavParamError, MavResult};
+use crate::dialect::{MavParamError, MavResult, MavSeverity};
 use crate::types::{Context, Peer};
 
 /// The hooks of a vehicle whose parameters live elsewhere: in a settings store that the firmware has already.
@@ -139,21 +139,19 @@ pub trait ParamBackend {
     /// [`Config::storage_refill`](crate::Config::storage_refill) (C-15). Returns the result for COMMAND_ACK, which is not
     /// IN_PROGRESS.
     fn save_params(&mut self, cx: &mut Context<'_>) -> MavResult {
-        let _ = cx;
-        MavResult::DENIED
+        denied(cx, "Parameters are not stored")
     }
 
     /// Reads the stored values again: PREFLIGHT_STORAGE 0, only while disarmed. After ACCEPTED, the stack announces all values.
     fn load_params(&mut self, cx: &mut Context<'_>) -> MavResult {
-        let _ = cx;
-        MavResult::DENIED
+        denied(cx, "Parameters are not stored")
     }
 
     /// Resets all values to their defaults and stores them: PREFLIGHT_STORAGE 2, which leaves out read-only parameters, or 4,
     /// with `all`, which does not. Called as [`save_params`](Self::save_params). After ACCEPTED, the stack announces all values.
     fn reset_params(&mut self, cx: &mut Context<'_>, all: bool) -> MavResult {
-        let _ = (cx, all);
-        MavResult::DENIED
+        let _ = all;
+        denied(cx, "Parameters cannot be reset")
     }
 
     /// Checks what the stack takes for granted, for a test or at start: `room` is the `N` of
@@ -209,6 +207,14 @@ fn check<B: ParamBackend + ?Sized>(backend: &B, room: usize) -> Result<(), Param
         }
     }
     Ok(())
+}
+
+/// Refuses what a backend does not do, with its reason (C-16).
+fn denied(cx: &mut Context<'_>, why: &str) -> MavResult {
+    if cfg!(feature = "plan-texts") {
+        cx.text(MavSeverity::WARNING, why);
+    }
+    MavResult::DENIED
 }
 
 /// What a backend's [`take_update`](ParamBackend::take_update) reports.

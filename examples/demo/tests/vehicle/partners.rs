@@ -257,3 +257,18 @@ fn camera_is_asked_for_its_mode() {
     wire.send_as(COMPANION, CAMERA, &value);
     assert_eq!(wire.texts(), ["Camera: mode 2"]);
 }
+
+/// C-16: another press of the button gets the reason again, also if the refusal comes later than the command.
+#[test]
+fn refused_arming_has_its_reason_again() {
+    let mut wire = Wire::booted();
+    let (stack, _) = wire.app.parts();
+    assert!(stack.parameters_mut().set(Tuning::COM_ARM_AUTH_ID, 10));
+    for _ in 0..3 {
+        wire.texts();
+        arm(&mut wire);
+        wire.run(100);
+        assert!(wire.texts().contains(&"Arming refused: no authoriser".into()));
+        wire.run(3_500);
+    }
+}
