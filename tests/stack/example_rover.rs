@@ -156,6 +156,39 @@ fn rover_is_driven_by_the_pilots_receiver() {
     assert!(texts.iter().any(|(_, text)| text.text.as_str() == Some("Sticks lost: holding")), "{texts:?}");
 }
 
+/// C-18: without a ground station the armed rover would leave mode Mission at once, so it refuses the mode. C-17: sticks that came
+/// right before the request for mode Manual count.
+#[test]
+fn rover_accepts_only_modes_that_it_keeps() {
+    let mut world = world();
+    let ask = |world: &mut World<1, Mavlink>, mode: u32| {
+        let [_, _, main, sub] = mode.to_le_bytes();
+        world.gcs[0].command_long(MavCmd::DO_SET_MODE, [1.0, main.into(), sub.into(), 0.0, 0.0, 0.0, 0.0]);
+        world.expect::<CommandAck>(0, secs(1)).result
+    };
+    let reported = |world: &mut World<1, Mavlink>| {
+        drive(world, 1);
+        world.gcs[0].all::<Heartbeat>().pop().expect("one").1.custom_mode
+    };
+    world.upload(0, &waypoints()).unwrap();
+    drive(&mut world, 1);
+    world.gcs[0].heartbeat_period = Some(secs(1));
+    drive(&mut world, 2);
+    world.gcs[0].send(&ManualControl { target: 1, x: 100, y: 0, ..ManualControl::default() });
+    assert_eq!(ask(&mut world, MANUAL), MavResult::ACCEPTED);
+    assert_eq!(arm(&mut world), MavResult::ACCEPTED);
+    assert_eq!(ask(&mut world, MISSION), MavResult::ACCEPTED);
+    assert_eq!(reported(&mut world), MISSION);
+    world.gcs[0].heartbeat_period = None;
+    drive(&mut world, 10);
+    world.gcs[0].forget();
+    assert_eq!(ask(&mut world, MISSION), MavResult::TEMPORARILY_REJECTED);
+    assert_eq!(reported(&mut world), HOLD);
+    let texts = world.gcs[0].all::<Statustext>();
+    assert!(texts.iter().any(|(_, text)| text.text.as_str() == Some("No ground station")), "{texts:?}");
+    assert_eq!(world.stack.hook_faults().unreported_modes, 0);
+}
+
 /// The battery is unknown until it is measured. If the parameter says so, an unknown or a low one prevents arming, by its own voltage
 /// or by that of its cells.
 #[test]

@@ -91,6 +91,7 @@ pub struct Rover {
     sticks: Option<Sticks>,
     current: u16,
     is_complete: bool,
+    has_station: bool,
     is_station_lost: bool,
     is_battery_low: bool,
     is_restored: bool,
@@ -108,6 +109,7 @@ impl Default for Rover {
             sticks: None,
             current: 0,
             is_complete: false,
+            has_station: false,
             is_station_lost: false,
             is_battery_low: false,
             is_restored: false,
@@ -123,9 +125,9 @@ impl Rover {
         self.is_battery_low = minimum > 0.0 && !(voltage.is_finite() && voltage >= minimum);
         self.is_restored = stack.restore_errors().is_empty();
         self.read_sticks(now, stack);
+        self.has_station = stack.parameters().get(Tuning::FS_GCS_ENABLE) == 0 || stack.has_ground_station();
         // A pilot with a receiver needs no ground station.
-        let needs_station = self.armed && self.mode != MANUAL && stack.parameters().get(Tuning::FS_GCS_ENABLE) == 1;
-        let is_lost = needs_station && !stack.has_ground_station();
+        let is_lost = self.armed && self.mode != MANUAL && !self.has_station;
         if is_lost && !self.is_station_lost {
             self.mode = HOLD;
             stack.send_text(now, MavSeverity::CRITICAL, "Ground station lost: holding");
@@ -209,7 +211,8 @@ impl Vehicle for Rover {
     fn control_input(&mut self, _: &mut Context<'_>, input: &ControlInput) {
         match input {
             ControlInput::Sticks(axes) => self.sticks = Some(of_axes(axes)),
-            ControlInput::Channels(channels) => self.sticks = of_channels(channels),
+            // A joystick's axes take precedence, as in `read_sticks`.
+            ControlInput::Channels(channels) => self.sticks = self.sticks.or_else(|| of_channels(channels)),
             _ => {}
         }
     }
@@ -243,6 +246,11 @@ impl Modes for Rover {
         if mode.custom_mode == MISSION && cx.plan(PlanType::Mission).items().is_empty() {
             cx.text(MavSeverity::WARNING, "No mission");
             return MavResult::DENIED.into();
+        }
+        if mode.custom_mode == MISSION && self.armed && !self.has_station {
+            // It would hold at once: refuse a mode that will not be reported.
+            cx.text(MavSeverity::WARNING, "No ground station");
+            return MavResult::TEMPORARILY_REJECTED.into();
         }
         if mode.custom_mode == MANUAL && self.sticks.is_none() {
             cx.text(MavSeverity::WARNING, "No sticks");
