@@ -146,8 +146,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         drops: DropLog::NEW,
     };
 
-    /// Starts the stack in place. Call it once, before all other methods. A stack that is not started has no address,
-    /// reads nothing and sends nothing.
+    /// Starts the stack in place. Call it once, before all other methods. A stack that is not started calls no hook, takes
+    /// no frame and sends nothing, whatever is called (H-18); [`poll_link`](Self::poll_link) returns
+    /// [`LinkError::NotBegun`].
     #[inline(never)]
     pub fn begin(&mut self, config: Config, links: [LinkConfig; LINKS]) {
         const { assert!(LINKS > 0 && LINKS <= MAX_LINKS, "a stack has 1 to 16 links: `links: 1`") };
@@ -188,8 +189,12 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Runs the timers of silent peers and stalled transfers, and checks whether the vehicle's state has changed. It
     /// does a bounded amount of work. Call it in every pass of the loop.
     pub fn poll(&mut self, now: Instant, vehicle: &mut D::Vehicle) {
+        if !self.shared.is_begun() {
+            return;
+        }
         let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
         cx.shared.has_acted = false;
+        cx.shared.polled = Some(now);
         let timeout = cx.shared.config.peer_timeout;
         network::poll(cx.peers, now, timeout, report!(cx));
         services.poll(&mut cx, states);
@@ -210,6 +215,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// rate: a transfer queues no more bytes than the link transmits in 20 ms, plus one frame. Otherwise a heartbeat
     /// would have to wait for more (D-4).
     ///
+    /// It sends no HEARTBEAT unless the stack was [polled](Self::poll) within [`max_loop_gap`](crate::Config::max_loop_gap):
+    /// otherwise a firmware that polls only its links would look healthy, while no peer times out (H-18).
+    ///
     /// # Errors
     ///
     /// Returns the transport's error after everything else was done; see [`LinkError`]. The link stays usable.
@@ -220,6 +228,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         uart: &mut U,
         vehicle: &mut D::Vehicle,
     ) -> Result<(), LinkError<U::Error>> {
+        if !self.shared.is_begun() {
+            return Err(LinkError::NotBegun);
+        }
         let mut allowance = self.shared.config.budget.allowance();
         let read = self.poll_read(now, link, uart, vehicle, &mut allowance);
         let write = self.poll_write(now, link, uart, vehicle, &mut allowance);
@@ -373,6 +384,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let index = usize::from(link.0);
         let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
         let (Some(Link { port, .. }), Some(state)) = (links.get_mut(index), states.get_mut(index)) else { return &[] };
+        if !cx.shared.is_begun() {
+            return &[];
+        }
         if port.outbox.is_empty() {
             services.fill(&mut cx, port, state);
         } else {
@@ -507,9 +521,12 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 
     /// Returns when the stack must be polled again even if no byte is received: for a loop that sleeps. Poll it also
     /// when a byte is received, when the transport can take more of [`transmit`](Self::transmit), and after the
-    /// vehicle's state has changed.
+    /// vehicle's state has changed. It is never further away than [`max_loop_gap`](crate::Config::max_loop_gap) after the
+    /// last [`poll`](Self::poll) (H-18). [`Instant::NEVER`] if the stack was not begun.
     pub fn next_deadline(&self, now: Instant) -> Instant {
-        self.earliest(now, 0, LINKS).min(self.services.storage_deadline()).max(now)
+        let deadline = self.earliest(now, 0, LINKS);
+        // It is in the past until the stack is begun.
+        if deadline == Instant::NEVER { deadline } else { deadline.min(self.services.storage_deadline()).max(now) }
     }
 
     /// Returns when a link must be served again even if no byte is received on any: as [`next_deadline`](Self::next_deadline),
@@ -521,6 +538,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 
     fn earliest(&self, now: Instant, first: usize, count: usize) -> Instant {
         let (shared, requests) = (&self.shared, self.requests.view());
+        if !shared.is_begun() {
+            return Instant::NEVER;
+        }
         if shared.has_acted || requests.is_due() {
             return now;
         }
@@ -533,7 +553,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             events: self.events.view(),
         };
         let peers = network::deadline(view.peers, shared.config.peer_timeout);
-        let mut deadline = peers.min(self.services.deadline());
+        let mut deadline = peers.min(self.services.deadline()).min(shared.poll_deadline());
         let links = self.links.get(first..).unwrap_or_default().iter();
         let states = self.states.get(first..).unwrap_or_default();
         for (link, state) in links.zip(states).take(count) {
@@ -541,6 +561,11 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             deadline = deadline.min(link.decoder.deadline()).min(due);
         }
         deadline.max(now)
+    }
+
+    /// Whether the stack was begun.
+    pub(crate) const fn is_begun(&self) -> bool {
+        self.shared.is_begun()
     }
 
     /// Returns the configuration.
@@ -560,14 +585,21 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.link_mut(link).map(|link| &mut link.port.counters)
     }
 
+    /// Returns the error of a call for a link that the stack lacks.
+    #[cfg(feature = "embedded-io-async")]
+    pub(crate) const fn no_link<E>(&self) -> LinkError<E> {
+        if self.shared.is_begun() { LinkError::NoSuchLink } else { LinkError::NotBegun }
+    }
+
     /// Whether received frames are pending that exceeded the budget of a call.
     #[cfg(feature = "embedded-io-async")]
     pub(crate) fn has_backlog(&self, link: LinkId) -> bool {
         self.links.get(usize::from(link.0)).is_some_and(|link| link.decoder.has_backlog())
     }
 
+    /// Returns a link; `None` if there is no such link, or if the stack was not begun.
     fn link_mut(&mut self, link: LinkId) -> Option<&mut Link> {
-        self.links.get_mut(usize::from(link.0))
+        self.links.get_mut(usize::from(link.0)).filter(|_| self.shared.is_begun())
     }
 
     /// Handles the frames in the decoder after `len` more bytes were received, as far as the allowance permits.
@@ -581,7 +613,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     ) {
         let index = usize::from(link.0);
         let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
-        let (Some(link_state), Some(state)) = (links.get_mut(index), states.get_mut(index)) else { return };
+        let (Some(link_state), Some(state), true) = (links.get_mut(index), states.get_mut(index), cx.shared.is_begun())
+        else {
+            return;
+        };
         if len > 0 {
             link_state.decoder.filled(len, now);
         }

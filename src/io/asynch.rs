@@ -306,7 +306,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         receiver.has_backlog = self.has_backlog(link);
         let is_pending = receiver.has_backlog || receiver.begin < receiver.end;
         receiver.must_yield |= is_pending;
-        let counters = self.counters_mut(link).ok_or(LinkError::NoSuchLink)?;
+        let no_link = self.no_link();
+        let counters = self.counters_mut(link).ok_or(no_link)?;
         match receiver.fault.take() {
             None => Ok(is_pending),
             Some(Fault::Closed) => Err(LinkError::Closed),
@@ -338,7 +339,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         vehicle: &mut D::Vehicle,
     ) -> Result<bool, LinkError<W::Error>> {
         self.receive(now, link, &[], vehicle);
-        let counters = self.counters_mut(link).ok_or(LinkError::NoSuchLink)?;
+        let no_link = self.no_link();
+        let counters = self.counters_mut(link).ok_or(no_link)?;
         let fault = transmitter.fault.take();
         if fault.is_some() {
             counters.write_errors = counters.write_errors.wrapping_add(1);

@@ -283,6 +283,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         socket: &mut S,
         vehicle: &mut D::Vehicle,
     ) {
+        if !self.is_begun() {
+            return;
+        }
         udp.forget_silent(now, self.config().peer_timeout);
         let budget = self.config().budget;
         let mut left = [(); N].map(|()| Left { allowance: budget.allowance(), tx_bytes: length(budget.tx_bytes) });

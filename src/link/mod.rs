@@ -66,6 +66,8 @@ pub enum LinkError<E> {
     Closed,
     /// The stack has no link with this number.
     NoSuchLink,
+    /// The stack was not [begun](crate::Stack::begin): it takes and sends nothing.
+    NotBegun,
 }
 
 impl<E: core::fmt::Debug> core::fmt::Display for LinkError<E> {
@@ -74,6 +76,7 @@ impl<E: core::fmt::Debug> core::fmt::Display for LinkError<E> {
             Self::Read(error) => write!(f, "reading failed: {error:?}"),
             Self::Write(error) => write!(f, "writing failed: {error:?}"),
             Self::Closed => f.write_str("the line was closed: restart the link when it is open again"),
+            Self::NotBegun => f.write_str("the stack was not started: call `begin` first"),
             Self::NoSuchLink => f.write_str("the stack has no link of that number: they count from 0"),
         }
     }

@@ -54,7 +54,8 @@ pub struct PeerInfo {
     pub autopilot: MavAutopilot,
     /// The MAVLink version of its last frame.
     pub version: Version,
-    /// Whether its last heartbeat is more recent than `peer_timeout`. Always false on a high-latency link, where no
+    /// Whether its last heartbeat was more recent than `peer_timeout` when [`Stack::peers`](crate::Stack::peers) was
+    /// called (H-18). Always false on a high-latency link, where no
     /// heartbeats are expected: frames there only count for [`last_heard`](Self::last_heard) (L-3).
     pub is_alive: bool,
     /// Number of frames received. It wraps.
@@ -80,6 +81,16 @@ impl PeerInfo {
     /// Returns when its last heartbeat was received; `None` before the first.
     pub fn last_heartbeat(&self) -> Option<Instant> {
         self.has_heartbeat.then_some(self.heartbeat)
+    }
+
+    /// Returns the entry as it is at `now`, whether or not [`poll`] has seen the timeout yet (H-18).
+    pub(crate) fn at(&self, now: Instant, timeout: Duration) -> Self {
+        Self { is_alive: self.is_alive && !self.is_silent(now, timeout), ..*self }
+    }
+
+    /// Whether its last heartbeat is `timeout` ago or longer.
+    pub(crate) fn is_silent(&self, now: Instant, timeout: Duration) -> bool {
+        now.since(self.heartbeat) >= timeout
     }
 
     /// Whether it is a ground station that is alive, on this link.
@@ -210,7 +221,7 @@ pub(crate) fn record_unchecked(peers: &mut Peers, peer: Peer, seq: u8) {
 /// Reports the peers whose heartbeats have timed out (H-11).
 pub(crate) fn poll(peers: &mut Peers, now: Instant, timeout: Duration, mut report: impl FnMut(PeerEvent)) {
     for info in peers.iter_mut() {
-        if info.is_alive && now.since(info.heartbeat) >= timeout {
+        if info.is_alive && info.is_silent(now, timeout) {
             info.is_alive = false;
             event!("peer {} timed out", info.peer);
             report(PeerEvent::Lost(info.peer));

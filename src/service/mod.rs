@@ -225,6 +225,8 @@ pub struct Shared {
     /// The high-latency links.
     pub(crate) satellites: LinkMask,
     pub(crate) flight: Flight,
+    /// When the stack was last polled; `None` before the first time (H-18).
+    pub(crate) polled: Option<Instant>,
     /// Work may be pending that only the vehicle knows about, on any link, so `next_deadline` returns `now`.
     pub(crate) has_acted: bool,
     /// An operation on the storage is running, so nothing else can be written.
@@ -247,6 +249,7 @@ impl Shared {
         normal: LinkMask::NONE,
         satellites: LinkMask::NONE,
         flight: Flight::new(),
+        polled: None,
         has_acted: false,
         is_storage_busy: false,
         answerer: ComponentId(0),
@@ -266,10 +269,26 @@ impl Shared {
         F::is_component(id) && !self.leaves_out_components::<F>()
     }
 
-    /// Samples the pulse, and returns whether heartbeats may be sent (H-5).
+    /// Whether the stack was begun: then it has links.
+    pub(crate) const fn is_begun(&self) -> bool {
+        !self.normal.with(self.satellites).is_empty()
+    }
+
+    /// Whether the stack was polled within `max_loop_gap`, so that the peers' timeouts and the failsafe run (H-18).
+    fn is_polled(&self, now: Instant) -> bool {
+        self.polled.is_some_and(|polled| now.since(polled) <= self.config.max_loop_gap)
+    }
+
+    /// Samples the pulse, and returns whether heartbeats may be sent (H-5, H-18).
     pub(crate) fn is_beating(&mut self, now: Instant) -> bool {
+        let is_polled = self.is_polled(now);
         let Self { config, flight, .. } = self;
-        config.pulse.is_some_and(|pulse| flight.credit.sample(now, pulse, config.max_loop_gap))
+        config.pulse.is_some_and(|pulse| flight.credit.sample(now, pulse, config.max_loop_gap)) && is_polled
+    }
+
+    /// Returns when the stack must be polled at the latest, so that heartbeats may be sent (H-18).
+    pub(crate) fn poll_deadline(&self) -> Instant {
+        self.polled.map_or(Instant::ZERO, |polled| polled.after(self.config.max_loop_gap))
     }
 
     /// Returns when a message that is due at `due` can be sent, if it must not be sent while the flight loop is stopped or the
@@ -279,7 +298,7 @@ impl Shared {
         match due {
             Instant::NEVER => Instant::NEVER,
             due if due > now => credit.look_for(due, gap),
-            due if self.flight.has_state && credit.is_good(now, gap) => due,
+            due if self.flight.has_state && credit.is_good(now, gap) && self.is_polled(now) => due,
             // It waits for the flight loop or the vehicle. Only polling shows that they recovered.
             _ => now.after(RETRY),
         }

@@ -19,7 +19,7 @@ use crate::dialect::{
 use crate::frame::Frame;
 use crate::link::Port;
 use crate::message::{Address, Message, SystemId};
-use crate::network::Peers;
+use crate::network::{PeerInfo, Peers};
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{Command, Firmware, LinkId, LinkMask, Peer, Refusal, Why};
@@ -119,8 +119,8 @@ counters! {
 ///     control.set_release_on_loss(false);
 /// }
 ///
-/// fn pilot(stack: &Mavlink) -> Option<message::SystemId> {
-///     stack.operator_control().owner()
+/// fn pilot(stack: &Mavlink, now: Instant) -> Option<message::SystemId> {
+///     stack.operator(now)
 /// }
 /// ```
 #[derive(Clone, Debug)]
@@ -175,13 +175,19 @@ pub struct OperatorLink {
 }
 
 impl OperatorControl {
-    /// Returns the system in control; `None` if nobody is.
-    pub fn owner(&self) -> Option<SystemId> {
+    /// Returns the owner as of the last poll; `None` if nobody is in control.
+    fn owner(&self) -> Option<SystemId> {
         Some(self.owner).filter(|owner| owner.0 != 0)
     }
 
-    /// Returns whether a request for control is granted now.
-    pub const fn allows_takeover(&self) -> bool {
+    /// Returns the system in control, whose stations are among these peers: see [`Stack::operator`](crate::Stack::operator).
+    pub(crate) fn operator(&self, mut peers: impl Iterator<Item = PeerInfo>) -> Option<SystemId> {
+        let mut is_there = |owner| peers.any(|info| info.is_living_station() && info.peer.address.system == owner);
+        self.owner().filter(|owner| self.keeps_lost || is_there(*owner))
+    }
+
+    /// Returns whether a request for control is granted, as of the last poll.
+    pub(crate) const fn allows_takeover(&self) -> bool {
         self.allows_takeover || self.owner.0 == 0
     }
 

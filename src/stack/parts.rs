@@ -2,7 +2,7 @@
 
 use super::{Declares, EventMemory, RequestMemory, Stack, split};
 use crate::dialect::MavResult;
-use crate::message::{Item, Message};
+use crate::message::{Item, Message, SystemId};
 use crate::network::ForwardCounters;
 use crate::service::Cx;
 use crate::service::camera::{CameraControl, Image};
@@ -97,7 +97,19 @@ impl<D: Declares<Setpoints = Setpoints>, const LINKS: usize> Stack<D, LINKS> {
 
 /// With `operator_control`.
 impl<D: Declares<OperatorControl = OperatorControl>, const LINKS: usize> Stack<D, LINKS> {
-    /// Returns operator control: which ground station controls the vehicle.
+    /// Returns the system in control at `now`; `None` if nobody is. An owner whose ground stations have all timed out is not in
+    /// control, unless [control is kept](OperatorControl::set_release_on_loss). The answer does not depend on the last
+    /// [`poll`](Self::poll) (H-18).
+    pub fn operator(&self, now: Instant) -> Option<SystemId> {
+        self.services.operator_control.operator(self.peers(now))
+    }
+
+    /// Returns whether a request for control that is received at `now` is granted.
+    pub fn allows_takeover(&self, now: Instant) -> bool {
+        self.services.operator_control.allows_takeover() || self.operator(now).is_none()
+    }
+
+    /// Returns operator control: its configuration and its counters.
     pub fn operator_control(&self) -> &OperatorControl {
         &self.services.operator_control
     }
@@ -145,7 +157,8 @@ impl<D: Declares<Vehicle: GimbalManager + Vehicle, GimbalManager = ManagerServic
     /// [`release_gimbal`](Self::release_gimbal). A vehicle that does not want to take it looks at
     /// [`ManagerService::control`](crate::gimbal::ManagerService::control) first.
     ///
-    /// Returns the result of [`GimbalManager::point_gimbal`](crate::GimbalManager::point_gimbal). DENIED: a parameter is out of range.
+    /// Returns the result of [`GimbalManager::point_gimbal`](crate::GimbalManager::point_gimbal). DENIED: a parameter is out of range, or the
+    /// stack was not begun.
     /// UNSUPPORTED: the item is about no gimbal.
     ///
     /// ```
@@ -179,6 +192,9 @@ impl<D: Declares<Vehicle: GimbalManager + Vehicle, GimbalManager = ManagerServic
         let order = Order::of_item(item);
         if !order.is_about_gimbal() {
             return MavResult::UNSUPPORTED;
+        }
+        if !self.shared.is_begun() {
+            return MavResult::DENIED;
         }
         let (mut cx, services, ..) = split!(&mut *self, now, vehicle);
         let own = Who::new(cx.shared.config.address.get());

@@ -42,7 +42,7 @@ impl<D: Declares<Mission = Missions, Vehicle: Plans + Commands>, const LINKS: us
     /// # Errors
     ///
     /// Returns what is wrong with the plan, as for an upload; the live plan is then unchanged. [`DENIED`]: an upload is
-    /// running. [`UNSUPPORTED`]: there is no memory for such a plan.
+    /// running, or the stack was not begun. [`UNSUPPORTED`]: there is no memory for such a plan.
     ///
     /// [`DENIED`]: crate::dialect::MavMissionResult::DENIED
     /// [`UNSUPPORTED`]: crate::dialect::MavMissionResult::UNSUPPORTED
@@ -56,6 +56,9 @@ impl<D: Declares<Mission = Missions, Vehicle: Plans + Commands>, const LINKS: us
         let unsupported = PlanFault::from(crate::dialect::MavMissionResult::UNSUPPORTED);
         if !plan.is_served(&D::Plans::CAPACITIES) {
             return Err(unsupported);
+        }
+        if !self.shared.is_begun() {
+            return Err(crate::dialect::MavMissionResult::DENIED.into());
         }
         let (mut cx, services, ..) = split!(&mut *self, now, vehicle);
         let (mut work, vehicle) = mission::work(&mut cx).ok_or(unsupported)?;

@@ -60,6 +60,9 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     /// Call it in every pass of the loop, or whenever the storage is free: a client that has uploaded a plan waits for
     /// it.
     pub fn storage_job(&mut self, now: Instant, page: &mut Page, vehicle: &mut D::Vehicle) -> Option<Job> {
+        if !self.shared.is_begun() {
+            return None;
+        }
         let mut work = self.storage_work(now, page, vehicle);
         if work.storage.log.is_busy() {
             let event = work.done(false);

@@ -67,7 +67,7 @@ impl Field {
         let request = self.world.gcs[0].long(MavCmd(32_100), [1.0, 1.0, 10.0, id, 0.0, 0.0, 0.0]);
         self.send(from, &request);
         self.world.run_for(millis(20));
-        assert_eq!(self.world.stack.operator_control().owner(), Some(from.system));
+        assert_eq!(self.world.stack.operator(self.world.now()), Some(from.system));
     }
 
     /// Sends a request, and returns its answer: the error, if it is one.

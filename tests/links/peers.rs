@@ -23,8 +23,8 @@ fn on_link_0(address: Address) -> Peer {
 fn info<const N: usize, const PEERS: usize>(
     world: &World<N, Tested<NoPlans, PEERS>>,
     address: Address,
-) -> Option<&PeerInfo> {
-    world.stack.peers().iter().find(|info| info.peer.address == address)
+) -> Option<PeerInfo> {
+    world.stack.peers(world.now()).find(|info| info.peer.address == address)
 }
 
 /// H-11: a peer is found, times out and reconnects, each reported once; it times out five seconds after its last heartbeat,
@@ -100,7 +100,7 @@ fn every_component_on_every_link_is_a_peer() {
     let mut expected = [on_link_0(STATION), on_link_0(ANTENNA), elsewhere].map(PeerEvent::Found);
     expected.sort_by_key(|event| format!("{event:?}"));
     assert_eq!(events, expected);
-    let versions: Vec<_> = world.stack.peers().iter().map(|info| (info.peer, info.version)).collect();
+    let versions: Vec<_> = world.stack.peers(world.now()).map(|info| (info.peer, info.version)).collect();
     assert!(versions.contains(&(elsewhere, Version::V1)) && versions.contains(&(on_link_0(STATION), Version::V2)));
 }
 
@@ -110,8 +110,8 @@ fn every_component_on_every_link_is_a_peer() {
 fn station_is_alive_while_one_of_its_links_works() {
     let mut world = World::new(Setup::<2>::new());
     let is_alive = |world: &World<2, Tested<NoPlans, 8>>| {
-        let alive = world.stack.has_ground_station();
-        assert_eq!(world.stack.has_controller(ControlSource::System(STATION.system)), alive);
+        let alive = world.stack.has_ground_station(world.now());
+        assert_eq!(world.stack.has_controller(world.now(), ControlSource::System(STATION.system)), alive);
         alive
     };
     assert!(!is_alive(&world), "nobody was heard");
@@ -124,7 +124,7 @@ fn station_is_alive_while_one_of_its_links_works() {
     assert_eq!(world.vehicle.peer_events()[2..], [PeerEvent::Lost(on_link_0(STATION))]);
     assert!(is_alive(&world), "by the other link");
     world.gcs[1].heartbeat_period = None;
-    let last = world.stack.peers().iter().filter_map(PeerInfo::last_heartbeat).max().expect("it has one");
+    let last = world.stack.peers(world.now()).filter_map(|info| info.last_heartbeat()).max().expect("it has one");
     world.run_until(secs(60), |world| world.now() >= last.after(millis(4_999)));
     assert!(is_alive(&world), "not yet");
     world.run_for(millis(1));
@@ -155,12 +155,15 @@ fn only_the_stations_in_control_are_the_controller() {
         ControlSource::GroundStation,
         ControlSource::Nobody,
     ];
-    let controllers = |world: &World<2, _>| named.map(|source| world.stack.has_controller(source));
-    assert!(!world.stack.has_ground_station(), "an antenna tracker beside a station that sends no heartbeats");
+    let controllers = |world: &World<2, _>| named.map(|source| world.stack.has_controller(world.now(), source));
+    assert!(
+        !world.stack.has_ground_station(world.now()),
+        "an antenna tracker beside a station that sends no heartbeats"
+    );
     assert_eq!(controllers(&world), [false; 6]);
     world.gcs[1].send_from(Address::new(250, 190), &Gcs::heartbeat());
     world.run_for(millis(10));
-    assert!(world.stack.has_ground_station());
+    assert!(world.stack.has_ground_station(world.now()));
     assert_eq!(controllers(&world), [false, true, false, true, true, false]);
 }
 
@@ -170,9 +173,15 @@ fn satellite_link_keeps_no_station_alive() {
     let mut world = shared();
     beat(&mut world, 2, 255, MavType::GCS);
     assert_eq!(systems_on(&world, 2), [255]);
-    assert!(!world.stack.has_ground_station() && !world.stack.has_controller(ControlSource::GroundStation));
+    assert!(
+        !world.stack.has_ground_station(world.now())
+            && !world.stack.has_controller(world.now(), ControlSource::GroundStation)
+    );
     beat(&mut world, 1, 255, MavType::GCS);
-    assert!(world.stack.has_ground_station() && world.stack.has_controller(ControlSource::GroundStation));
+    assert!(
+        world.stack.has_ground_station(world.now())
+            && world.stack.has_controller(world.now(), ControlSource::GroundStation)
+    );
 }
 
 /// H-12: a full table evicts peers without heartbeats first, starting with the one that has been silent longest. Evictions are
@@ -230,7 +239,7 @@ fn ground_stations_are_not_evicted() {
     assert_eq!(world.vehicle.peer_events(), expected);
     // A fourth finds no peer that it may evict.
     beat(&mut world, 253, MavType::GCS);
-    assert_eq!(world.stack.peers().len(), 3);
+    assert_eq!(world.stack.peers(world.now()).count(), 3);
     assert!(info(&world, Address::new(253, 1)).is_none());
     let command = world.gcs[0].long(MavCmd::NAV_LAND, [0.0; 7]);
     world.gcs[0].send_from(Address::new(253, 1), &command);
@@ -246,9 +255,9 @@ fn shared() -> World<3, Tested<NoPlans, 8>> {
 
 /// Returns the systems in the table that were heard on a link, in order.
 fn systems_on(world: &World<3, Tested<NoPlans, 8>>, link: u8) -> Vec<u8> {
-    let is_there = |info: &&PeerInfo| info.peer.link == LinkId(link);
+    let is_there = |info: &PeerInfo| info.peer.link == LinkId(link);
     let mut systems: Vec<u8> =
-        world.stack.peers().iter().filter(is_there).map(|info| info.peer.address.system.0).collect();
+        world.stack.peers(world.now()).filter(is_there).map(|info| info.peer.address.system.0).collect();
     systems.sort_unstable();
     systems
 }
@@ -340,7 +349,7 @@ fn own_components_keep_their_entries() {
     for system in 10..20 {
         beat(&mut world, 0, system, MavType::GCS);
     }
-    let ours = world.stack.peers().iter().filter(|info| info.peer.address.system.0 == 1).count();
+    let ours = world.stack.peers(world.now()).filter(|info| info.peer.address.system.0 == 1).count();
     assert_eq!(ours, 4);
 }
 
@@ -398,7 +407,7 @@ fn echo_is_ignored() {
     let counters = world.stack.link_counters(LinkId(0)).unwrap();
     assert!(counters.own_address >= 119, "{counters:?}");
     assert_eq!(world.vehicle.calls, []);
-    assert_eq!(world.stack.peers().len(), 0);
+    assert_eq!(world.stack.peers(world.now()).count(), 0);
 }
 
 /// R-8, H-14: frames of another vehicle with our address are neither handled nor answered; it is reported once per link.

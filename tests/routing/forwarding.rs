@@ -264,7 +264,7 @@ fn returning_frame_is_dropped() {
     assert_eq!(sent_on(&mut world, 0, &frame), [0; 0]);
     assert_eq!(world.vehicle.commands().len(), 1);
     assert_eq!([0, 1, 2].map(|link| counters(&world, link).duplicates), [1, 1, 0]);
-    assert!(world.stack.peers().iter().all(|info| info.peer.link == LinkId(0)));
+    assert!(world.stack.peers(world.now()).all(|info| info.peer.link == LinkId(0)));
     let again = world.gcs[0].frame_from(STATION, &command);
     assert_eq!(sent_on(&mut world, 0, &again), [1, 2]);
     assert_eq!(world.vehicle.commands().len(), 2);

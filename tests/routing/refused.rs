@@ -73,9 +73,9 @@ fn refused_frame_does_not_suppress_an_accepted_one() {
     // The companion was not heard before.
     let hello = companion.unsigned(Version::V2, &Gcs::heartbeat());
     assert_eq!(passes(&mut rig, RADIO, &hello), [WIRE, OTHER_WIRE]);
-    assert!(rig.stack.peers().iter().all(|info| info.peer.address != COMPANION));
+    assert!(rig.stack.peers(rig.now).all(|info| info.peer.address != COMPANION));
     assert_eq!(passes(&mut rig, WIRE, &hello), [RADIO, OTHER_WIRE]);
-    assert!(rig.stack.peers().iter().any(|info| info.peer.address == COMPANION && info.is_alive));
+    assert!(rig.stack.peers(rig.now).any(|info| info.peer.address == COMPANION && info.is_alive));
     // To all components of the vehicle.
     let long = CommandLong { command: MavCmd::NAV_LAND, target_system: 1, ..CommandLong::default() };
     let command = companion.unsigned(Version::V2, &long);
@@ -432,7 +432,7 @@ fn radio_reports_evict_no_verified_peers() {
         let mut radio = Signer::new(OTHER_KEY).of(Address::new(system, 68));
         rig.receive(RADIO, &radio.unsigned(Version::V1, &RadioStatus { rssi: 200, ..RadioStatus::default() }));
     };
-    let is_there = |rig: &Rig, address: Address| rig.stack.peers().iter().any(|info| info.peer.address == address);
+    let is_there = |rig: &Rig, address: Address| rig.stack.peers(rig.now).any(|info| info.peer.address == address);
     // These fill the table, and are evicted first when a signed peer comes.
     (20..40).for_each(|system| radio(&mut rig, system));
     let mut wingmen: Vec<Signer> =

@@ -134,7 +134,7 @@ fn each_policy_accepts_its_frames_only() {
             rig.receive(0, &frame);
             let is_accepted = rig.vehicle.commands().len() == 1;
             assert_eq!(rig.sent::<CommandAck>(0).len(), usize::from(is_accepted), "an answer");
-            assert_eq!(rig.stack.peers().len(), usize::from(is_accepted), "a peer");
+            assert_eq!(rig.stack.peers(rig.now).count(), usize::from(is_accepted), "a peer");
             is_accepted
         };
         let signed = |key| Signer::new(key).frame(&command());
@@ -150,7 +150,7 @@ fn each_policy_accepts_its_frames_only() {
 fn radio_status_is_accepted_unsigned() {
     let mut rig = keyed([LinkSigning::SIGNED, LinkSigning::REQUIRED]);
     let radio = Address::new(51, 68);
-    let is_heard = |rig: &Rig| rig.stack.peers().iter().any(|info| info.peer.address == radio);
+    let is_heard = |rig: &Rig| rig.stack.peers(rig.now).any(|info| info.peer.address == radio);
     rig.receive(1, &Signer::new(KEY).of(radio).unsigned(Version::V1, &RadioStatus::default()));
     rig.receive(0, &Signer::new(OTHER_KEY).of(radio).frame(&RadioStatus::default()));
     assert!(!is_heard(&rig));
@@ -174,7 +174,7 @@ fn bad_signature_changes_nothing() {
         rig.receive(0, &bad.frame(&MissionCount { target_system: 1, count: 3, ..Default::default() }));
         rig.receive(0, &bad.frame(&ParamSet { target_system: 1, ..Default::default() }));
         rig.receive(0, &bad.clone().of(VEHICLE).frame(&Gcs::heartbeat()));
-        assert_eq!((rig.timestamp(), rig.stack.peers().len()), (before, 0));
+        assert_eq!((rig.timestamp(), rig.stack.peers(rig.now).count()), (before, 0));
         assert_eq!(rig.vehicle.calls, []);
         let sent = rig.transmit(0);
         assert!(sent.iter().all(|frame| frame.id() == Heartbeat::ID && frame.raw[0] == 0xFE), "{sent:?}");
@@ -241,7 +241,7 @@ fn each_refusal_has_its_own_counter() {
     for (what, frame, counter) in cases {
         let mut rig = keyed([LinkSigning::REQUIRED; 2]);
         let frame = frame(&mut rig);
-        let (mut expected, time, peers) = (rig.counters(), rig.timestamp(), rig.stack.peers().len());
+        let (mut expected, time, peers) = (rig.counters(), rig.timestamp(), rig.stack.peers(rig.now).count());
         rig.receive(0, &frame);
         *counter(&mut expected) += 1;
         // The sender of this one has a valid key.
@@ -250,7 +250,7 @@ fn each_refusal_has_its_own_counter() {
         assert_eq!(rig.counters(), expected, "{what}");
         assert!(rig.vehicle.commands().is_empty(), "{what}");
         if !is_verified {
-            assert_eq!((rig.timestamp(), rig.stack.peers().len()), (time, peers), "{what}");
+            assert_eq!((rig.timestamp(), rig.stack.peers(rig.now).count()), (time, peers), "{what}");
         }
     }
 }

@@ -5,6 +5,7 @@ mod support;
 
 #[cfg(feature = "storage")]
 mod example_rover;
+mod liveness;
 mod minimal;
 mod no_block;
 mod order;

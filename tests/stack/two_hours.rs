@@ -371,7 +371,7 @@ fn two_hours_of_three_ground_stations() {
     let rx = world.stack.rx_counters(LinkId(0)).unwrap();
     assert_eq!(rx, counted::<RxCounters>(|counters| counters.frames = rx.frames));
     assert_eq!(world.gcs[0].counters(), counted::<RxCounters>(|counters| counters.frames = log.frames));
-    let peers = world.stack.peers();
+    let peers: Vec<_> = world.stack.peers(world.now()).collect();
     assert!(peers.iter().all(|peer| peer.lost == 0), "{peers:?}");
     assert_eq!(peers.iter().map(|peer| peer.received).sum::<u32>(), rx.frames);
     assert_eq!(peers.iter().filter(|peer| peer.is_alive).count(), 3);

@@ -101,7 +101,7 @@ fn land(world: &mut Shared, from: Address) -> (MavResult, bool) {
 }
 
 fn owner(world: &Shared) -> Option<SystemId> {
-    world.stack.operator_control().owner()
+    world.stack.operator(world.now())
 }
 
 fn counters(world: &Shared) -> OperatorCounters {
@@ -546,8 +546,8 @@ fn run(keeps: bool, events: &[Event]) -> Result<(), TestCaseError> {
             prop_assert!(vehicle.calls.is_empty(), "{:?}", vehicle.calls);
         }
         let control = stack.operator_control();
-        prop_assert_eq!(control.owner(), model.owner.map(|owner| SENDERS[owner].system));
-        prop_assert_eq!(control.allows_takeover(), model.allows || model.owner.is_none());
+        prop_assert_eq!(stack.operator(now), model.owner.map(|owner| SENDERS[owner].system));
+        prop_assert_eq!(stack.allows_takeover(now), model.allows || model.owner.is_none());
         prop_assert_eq!(control.counters(), model.counters);
         // Nobody else steers, neither now nor with what it has sent before.
         let sticks = stack.manual_input().manual_control(now).map(|sticks| sticks.from);

@@ -92,7 +92,7 @@ fn request(world: &mut Shared, station: usize, allow: f32) -> Option<MavResult> 
 }
 
 fn owner(world: &Shared) -> Option<usize> {
-    let owner = world.stack.operator_control().owner()?;
+    let owner = world.stack.operator(world.now())?;
     STATIONS.iter().position(|station| station.system == owner)
 }
 

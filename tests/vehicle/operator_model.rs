@@ -419,7 +419,7 @@ impl Pair {
 
     /// Runs an action on both, and compares them.
     fn on(&mut self, action: Action) {
-        let owner_before = self.stack.operator_control().owner();
+        let owner_before = self.stack.operator(self.now);
         self.vehicle.calls.clear();
         self.act(action);
         let expected = self.model.on(action);
@@ -434,17 +434,19 @@ impl Pair {
         }
         assert!(self.vehicle.calls.iter().all(|call| matches!(call, Call::Peer(_) | Call::Command(_))));
         assert_eq!(effects, expected);
-        let control = self.stack.operator_control();
         let Model { owner, allows, is_cut, .. } = self.model;
         let allows = allows || owner.is_none();
-        assert_eq!((control.owner().map(|owner| owner.0), control.allows_takeover()), (owner, allows));
+        assert_eq!(
+            (self.stack.operator(self.now).map(|owner| owner.0), self.stack.allows_takeover(self.now)),
+            (owner, allows)
+        );
         for (link, status) in self.statuses.into_iter().enumerate().filter(|(link, _)| !is_cut || *link != 0) {
             assert_eq!(status, Some((1 | u8::from(allows) << 1, owner.unwrap_or(0))), "CONTROL_STATUS on link {link}");
         }
         for actor in [First0, First1, Second1] {
             let is_it = |info: &&PeerInfo| info.peer == actor.peer() && info.is_living_station();
             assert_eq!(
-                self.stack.peers().iter().any(|info| is_it(&info)),
+                self.stack.peers(self.now).any(|info| is_it(&info)),
                 self.model.is_alive(actor),
                 "{actor:?} is alive"
             );

@@ -233,7 +233,7 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
         self.pulse.tick();
         vehicle.report_calibration(stack.long_commands_mut());
         vehicle.report_arming(stack.long_commands_mut());
-        vehicle.watch_payload(stack);
+        vehicle.watch_payload(now, stack);
         vehicle.carry_out_gimbal_item(now, stack);
         vehicle.report_camera(stack);
         vehicle.store_counts(stack.parameters_mut());

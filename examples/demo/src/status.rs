@@ -152,7 +152,7 @@ impl Status {
             stack.dropped_texts(),
         ];
         // The satellite link carries no heartbeats.
-        let connected = stack.peers().iter().filter(|info| info.is_alive || info.peer.link == SATELLITE);
+        let connected = stack.peers(now).filter(|info| info.is_alive || info.peer.link == SATELLITE);
         for (slot, info) in status.peers.iter_mut().zip(connected) {
             let (LinkId(link), address) = (shown(info.peer.link), info.peer.address);
             *slot = Some(PeerStatus { link, system: address.system.0, component: address.component.0 });

@@ -69,14 +69,14 @@ impl ControlSource {
     }
 
     /// Whether a ground station that may steer is alive, on any link.
-    pub(crate) fn is_alive(self, peers: &[PeerInfo]) -> bool {
+    pub(crate) fn is_alive(self, mut peers: impl Iterator<Item = PeerInfo>) -> bool {
         let systems = match self {
             Self::Nobody => return false,
             Self::System(only) => only..=only,
             Self::Systems { first, last } => first..=last,
             Self::GroundStation => SystemId(0)..=SystemId(u8::MAX),
         };
-        peers.iter().any(|info| info.is_living_station() && systems.contains(&info.peer.address.system))
+        peers.any(|info| info.is_living_station() && systems.contains(&info.peer.address.system))
     }
 }
 

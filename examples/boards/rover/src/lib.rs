@@ -125,7 +125,7 @@ impl Rover {
         self.is_battery_low = minimum > 0.0 && !(voltage.is_finite() && voltage >= minimum);
         self.is_restored = stack.restore_errors().is_empty();
         self.read_sticks(now, stack);
-        self.has_station = stack.parameters().get(Tuning::FS_GCS_ENABLE) == 0 || stack.has_ground_station();
+        self.has_station = stack.parameters().get(Tuning::FS_GCS_ENABLE) == 0 || stack.has_ground_station(now);
         // A pilot with a receiver needs no ground station.
         let is_lost = self.armed && self.mode != MANUAL && !self.has_station;
         if is_lost && !self.is_station_lost {

@@ -42,12 +42,12 @@ impl Payload {
 impl Quadrotor {
     /// Finds the gimbal and the camera of our system among the peers, and asks them about themselves.
     #[inline(never)]
-    pub(crate) fn watch_payload(&mut self, stack: &mut Mavlink) {
+    pub(crate) fn watch_payload(&mut self, now: Instant, stack: &mut Mavlink) {
         let system = stack.address().system;
         self.system = system.0;
         let find = |r#type: MavType| {
-            let is_it = |info: &&PeerInfo| info.is_alive && info.r#type == r#type && info.peer.address.system == system;
-            stack.peers().iter().find(is_it).map(|info| info.peer)
+            let is_it = |info: &PeerInfo| info.is_alive && info.r#type == r#type && info.peer.address.system == system;
+            stack.peers(now).find(is_it).map(|info| info.peer)
         };
         let (gimbal, camera) = (find(MavType::GIMBAL), find(MavType::CAMERA));
         // What cannot be asked now is asked in the next pass.
