@@ -195,6 +195,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
         cx.shared.has_acted = false;
         cx.shared.polled = Some(now);
+        for link in links.iter_mut() {
+            link.port.bound_hold(now, cx.shared.config.max_loop_gap);
+        }
         let timeout = cx.shared.config.peer_timeout;
         network::poll(cx.peers, now, timeout, report!(cx));
         services.poll(&mut cx, states);
@@ -323,9 +326,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
                 Err(error) => break Err(LinkError::Write(error)),
             }
         };
-        if let Some(link) = self.link_mut(link) {
-            increment(&mut link.port.counters.write_errors);
-        }
+        self.note_failure(now, link);
         result
     }
 
@@ -387,7 +388,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         if !cx.shared.is_begun() {
             return &[];
         }
-        if port.outbox.is_empty() {
+        if port.outbox.is_empty() && !services.resume(&cx, port) {
             services.fill(&mut cx, port, state);
         } else {
             // A frame that is sent again from its start (G-4).
@@ -407,18 +408,27 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         }
     }
 
-    /// Restarts a link whose transport was opened again. Discards the received part of an unfinished frame. Sends the
-    /// frame that was cut off from its start again, unless it is a heartbeat, which would be out of date.
+    /// Restarts a link whose transport was opened again. Discards the received part of an unfinished frame. The first frame
+    /// that is sent is a HEARTBEAT, and everything else waits for it for at most
+    /// [`max_loop_gap`](crate::Config::max_loop_gap) (H-17). A frame that was cut off is sent from its start again, unless it
+    /// is a heartbeat, which would be out of date, or a frame of bulk data with over 230 bytes.
     pub fn restart_link(&mut self, link: LinkId) {
+        self.greet(link);
+        self.reset_link(link);
+    }
+
+    /// As [`restart_link`](Self::restart_link), but frames wait for a HEARTBEAT only if they already do.
+    pub(crate) fn reset_link(&mut self, link: LinkId) {
         let index = usize::from(link.0);
         let state = self.states.get_mut(index);
         if let Some((Link { decoder, port }, state)) = self.links.get_mut(index).zip(state) {
             decoder.clear();
             port.transport = Transport::Unknown;
-            port.outbox.restart();
+            port.outbox.restart(port.is_held());
             // Which may ask whether a peer was heard before.
             self.services.restart(port, state);
             port.has_accepted = false;
+            port.retry_at = Instant::ZERO;
         }
     }
 
@@ -580,6 +590,22 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         }
     }
 
+    /// Records an error of a link's transport while writing.
+    #[inline(never)]
+    pub(crate) fn note_failure(&mut self, now: Instant, link: LinkId) {
+        if let Some(link) = self.link_mut(link) {
+            link.port.failed(now);
+        }
+    }
+
+    /// Has a HEARTBEAT sent first on a link, to a peer that is new there (H-17).
+    pub(crate) fn greet(&mut self, link: LinkId) {
+        if let Some(Link { port, .. }) = self.link_mut(link) {
+            port.hold();
+            port.facts.is_sign_of_life_due = port.is_held();
+        }
+    }
+
     /// Returns the counters of a link; `None` if there is no such link.
     pub(crate) fn counters_mut(&mut self, link: LinkId) -> Option<&mut LinkCounters> {
         self.link_mut(link).map(|link| &mut link.port.counters)
@@ -589,6 +615,14 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     #[cfg(feature = "embedded-io-async")]
     pub(crate) const fn no_link<E>(&self) -> LinkError<E> {
         if self.shared.is_begun() { LinkError::NoSuchLink } else { LinkError::NotBegun }
+    }
+
+    /// Whether a link has sent nothing since it was opened, and when its transport may be asked again.
+    #[cfg(feature = "embedded-io-async")]
+    pub(crate) fn transmit_state<E>(&mut self, link: LinkId) -> Result<(bool, Instant), LinkError<E>> {
+        let no_link = self.no_link();
+        let link = self.link_mut(link).ok_or(no_link)?;
+        Ok((link.port.is_held(), link.port.retry_at))
     }
 
     /// Whether received frames are pending that exceeded the budget of a call.

@@ -216,7 +216,7 @@ impl<R: ErrorType> core::fmt::Debug for AsyncReceiver<'_, R> {
 /// The example drops no `send`: only the sleep is in a `select`. It therefore suits both kinds.
 ///
 /// Keep the transmitter for as long as the transport is open. For a transport that was opened again, create a new
-/// transmitter and call [`restart_link`](Stack::restart_link): the interrupted frame is sent again from its start.
+/// transmitter and call [`restart_link`](Stack::restart_link): the first frame is then a HEARTBEAT (H-17).
 pub struct AsyncTransmitter<'a, W: ErrorType> {
     uart: W,
     buffer: &'a mut [u8],
@@ -330,7 +330,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// # Errors
     ///
     /// Returns [`LinkError::Write`] or [`LinkError::Closed`] if sending failed, once, and counts it. The rest of the frame
-    /// is dropped: otherwise a task that sends it again could fail forever. The link stays usable.
+    /// is dropped: otherwise a task that sends it again could fail forever. The link stays usable, and sends nothing for
+    /// 100 ms: until then this returns `false`, and [`link_deadline`](Self::link_deadline) is no earlier.
     pub fn transmit_to<W: ErrorType>(
         &mut self,
         now: Instant,
@@ -339,11 +340,16 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         vehicle: &mut D::Vehicle,
     ) -> Result<bool, LinkError<W::Error>> {
         self.receive(now, link, &[], vehicle);
-        let no_link = self.no_link();
-        let counters = self.counters_mut(link).ok_or(no_link)?;
+        let (is_new, retry_at) = self.transmit_state(link)?;
+        if is_new {
+            // What is left of a frame from before the link was opened again must not precede the HEARTBEAT (H-17).
+            transmitter.put(&[]);
+        }
         let fault = transmitter.fault.take();
         if fault.is_some() {
-            counters.write_errors = counters.write_errors.wrapping_add(1);
+            self.note_failure(now, link);
+        } else if now < retry_at {
+            return Ok(false);
         } else if transmitter.must_flush {
             return Ok(true);
         }

@@ -106,7 +106,7 @@ struct Station<E> {
 ///
 /// The first datagram of a sender takes a free link and [restarts](Stack::restart_link) it. The sender becomes a
 /// station when the link accepts a frame from it: with a correct checksum and, if the link requires it, a correct
-/// signature. From then on the link sends to the station's address and port, one frame per datagram. After
+/// signature. From then on the link sends to the station's address and port, one frame per datagram, a HEARTBEAT first (H-17). After
 /// [`peer_timeout`](crate::Config::peer_timeout) without a datagram the link is free again.
 ///
 /// Before a sender is a station, nothing is sent to it, and heartbeats are still broadcast. If no link is free, the
@@ -217,11 +217,10 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
         self.stations.get(index)?.filter(|station| station.is_accepted).map(|station| station.endpoint)
     }
 
-    /// Notes that the link with this index has accepted a frame of its sender.
-    fn accept(&mut self, index: usize) {
-        if let Some(Some(station)) = self.stations.get_mut(index) {
-            station.is_accepted = true;
-        }
+    /// Notes that the link with this index has accepted a frame of its sender. Returns whether that is a new station.
+    fn accept(&mut self, index: usize) -> bool {
+        let station = self.stations.get_mut(index).and_then(Option::as_mut);
+        station.is_some_and(|station| !core::mem::replace(&mut station.is_accepted, true))
     }
 
     const fn count_refused(&mut self) {
@@ -319,7 +318,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
                 let Some((len, from)) = socket.receive(&mut udp.datagram) else { break };
                 rx_bytes = rx_bytes.saturating_sub(len.saturating_add(HEADERS_LEN));
                 if let Some(link) = udp.take(now, len, from) {
-                    self.restart_link(link);
+                    self.reset_link(link);
                 }
             }
             let (index, rest) = (udp.of, udp.rest());
@@ -358,10 +357,13 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         }
     }
 
-    /// Makes the sender with this index a station if its link has accepted a frame.
-    fn note_accepted<E: Copy + PartialEq, const N: usize>(&self, udp: &mut UdpLinks<E, N>, index: usize) {
-        if udp.links.get(index).is_some_and(|link| self.has_accepted(*link)) {
-            udp.accept(index);
+    /// Makes the sender with this index a station if its link has accepted a frame. A new station gets a HEARTBEAT first (H-17).
+    fn note_accepted<E: Copy + PartialEq, const N: usize>(&mut self, udp: &mut UdpLinks<E, N>, index: usize) {
+        if let Some(&link) = udp.links.get(index)
+            && self.has_accepted(link)
+            && udp.accept(index)
+        {
+            self.greet(link);
         }
     }
 

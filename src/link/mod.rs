@@ -12,6 +12,8 @@ pub(crate) use outbox::Outbox;
 use crate::frame::{Decoder, Version};
 #[cfg(feature = "defmt")]
 use crate::log::DropLog;
+use crate::log::increment;
+use crate::time::{Duration, Instant};
 use crate::types::{Config, LinkConfig, LinkFacts, LinkId, TxVersion};
 
 counters! {
@@ -108,6 +110,11 @@ pub struct Port {
     pub(crate) facts: LinkFacts,
     /// The state of the transport when it was last asked.
     pub(crate) transport: Transport,
+    /// When a transport that has failed is asked again.
+    pub(crate) retry_at: Instant,
+    /// Until when frames wait for a HEARTBEAT, which is the first one on a link that opens (H-17): [`Instant::ZERO`] if they
+    /// do not, [`Instant::NEVER`] until the stack is next polled or the link is asked for a frame.
+    held_until: Instant,
     /// Drop counters, as last logged.
     #[cfg(feature = "defmt")]
     pub(crate) drops: DropLog,
@@ -139,6 +146,8 @@ impl Link {
             has_accepted: false,
             facts: LinkFacts::NONE,
             transport: Transport::Unknown,
+            retry_at: Instant::ZERO,
+            held_until: Instant::ZERO,
             #[cfg(feature = "defmt")]
             drops: DropLog::NEW,
         },
@@ -155,12 +164,57 @@ impl Link {
         self.port.outbox.configure(id, stack.address.get(), version);
         self.port.outbox.set_class(config.class);
         self.port.bucket.configure(config.bytes_per_second);
+        self.port.hold();
     }
 }
 
 impl Port {
     /// This many frames with our address that cannot be echoes prove another vehicle.
     const CONFLICT: u8 = 3;
+
+    /// How soon a transport that has failed is asked again.
+    const RETRY: Duration = Duration::from_millis(100);
+
+    /// Has frames wait for a HEARTBEAT: the link opens (H-17). High-latency links have none.
+    pub(crate) const fn hold(&mut self) {
+        if !self.config.class.is_high_latency() {
+            self.held_until = Instant::NEVER;
+        }
+    }
+
+    /// Frames wait no longer: a HEARTBEAT is sent, or has not come.
+    pub(crate) const fn release(&mut self) {
+        self.held_until = Instant::ZERO;
+    }
+
+    /// Whether frames wait for a HEARTBEAT.
+    pub(crate) fn is_held(&self) -> bool {
+        self.held_until != Instant::ZERO
+    }
+
+    /// Whether the link was neither polled nor asked for a frame since it opened.
+    pub(crate) fn is_new(&self) -> bool {
+        self.held_until == Instant::NEVER
+    }
+
+    /// Returns until when frames wait: at most `most` from the first call after the link was opened.
+    pub(crate) fn bound_hold(&mut self, now: Instant, most: Duration) -> Instant {
+        if self.is_new() {
+            self.held_until = now.after(most);
+        }
+        self.held_until
+    }
+
+    /// Returns until when frames wait; [`Instant::NEVER`] until it is bounded.
+    pub(crate) const fn held_until(&self) -> Instant {
+        self.held_until
+    }
+
+    /// Records an error of the transport, which is asked again later.
+    pub(crate) fn failed(&mut self, now: Instant) {
+        increment(&mut self.counters.write_errors);
+        (self.transport, self.retry_at) = (Transport::Ready, now.after(Self::RETRY));
+    }
 
     /// Records that a frame of this version was received (V-1).
     pub(crate) fn heard(&mut self, version: Version) {

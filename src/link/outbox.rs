@@ -76,6 +76,10 @@ pub(crate) struct Outbox {
     start: u16,
     end: u16,
     sent: u16,
+    /// The start of a frame that was cut off, which is sent again behind the HEARTBEAT of a link that opens; 0 if there is none.
+    later: u16,
+    #[cfg(feature = "signing")]
+    later_signature: Signature,
 }
 
 /// The state of the frame's signature.
@@ -88,6 +92,12 @@ enum Signature {
     Due,
     Made,
 }
+
+/// The end of a frame that is set aside, without its signature: at the end of the buffer.
+const LATER_END: u16 = if cfg!(feature = "signing") { 267 } else { 280 };
+
+/// The least start of a frame that is set aside: behind a HEARTBEAT and its signature.
+const LEAST_LATER: u16 = 34;
 
 /// The position of the payload: after the longer header.
 const PAYLOAD_AT: usize = Version::V2.header_len();
@@ -111,6 +121,9 @@ impl Outbox {
         start: 0,
         end: 0,
         sent: 0,
+        later: 0,
+        #[cfg(feature = "signing")]
+        later_signature: Signature::None,
     };
 
     pub(crate) const fn configure(&mut self, link: LinkId, source: Address, version: Version) {
@@ -345,9 +358,51 @@ impl Outbox {
         self.sent = self.sent.saturating_add(short(len)).min(self.end);
     }
 
+    /// Whether a frame is pending, in whole or in part.
+    pub(crate) const fn has_frame(&self) -> bool {
+        !self.is_empty() || self.later != 0
+    }
+
+    /// Makes the frame that was set aside the next one, if there is one.
+    pub(crate) fn resume(&mut self) -> bool {
+        let has_one = self.later != 0;
+        if has_one {
+            (self.start, self.sent, self.end) = (self.later, self.later, LATER_END);
+            self.later = 0;
+            #[cfg(feature = "signing")]
+            {
+                self.signature = self.later_signature;
+            }
+        }
+        has_one
+    }
+
+    /// Sets the frame aside: a HEARTBEAT precedes it (H-17). One that leaves no room for it, over 230 bytes of bulk data,
+    /// is dropped.
+    fn set_aside(&mut self) {
+        let (start, end) = (usize::from(self.start), usize::from(self.end));
+        let later = LATER_END.saturating_sub(self.end.saturating_sub(self.start));
+        self.sent = self.end;
+        if later < LEAST_LATER {
+            return;
+        }
+        // A plain loop, from the end on, because the places may overlap: see `Decoder::compact`.
+        let cells = core::cell::Cell::from_mut(&mut self.bytes[..]).as_slice_of_cells();
+        let (from, to) =
+            (cells.get(start..end).unwrap_or_default(), cells.get(usize::from(later)..).unwrap_or_default());
+        for (to, from) in to.iter().take(from.len()).zip(from).rev() {
+            to.set(from.get());
+        }
+        self.later = later;
+        #[cfg(feature = "signing")]
+        {
+            self.later_signature = self.signature;
+        }
+    }
+
     /// Sends an unfinished frame from its first byte again: the peer that received its start is gone. A heartbeat is
-    /// dropped instead, because it reports the current state.
-    pub(crate) fn restart(&mut self) {
+    /// dropped instead, because it reports the current state. `is_held`: a heartbeat comes first.
+    pub(crate) fn restart(&mut self, is_held: bool) {
         if self.is_empty() {
             return;
         }
@@ -359,6 +414,9 @@ impl Outbox {
         let frame = self.bytes.get(usize::from(self.start)..usize::from(self.end)).unwrap_or_default();
         let is_heartbeat = Header::parse(frame).is_some_and(|header| header.id == Heartbeat::ID);
         self.sent = if is_heartbeat { self.end } else { self.start };
+        if is_held && !is_heartbeat {
+            self.set_aside();
+        }
     }
 }
 

@@ -286,9 +286,9 @@ impl Shared {
         config.pulse.is_some_and(|pulse| flight.credit.sample(now, pulse, config.max_loop_gap)) && is_polled
     }
 
-    /// Returns when the stack must be polled at the latest, so that heartbeats may be sent (H-18).
+    /// Returns when the stack must be polled again at the latest, so that heartbeats may be sent (H-18).
     pub(crate) fn poll_deadline(&self) -> Instant {
-        self.polled.map_or(Instant::ZERO, |polled| polled.after(self.config.max_loop_gap))
+        self.polled.map_or(Instant::NEVER, |polled| polled.after(self.config.max_loop_gap))
     }
 
     /// Returns when a message that is due at `due` can be sent, if it must not be sent while the flight loop is stopped or the

@@ -16,7 +16,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let index = usize::from(link.0);
         let link = self.links.get(index).zip(self.states.get(index));
         link.is_none_or(|(link, state)| {
-            CommandService::<D::Commands>::has_answered(&state.command) && link.port.outbox.is_empty()
+            CommandService::<D::Commands>::has_answered(&state.command) && !link.port.outbox.has_frame()
         })
     }
     /// Returns the counters of answers of the vehicle's hooks that promised what did not happen.

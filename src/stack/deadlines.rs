@@ -3,8 +3,8 @@
 //! A deadline that is too early makes a sleeping firmware spin; one that is too late makes it late. Each turn is checked by
 //! itself too: [`Service::due`] is now exactly when [`Service::next`] sends a frame.
 //!
-//! This holds after [`poll`](Stack::poll): before it the vehicle may have acted, and a file may have to be read. Five things
-//! are due once and send nothing: a forwarded frame that has waited for too long, the heartbeat of a component in a fault, a
+//! This holds after [`poll`](Stack::poll): before it the vehicle may have acted, and a file may have to be read. Six things
+//! are due once and send nothing: the end of a link's wait for a heartbeat, a forwarded frame that has waited for too long, the heartbeat of a component in a fault, a
 //! message that the vehicle cannot fill, a step of the hash of many parameters, and a log that has no data yet. It is not due
 //! again at once.
 

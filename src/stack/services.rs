@@ -249,7 +249,8 @@ macro_rules! send {
         impl<D: Declares> Services<D> {
             /// Puts the next frame into the link's empty outbox: the first turn with something to send sends it (D-4).
             pub(crate) fn send(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) -> bool {
-                let (class, pace) = (port.config.class, port.bucket.pace());
+                let class = port.config.class;
+                let pace = if port.is_held() { Pace::Stalled } else { port.bucket.pace() };
                 false $(|| (
                     Turn::$turn.is_on(class)
                         && Turn::$turn.pace() <= pace
@@ -259,16 +260,23 @@ macro_rules! send {
 
             /// Returns when the link has something to send, as far as its transport accepts bytes.
             pub(crate) fn due(&self, view: &View<'_>, port: &Port, state: &States<D>) -> Instant {
+                let is_held = port.is_held();
+                let has_frame = !port.outbox.is_empty();
                 let is_stalled = match port.transport {
-                    // The rest of a frame waits for the next poll's budget.
-                    Transport::Ready if !port.outbox.is_empty() => return view.now,
+                    // The rest of a frame waits for the next poll's budget, or for a transport that has failed.
+                    Transport::Ready if has_frame => return view.now.max(port.retry_at),
                     // The transport must become ready first, which the stack cannot observe.
-                    Transport::Full | Transport::Unknown if !port.outbox.is_empty() => return Instant::NEVER,
+                    Transport::Full | Transport::Unknown if has_frame => return Instant::NEVER,
                     transport => transport == Transport::Full,
                 };
                 let (class, ready_at, idle_at) = (port.config.class, port.bucket.ready_at(), port.bucket.idle_at());
-                let mut due = Instant::NEVER;
-                $(if Turn::$turn.is_on(class) && (!is_stalled || Turn::$turn.pace() == Pace::Stalled) {
+                let mut due = match is_held {
+                    true => port.held_until(),
+                    // It was cut off, and is sent again.
+                    false if port.outbox.has_frame() => view.now,
+                    false => Instant::NEVER,
+                };
+                $(if Turn::$turn.is_on(class) && (!(is_stalled || is_held) || Turn::$turn.pace() == Pace::Stalled) {
                     let at = due!($service, D, self, view, port, state, Turn::$turn);
                     due = due.min(at.max(match Turn::$turn.pace() {
                         Pace::Stalled | Pace::AtOnce => Instant::ZERO,
@@ -277,7 +285,7 @@ macro_rules! send {
                     }));
                 })*
                 // What is due already waits for the transport.
-                if is_stalled && due <= view.now { Instant::NEVER } else { due }
+                if is_stalled && due <= view.now { Instant::NEVER } else { due.max(port.retry_at) }
             }
         }
     };
@@ -320,6 +328,11 @@ mod tests {
         let mut stack = Mavlink::new(config, [LinkConfig::unlimited(); 2]);
         let mut now = Instant::from_millis(1_000);
         stack.poll(now, &mut Rover);
+        now = now.after(Duration::from_millis(500));
+        for link in [LinkId(0), LinkId(1)] {
+            assert_eq!(stack.transmit(now, link, &mut Rover), [0_u8; 0], "the link waits no longer for a heartbeat");
+        }
+        stack.poll(now, &mut Rover);
         assert!(stack.next_deadline(now) > now, "nothing is pending");
 
         let mut tune = [0; 280];
@@ -341,7 +354,7 @@ mod tests {
         let [0xFD, len, 0, 0, _, 1, 1, id, 0, 0, payload @ .., _, _] = answer else { panic!("{answer:?}") };
         assert_eq!((u32::from(*id), usize::from(*len)), (NamedValueInt::ID, payload.len()));
         let answer = NamedValueInt::decode(payload);
-        assert_eq!((answer.time_boot_ms, answer.name.as_str(), answer.value), (1_007, Some("TUNES"), 3));
+        assert_eq!((answer.time_boot_ms, answer.name.as_str(), answer.value), (1_507, Some("TUNES"), 3));
         let len = payload.len() + 12;
         stack.transmitted(LinkId(1), len);
         assert_eq!(stack.transmit(now, LinkId(1), &mut Rover), [0_u8; 0], "one answer for all three");

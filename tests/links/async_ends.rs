@@ -3,6 +3,8 @@
 
 mod lab;
 
+use core::pin::pin;
+use core::task::{Context, Waker};
 use std::rc::Rc;
 
 use crate::support::*;
@@ -328,7 +330,12 @@ fn the_deadline_of_a_link_is_its_own() {
         gcs.frame_from(STATION, &command)
     };
     let (stack, vehicle) = &mut *firmware.stack.borrow_mut();
-    let now = firmware.now();
+    // The links wait no longer for a heartbeat.
+    stack.poll(firmware.now(), vehicle);
+    let now = Instant::from_millis(500);
+    for link in [LinkId(0), LinkId(1)] {
+        assert_eq!(stack.transmit(now, link, vehicle), [0_u8; 0]);
+    }
     stack.receive(now, LinkId(1), &frame, vehicle);
     stack.poll(now, vehicle);
     assert!(stack.link_deadline(now, LinkId(0)) > now);
@@ -450,8 +457,8 @@ fn write_errors_are_counted_and_cost_one_frame() {
     }
 }
 
-/// A transport that was opened again gets new ends. The frame that was cut off is sent again from its start, unless it is a
-/// heartbeat.
+/// A transport that was opened again gets new ends. A heartbeat is sent first (H-17), then the frame that was cut off,
+/// from its start.
 #[test]
 fn a_transport_that_is_opened_again_gets_whole_frames() {
     let firmware = Firmware::<1>::new(1);
@@ -478,7 +485,8 @@ fn a_transport_that_is_opened_again_gets_whole_frames() {
     executor.spawn(Rc::clone(&firmware).transmit::<16>(LINK, scissors));
     firmware.run_for(&mut executor, 100, 11);
     let (found, skipped) = firmware.uarts[0].with(|uart| frames(&uart.sent));
-    assert_eq!((found.first().map(|frame| frame.0), skipped), (Some(Ping::ID), 0));
+    let ids: Vec<u32> = found.into_iter().map(|frame| frame.0).collect();
+    assert_eq!((&ids[..], skipped), (&[Heartbeat::ID, Ping::ID][..], 0));
 }
 
 /// A link that the stack does not have is reported, and no byte is sent.
@@ -503,4 +511,39 @@ fn the_ends_show_no_bytes() {
     let mut buffer = [77; 4];
     let transmitter = AsyncTransmitter::new(lab::Uart::new(1), &mut buffer);
     assert_eq!(format!("{transmitter:?}"), "AsyncTransmitter { pending: 0, .. }");
+}
+
+/// while a UART fails, its task gets one error every 100 ms, and nothing to send in between, however much is pending.
+#[test]
+fn failing_uart_does_not_keep_its_task_awake() {
+    let firmware = Firmware::<1>::new(1);
+    let mut buffer = [0; 16];
+    let mut transmitter = AsyncTransmitter::new(firmware.uarts[0].clone(), &mut buffer);
+    firmware.uarts[0].with(|uart| uart.closed = true);
+    let (stack, vehicle) = &mut *firmware.stack.borrow_mut();
+    let (mut errors, mut sent) = (0, 0);
+    for ms in 0..2_000 {
+        let now = Instant::from_millis(ms);
+        firmware.pulse.tick();
+        stack.poll(now, vehicle);
+        stack.send_text(now, MavSeverity::INFO, &format!("Text {ms}"));
+        // A task that does not sleep.
+        for _ in 0..10 {
+            match stack.transmit_to(now, LINK, &mut transmitter, vehicle) {
+                Ok(true) => {
+                    sent += 1;
+                    assert!(pin!(transmitter.send()).poll(&mut Context::from_waker(Waker::noop())).is_ready());
+                }
+                Ok(false) => {
+                    let deadline = stack.link_deadline(now, LINK);
+                    assert!(errors == 0 || deadline > now, "{deadline:?} at {now:?}");
+                }
+                Err(error) => {
+                    assert_eq!(error, LinkError::Closed);
+                    errors += 1;
+                }
+            }
+        }
+    }
+    assert!((18..=20).contains(&errors) && sent == errors, "{errors} errors, {sent} frames");
 }

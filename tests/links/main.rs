@@ -5,7 +5,9 @@ mod support;
 
 #[cfg(feature = "embedded-io-async")]
 mod async_ends;
+mod failing;
 mod io;
+mod opened;
 mod peers;
 mod transports;
 mod udp;

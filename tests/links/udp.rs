@@ -511,3 +511,32 @@ fn debug_omits_the_datagram() {
     let text = format!("{:?}", lab.udp);
     assert!(text.contains("stations") && !text.contains("253"), "{text}");
 }
+
+/// H-17: the first datagram to each new station is a HEARTBEAT, whatever the station has sent first, and also to one that comes
+/// back after it was silent, or that takes the link of another. What else is pending follows.
+#[test]
+fn new_station_gets_a_heartbeat_first() {
+    let mut lab = Lab::new();
+    lab.run_for(millis(1_300));
+    lab.stack.send_text(lab.now, MavSeverity::INFO, "Hello");
+    for (round, station) in [A, B, A, C, B].into_iter().enumerate() {
+        lab.socket.sent.clear();
+        lab.command(station, MavCmd::NAV_LAND);
+        lab.run_for(millis(50));
+        let ids: Vec<u8> = lab.socket.sent.iter().filter(|(to, _)| *to == station).map(|(_, sent)| sent[7]).collect();
+        assert_eq!(ids[..2], [Heartbeat::ID as u8, CommandAck::ID as u8], "round {round}");
+        if round > 0 {
+            // Both links are free again.
+            lab.run_for(secs(6));
+        }
+    }
+    // Without a flight loop the answer waits for `max_loop_gap`.
+    lab.flies = false;
+    lab.run_for(secs(2));
+    lab.socket.sent.clear();
+    lab.command(A, MavCmd::NAV_LAND);
+    lab.run_for(millis(500));
+    assert_eq!(lab.socket.sent.len(), 0);
+    lab.run_for(millis(2));
+    assert_eq!(lab.socket.sent.iter().map(|(to, sent)| (*to, sent[7])).collect::<Vec<_>>(), [(A, 77)]);
+}

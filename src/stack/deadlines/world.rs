@@ -450,9 +450,11 @@ impl World {
         (0..3).filter_map(|link| self.stack.forward_counters(LinkId(link))).map(|counters| counters.stale).sum()
     }
 
-    /// The same, and the number of reads of logs that had no data yet.
-    fn dropped_or_later(&self) -> (u32, u32) {
-        (self.stale(), self.rover.later)
+    /// The same, the number of reads of logs that had no data yet, and the links that wait for a heartbeat.
+    fn dropped_or_later(&self) -> (u32, u32, usize) {
+        let ports = self.stack.links.iter().map(|link| &link.port);
+        let held = ports.filter(|port| port.is_held()).count();
+        (self.stale(), self.rover.later, held)
     }
 
     /// Wakes and sends as long as there is something to send.
@@ -493,7 +495,7 @@ impl World {
 
     /// Asks the turns of a link in their order.
     fn turn(&mut self, link: usize, skipped: Option<Turn>) -> bool {
-        let (stale, later) = self.dropped_or_later();
+        let (stale, later, _) = self.dropped_or_later();
         let mut wrong = Vec::new();
         let is_sent = self.stack.ask(self.now, link, skipped, &mut self.rover, &mut |turn, due, is_sent| {
             if (due <= self.now) != is_sent {
