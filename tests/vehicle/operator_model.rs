@@ -419,7 +419,7 @@ impl Pair {
 
     /// Runs an action on both, and compares them.
     fn on(&mut self, action: Action) {
-        let owner_before = self.stack.operator(self.now);
+        let owner_before = self.stack.operator(Instant::from_millis(self.now));
         self.vehicle.calls.clear();
         self.act(action);
         let expected = self.model.on(action);
@@ -437,7 +437,10 @@ impl Pair {
         let Model { owner, allows, is_cut, .. } = self.model;
         let allows = allows || owner.is_none();
         assert_eq!(
-            (self.stack.operator(self.now).map(|owner| owner.0), self.stack.allows_takeover(self.now)),
+            (
+                self.stack.operator(Instant::from_millis(self.now)).map(|owner| owner.0),
+                self.stack.allows_takeover(Instant::from_millis(self.now))
+            ),
             (owner, allows)
         );
         for (link, status) in self.statuses.into_iter().enumerate().filter(|(link, _)| !is_cut || *link != 0) {
@@ -446,7 +449,7 @@ impl Pair {
         for actor in [First0, First1, Second1] {
             let is_it = |info: &&PeerInfo| info.peer == actor.peer() && info.is_living_station();
             assert_eq!(
-                self.stack.peers(self.now).any(|info| is_it(&info)),
+                self.stack.peers(Instant::from_millis(self.now)).any(|info| is_it(&info)),
                 self.model.is_alive(actor),
                 "{actor:?} is alive"
             );
