@@ -447,7 +447,7 @@ impl Pair {
             assert_eq!(status, Some((1 | u8::from(allows) << 1, owner.unwrap_or(0))), "CONTROL_STATUS on link {link}");
         }
         for actor in [First0, First1, Second1] {
-            let is_it = |info: &&PeerInfo| info.peer == actor.peer() && info.is_living_station();
+            let is_it = |info: &PeerInfo| info.peer == actor.peer() && info.is_living_station();
             assert_eq!(
                 self.stack.peers(Instant::from_millis(self.now)).any(|info| is_it(&info)),
                 self.model.is_alive(actor),
