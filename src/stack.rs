@@ -75,15 +75,17 @@ pub struct Stack<D: Declares, const LINKS: usize> {
     plans: D::Plans,
 }
 
-/// Splits the stack into what a call uses: the data that services share, the services, the links and their states.
+/// Splits the stack into what a call uses at `now` of the firmware's clock: the data that services share, the services, the links and their states.
 macro_rules! split {
     ($stack:expr, $now:expr, $vehicle:expr) => {{
         let stack = $stack;
-        (split!(@cx stack, $now, $vehicle), &mut stack.services, &mut stack.links, &mut stack.states)
+        let now = stack.enter($now);
+        (split!(@cx stack, now, $vehicle), &mut stack.services, &mut stack.links, &mut stack.states)
     }};
     ($stack:expr, $now:expr, $vehicle:expr, storage) => {{
         let stack = $stack;
-        (split!(@cx stack, $now, $vehicle), &mut stack.services, &mut stack.states, &mut stack.storage)
+        let now = stack.enter($now);
+        (split!(@cx stack, now, $vehicle), &mut stack.services, &mut stack.states, &mut stack.storage)
     }};
     (@cx $stack:ident, $now:expr, $vehicle:expr) => {
         Cx::<D> {
@@ -193,6 +195,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             return;
         }
         let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
+        let now = cx.now;
         cx.shared.has_acted = false;
         cx.shared.polled = Some(now);
         for link in links.iter_mut() {
@@ -208,7 +211,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         }
         cx.requests.end_poll();
         #[cfg(feature = "defmt")]
-        self.log_drops(now);
+        self.log_drops(self.shared.clock.now());
     }
 
     /// Moves bytes between a link and its transport: reads, handles the received frames, and writes.
@@ -350,11 +353,12 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         allowance: &mut Allowance,
     ) -> usize {
         let mut taken = 0usize;
+        let time = self.enter(now);
         // One buffer at a time. More than two passes are only needed if the bytes exceed a buffer.
         loop {
             let rest = bytes.get(taken..).unwrap_or_default();
             let Some(Link { decoder, .. }) = self.link_mut(link) else { return 0 };
-            let len = if rest.is_empty() { 0 } else { decoder.push(rest, now) };
+            let len = if rest.is_empty() { 0 } else { decoder.push(rest, time) };
             taken = taken.saturating_add(len);
             // Also without room: the bytes that fill the buffer wait for this call's budget.
             self.handle_received(now, link, 0, vehicle, allowance);
@@ -392,7 +396,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             services.fill(&mut cx, port, state);
         } else {
             // A frame that is sent again from its start (G-4).
-            services.signing.sign(now, port);
+            services.signing.sign(cx.now, port);
         }
         port.outbox.pending()
     }
@@ -410,7 +414,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 
     /// Restarts a link whose transport was opened again. Discards the received part of an unfinished frame. The first frame
     /// that is sent is a HEARTBEAT, and everything else waits for it for at most
-    /// [`max_loop_gap`](crate::Config::max_loop_gap) (H-17). A frame that was cut off is sent from its start again, unless it
+    /// [`max_loop_gap`](crate::Config::max_loop_gap) (H-17), but not while the vehicle is in a fault. A frame that was cut off is sent from its start again, unless it
     /// is a heartbeat, which would be out of date, or a frame of bulk data with over 230 bytes.
     pub fn restart_link(&mut self, link: LinkId) {
         self.greet(link);
@@ -494,6 +498,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 
     fn push_text(&mut self, now: Instant, severity: MavSeverity, text: &[u8]) {
+        let now = self.enter(now);
         let texts: &mut StatusTexts = self.texts.view_mut();
         texts.push(now, self.shared.normal, severity, text);
     }
@@ -502,6 +507,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// shares code with the hooks, and in tests that call hooks. The next [`poll`](Self::poll) takes up what is
     /// announced or reported in it.
     pub fn with_context<R>(&mut self, now: Instant, work: impl FnOnce(&mut Context<'_>) -> R) -> R {
+        let now = self.enter(now);
         work(&mut Context {
             now,
             texts: self.texts.view_mut(),
@@ -534,19 +540,18 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// vehicle's state has changed. It is never further away than [`max_loop_gap`](crate::Config::max_loop_gap) after the
     /// last [`poll`](Self::poll) (H-18). [`Instant::NEVER`] if the stack was not begun.
     pub fn next_deadline(&self, now: Instant) -> Instant {
-        let deadline = self.earliest(now, 0, LINKS);
-        // It is in the past until the stack is begun.
-        if deadline == Instant::NEVER { deadline } else { deadline.min(self.services.storage_deadline()).max(now) }
+        self.earliest(now, 0, LINKS, self.services.storage_deadline())
     }
 
     /// Returns when a link must be served again even if no byte is received on any: as [`next_deadline`](Self::next_deadline),
     /// without what only concerns other links or storage. For firmware with a task for each link, and one for storage: none
     /// is woken for the work of another. [`poll`](Self::poll) the stack then, too.
     pub fn link_deadline(&self, now: Instant, link: LinkId) -> Instant {
-        self.earliest(now, usize::from(link.0), 1)
+        self.earliest(now, usize::from(link.0), 1, Instant::NEVER)
     }
 
-    fn earliest(&self, now: Instant, first: usize, count: usize) -> Instant {
+    /// Returns when `count` links from `first` on must be served, or at `other` if that is earlier, by the firmware's clock.
+    fn earliest(&self, now: Instant, first: usize, count: usize, other: Instant) -> Instant {
         let (shared, requests) = (&self.shared, self.requests.view());
         if !shared.is_begun() {
             return Instant::NEVER;
@@ -554,8 +559,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         if shared.has_acted || requests.is_due() {
             return now;
         }
+        let time = shared.clock.peek(now);
         let view = View {
-            now,
+            now: time,
             shared,
             peers: self.peers.view(),
             texts: self.texts.view(),
@@ -563,14 +569,49 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             events: self.events.view(),
         };
         let peers = network::deadline(view.peers, shared.config.peer_timeout);
-        let mut deadline = peers.min(self.services.deadline()).min(shared.poll_deadline());
+        let mut deadline = peers.min(self.services.deadline()).min(shared.poll_deadline()).min(other);
         let links = self.links.get(first..).unwrap_or_default().iter();
         let states = self.states.get(first..).unwrap_or_default();
         for (link, state) in links.zip(states).take(count) {
             let due = self.services.due(&view, &link.port, state);
             deadline = deadline.min(link.decoder.deadline()).min(due);
         }
-        deadline.max(now)
+        if deadline <= time { now } else { shared.clock.shown(deadline).max(now) }
+    }
+
+    /// Returns the time by the stack's clock when the firmware's clock shows `now`: it is never set back.
+    #[inline(never)]
+    pub(crate) fn enter(&mut self, now: Instant) -> Instant {
+        if self.shared.clock.advance(now) {
+            self.note_clock_step();
+        }
+        self.shared.clock.now()
+    }
+
+    /// The firmware's clock was set back: the stack's goes on.
+    #[inline(never)]
+    fn note_clock_step(&mut self) {
+        let Shared { clock, clock_steps, normal, .. } = &mut self.shared;
+        increment(clock_steps);
+        self.services.on_clock_step();
+        self.requests.view_mut().lead = clock.lead();
+        for link in &mut self.links {
+            link.port.outbox.set_lead(clock.lead());
+        }
+        if D::HAS_TEXTS {
+            self.texts.view_mut().push(
+                clock.now(),
+                *normal,
+                MavSeverity::WARNING,
+                b"Clock was set back: check the firmware's timer",
+            );
+        }
+    }
+
+    /// Returns how often the clock that the firmware passes as `now` was set back by a second or more. The stack then
+    /// continues from where it was, and a text says so. A counter that wraps is the usual cause: extend it to 64 bits. Wraps.
+    pub fn clock_steps(&self) -> u32 {
+        self.shared.clock_steps
     }
 
     /// Whether the stack was begun.
@@ -593,6 +634,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Records an error of a link's transport while writing.
     #[inline(never)]
     pub(crate) fn note_failure(&mut self, now: Instant, link: LinkId) {
+        let now = self.enter(now);
         if let Some(link) = self.link_mut(link) {
             link.port.failed(now);
         }
@@ -652,7 +694,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             return;
         };
         if len > 0 {
-            link_state.decoder.filled(len, now);
+            link_state.decoder.filled(len, cx.now);
         }
         let own_frame = services.drain(&mut cx, link_state, state, allowance);
         if let Some(own_frame) = own_frame

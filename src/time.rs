@@ -74,6 +74,13 @@ impl Instant {
     }
 }
 
+impl Instant {
+    /// Returns the instant `duration` before `self`, at least [`ZERO`](Self::ZERO).
+    pub(crate) const fn before(self, duration: Duration) -> Self {
+        Self(self.0.saturating_sub(duration.0))
+    }
+}
+
 /// A span of time in microseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -116,9 +123,82 @@ impl Duration {
     }
 }
 
+/// A clock that never goes back, made of one that may. If that is set back by a second or more, this one continues from
+/// where it was: it is re-anchored. Less is clamped: this one stands still until the other has caught up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(crate) struct Clock {
+    /// The latest time.
+    last: Instant,
+    /// How far it is ahead of the other clock.
+    lead: Duration,
+}
+
+impl Clock {
+    /// A clock that shows the same as the other one, from 0 on.
+    pub(crate) const NEW: Self = Self { last: Instant::ZERO, lead: Duration::ZERO };
+
+    /// The least step back that re-anchors the clock.
+    const STEP: Duration = Duration::from_secs(1);
+
+    /// Returns the time when the other clock shows `now`.
+    pub(crate) const fn peek(&self, now: Instant) -> Instant {
+        let time = now.after(self.lead);
+        if time.0 > self.last.0 { time } else { self.last }
+    }
+
+    /// Advances to the time when the other clock shows `now`. Returns whether it was re-anchored.
+    pub(crate) const fn advance(&mut self, now: Instant) -> bool {
+        let behind = self.last.since(now.after(self.lead));
+        let is_step = behind.0 >= Self::STEP.0;
+        if is_step {
+            self.lead = self.last.since(now);
+        }
+        self.last = self.peek(now);
+        is_step
+    }
+
+    /// Returns the latest time.
+    pub(crate) const fn now(&self) -> Instant {
+        self.last
+    }
+
+    /// Returns how far it is ahead of the other clock.
+    pub(crate) const fn lead(&self) -> Duration {
+        self.lead
+    }
+
+    /// Returns what the other clock shows at `time`.
+    pub(crate) const fn shown(&self, time: Instant) -> Instant {
+        if time.0 == Instant::NEVER.0 { time } else { time.before(self.lead) }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// a step back of a second or more re-anchors the clock, once; less is clamped.
+    #[test]
+    fn clock_never_goes_back() {
+        let at = Instant::from_millis;
+        let mut clock = Clock::NEW;
+        for (other, time, is_step) in [
+            (5_000, 5_000, false),
+            (4_001, 5_000, false),
+            (5_001, 5_001, false),
+            (4_001, 5_001, true),
+            (4_002, 5_002, false),
+            (3_003, 5_002, false),
+            (0, 5_002, true),
+            (10, 5_012, false),
+        ] {
+            let peeked = clock.peek(at(other));
+            assert_eq!((clock.advance(at(other)), clock.now()), (is_step, at(time)), "{other} ms");
+            assert!(peeked == at(time));
+        }
+        assert_eq!((clock.shown(at(5_013)), clock.lead()), (at(11), Duration::from_millis(5_002)));
+    }
 
     #[test]
     fn arithmetic_saturates_at_both_ends() {

@@ -285,7 +285,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         if !self.is_begun() {
             return;
         }
-        udp.forget_silent(now, self.config().peer_timeout);
+        let time = self.enter(now);
+        udp.forget_silent(time, self.config().peer_timeout);
         let budget = self.config().budget;
         let mut left = [(); N].map(|()| Left { allowance: budget.allowance(), tx_bytes: length(budget.tx_bytes) });
         // Frames of earlier polls, which wait for budget or for silence.
@@ -307,6 +308,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         vehicle: &mut D::Vehicle,
         left: &mut [Left; N],
     ) {
+        let time = self.enter(now);
         let mut rx_bytes = length(self.config().budget.rx_bytes);
         let mut is_behind = false;
         // The next requests need the memory for the answers to the last ones.
@@ -317,7 +319,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
                 }
                 let Some((len, from)) = socket.receive(&mut udp.datagram) else { break };
                 rx_bytes = rx_bytes.saturating_sub(len.saturating_add(HEADERS_LEN));
-                if let Some(link) = udp.take(now, len, from) {
+                if let Some(link) = udp.take(time, len, from) {
                     self.reset_link(link);
                 }
             }
@@ -342,7 +344,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             if udp.begin < udp.end && socket.is_ready() {
                 if udp.station(index).is_some() {
                     is_behind = true;
-                    if !udp.is_flooded(now) {
+                    if !udp.is_flooded(time) {
                         // No deadline says that a datagram is pending.
                         self.poll_again();
                         break;

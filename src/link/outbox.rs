@@ -5,6 +5,7 @@ use crate::frame::{Header, MAX_FRAME_LEN, Version, wrap};
 #[cfg(feature = "signing")]
 use crate::frame::{INCOMPAT_SIGNED, SIGNATURE_LEN, SigningKey};
 use crate::message::{Address, ComponentId, Message, MessageInfo};
+use crate::time::Duration;
 use crate::types::{Component, Firmware, LinkClass, LinkId, MAX_COMPONENTS};
 
 /// Two checksum bits of each of the last 256 frames, by sequence number. An echo always matches them; of another
@@ -57,6 +58,8 @@ pub(crate) struct Outbox {
     link: LinkId,
     source: Address,
     class: LinkClass,
+    /// How far the stack's clock is ahead of the firmware's.
+    lead: Duration,
     /// The version that the link sends now (V-1).
     version: Version,
     /// The next sequence number: one sequence for each component on each link (S-16).
@@ -108,6 +111,7 @@ impl Outbox {
         link: LinkId(0),
         source: Address::new(0, 0),
         class: LinkClass::Normal,
+        lead: Duration::ZERO,
         version: Version::V1,
         seq: 0,
         other_seqs: [0; MAX_COMPONENTS],
@@ -140,6 +144,16 @@ impl Outbox {
     /// Sets the source address from the next frame on.
     pub(crate) const fn set_source(&mut self, source: Address) {
         self.source = source;
+    }
+
+    /// Sets how far the stack's clock is ahead of the firmware's.
+    pub(crate) const fn set_lead(&mut self, lead: Duration) {
+        self.lead = lead;
+    }
+
+    /// Returns how far the stack's clock is ahead of the firmware's.
+    pub(crate) const fn lead(&self) -> Duration {
+        self.lead
     }
 
     /// Returns the link.

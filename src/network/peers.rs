@@ -6,7 +6,7 @@
 use crate::dialect::{Heartbeat, MavAutopilot, MavType};
 use crate::frame::{Frame, Version};
 use crate::message::{Address, Message, SystemId};
-use crate::time::{Duration, Instant};
+use crate::time::{Clock, Duration, Instant};
 use crate::types::{LinkClass, LinkId, MAX_LINKS, Peer, PeerEvent};
 
 /// An entry of the peer table: a component, and the link on which it was heard.
@@ -83,9 +83,11 @@ impl PeerInfo {
         self.has_heartbeat.then_some(self.heartbeat)
     }
 
-    /// Returns the entry as it is at `now`, whether or not [`poll`] has seen the timeout yet (H-18).
-    pub(crate) fn at(&self, now: Instant, timeout: Duration) -> Self {
-        Self { is_alive: self.is_alive && !self.is_silent(now, timeout), ..*self }
+    /// Returns the entry as it is at `now`, whether or not [`poll`] has seen the timeout yet (H-18). Its instants are those of
+    /// the clock that the firmware sees.
+    pub(crate) fn at(&self, now: Instant, timeout: Duration, clock: &Clock) -> Self {
+        let (heartbeat, heard) = (clock.shown(self.heartbeat), clock.shown(self.heard));
+        Self { is_alive: self.is_alive && !self.is_silent(now, timeout), heartbeat, heard, ..*self }
     }
 
     /// Whether its last heartbeat is `timeout` ago or longer.

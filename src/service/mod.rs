@@ -56,7 +56,7 @@ use crate::link::Port;
 pub(crate) use crate::log::increment;
 use crate::message::{Address, ComponentId, SystemId};
 use crate::network::{PeerInfo, Peers};
-use crate::time::{Duration, Instant};
+use crate::time::{Clock, Duration, Instant};
 #[cfg(feature = "defmt")]
 use crate::types::LinkId;
 use crate::types::{
@@ -182,6 +182,10 @@ pub trait Service<F: Firmware> {
         let _ = (own, owner);
     }
 
+    /// Called when the firmware's clock was set back by a second or more. What the service has stored by that clock, instead
+    /// of the stack's, is no longer of use.
+    fn on_clock_step(&mut self) {}
+
     /// Called when any service has put a frame into the link's outbox.
     fn on_sent(&mut self, port: &Port) {
         let _ = port;
@@ -225,6 +229,10 @@ pub struct Shared {
     /// The high-latency links.
     pub(crate) satellites: LinkMask,
     pub(crate) flight: Flight,
+    /// The stack's time, which is never set back. All other instants inside the stack are its.
+    pub(crate) clock: Clock,
+    /// How often the firmware's clock was set back. Wraps.
+    pub(crate) clock_steps: u32,
     /// When the stack was last polled; `None` before the first time (H-18).
     pub(crate) polled: Option<Instant>,
     /// Work may be pending that only the vehicle knows about, on any link, so `next_deadline` returns `now`.
@@ -249,6 +257,8 @@ impl Shared {
         normal: LinkMask::NONE,
         satellites: LinkMask::NONE,
         flight: Flight::new(),
+        clock: Clock::NEW,
+        clock_steps: 0,
         polled: None,
         has_acted: false,
         is_storage_busy: false,
@@ -272,6 +282,12 @@ impl Shared {
     /// Whether the stack was begun: then it has links.
     pub(crate) const fn is_begun(&self) -> bool {
         !self.normal.with(self.satellites).is_empty()
+    }
+
+    /// Whether frames of a link wait for a HEARTBEAT (H-17). Nothing waits for one that cannot come: before the first poll, and
+    /// while the vehicle is in a fault.
+    pub(crate) fn holds(&self, port: &Port) -> bool {
+        port.is_held() && self.flight.has_state && self.polled.is_some()
     }
 
     /// Whether the stack was polled within `max_loop_gap`, so that the peers' timeouts and the failsafe run (H-18).
@@ -310,6 +326,7 @@ pub(crate) const RETRY: Duration = Duration::from_millis(100);
 
 /// The data that a call of a service uses, besides the service itself and its link.
 pub struct Cx<'a, F: Firmware> {
+    /// By the stack's clock.
     pub(crate) now: Instant,
     pub(crate) shared: &'a mut Shared,
     pub(crate) peers: &'a mut Peers,

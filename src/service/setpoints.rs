@@ -387,12 +387,17 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Setpoints {
         }
     }
 
+    fn on_clock_step(&mut self) {
+        self.until = Instant::ZERO;
+    }
+
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;
         match frame.id() {
             SetPositionTargetLocalNed::ID | SetPositionTargetGlobalInt::ID | SetAttitudeTarget::ID => {
-                if self.receive(cx.now, *from, frame, target.system.0 == 0, cx.peers)
-                    && let Some(setpoint) = self.current(cx.now)
+                let now = cx.shared.clock.shown(cx.now);
+                if self.receive(now, *from, frame, target.system.0 == 0, cx.peers)
+                    && let Some(setpoint) = self.current(now)
                 {
                     let (vehicle, mut context) = cx.hook();
                     vehicle.control_input(&mut context, &ControlInput::Setpoint(setpoint));

@@ -10,8 +10,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// [`stack!`](crate::stack) declares. [`PeerInfo`](PeerInfo#eviction-from-a-full-table) says which peer is evicted
     /// when the table is full.
     pub fn peers(&self, now: Instant) -> impl Iterator<Item = PeerInfo> {
-        let timeout = self.config().peer_timeout;
-        self.peers.view().iter().map(move |info| info.at(now, timeout))
+        let (clock, timeout) = (self.shared.clock, self.config().peer_timeout);
+        let now = clock.peek(now);
+        self.peers.view().iter().map(move |info| info.at(now, timeout, &clock))
     }
 
     /// Whether any ground station is alive at `now`: it has sent a heartbeat of type GCS within

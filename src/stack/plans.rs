@@ -33,6 +33,7 @@ impl<D: Declares<Mission = Missions, Vehicle: Plans + Commands>, const LINKS: us
     /// [`poll`](Self::poll).
     pub fn mission_item_reached(&mut self, now: Instant, seq: u16) {
         let (links, repeats) = (self.shared.normal, self.shared.config.item_reached_repeats);
+        let now = self.enter(now);
         self.services.mission.reached(now, seq, links, repeats);
     }
 

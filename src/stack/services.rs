@@ -166,6 +166,10 @@ macro_rules! define {
                 $(Service::<D>::on_owner(&mut self.$name, own, owner);)*
             }
 
+            pub(crate) fn on_clock_step(&mut self) {
+                $(Service::<D>::on_clock_step(&mut self.$name);)*
+            }
+
             pub(crate) fn on_sent(&mut self, port: &Port) {
                 $(Service::<D>::on_sent(&mut self.$name, port);)*
             }
@@ -250,7 +254,7 @@ macro_rules! send {
             /// Puts the next frame into the link's empty outbox: the first turn with something to send sends it (D-4).
             pub(crate) fn send(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) -> bool {
                 let class = port.config.class;
-                let pace = if port.is_held() { Pace::Stalled } else { port.bucket.pace() };
+                let pace = if cx.shared.holds(port) { Pace::Stalled } else { port.bucket.pace() };
                 false $(|| (
                     Turn::$turn.is_on(class)
                         && Turn::$turn.pace() <= pace
@@ -260,7 +264,7 @@ macro_rules! send {
 
             /// Returns when the link has something to send, as far as its transport accepts bytes.
             pub(crate) fn due(&self, view: &View<'_>, port: &Port, state: &States<D>) -> Instant {
-                let is_held = port.is_held();
+                let is_held = view.shared.holds(port);
                 let has_frame = !port.outbox.is_empty();
                 let is_stalled = match port.transport {
                     // The rest of a frame waits for the next poll's budget, or for a transport that has failed.

@@ -264,6 +264,7 @@ where
     /// Schedules the parameters for writing at once, like MAV_CMD_PREFLIGHT_STORAGE, if some are not stored yet or what is
     /// stored is damaged (G-18): for use before a reboot. Afterwards, [`persist`](Self::persist) returns false once they are stored, or cannot be.
     pub fn save_parameters(&mut self, now: Instant) {
+        let now = self.enter(now);
         self.services.param.write_now(now, &mut self.parameters);
     }
 }

@@ -10,8 +10,7 @@ impl<D: Declares> Services<D> {
     /// link closed the next one. Returns whether there is one.
     pub(super) fn resume(&self, cx: &Cx<'_, D>, port: &mut Port) -> bool {
         if port.is_held() {
-            // Before the first poll no heartbeat can come, and nothing waits.
-            if cx.shared.polled.is_some() && cx.now < port.bound_hold(cx.now, cx.shared.config.max_loop_gap) {
+            if cx.shared.holds(port) && cx.now < port.bound_hold(cx.now, cx.shared.config.max_loop_gap) {
                 return false;
             }
             port.release();

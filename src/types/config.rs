@@ -214,6 +214,9 @@ pub struct Config {
     pub max_loop_gap: Duration,
     /// The time without a heartbeat after which a peer has timed out: 5 s by default (H-11).
     pub peer_timeout: Duration,
+    /// How far a peer's clock may be ahead of the time that the vehicle has told by `Signing::set_time` (feature `signing`): ten
+    /// minutes by default. A signed frame from further ahead is refused (G-17).
+    pub max_signing_lead: Duration,
     /// The time without a new byte after which the start of a frame is dropped: 500 ms by default (SEC-4).
     pub stale_after: Duration,
     /// Whether a link's streams wait until a peer on the link is alive (H-8); heartbeats never wait. False by default:
@@ -295,6 +298,7 @@ impl Config {
         heartbeat_period: Duration::ZERO,
         max_loop_gap: Duration::ZERO,
         peer_timeout: Duration::ZERO,
+        max_signing_lead: Duration::ZERO,
         stale_after: Duration::ZERO,
         streams_wait_for_peer: false,
         accepts_component_0: false,
@@ -332,6 +336,7 @@ impl Config {
             heartbeat_period: Duration::from_secs(1),
             max_loop_gap: Duration::from_millis(500),
             peer_timeout: Duration::from_secs(5),
+            max_signing_lead: Duration::from_secs(10 * 60),
             stale_after: Decoder::STALE_AFTER,
             streams_wait_for_peer: false,
             accepts_component_0: true,

@@ -16,6 +16,7 @@ use crate::time::Instant;
 /// Nothing in it calls back into the stack. Texts are queued and messages are remembered; they are sent when a link has
 /// room.
 pub struct Context<'a> {
+    /// By the stack's clock.
     pub(crate) now: Instant,
     pub(crate) texts: &'a mut StatusTexts,
     pub(crate) requests: &'a mut Requests,
@@ -28,9 +29,9 @@ pub struct Context<'a> {
 }
 
 impl<'a> Context<'a> {
-    /// Returns the time of the call.
+    /// Returns the time of the call, by the firmware's clock.
     pub const fn now(&self) -> Instant {
-        self.now
+        self.now.before(self.requests.lead)
     }
 
     /// Sends a STATUSTEXT on every normal link: see [`Stack::send_text`](crate::Stack::send_text).
@@ -53,6 +54,6 @@ impl<'a> Context<'a> {
 
 impl core::fmt::Debug for Context<'_> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("Context").field("now", &self.now).finish_non_exhaustive()
+        f.debug_struct("Context").field("now", &self.now()).finish_non_exhaustive()
     }
 }

@@ -5,6 +5,7 @@ use crate::dialect::MavType;
 use crate::list::take_first;
 use crate::log::increment;
 use crate::message::Address;
+use crate::time::Duration;
 use heapless::Vec;
 
 /// The number of messages that a link has room for, and of requests that wait for a slot.
@@ -125,6 +126,8 @@ pub struct Requests<Q: ?Sized = [RequestQueue]> {
     links: u8,
     /// Whether the next poll is to take up requests to other components.
     is_client_due: bool,
+    /// How far the stack's clock is ahead of the firmware's. Here because every context has the requests.
+    pub(crate) lead: Duration,
     queues: Q,
 }
 
@@ -134,6 +137,7 @@ impl<const N: usize> Requests<[RequestQueue; N]> {
         reached: Vec::new(),
         links: 0,
         is_client_due: false,
+        lead: Duration::ZERO,
         queues: [const { RequestQueue::EMPTY }; N],
     };
 }

@@ -43,7 +43,8 @@ impl Joined {
             }
         }
         let leaves = [0, 1, 2].map(|node| network.join(node, None, self.rate, millis(1)));
-        network.run_for(millis(5));
+        // Links without heartbeats wait for them no longer (H-17).
+        network.run_for(millis(505));
         (network, leaves)
     }
 

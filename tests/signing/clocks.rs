@@ -10,10 +10,11 @@ use mavstack::message::Secret;
 use mavstack::signing::{LinkSigning, SigningKey};
 use mavstack::{Address, Duration, LinkConfig, Message};
 
-/// A minute, a day and a year, in units of a timestamp.
+/// A minute, how far ahead a clock may be, an hour and a year, in units of a timestamp.
 const MINUTE: u64 = 6_000_000;
-const DAY: u64 = 24 * 60 * MINUTE;
-const YEAR: u64 = 365 * DAY;
+const LEAD: u64 = 10 * MINUTE;
+const HOUR: u64 = 60 * MINUTE;
+const YEAR: u64 = 365 * 24 * HOUR;
 const LAST: u64 = (1 << 48) - 1;
 
 /// A vehicle with a key, an open wire, a radio that requires signatures, and a satellite link.
@@ -52,13 +53,13 @@ fn hears(rig: &mut Rig<3>, station: u8, timestamp: u64) -> bool {
     is_heard
 }
 
-/// G-17: once the vehicle has set the time, a frame from more than a day ahead is refused, counted, and does not move our time.
-/// That also holds on an open wire, and in steps of a day. Peers with right clocks are still accepted.
+/// G-17: once the vehicle has set the time, a frame from more than ten minutes ahead is refused, counted, and does not move our
+/// time. That also holds on an open wire, and in steps of ten minutes. Peers with right clocks are still accepted.
 #[test]
 fn wrong_clock_of_a_peer_locks_out_no_other() {
     let mut rig = rig();
     tell(&mut rig, NOW);
-    for (n, ahead) in [DAY + 1, 14 * YEAR, LAST - NOW].into_iter().enumerate() {
+    for (n, ahead) in [LEAD + 1, 14 * YEAR, LAST - NOW].into_iter().enumerate() {
         let before = rig.timestamp();
         assert!(!hears(&mut rig, 10, NOW + ahead));
         rig.receive(WIRE, &Signer::new(KEY).at(NOW + ahead).frame(&command()));
@@ -67,11 +68,11 @@ fn wrong_clock_of_a_peer_locks_out_no_other() {
         assert_eq!(rig.counters().too_far_ahead, 2 * (n as u32 + 1));
         assert!(hears(&mut rig, 20 + n as u8, NOW), "a right clock");
     }
-    assert!(hears(&mut rig, 11, NOW + DAY), "wrong, but within a day");
-    assert!(!hears(&mut rig, 12, NOW + 2 * DAY));
-    // A day later the bound is a day later too, although the vehicle has not set the time since.
-    rig.now = rig.now.after(secs(86_400));
-    assert!(hears(&mut rig, 12, NOW + 2 * DAY));
+    assert!(hears(&mut rig, 11, NOW + LEAD), "wrong, but within ten minutes");
+    assert!(!hears(&mut rig, 12, NOW + 2 * LEAD));
+    // Ten minutes later the bound is that much later too, although the vehicle has not set the time since.
+    rig.now = rig.now.after(secs(600));
+    assert!(hears(&mut rig, 12, NOW + 2 * LEAD));
 }
 
 /// G-17: before the vehicle has set the time there is no bound. Another key undoes the effect of a wrong clock, and once the
@@ -84,7 +85,7 @@ fn another_key_undoes_the_effect_of_a_wrong_clock() {
         if is_told {
             tell(&mut rig, NOW);
         }
-        assert!(!hears(&mut rig, 20, NOW), "locked out");
+        assert_eq!(hears(&mut rig, 20, NOW), is_told, "locked out until the vehicle knows the time");
         // A peer that follows our time is accepted; otherwise no peer would be.
         let ours = rig.timestamp();
         assert!(hears(&mut rig, 21, ours + 100));
@@ -96,6 +97,74 @@ fn another_key_undoes_the_effect_of_a_wrong_clock() {
         assert!(hears(&mut rig, 20, NOW));
         assert_eq!(hears(&mut rig, 10, NOW + 14 * YEAR), !is_told);
     }
+}
+
+/// Returns the texts of a link about clocks.
+fn texts(rig: &mut Rig<3>, link: usize) -> Vec<String> {
+    rig.run_for(millis(100));
+    let texts = rig.sent::<Statustext>(link).into_iter().filter_map(|frame| frame.decode::<Statustext>());
+    texts.map(|text| text.text.as_str().unwrap().to_owned()).collect()
+}
+
+/// G-17: a tablet whose clock is 23 hours ahead, for a wrong time zone, locks out no right clock once the vehicle has told the
+/// time: neither if the tablet was heard before, nor if it is heard after. From then on it is refused, and a text names it, at
+/// most every ten seconds.
+#[test]
+fn clock_in_another_time_zone_locks_out_no_right_one() {
+    for heard_before in [false, true] {
+        let mut rig = rig();
+        if heard_before {
+            assert!(hears(&mut rig, 200, NOW + 23 * HOUR));
+            assert!(!hears(&mut rig, 20, NOW), "there is no better time yet");
+        }
+        tell(&mut rig, NOW);
+        let sent = rig.timestamp();
+        assert!(hears(&mut rig, 21, NOW), "a right clock");
+        assert!(rig.timestamp() >= sent, "our own time does not go back");
+        let is_refused = !hears(&mut rig, 201, NOW + 23 * HOUR);
+        assert_eq!(is_refused, !heard_before, "peers that follow our time are accepted");
+        if is_refused {
+            let expected = ["System 201 refused: its clock is too far ahead"];
+            assert_eq!(texts(&mut rig, RADIO), expected);
+            assert_eq!(texts(&mut rig, WIRE), expected);
+            for second in 1..=10 {
+                rig.run_for(millis(900));
+                hears(&mut rig, 201, NOW + 23 * HOUR + second);
+                let is_due = second == 10;
+                assert_eq!(texts(&mut rig, RADIO).len(), usize::from(is_due), "{second} s");
+            }
+        }
+        assert!(hears(&mut rig, 22, NOW + 2 * MINUTE), "another right clock");
+    }
+}
+
+/// G-6, G-17: once the vehicle has told the time, a new stream begins at most a minute behind *that* time, whatever peers have
+/// sent, and a known stream stays where it was.
+#[test]
+fn window_for_new_streams_rests_on_the_time_of_the_vehicle() {
+    let mut rig = rig();
+    tell(&mut rig, NOW);
+    assert!(hears(&mut rig, 10, NOW + 9 * MINUTE));
+    assert!(rig.timestamp() >= NOW + 9 * MINUTE, "our stamps are no earlier");
+    assert!(hears(&mut rig, 11, NOW - MINUTE + 10_000) && !hears(&mut rig, 12, NOW - MINUTE - 1));
+    assert!(!hears(&mut rig, 10, NOW + 9 * MINUTE - 1), "its own stream goes on");
+    assert_eq!((rig.counters().too_old, rig.counters().replayed), (1, 1));
+    // The firmware refuses what was recorded before.
+    let now = rig.now;
+    rig.signing().refuse_recorded(now);
+    assert!(!hears(&mut rig, 13, NOW - 1) && hears(&mut rig, 13, NOW + 10_000));
+}
+
+/// G-17: how far ahead a clock may be is a setting.
+#[test]
+fn bound_on_the_future_is_a_setting() {
+    let mut rig = rig();
+    let link = LinkConfig::uart(115_200).with_signing(LinkSigning::REQUIRED);
+    let config = mavstack::Config { max_signing_lead: secs(3_600), ..Setup::<1>::new().config };
+    rig.stack = begun(config, [link; 3]);
+    rig.set_key(KEY);
+    tell(&mut rig, NOW);
+    assert!(hears(&mut rig, 10, NOW + HOUR) && !hears(&mut rig, 11, NOW + HOUR + MINUTE));
 }
 
 /// G-17: a vehicle whose clock is years behind, and that has stored no time, refuses stations with right clocks, and their

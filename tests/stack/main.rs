@@ -3,6 +3,7 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+mod clock;
 #[cfg(feature = "storage")]
 mod example_rover;
 mod liveness;

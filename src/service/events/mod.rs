@@ -312,6 +312,7 @@ impl Context<'_> {
     /// }
     /// ```
     pub fn event<E: Event>(&mut self, event: &E) {
-        record(self.events, self.now, event);
+        let now = self.now();
+        record(self.events, now, event);
     }
 }

@@ -299,14 +299,14 @@ impl ManagerService {
         let is_v2 = port.outbox.takes(STATUS.id);
         if is_v2 && self.setpoint_at <= cx.now {
             self.setpoint_at = cx.now.after(F::Vehicle::SETPOINT_INTERVAL);
-            if let Some(setpoint) = cx.vehicle.device_setpoint(cx.now) {
+            if let Some(setpoint) = cx.vehicle.device_setpoint(cx.shared.clock.shown(cx.now)) {
                 let setpoint = GimbalDeviceSetAttitude { target_system, target_component, ..setpoint };
                 return send::<F, _>(port, None, &setpoint);
             }
         }
         if is_v2 && self.state_at <= cx.now {
             self.state_at = cx.now.after(F::Vehicle::STATE_INTERVAL);
-            if let Some(state) = cx.vehicle.autopilot_state(cx.now) {
+            if let Some(state) = cx.vehicle.autopilot_state(cx.shared.clock.shown(cx.now)) {
                 let time_boot_us = cx.now.as_micros();
                 let state = AutopilotStateForGimbalDevice { time_boot_us, target_system, target_component, ..state };
                 return send::<F, _>(port, None, &state);

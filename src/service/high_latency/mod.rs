@@ -20,7 +20,7 @@ use crate::link::Port;
 use crate::message::Message;
 use crate::network::{PeerInfo, Peers};
 use crate::num;
-use crate::time::{Duration, Instant};
+use crate::time::{Clock, Duration, Instant};
 use crate::types::{Command, Config, Firmware, LinkMask, SignedAt, Vehicle};
 
 /// The minimum period.
@@ -249,6 +249,8 @@ pub struct HighLatency {
     sent: Instant,
     last: HighLatencySample,
     sampled: Option<Instant>,
+    /// The stack's clock, as of the last poll.
+    clock: Clock,
     /// The samples since the last message, and those before it, for the links that have not sent them yet.
     open: Window,
     closed: Window,
@@ -262,6 +264,7 @@ impl HighLatency {
     /// message contains the mean or the extreme of some fields, and the last value of the others. Its timestamp is that
     /// of the last sample, so out-of-date content is recognisable.
     pub fn sample(&mut self, now: Instant, sample: &HighLatencySample) {
+        let now = self.clock.peek(now);
         // Samples from before the service was on are discarded, except those of the last period.
         let waits = self.is_on() || !self.announcing.is_empty();
         if !waits && now.since(self.open.begun) >= self.config.period() {
@@ -434,6 +437,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         sent: Instant::ZERO,
         last: HighLatencySample::VACANT,
         sampled: None,
+        clock: Clock::NEW,
         open: Window::VACANT,
         closed: Window::VACANT,
         reported: LinkMask::NONE,
@@ -451,6 +455,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
 
     #[inline(never)]
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Instant>) {
+        self.clock = cx.shared.clock;
         if self.config.announce_once && !self.has_announced && self.sampled.is_some() {
             self.has_announced = true;
             self.announcing = cx.shared.satellites;

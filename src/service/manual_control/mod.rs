@@ -483,13 +483,18 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
         }
     }
 
+    fn on_clock_step(&mut self) {
+        self.forget();
+    }
+
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;
         if !matches!(frame.id(), ManualControl::ID | RcChannelsOverride::ID | RadioRcChannels::ID) {
             return Handled::No;
         }
-        if self.receive(cx.now, *from, frame, target.system.0 == 0, cx.peers)
-            && let Some(input) = self.input(cx.now, frame.id())
+        let now = cx.shared.clock.shown(cx.now);
+        if self.receive(now, *from, frame, target.system.0 == 0, cx.peers)
+            && let Some(input) = self.input(now, frame.id())
         {
             let (vehicle, mut context) = cx.hook();
             vehicle.control_input(&mut context, &input);

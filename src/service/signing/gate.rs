@@ -1,19 +1,42 @@
 //! What the stack asks about each frame, and the service of SETUP_SIGNING.
 
 use super::setup::{self, Answer};
-use super::{Signing, SigningLink, SigningStream};
-use crate::dialect::{MavModeFlag, SetupSigning};
+use super::{Signing, SigningLink, SigningStream, TEN};
+use crate::dialect::{MavModeFlag, MavSeverity, SetupSigning};
 use crate::frame::{Decoder, Frame, Version, signature_cost};
 use crate::link::Port;
-use crate::message::Message;
+use crate::message::{Message, Text};
+use crate::num;
 use crate::service::{Cx, Handled, Received, Service, SigningGate, Turn, View};
 use crate::time::{Duration, Instant};
-use crate::types::{Accept, Firmware, SignedAt, Vehicle};
+use crate::types::{Accept, Config, Firmware, ONE_FRAME, SignedAt, Vehicle};
+
+/// The minimum time between two texts about a clock that is too far ahead.
+const TEXT_PAUSE: Duration = Duration::from_secs(10);
 
 impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing<[SigningStream; STREAMS]> {
     const NEW: Self = Self::new();
     type Link = SigningLink;
     const VACANT: SigningLink = SigningLink { setup: Answer::None, hint_from: Instant::ZERO };
+
+    fn begin(&mut self, config: &Config) {
+        self.most_ahead = num::quotient(config.max_signing_lead.as_micros(), TEN);
+    }
+
+    /// Reports a system whose clock is too far ahead: it cannot read the text, but others can (G-17).
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut SigningLink>) {
+        self.clock = cx.shared.clock;
+        if let Some(system) = self.ahead.take()
+            && F::HAS_TEXTS
+            && cx.now >= self.text_from
+        {
+            self.text_from = cx.now.after(TEXT_PAUSE);
+            let mut text = Text::<ONE_FRAME>::new("System ");
+            text.push_number(u32::from(system.0));
+            text.push_str(" refused: its clock is too far ahead");
+            cx.say(MavSeverity::WARNING, text.as_bytes());
+        }
+    }
 
     fn on_frame(
         &mut self,
@@ -68,7 +91,7 @@ impl<const STREAMS: usize> SigningGate<SigningLink> for Signing<[SigningStream; 
     }
 
     fn age(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration> {
-        Signing::age(self, now, frame)
+        self.age_at(now, frame)
     }
 
     fn signed_at(&self, frame: &Frame<'_>) -> SignedAt {

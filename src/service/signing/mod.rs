@@ -23,17 +23,14 @@ use super::increment;
 use crate::dialect::SetupSigning;
 use crate::frame::{Frame, MAX_TIMESTAMP, SigningKey};
 use crate::link::Port;
-use crate::message::Message;
+use crate::message::{Message, SystemId};
 use crate::num;
-use crate::time::{Duration, Instant};
+use crate::time::{Clock, Duration, Instant};
 use crate::types::{Accept, LinkClass, LinkConfig, LinkSigning, SignedAt};
 use streams::{MINUTE, Stale};
 
 /// Unix time of timestamp 0 (s): the beginning of 2015 (G-3).
 const EPOCH: u64 = 1_420_070_400;
-
-/// How far a peer's clock may be ahead of the time set by the vehicle (10 µs): a day, to tolerate badly set clocks (G-17).
-const DAY: u64 = 24 * 60 * MINUTE;
 
 counters! {
     /// Counters of accepted and refused frames, on all links. They wrap.
@@ -50,7 +47,8 @@ counters! {
         /// Frames with a correct signature that would begin a stream, but are more than a minute old (G-6), or from before
         /// a restart.
         drop too_old,
-        /// Frames with a correct signature and a timestamp more than a day ahead of the time set by the vehicle. Also
+        /// Frames with a correct signature and a timestamp more than [ten minutes](crate::Config::max_signing_lead) ahead of the time set by the vehicle.
+        /// A text names the system. Also
         /// frames with the last 48-bit timestamp, which has no successor (G-17).
         drop too_far_ahead,
         /// Frames with a correct signature that would begin a stream, for which the table has no room (G-8).
@@ -101,7 +99,7 @@ counters! {
 ///                     │ yes                                          │ yes
 ///                     ▼                                              ▼
 ///             right signature? ── yes ──▶ newer than all before it,  ── yes ──▶ served; its time is ours at least
-///                     │ no                no more than a day ahead?
+///                     │ no                at most ten minutes ahead?
 ///                     │                              │ no
 ///                     ▼                              ▼
 ///               bad signature         replayed, too old, too far ahead, no place
@@ -112,13 +110,14 @@ counters! {
 /// - **Time** is the same for all links. It runs with the clock, and starts at the stored time. A correct signature,
 ///   the vehicle ([`set_time`](Signing::set_time)) and a key's timestamp move it forward (G-6, G-14). Only another key
 ///   can move it back; until then no timestamp is sent twice.
-/// - **The future is bounded** (G-17). Once the vehicle has set the time since the start, a frame from more than a day
-///   ahead of that is refused. Otherwise one peer with a wrong clock could shut out every peer with a right one. Stored
+/// - **The future is bounded** (G-17). Once the vehicle has set the time since the start, a frame from more than
+///   [ten minutes](crate::Config::max_signing_lead) ahead of that is refused, and a text names its system. Otherwise one peer with a wrong clock could shut out every peer with a right one. Stored
 ///   times and a key's time set no bound, because a vehicle without a clock may restart days later. The bound also does
-///   not apply while our own time is more than a day ahead of the time that the vehicle set. It would shut out the
+///   not apply while our own time is further than that ahead of the time that the vehicle set. It would shut out the
 ///   peers that follow our time, and let in nobody else.
 /// - **Streams**: a stream is identified by its sender and the sender's link id. Each frame of a known stream must be
-///   newer than the one before; a new stream may begin a minute behind our time. A full table evicts a stream that was
+///   newer than the one before. A new stream may begin a minute behind the time that the vehicle set, or behind our time
+///   until it has set one. So a peer with a wrong clock shuts out no right one, even if it was heard first. A full table evicts a stream that was
 ///   silent for more than a minute (G-8). So `streams` in [`stack!`](crate::stack) bounds how many streams are accepted
 ///   at a time, and a holder of the key shuts nobody out for longer than that.
 /// - **The same key again** moves the time forward to the timestamp that comes with it, never back. Streams stay as they are.
@@ -152,7 +151,7 @@ counters! {
 /// # Setting the key
 ///
 /// The firmware ([`Signing::set_key`]) or SETUP_SIGNING on a provisioning link sets the key (G-11). SETUP_SIGNING is
-/// refused, with a text and a counter, if its timestamp is more than a day ahead of the time set by the vehicle and
+/// refused, with a text and a counter, if its timestamp is more than ten minutes ahead of the time set by the vehicle and
 /// also ahead of our time. Until the vehicle has set the time, any timestamp is accepted.
 #[derive(Clone)]
 pub struct Signing<S: ?Sized = [SigningStream]> {
@@ -165,6 +164,14 @@ pub struct Signing<S: ?Sized = [SigningStream]> {
     floor: u64,
     /// The latest time that the vehicle set since the start, minus the clock.
     clock_set: Option<i64>,
+    /// How far a peer's clock may be ahead of that (10 µs).
+    most_ahead: u64,
+    /// The system whose clock was last found to be too far ahead, until a text says so.
+    ahead: Option<SystemId>,
+    /// The earliest time of the next such text.
+    text_from: Instant,
+    /// The stack's clock, as of the last poll: the firmware's may be set back.
+    clock: Clock,
     /// The latest timestamp in signatures of peers on normal links, minus the clock.
     heard: Option<i64>,
     counters: SigningCounters,
@@ -188,6 +195,10 @@ impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
             last: 0,
             floor: 0,
             clock_set: None,
+            most_ahead: 0,
+            ahead: None,
+            text_from: Instant::ZERO,
+            clock: Clock::NEW,
             heard: None,
             counters: SigningCounters::ZERO,
             #[cfg(feature = "storage")]
@@ -254,8 +265,13 @@ impl Signing {
 
     /// Returns our time (10 µs since 2015-01-01 00:00 UTC, G-3), the minimum timestamp of the next signed frame. It is
     /// not the time of day: it continues from the stored time until the vehicle or a peer provides a later one.
-    #[inline(never)]
     pub fn timestamp(&self, now: Instant) -> u64 {
+        self.timestamp_at(self.clock.peek(now))
+    }
+
+    /// As [`timestamp`](Self::timestamp), by the stack's clock.
+    #[inline(never)]
+    fn timestamp_at(&self, now: Instant) -> u64 {
         self.time(now).min(MAX_TIMESTAMP)
     }
 
@@ -275,6 +291,11 @@ impl Signing {
     ///
     /// A `timestamp` of 2^48 - 1 or more counts as 0: it has no successor.
     pub fn set_key(&mut self, now: Instant, key: SigningKey, timestamp: u64) {
+        self.replace_key(self.clock.peek(now), key, timestamp);
+    }
+
+    /// As [`set_key`](Self::set_key), by the stack's clock.
+    fn replace_key(&mut self, now: Instant, key: SigningKey, timestamp: u64) {
         let start = offset(now, if timestamp < MAX_TIMESTAMP { timestamp } else { 0 });
         if self.key.as_ref().is_some_and(|known| known.is_same(&key)) {
             self.boot = self.boot.max(start);
@@ -317,9 +338,10 @@ impl Signing {
     /// Trust a battery-backed clock that reports whether it kept running without a limit ([`Duration::MAX`]). Trust a
     /// satellite receiver by some days on the ground, and by some seconds in flight.
     pub fn set_time(&mut self, now: Instant, unix_usec: u64, max_step: Duration) -> bool {
+        let now = self.clock.peek(now);
         let timestamp = unix_usec.saturating_sub(EPOCH.saturating_mul(1_000_000));
         let timestamp = num::quotient(timestamp, TEN);
-        let step = timestamp.saturating_sub(self.timestamp(now));
+        let step = timestamp.saturating_sub(self.timestamp_at(now));
         if step > num::quotient(max_step.as_micros(), TEN) || timestamp >= MAX_TIMESTAMP {
             increment(&mut self.counters.refused_times);
             return false;
@@ -344,7 +366,7 @@ impl Signing {
     /// our time, and is accepted from then on. A peer that does not, for example because the link does not sign, is
     /// accepted once its clock has reached our time.
     pub fn refuse_recorded(&mut self, now: Instant) {
-        self.floor = self.timestamp(now).saturating_add(1);
+        self.floor = self.window_time(self.clock.peek(now)).saturating_add(1);
     }
 
     /// Returns how long ago a frame that the stack has accepted was signed (L-16): the current time minus its timestamp, or zero
@@ -353,7 +375,7 @@ impl Signing {
     ///
     /// The current time is the latest one from [`set_time`](Self::set_time), so a clock that is set back does not reduce an
     /// age. Until the vehicle has set the time, the current time is the latest timestamp that any peer sent on a normal link.
-    /// The same holds when the vehicle's time is more than a day behind that peer, as with a clock that was never set.
+    /// The same holds when the vehicle's time is more than ten minutes behind that peer, as with a clock that was never set.
     ///
     /// It is not our own [time](Self::timestamp), which starts up to a minute ahead after a restart (G-15). A sender whose clock
     /// is behind makes its frames look older than they are; so does a peer whose clock is ahead, until the vehicle has set the
@@ -361,6 +383,11 @@ impl Signing {
     /// vehicle's time is right. The signature alone does not bound the delay: a frame that begins a stream is at most a minute
     /// old, but a frame of a known stream can have any age (G-6).
     pub fn age(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration> {
+        self.age_at(self.clock.peek(now), frame)
+    }
+
+    /// As [`age`](Self::age), by the stack's clock.
+    fn age_at(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration> {
         let signed_at = self.signed_at(frame)?.get();
         let heard = self.heard.map(|heard| at(now, heard));
         let is_beyond = |heard: &u64| self.bound(now).is_some_and(|bound| *heard > bound);
@@ -376,18 +403,23 @@ impl Signing {
 
     /// Returns the latest timestamp that is accepted, once the vehicle has set the time (G-17).
     fn bound(&self, now: Instant) -> Option<u64> {
-        Some(at(now, self.clock_set?).saturating_add(DAY))
+        Some(at(now, self.clock_set?).saturating_add(self.most_ahead))
+    }
+
+    /// Returns the time on which the window for new streams rests: what the vehicle has set, or else our time (G-17).
+    fn window_time(&self, now: Instant) -> u64 {
+        self.clock_set.map_or_else(|| self.timestamp_at(now), |told| at(now, told))
     }
 
     /// Whether SETUP_SIGNING may have this timestamp.
     fn takes_setup(&self, now: Instant, timestamp: u64) -> bool {
-        let is_near = timestamp <= self.timestamp(now) || self.bound(now).is_none_or(|bound| timestamp <= bound);
+        let is_near = timestamp <= self.timestamp_at(now) || self.bound(now).is_none_or(|bound| timestamp <= bound);
         timestamp < MAX_TIMESTAMP && is_near
     }
 
     /// Whether a peer's clock is so far ahead that it must not move ours (G-17).
     fn is_too_far_ahead(&self, now: Instant, timestamp: u64) -> bool {
-        let is_beyond = |bound: u64| timestamp > bound && self.timestamp(now) <= bound;
+        let is_beyond = |bound: u64| timestamp > bound && self.timestamp_at(now) <= bound;
         timestamp >= MAX_TIMESTAMP || self.bound(now).is_some_and(is_beyond)
     }
 
@@ -421,9 +453,10 @@ impl Signing {
         }
         let timestamp = signature.timestamp;
         if self.is_too_far_ahead(now, timestamp) {
+            self.ahead = Some(frame.source().system);
             return self.refuse(|counters| &mut counters.too_far_ahead);
         }
-        let oldest = self.timestamp(now).saturating_sub(MINUTE).max(self.floor);
+        let oldest = self.window_time(now).saturating_sub(MINUTE).max(self.floor);
         match streams::enter(&mut self.streams, frame.source(), signature.link_id, timestamp, oldest) {
             Ok(()) => {
                 self.advance(now, timestamp);

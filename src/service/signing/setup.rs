@@ -1,7 +1,7 @@
 //! SETUP_SIGNING: a peer sets or removes the key (G-11, G-12, SEC-6).
 //!
 //! It is accepted only on a provisioning link, if it is addressed to this component by its system's number, and while
-//! the vehicle is disarmed. Its timestamp must be at most a day ahead, if the vehicle has set the time.
+//! the vehicle is disarmed. Its timestamp must be at most ten minutes ahead, if the vehicle has set the time.
 //!
 //! The message has no acknowledgement, and a ground station that turns on its own signing without one may hear nothing
 //! more. So an accepted message is answered at once by a HEARTBEAT, signed with the new key, or unsigned if the key was
@@ -110,7 +110,7 @@ fn set_up(signing: &mut Signing, now: Instant, setup: &SetupSigning) -> Answer {
     if !signing.takes_setup(now, setup.initial_timestamp) {
         return Answer::Time;
     }
-    signing.set_key(now, SigningKey::new(setup.secret_key.0), setup.initial_timestamp);
+    signing.replace_key(now, SigningKey::new(setup.secret_key.0), setup.initial_timestamp);
     Answer::Set
 }
 

@@ -221,9 +221,9 @@ impl<'a> Fill<'a> {
         self
     }
 
-    /// Returns the time of the call, for the time fields.
+    /// Returns the time of the call by the firmware's clock, for the time fields.
     pub fn now(&self) -> Instant {
-        self.now
+        self.now.before(self.outbox.lead())
     }
 
     /// Returns which instance is wanted, such as which battery: parameter 2 of MAV_CMD_REQUEST_MESSAGE, whose meaning each

@@ -185,12 +185,12 @@ impl<F: Firmware> Service<F> for Time {
     };
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, link: &mut TimeLink, received: &Received<'_>) -> Handled {
-        self.receive(cx.now, link, received.from, received.frame)
+        self.receive(cx.shared.clock.shown(cx.now), link, received.from, received.frame)
     }
 
     /// Sends an answer, or a request of the vehicle's own: at once, because it measures time.
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TimeLink, _: Turn) -> bool {
-        self.send(cx.now, link, &mut port.outbox)
+        self.send(cx.shared.clock.shown(cx.now), link, &mut port.outbox)
     }
 
     fn due(&self, view: &View<'_>, port: &Port, link: &TimeLink, _: Turn) -> Instant {
