@@ -593,7 +593,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     fn note_clock_step(&mut self) {
         let Shared { clock, clock_steps, normal, .. } = &mut self.shared;
         increment(clock_steps);
-        self.services.on_clock_step();
+        self.services.on_clock_step(clock.lead());
         self.requests.view_mut().lead = clock.lead();
         for link in &mut self.links {
             link.port.outbox.set_lead(clock.lead());

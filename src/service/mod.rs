@@ -183,8 +183,10 @@ pub trait Service<F: Firmware> {
     }
 
     /// Called when the firmware's clock was set back by a second or more. What the service has stored by that clock, instead
-    /// of the stack's, is no longer of use.
-    fn on_clock_step(&mut self) {}
+    /// of the stack's, is no longer of use. `lead`: how far the stack's is ahead from now on.
+    fn on_clock_step(&mut self, lead: Duration) {
+        let _ = lead;
+    }
 
     /// Called when any service has put a frame into the link's outbox.
     fn on_sent(&mut self, port: &Port) {

@@ -387,7 +387,8 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Setpoints {
         }
     }
 
-    fn on_clock_step(&mut self) {
+    /// All instants here are the firmware's.
+    fn on_clock_step(&mut self, _: Duration) {
         self.until = Instant::ZERO;
     }
 

@@ -15,7 +15,7 @@ use crate::service::statustext::Texts;
 #[cfg(feature = "defmt")]
 use crate::service::sum;
 use crate::service::{Cx, Handled, Received, Request, Service, Share, Shared, Turn, Verdict, View, turns};
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
 #[cfg(feature = "defmt")]
 use crate::types::LinkId;
 use crate::types::{Config, Peer};
@@ -166,8 +166,8 @@ macro_rules! define {
                 $(Service::<D>::on_owner(&mut self.$name, own, owner);)*
             }
 
-            pub(crate) fn on_clock_step(&mut self) {
-                $(Service::<D>::on_clock_step(&mut self.$name);)*
+            pub(crate) fn on_clock_step(&mut self, lead: Duration) {
+                $(Service::<D>::on_clock_step(&mut self.$name, lead);)*
             }
 
             pub(crate) fn on_sent(&mut self, port: &Port) {

@@ -239,7 +239,7 @@ fn the_address_of_a_left_out_component_is_free() {
     site.run_for(millis(100));
     assert_eq!(site.gcs[1].count_of::<CommandLong>(), 1, "it is forwarded");
     assert_eq!(site.gcs[0].count_of::<Statustext>(), 0, "no conflict is reported");
-    assert!(site.stack.peers().iter().any(|info| info.peer.address == CAMERA && info.is_alive));
+    assert!(site.stack.peers(site.now()).any(|info| info.peer.address == CAMERA && info.is_alive));
     assert!(site.stack.send_command(CAMERA, 0));
     site.run_for(millis(100));
     assert_eq!(site.gcs[1].count_of::<CommandLong>(), 2, "the vehicle's own command leaves on the link");

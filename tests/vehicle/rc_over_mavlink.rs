@@ -163,9 +163,12 @@ fn receiver_steers_without_a_heartbeat() {
     let [(first, Some(RECEIVER))] = *scene.changes() else { panic!("{:?}", scene.held) };
     assert!(first <= 10, "{first} ms");
     assert_eq!(scene.channel(), Some(1_500));
-    let stack = &scene.world.stack;
-    assert!(!stack.has_ground_station() && !stack.has_controller(GCS_SYSTEM), "a receiver is no ground station");
-    assert!(stack.peers().iter().all(|peer| !peer.is_alive), "its RADIO_STATUS shows nothing");
+    let (stack, now) = (&scene.world.stack, scene.world.now());
+    assert!(
+        !stack.has_ground_station(now) && !stack.has_controller(now, GCS_SYSTEM),
+        "a receiver is no ground station"
+    );
+    assert!(stack.peers(now).all(|peer| !peer.is_alive), "its RADIO_STATUS shows nothing");
 }
 
 /// J-10: the ground station is lost at second 10. The receiver's sticks go on: its own frames show that it is alive.
@@ -174,10 +177,10 @@ fn receiver_outlives_the_ground_station() {
     let mut scene = elrs(ControlSource::GroundStation);
     scene.has_station = true;
     scene.run(10_000);
-    assert!(scene.world.stack.has_ground_station());
+    assert!(scene.world.stack.has_ground_station(scene.world.now()));
     scene.has_station = false;
     scene.run(10_000);
-    assert!(!scene.world.stack.has_ground_station());
+    assert!(!scene.world.stack.has_ground_station(scene.world.now()));
     assert_eq!(scene.changes().len(), 1, "it holds the sticks from the beginning to the end");
     assert_eq!((scene.counters().not_allowed, scene.channel()), (0, Some(1_500)));
 }
@@ -531,7 +534,7 @@ fn receiver_steers_whoever_is_in_control() {
     };
     scene.send(0, OTHER_STATION, &Gcs::heartbeat());
     scene.send(0, OTHER_STATION, &request);
-    assert_eq!(scene.world.stack.operator_control().owner(), Some(SystemId(254)));
+    assert_eq!(scene.world.stack.operator(scene.world.now()), Some(SystemId(254)));
     scene.run(1_000);
     assert_eq!((scene.changes(), scene.channel()), (vec![], Some(1_500)));
     let dropped = scene.world.stack.operator_control().counters().messages;
@@ -648,7 +651,7 @@ fn status_keeps_nothing_alive() {
     let changes = scene.changes();
     let [(lost, None)] = *changes else { panic!("{changes:?}") };
     assert!(lost <= 2_000 + TIMEOUT + 10, "{lost} ms");
-    let peer = scene.world.stack.peers().iter().find(|info| info.peer == RECEIVER).unwrap();
+    let peer = scene.world.stack.peers(scene.world.now()).find(|info| info.peer == RECEIVER).unwrap();
     assert!(!peer.is_alive && peer.last_heard() > Instant::from_millis(11_900));
-    assert!(!scene.world.stack.has_ground_station());
+    assert!(!scene.world.stack.has_ground_station(scene.world.now()));
 }

@@ -186,6 +186,8 @@ pub struct ManualInput {
     /// Until when each channel is valid.
     until: [Instant; CHANNELS],
     counters: ManualCounters,
+    /// How far the stack's clock is ahead of the firmware's.
+    lead: Duration,
 }
 
 impl ManualInput {
@@ -206,6 +208,7 @@ impl ManualInput {
             channels: [0; CHANNELS],
             until: [Instant::ZERO; CHANNELS],
             counters: ManualCounters::ZERO,
+            lead: Duration::ZERO,
         }
     }
 
@@ -457,7 +460,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
 
     /// Reports a change of the holder.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>) {
-        let holder = self.holder(cx.now);
+        let holder = self.holder(cx.shared.clock.shown(cx.now));
         if holder.is_none() {
             self.holder = None;
         }
@@ -470,7 +473,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
     fn deadline(&self) -> Instant {
         match self.holder {
             None if self.reported.is_none() => Instant::NEVER,
-            Some((holder, until)) if self.reported == Some(holder) => until,
+            Some((holder, until)) if self.reported == Some(holder) => until.after(self.lead),
             _ => Instant::ZERO,
         }
     }
@@ -483,8 +486,11 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
         }
     }
 
-    fn on_clock_step(&mut self) {
+    /// All instants here are the firmware's.
+    fn on_clock_step(&mut self, lead: Duration) {
+        self.lead = lead;
         self.forget();
+        self.receivers.iter_mut().for_each(Receiver::forget);
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {

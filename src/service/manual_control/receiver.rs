@@ -65,6 +65,11 @@ impl Receiver {
         Heard::Input
     }
 
+    /// Forgets when it has sent: the clock was set back.
+    pub(super) const fn forget(&mut self) {
+        *self = Self { peer: self.peer, ..Self::VACANT };
+    }
+
     /// Whether it has sent for long enough to take over.
     pub(super) fn has_returned(&self, now: Instant) -> bool {
         now.since(self.since) >= TAKEOVER
