@@ -268,7 +268,7 @@ impl Quadrotor {
     }
 
     /// Returns SYSTEM_TIME. Until the time of day is known it contains the time since boot only.
-    pub(crate) fn system_time(&self, now: Instant) -> SystemTime {
+    pub(crate) fn system_time(&mut self, now: Instant) -> SystemTime {
         self.calendar.message(now)
     }
 

@@ -10,7 +10,7 @@ use mavstack::dialect::{
     MavType,
 };
 use mavstack::network::PeerInfo;
-use mavstack::{Command, Context, Fill, Frame, ParamAnswer, Peer, Text};
+use mavstack::{Command, Context, Fill, Frame, Instant, ParamAnswer, Peer, Text};
 
 use super::Quadrotor;
 use super::commands::refuse;
