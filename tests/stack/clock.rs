@@ -142,6 +142,7 @@ fn peers_time_out_across_a_wrap() {
     }
     site.world.gcs[0].send(&Gcs::heartbeat());
     site.step();
+    site.step();
     let info = site.world.stack.peers(site.shown()).next().expect("a station");
     assert_eq!((info.last_heartbeat(), info.last_heard(), info.is_alive), (Some(site.shown()), site.shown(), true));
 }

@@ -574,7 +574,8 @@ fn components_send_mavlink_1_too() {
     assert!(next.len() == 3 && next.values().all(|frames| *frames >= 3));
 }
 
-/// K-10, G-4: a half-sent heartbeat of a component is dropped when the link restarts, and the next frames are the components' own.
+/// K-10, G-4, H-17: a half-sent heartbeat of a component is dropped when the link restarts. The next frame is the autopilot's
+/// heartbeat, and those behind it are the components' own.
 #[test]
 fn restart_in_the_middle_of_a_components_frame() {
     let mut world = sky();
@@ -583,15 +584,15 @@ fn restart_in_the_middle_of_a_components_frame() {
     world.pulse.tick();
     world.stack.poll(now, &mut world.vehicle);
     let mut sources = Vec::new();
-    for _ in 0..3 {
+    for _ in 0..5 {
         let frame = world.stack.transmit(now, LinkId(0), &mut world.vehicle).to_vec();
         sources.push(frame[6]);
-        if frame[6] == 154 {
+        if frame[6] == 154 && sources.len() == 2 {
             world.stack.transmitted(LinkId(0), 5);
             world.stack.restart_link(LinkId(0));
         } else {
             world.stack.transmitted(LinkId(0), frame.len());
         }
     }
-    assert_eq!(sources, [1, 154, 100]);
+    assert_eq!(sources, [1, 154, 1, 154, 100]);
 }

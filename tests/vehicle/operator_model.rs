@@ -328,7 +328,9 @@ impl Pair {
         stack.setpoints_mut().set_source(source);
         stack.setpoints_mut().set_timeout(valid);
         stack.operator_control_mut().set_release_on_loss(!keeps);
-        let (vehicle, model) = (TestVehicle::new(), Model::new(keeps));
+        let (mut vehicle, model) = (TestVehicle::new(), Model::new(keeps));
+        // The links wait for a heartbeat from now on, and no longer when the test begins (H-17).
+        stack.poll(Instant::ZERO, &mut vehicle);
         Self { stack, vehicle, now: 1_000, seqs: [0; 5], statuses: [None; 2], model }
     }
 
