@@ -264,6 +264,7 @@ macro_rules! send {
 
             /// Returns when the link has something to send, as far as its transport accepts bytes.
             pub(crate) fn due(&self, view: &View<'_>, port: &Port, state: &States<D>) -> Instant {
+                // Only the HEARTBEAT, which frames wait for (H-17).
                 let is_held = view.shared.holds(port);
                 let has_frame = !port.outbox.is_empty();
                 let is_stalled = match port.transport {
