@@ -311,7 +311,7 @@ mod tests {
         let fly = &ENTRIES[8];
         assert_eq!(fly.bound(&Figures::default()), CALL);
         let accepted = |bytes| Figures::parse(&format!("[stack]\nfly = \"{bytes}\"\n")).unwrap();
-        assert_eq!((fly.bound(&accepted("1,208")), fly.bound(&accepted("900"))), (1_208, CALL));
+        assert_eq!((fly.bound(&accepted("1,736")), fly.bound(&accepted("900"))), (1_736, CALL));
     }
 
     #[test]
