@@ -248,7 +248,7 @@ impl Modes for Rover {
             return MavResult::DENIED.into();
         }
         if mode.custom_mode == MISSION && self.armed && !self.has_station {
-            // It would hold at once: refuse a mode that will not be reported.
+            // It would hold at once: refuse a mode that will not be reported (C-18).
             cx.text(MavSeverity::WARNING, "No ground station");
             return MavResult::TEMPORARILY_REJECTED.into();
         }
