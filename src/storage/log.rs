@@ -523,8 +523,15 @@ impl Log {
                 _ => self.wait(now, PAUSE),
             },
             Task::Append => self.append_done(now, is_done, page),
-            // The copies in this unit are erased too, so all are made again behind it.
             Task::Undo if is_done && self.is_worn => {
+                let Segment { head, .. } = self.write;
+                let begin = self.region.end_of_unit(head).wrapping_sub(u16::try_from(self.region.unit).unwrap_or(0));
+                if head.wrapping_sub(self.record.index) <= begin {
+                    // Only pages of the new record were in it.
+                    self.task = Task::Append;
+                    return self.not_written();
+                }
+                // The copies in this unit are erased too, so all are made again behind it.
                 self.skipped = self.region.end_of_unit(self.write.head);
                 self.begin_segment();
                 if self.skipped == 0 || self.has_left_out {

@@ -81,7 +81,7 @@ impl Log {
     }
 
     /// Leaves out the unit that did not take a page; or ends writing, and the next attempt leaves it out.
-    fn not_written(&mut self) -> Event {
+    pub(super) fn not_written(&mut self) -> Event {
         if !core::mem::replace(&mut self.has_left_out, true) {
             return self.leave_out();
         }

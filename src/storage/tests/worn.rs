@@ -71,6 +71,27 @@ fn every_save_succeeds_beside_two_worn_units() {
     }
 }
 
+/// Two units of one segment do not keep what is written, and the new record meets each of them: the copies before it stay. The
+/// segments rotate, because the region has an odd number of units; each second record is a key, which begins a segment.
+#[test]
+fn copies_stay_when_only_the_new_record_meets_worn_units() {
+    for first in 0..11 {
+        for second in 0..first {
+            let (mut rig, mut model) = (worn(11, &[(first, Worn::Keep), (second, Worn::Keep)]), Model::new());
+            for salt in 0..60 {
+                let kind = (salt % 7 % 3 + 1) as u8;
+                let new = content(if kind == 1 { 3 * PAYLOAD } else { 40 }, salt);
+                let tries =
+                    (0..2).take_while(|_| rig.save_with(kind, &new, salt % 2 == 0, |_, _| {}) != Saved::Yes).count();
+                assert!(tries <= 1, "{first} and {second}: save {salt}");
+                model.insert(kind, new);
+                assert_eq!(rig.all(), model, "{first} and {second}: save {salt}");
+                assert_eq!(Rig::start(rig.flash.clone()).all(), model, "{first} and {second}: save {salt}");
+            }
+        }
+    }
+}
+
 /// A long record is copied around a worn unit anywhere in a segment, also if it begins before it.
 #[test]
 fn copies_are_made_around_a_worn_unit() {
