@@ -286,3 +286,36 @@ fn commands_of_other_cameras_are_left_to_the_vehicle() {
     world.gcs[0].command_long(MavCmd::IMAGE_START_CAPTURE, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]);
     assert_eq!(world.expect::<CameraImageCaptured>(0, millis(50)).image_index, 0);
 }
+
+/// C-16: what the stack refuses has its reason each time; the vehicle explains its own refusals.
+#[test]
+fn refusals_have_a_text() {
+    const RANGE: &str = "Camera: a parameter is out of range";
+    const BUSY: &str = "Camera: busy, or in another mode";
+    let mut site = site();
+    for (id, params, result, text) in [
+        (MavCmd::IMAGE_START_CAPTURE, &[0.0, 0.0, -1.0][..], MavResult::DENIED, RANGE),
+        (MavCmd::VIDEO_START_CAPTURE, &[0.0, -1.0], MavResult::DENIED, RANGE),
+        (MavCmd::VIDEO_START_CAPTURE, &[0.0, 1.0], MavResult::TEMPORARILY_REJECTED, BUSY),
+        (MavCmd::VIDEO_STOP_CAPTURE, &[0.5], MavResult::DENIED, RANGE),
+        (MavCmd::VIDEO_START_STREAMING, &[99.0], MavResult::DENIED, RANGE),
+        (MavCmd::SET_CAMERA_MODE, &[0.0, 9.0], MavResult::DENIED, RANGE),
+        (MavCmd::STORAGE_FORMAT, &[9.0, 1.0, 0.0], MavResult::DENIED, RANGE),
+    ] {
+        for _ in 0..2 {
+            site.run_for(millis(2_100));
+            site.gcs[0].forget();
+            assert_eq!(command(&mut site, id, params), result, "{id:?}");
+            site.run_for(millis(20));
+            let texts = site.gcs[0].all::<Statustext>();
+            let texts: Vec<_> = texts.iter().map(|(_, text)| text.text.as_str()).collect();
+            assert_eq!(texts, [Some(text)], "{id:?} {params:?}");
+        }
+    }
+    site.run_for(secs(6));
+    site.gcs[0].forget();
+    site.vehicle.result = MavResult::TEMPORARILY_REJECTED;
+    assert_eq!(command(&mut site, MavCmd::SET_CAMERA_MODE, &[0.0, 1.0]), MavResult::TEMPORARILY_REJECTED);
+    site.run_for(millis(20));
+    assert_eq!(site.gcs[0].count_of::<Statustext>(), 0);
+}

@@ -4,7 +4,7 @@ use super::messages::{IMAGE, ROWS, Row, STORAGE, counts};
 use super::{Camera, CameraControl, CameraLink, can_send, is_accepted, millis};
 use crate::dialect::{
     CameraCapFlags, CameraCaptureStatus, CameraMode, CameraSettings, CameraSource, CameraZoomType, MavCmd, MavResult,
-    SetFocusType,
+    MavSeverity, SetFocusType,
 };
 use crate::link::Port;
 use crate::message::{Address, ComponentId, Message};
@@ -219,7 +219,7 @@ fn act<F: Firmware<Vehicle: Camera>>(
         _ => return None,
     };
     if !is_target(F::Vehicle::COMPONENT, target) {
-        return Some(MavResult::DENIED);
+        return Some(refused(cx, MavResult::DENIED));
     }
     let byte = |param: f32| num::integer::<u8>(param);
     Some(match command.id {
@@ -228,7 +228,7 @@ fn act<F: Firmware<Vehicle: Camera>>(
         MavCmd::DO_DIGICAM_CONTROL if command.position.params().0 == 1.0 => {
             start_capture(control, cx, command, [0.0, 1.0, 0.0])
         }
-        MavCmd::DO_DIGICAM_CONTROL => MavResult::DENIED,
+        MavCmd::DO_DIGICAM_CONTROL => refused(cx, MavResult::DENIED),
         MavCmd::IMAGE_STOP_CAPTURE => {
             control.stop_capture();
             MavResult::ACCEPTED
@@ -237,18 +237,19 @@ fn act<F: Firmware<Vehicle: Camera>>(
             let hertz = if second.is_nan() { 0.0 } else { second };
             match byte(first) {
                 Some(stream) if hertz >= 0.0 => start_video(control, cx, stream, hertz),
-                _ => MavResult::DENIED,
+                _ => refused(cx, MavResult::DENIED),
             }
         }
-        MavCmd::VIDEO_STOP_CAPTURE => {
-            byte(first).map_or(MavResult::DENIED, |stream| record(control, cx, stream, false))
-        }
+        MavCmd::VIDEO_STOP_CAPTURE => match byte(first) {
+            Some(stream) => record(control, cx, stream, false),
+            None => refused(cx, MavResult::DENIED),
+        },
         MavCmd::VIDEO_START_STREAMING | MavCmd::VIDEO_STOP_STREAMING => match byte(first) {
             Some(stream) if stream <= F::Vehicle::VIDEO_STREAMS => {
                 let (vehicle, mut context) = cx.hook();
                 vehicle.stream_video(&mut context, stream, command.id == MavCmd::VIDEO_START_STREAMING)
             }
-            _ => MavResult::DENIED,
+            _ => refused(cx, MavResult::DENIED),
         },
         MavCmd::STORAGE_FORMAT => format(control, cx, link, [first, second, third]),
         _ => {
@@ -269,12 +270,12 @@ fn start_capture<F: Firmware<Vehicle: Camera>>(
     command: &Command,
     params: [f32; 3],
 ) -> MavResult {
-    let Some(start) = Start::new(command.from.address, params) else { return MavResult::DENIED };
+    let Some(start) = Start::new(command.from.address, params) else { return refused(cx, MavResult::DENIED) };
     if let Some(result) = control.check_start(cx.now, &start) {
-        return result;
+        return if result == MavResult::ACCEPTED { result } else { refused(cx, result) };
     }
     if is_wrong_mode(cx, CameraCapFlags::CAN_CAPTURE_IMAGE_IN_VIDEO_MODE, true) {
-        return MavResult::TEMPORARILY_REJECTED;
+        return refused(cx, MavResult::TEMPORARILY_REJECTED);
     }
     let (vehicle, mut context) = cx.hook();
     let result = vehicle.may_capture(&mut context);
@@ -305,7 +306,7 @@ fn start_video<F: Firmware<Vehicle: Camera>>(
     hertz: f32,
 ) -> MavResult {
     if is_wrong_mode(cx, CameraCapFlags::CAN_CAPTURE_VIDEO_IN_IMAGE_MODE, false) {
-        return MavResult::TEMPORARILY_REJECTED;
+        return refused(cx, MavResult::TEMPORARILY_REJECTED);
     }
     let result = record(control, cx, stream, true);
     if is_accepted(result) {
@@ -347,10 +348,10 @@ fn format<F: Firmware<Vehicle: Camera>>(
     let flag = |param: f32| if param.is_nan() { Some(0) } else { num::integer(param).filter(|flag: &u8| *flag <= 1) };
     let id = num::integer(storage).filter(|id| (1..=F::Vehicle::STORAGES).contains(id));
     let (Some(id), Some(formats), Some(resets)) = (id, flag(formats), flag(resets)) else {
-        return MavResult::DENIED;
+        return refused(cx, MavResult::DENIED);
     };
     if control.is_capturing() || control.is_recording {
-        return MavResult::TEMPORARILY_REJECTED;
+        return refused(cx, MavResult::TEMPORARILY_REJECTED);
     }
     if formats == 1 {
         let (vehicle, mut context) = cx.hook();
@@ -396,7 +397,20 @@ fn set<F: Firmware<Vehicle: Camera>>(cx: &mut Cx<'_, F>, command: &Command) -> M
             .map(|(first, second)| vehicle.set_source(&mut context, CameraSource(first), CameraSource(second))),
         _ => (first == 1.0).then(|| vehicle.reset_camera_settings(&mut context)),
     };
-    result.unwrap_or(MavResult::DENIED)
+    result.unwrap_or_else(|| refused(cx, MavResult::DENIED))
+}
+
+/// Explains a refusal of the stack itself by a text, and returns it (C-16). The vehicle explains its own.
+#[inline(never)]
+fn refused<F: Firmware>(cx: &mut Cx<'_, F>, result: MavResult) -> MavResult {
+    if cfg!(feature = "plan-texts") {
+        let text: &[u8] = match result {
+            MavResult::DENIED => b"Camera: a parameter is out of range",
+            _ => b"Camera: busy, or in another mode",
+        };
+        cx.say(MavSeverity::WARNING, text);
+    }
+    result
 }
 
 /// Returns a parameter that is an integer up to `max` (C-9).
