@@ -453,7 +453,7 @@ impl World {
     /// The same, the number of reads of logs that had no data yet, and the links that wait for a heartbeat.
     fn dropped_or_later(&self) -> (u32, u32, usize) {
         let ports = self.stack.links.iter().map(|link| &link.port);
-        let held = ports.filter(|port| port.is_held()).count();
+        let held = ports.filter(|port| self.stack.shared.holds(port)).count();
         (self.stale(), self.rover.later, held)
     }
 
