@@ -392,12 +392,11 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         if !cx.shared.is_begun() {
             return &[];
         }
-        if port.outbox.is_empty() && !services.resume(&cx, port) {
-            services.fill(&mut cx, port, state);
-        } else {
-            // A frame that is sent again from its start (G-4).
-            services.signing.sign(cx.now, port);
+        if port.outbox.is_empty() {
+            services.refill(&mut cx, port, state);
         }
+        // A frame that is sent again from its start (G-4).
+        services.signing.sign(cx.now, port);
         port.outbox.pending()
     }
 

@@ -202,6 +202,31 @@ fn heartbeat_is_the_first_frame_of_a_link_that_opens_again() {
     }
 }
 
+/// H-17: also on a transport that takes no byte for longer than `max_loop_gap` after it has opened, as USB until the host opens
+/// the port, the HEARTBEAT precedes the frame that was cut off.
+#[test]
+fn heartbeat_is_the_first_frame_of_a_transport_that_is_ready_late() {
+    for late in [400, 600, 5_300] {
+        let mut lab = Lab::new();
+        for _ in 0..300 {
+            lab.pass(true);
+        }
+        lab.receive(RADIO, 250, &Ping::default());
+        assert_eq!(lab.stack.transmit(lab.now, RADIO, &mut lab.vehicle)[7..10], [4, 0, 0], "PING");
+        lab.stack.transmitted(RADIO, 5);
+        lab.stack.restart_link(RADIO);
+        lab.sent = [const { Vec::new() }; 3];
+        for _ in 0..late {
+            lab.now = lab.now.after(millis(1));
+            lab.pulse.tick();
+            lab.stack.poll(lab.now, &mut lab.vehicle);
+        }
+        lab.pass(true);
+        assert_eq!(lab.sent[0][0].1, HEARTBEAT, "{late} ms late");
+        assert_eq!(lab.sent[0][1].1, (Ping::ID, 1), "{late} ms late");
+    }
+}
+
 /// H-17: a frame that was cut off is sent from its start again, also without a heartbeat: nothing waits for one while the vehicle is in a
 /// fault.
 #[test]
