@@ -154,10 +154,42 @@ fn window_for_new_streams_rests_on_the_time_of_the_vehicle() {
     assert!(hears(&mut rig, 11, NOW - MINUTE + 10_000) && !hears(&mut rig, 12, NOW - MINUTE - 1));
     assert!(!hears(&mut rig, 10, NOW + 9 * MINUTE - 1), "its own stream goes on");
     assert_eq!((rig.counters().too_old, rig.counters().replayed), (1, 1));
-    // The firmware refuses what was recorded before.
-    let now = rig.now;
-    rig.signing().refuse_recorded(now);
-    assert!(!hears(&mut rig, 13, NOW - 1) && hears(&mut rig, 13, NOW + 10_000));
+}
+
+/// G-6, G-17: a firmware that refuses recorded frames refuses all that it has accepted, of peers whose clocks are ahead too. Only a
+/// clock that is further ahead than the bound does not count: it would lock out the right ones.
+#[test]
+fn recorded_frames_of_a_clock_that_is_ahead_are_refused() {
+    for (ahead, is_heard) in [(9 * MINUTE, false), (23 * HOUR, true)] {
+        // Our time as it was stored before a restart.
+        let mut rig = rig();
+        let now = rig.now;
+        rig.signing().set_key(now, SigningKey::new(KEY), NOW + ahead);
+        tell(&mut rig, NOW);
+        rig.signing().refuse_recorded(now);
+        assert!(is_heard || !hears(&mut rig, 10, NOW + ahead - 10), "recorded");
+        assert!(!hears(&mut rig, 11, NOW - 1), "recorded");
+        assert_eq!(hears(&mut rig, 12, NOW + 10_000), is_heard, "a right clock that does not follow our time");
+        let ours = rig.timestamp();
+        assert!(hears(&mut rig, 13, ours + 1), "one that does");
+    }
+}
+
+/// G-6, G-17: a tablet was 23 hours ahead before the vehicle knew the time. What it signed earlier, hours ago, does not begin a
+/// stream again.
+#[test]
+fn recorded_frames_from_beyond_the_bound_begin_no_stream() {
+    let mut rig = rig();
+    assert!(hears(&mut rig, 200, NOW + 23 * HOUR));
+    tell(&mut rig, NOW);
+    for ahead in [LEAD + MINUTE, 18 * HOUR, 23 * HOUR - 2 * MINUTE] {
+        let too_old = rig.counters().too_old;
+        assert!(!hears(&mut rig, 201, NOW + ahead), "{ahead}");
+        assert_eq!(rig.counters().too_old, too_old + 1);
+    }
+    assert!(hears(&mut rig, 20, NOW) && hears(&mut rig, 21, NOW + LEAD), "clocks that are right, or nearly so");
+    let ours = rig.timestamp();
+    assert!(hears(&mut rig, 22, ours), "a peer that follows our time");
 }
 
 /// G-17: how far ahead a clock may be is a setting.

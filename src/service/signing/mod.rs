@@ -117,7 +117,8 @@ counters! {
 ///   peers that follow our time, and let in nobody else.
 /// - **Streams**: a stream is identified by its sender and the sender's link id. Each frame of a known stream must be
 ///   newer than the one before. A new stream may begin a minute behind the time that the vehicle set, or behind our time
-///   until it has set one. So a peer with a wrong clock shuts out no right one, even if it was heard first. A full table evicts a stream that was
+///   until it has set one. So a peer with a wrong clock shuts out no right one, even if it was heard first. A frame from beyond the
+///   bound on the future begins a stream at most a minute behind our time. A full table evicts a stream that was
 ///   silent for more than a minute (G-8). So `streams` in [`stack!`](crate::stack) bounds how many streams are accepted
 ///   at a time, and a holder of the key shuts nobody out for longer than that.
 /// - **The same key again** moves the time forward to the timestamp that comes with it, never back. Streams stay as they are.
@@ -357,7 +358,9 @@ impl Signing {
     /// Refuses frames that were recorded before: a new stream must begin after our time, not up to a minute before it (stricter
     /// than G-6). Call this after `Stack::restore`, against frames recorded before a restart, and after
     /// [`set_key`](Self::set_key), against frames recorded with that key. It does not refuse recorded frames with timestamps
-    /// later than our time, which are possible when a key is set with an early timestamp.
+    /// later than our time, which are possible when a key is set with an early timestamp. If our time is more than
+    /// [ten minutes](crate::Config::max_signing_lead) ahead of the time that the vehicle set, a new stream must begin after the latter:
+    /// otherwise no peer with a right clock could begin one (G-17).
     ///
     /// After a restart in flight, our time begins where it was last stored: at take-off, by default. Then this only helps after
     /// [`set_time`](Self::set_time).
@@ -366,7 +369,10 @@ impl Signing {
     /// our time, and is accepted from then on. A peer that does not, for example because the link does not sign, is
     /// accepted once its clock has reached our time.
     pub fn refuse_recorded(&mut self, now: Instant) {
-        self.floor = self.window_time(self.clock.peek(now)).saturating_add(1);
+        let now = self.clock.peek(now);
+        let ours = self.timestamp_at(now);
+        let is_beyond = self.bound(now).is_some_and(|bound| ours > bound);
+        self.floor = if is_beyond { self.window_time(now) } else { ours }.saturating_add(1);
     }
 
     /// Returns how long ago a frame that the stack has accepted was signed (L-16): the current time minus its timestamp, or zero
@@ -457,7 +463,10 @@ impl Signing {
             return self.refuse(|counters| &mut counters.too_far_ahead);
         }
         let oldest = self.window_time(now).saturating_sub(MINUTE).max(self.floor);
-        match streams::enter(&mut self.streams, frame.source(), signature.link_id, timestamp, oldest) {
+        // Beyond the bound there are only peers that follow our time. What they sent earlier must not begin a stream.
+        let is_beyond = self.bound(now).is_some_and(|bound| timestamp > bound);
+        let earliest = if is_beyond { self.timestamp_at(now).saturating_sub(MINUTE).max(oldest) } else { oldest };
+        match streams::enter(&mut self.streams, frame.source(), signature.link_id, timestamp, [earliest, oldest]) {
             Ok(()) => {
                 self.advance(now, timestamp);
                 increment(&mut self.counters.verified);

@@ -33,7 +33,7 @@ impl SigningStream {
     pub(super) const NONE: Self = Self { source: Address::new(0, 0), link_id: 0, timestamp: 0 };
 }
 
-/// Records a frame with a correct signature. A new stream begins at `oldest` or later, a minute before our time, which
+/// Records a frame with a correct signature. A new stream begins at `earliest` or later. No stream begins before `oldest`, which
 /// only rises.
 ///
 /// A full table evicts the stream that was silent longest, if that was more than a minute: its recorded frames are too
@@ -43,7 +43,7 @@ pub(super) fn enter(
     source: Address,
     link_id: u8,
     timestamp: u64,
-    oldest: u64,
+    [earliest, oldest]: [u64; 2],
 ) -> Result<(), Stale> {
     if let Some(stream) = streams.iter_mut().find(|stream| stream.source == source && stream.link_id == link_id) {
         if timestamp <= stream.timestamp {
@@ -52,7 +52,7 @@ pub(super) fn enter(
         stream.timestamp = timestamp;
         return Ok(());
     }
-    if timestamp < oldest {
+    if timestamp < earliest {
         return Err(Stale::Old);
     }
     let may_go = |stream: &&mut SigningStream| stream.source.system.0 == 0 || stream.timestamp < oldest;
@@ -76,7 +76,7 @@ mod tests {
         timestamp: u64,
         local: u64,
     ) -> Result<(), Stale> {
-        super::enter(streams, source, link_id, timestamp, local - MINUTE)
+        super::enter(streams, source, link_id, timestamp, [local - MINUTE; 2])
     }
 
     fn source(n: u8) -> Address {
