@@ -198,9 +198,6 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let now = cx.now;
         cx.shared.has_acted = false;
         cx.shared.polled = Some(now);
-        for link in links.iter_mut() {
-            link.port.bound_hold(now, cx.shared.config.max_loop_gap);
-        }
         let timeout = cx.shared.config.peer_timeout;
         network::poll(cx.peers, now, timeout, report!(cx));
         services.poll(&mut cx, states);
@@ -392,11 +389,12 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         if !cx.shared.is_begun() {
             return &[];
         }
-        if port.outbox.is_empty() {
-            services.refill(&mut cx, port, state);
+        if port.outbox.is_empty() && !services.resume(&cx, port) {
+            services.fill(&mut cx, port, state);
+        } else {
+            // A frame that is sent again from its start (G-4).
+            services.signing.sign(cx.now, port);
         }
-        // A frame that is sent again from its start (G-4).
-        services.signing.sign(cx.now, port);
         port.outbox.pending()
     }
 
@@ -413,7 +411,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 
     /// Restarts a link whose transport was opened again. Discards the received part of an unfinished frame. The first frame
     /// that is sent is a HEARTBEAT, and everything else waits for it for at most
-    /// [`max_loop_gap`](crate::Config::max_loop_gap) (H-17), but not while the vehicle is in a fault. A frame that was cut off is sent from its start again, unless it
+    /// [`max_loop_gap`](crate::Config::max_loop_gap) after the link was first asked for a frame (H-17), but not while the vehicle is in a
+    /// fault. A frame that was cut off is sent from its start again, unless it
     /// is a heartbeat, which would be out of date, or a frame of bulk data with over 230 bytes.
     pub fn restart_link(&mut self, link: LinkId) {
         self.greet(link);

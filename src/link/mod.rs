@@ -113,7 +113,7 @@ pub struct Port {
     /// When a transport that has failed is asked again.
     pub(crate) retry_at: Instant,
     /// Until when frames wait for a HEARTBEAT, which is the first one on a link that opens (H-17): [`Instant::ZERO`] if they
-    /// do not, [`Instant::NEVER`] until the stack is next polled or the link is asked for a frame.
+    /// do not, [`Instant::NEVER`] until the link is asked for a frame.
     held_until: Instant,
     /// Drop counters, as last logged.
     #[cfg(feature = "defmt")]
@@ -192,12 +192,12 @@ impl Port {
         self.held_until != Instant::ZERO
     }
 
-    /// Whether the link was neither polled nor asked for a frame since it opened.
+    /// Whether the link was not asked for a frame since it opened: its transport may not be ready yet.
     pub(crate) fn is_new(&self) -> bool {
         self.held_until == Instant::NEVER
     }
 
-    /// Returns until when frames wait: at most `most` from the first call after the link was opened.
+    /// Returns until when frames wait: at most `most` from when the link was first asked for a frame.
     pub(crate) fn bound_hold(&mut self, now: Instant, most: Duration) -> Instant {
         if self.is_new() {
             self.held_until = now.after(most);

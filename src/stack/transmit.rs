@@ -6,28 +6,20 @@ use crate::link::Port;
 use crate::service::{Cx, ForwardingGate, SigningGate, increment};
 
 impl<D: Declares> Services<D> {
-    /// Puts the next frame into the link's empty outbox. On a link that opens that is the HEARTBEAT, or nothing until the wait for it
-    /// ends (H-17); then the frame that was cut off when the link closed, if there is one.
-    pub(super) fn refill(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) {
-        loop {
-            let is_held = cx.shared.holds(port);
-            if !is_held {
-                port.release();
-                if port.outbox.resume() {
-                    return;
-                }
-            }
-            self.fill(cx, port, state);
-            let waits = is_held && port.is_held();
-            if !waits || cx.now < port.bound_hold(cx.now, cx.shared.config.max_loop_gap) {
-                return;
+    /// Ends the wait for a HEARTBEAT that has not come (H-17). Unless frames still wait, makes the frame that was cut off when the
+    /// link closed the next one. Returns whether there is one.
+    pub(super) fn resume(&self, cx: &Cx<'_, D>, port: &mut Port) -> bool {
+        if port.is_held() {
+            if cx.shared.holds(port) && cx.now < port.bound_hold(cx.now, cx.shared.config.max_loop_gap) {
+                return false;
             }
             port.release();
         }
+        port.outbox.resume()
     }
 
     /// Puts the next frame into the link's outbox, and signs it. While frames are held for a HEARTBEAT, only that is sent (H-17).
-    fn fill(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) {
+    pub(super) fn fill(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) {
         port.bucket.drain(cx.now);
         self.signing.prepare(cx.now, port);
         ForwardingGate::<D>::prepare(&mut self.forwarding, port);

@@ -333,8 +333,8 @@ fn the_deadline_of_a_link_is_its_own() {
     // The links wait no longer for a heartbeat.
     stack.poll(firmware.now(), vehicle);
     let now = Instant::from_millis(500);
-    for link in [LinkId(0), LinkId(1)] {
-        assert_eq!(stack.transmit(now, link, vehicle), [0_u8; 0]);
+    for (at, link) in [firmware.now(), now].into_iter().flat_map(|at| [(at, LinkId(0)), (at, LinkId(1))]) {
+        assert_eq!(stack.transmit(at, link, vehicle), [0_u8; 0]);
     }
     stack.receive(now, LinkId(1), &frame, vehicle);
     stack.poll(now, vehicle);
