@@ -22,7 +22,11 @@ impl Bench {
     fn new() -> Self {
         let (flight, copter, config) = Box::leak(Box::new(Between::new())).split();
         let stack = Box::new(Mavlink::new(config, LINKS));
-        Self { flight, copter, stack, decoder: Decoder::default(), now: Instant::from_millis(1), sequence: 0 }
+        let now = Instant::from_millis(1);
+        let mut bench = Self { flight, copter, stack, decoder: Decoder::default(), now, sequence: 0 };
+        // Answers wait for the first HEARTBEAT of a link that opens (H-17).
+        assert_eq!(bench.run(1).0, Some(false));
+        bench
     }
 
     /// Sends a command, and returns the answer within the same pass of the MAVLink task. Flight does not run.

@@ -69,11 +69,6 @@ const EXCUSED: &[(&str, &str, &str)] = &[
         "there are always places for orders",
     ),
     (
-        "service/manual_control",
-        "} else if let Some(message) = frame.decode::<RcChannelsOverride>() {",
-        "called for the two messages only",
-    ),
-    (
         "service/mission/download",
         "} else if let Some(oldest) = self.sessions.iter_mut().min_by_key(|session| session.at) {",
         "there are always places for sessions",
