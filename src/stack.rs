@@ -197,7 +197,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
         let now = cx.now;
         cx.shared.has_acted = false;
-        cx.shared.polled = Some(now);
+        cx.shared.polled = now;
         let timeout = cx.shared.config.peer_timeout;
         network::poll(cx.peers, now, timeout, report!(cx));
         services.poll(&mut cx, states);
@@ -326,7 +326,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
                 Err(error) => break Err(LinkError::Write(error)),
             }
         };
-        self.note_failure(now, link);
+        self.note_failure(link);
         result
     }
 
@@ -350,6 +350,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         allowance: &mut Allowance,
     ) -> usize {
         let mut taken = 0usize;
+        if !self.shared.is_begun() {
+            return 0;
+        }
         let time = self.enter(now);
         // One buffer at a time. More than two passes are only needed if the bytes exceed a buffer.
         loop {
@@ -369,7 +372,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// [`received`](Self::received). It is empty while frames wait for more budget. If no bytes are pending, it has
     /// room for a frame of maximum length: see [`Decoder::spare`](crate::frame::Decoder::spare).
     pub fn receive_buffer(&mut self, link: LinkId) -> &mut [u8] {
-        self.link_mut(link).map(|link| link.decoder.spare()).unwrap_or_default()
+        let is_begun = self.shared.is_begun();
+        self.link_mut(link).filter(|_| is_begun).map(|link| link.decoder.spare()).unwrap_or_default()
     }
 
     /// Takes the first `len` bytes of [`receive_buffer`](Self::receive_buffer), which were filled. Handles the frames
@@ -386,10 +390,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let index = usize::from(link.0);
         let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
         let (Some(Link { port, .. }), Some(state)) = (links.get_mut(index), states.get_mut(index)) else { return &[] };
-        if !cx.shared.is_begun() {
-            return &[];
-        }
-        if port.outbox.is_empty() && !services.resume(&cx, port) {
+        if port.outbox.is_empty() && !cx.shared.resume(cx.now, port) {
+            if !cx.shared.is_begun() {
+                return &[];
+            }
             services.fill(&mut cx, port, state);
         } else {
             // A frame that is sent again from its start (G-4).
@@ -580,15 +584,18 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the time by the stack's clock when the firmware's clock shows `now`: it is never set back.
     #[inline(never)]
     pub(crate) fn enter(&mut self, now: Instant) -> Instant {
-        if self.shared.clock.advance(now) {
-            self.note_clock_step();
+        if !self.shared.clock.advance(now) {
+            self.note_clock_step(now);
         }
         self.shared.clock.now()
     }
 
-    /// The firmware's clock was set back: the stack's goes on.
+    /// The firmware's clock was set back to `now`: the stack's goes on.
     #[inline(never)]
-    fn note_clock_step(&mut self) {
+    fn note_clock_step(&mut self, now: Instant) {
+        if !self.shared.clock.anchor(now) {
+            return;
+        }
         let Shared { clock, clock_steps, normal, .. } = &mut self.shared;
         increment(clock_steps);
         self.services.on_clock_step(clock.lead());
@@ -631,8 +638,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 
     /// Records an error of a link's transport while writing.
     #[inline(never)]
-    pub(crate) fn note_failure(&mut self, now: Instant, link: LinkId) {
-        let now = self.enter(now);
+    pub(crate) fn note_failure(&mut self, link: LinkId) {
+        let now = self.shared.clock.now();
         if let Some(link) = self.link_mut(link) {
             link.port.failed(now);
         }
@@ -671,9 +678,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.links.get(usize::from(link.0)).is_some_and(|link| link.decoder.has_backlog())
     }
 
-    /// Returns a link; `None` if there is no such link, or if the stack was not begun.
     fn link_mut(&mut self, link: LinkId) -> Option<&mut Link> {
-        self.links.get_mut(usize::from(link.0)).filter(|_| self.shared.is_begun())
+        self.links.get_mut(usize::from(link.0))
     }
 
     /// Handles the frames in the decoder after `len` more bytes were received, as far as the allowance permits.
@@ -687,10 +693,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     ) {
         let index = usize::from(link.0);
         let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
-        let (Some(link_state), Some(state), true) = (links.get_mut(index), states.get_mut(index), cx.shared.is_begun())
-        else {
+        let (Some(link_state), Some(state)) = (links.get_mut(index), states.get_mut(index)) else { return };
+        if !cx.shared.is_begun() {
             return;
-        };
+        }
         if len > 0 {
             link_state.decoder.filled(len, cx.now);
         }

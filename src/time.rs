@@ -147,15 +147,32 @@ impl Clock {
         if time.0 > self.last.0 { time } else { self.last }
     }
 
-    /// Advances to the time when the other clock shows `now`. Returns whether it was re-anchored.
+    /// Advances to the time when the other clock shows `now`. Returns false if that was set back.
+    #[inline(always)]
     pub(crate) const fn advance(&mut self, now: Instant) -> bool {
-        let behind = self.last.since(now.after(self.lead));
-        let is_step = behind.0 >= Self::STEP.0;
-        if is_step {
-            self.lead = self.last.since(now);
+        let time = now.after(self.lead);
+        let is_later = time.0 >= self.last.0;
+        if is_later {
+            self.last = time;
         }
-        self.last = self.peek(now);
+        is_later
+    }
+
+    /// Re-anchors the clock if the other one was set back to `now` by a second or more. Returns whether it was.
+    pub(crate) const fn anchor(&mut self, now: Instant) -> bool {
+        let lead = self.last.since(now);
+        let is_step = lead.0.wrapping_sub(self.lead.0) >= Self::STEP.0;
+        if is_step {
+            self.lead = lead;
+        }
         is_step
+    }
+
+    /// Advances, and re-anchors the clock if that is needed.
+    pub(crate) const fn follow(&mut self, now: Instant) {
+        if !self.advance(now) {
+            self.anchor(now);
+        }
     }
 
     /// Returns the latest time.
@@ -194,7 +211,8 @@ mod tests {
             (10, 5_012, false),
         ] {
             let peeked = clock.peek(at(other));
-            assert_eq!((clock.advance(at(other)), clock.now()), (is_step, at(time)), "{other} ms");
+            let is_anchored = !clock.advance(at(other)) && clock.anchor(at(other));
+            assert_eq!((is_anchored, clock.now()), (is_step, at(time)), "{other} ms");
             assert!(peeked == at(time));
         }
         assert_eq!((clock.shown(at(5_013)), clock.lead()), (at(11), Duration::from_millis(5_002)));

@@ -347,7 +347,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         }
         let fault = transmitter.fault.take();
         if fault.is_some() {
-            self.note_failure(now, link);
+            self.note_failure(link);
         } else if self.enter(now) < retry_at {
             return Ok(false);
         } else if transmitter.must_flush {

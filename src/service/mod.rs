@@ -235,8 +235,8 @@ pub struct Shared {
     pub(crate) clock: Clock,
     /// How often the firmware's clock was set back. Wraps.
     pub(crate) clock_steps: u32,
-    /// When the stack was last polled; `None` before the first time (H-18).
-    pub(crate) polled: Option<Instant>,
+    /// When the stack was last polled (H-18). Before the first time the vehicle's state is not known.
+    pub(crate) polled: Instant,
     /// Work may be pending that only the vehicle knows about, on any link, so `next_deadline` returns `now`.
     pub(crate) has_acted: bool,
     /// An operation on the storage is running, so nothing else can be written.
@@ -261,7 +261,7 @@ impl Shared {
         flight: Flight::new(),
         clock: Clock::NEW,
         clock_steps: 0,
-        polled: None,
+        polled: Instant::ZERO,
         has_acted: false,
         is_storage_busy: false,
         answerer: ComponentId(0),
@@ -289,12 +289,25 @@ impl Shared {
     /// Whether frames of a link wait for a HEARTBEAT (H-17). Nothing waits for one that cannot come: before the first poll, and
     /// while the vehicle is in a fault.
     pub(crate) fn holds(&self, port: &Port) -> bool {
-        port.is_held() && self.flight.has_state && self.polled.is_some()
+        port.is_held() && self.flight.has_state
     }
 
-    /// Whether the stack was polled within `max_loop_gap`, so that the peers' timeouts and the failsafe run (H-18).
+    /// Ends a link's wait for a HEARTBEAT that has not come (H-17). Unless frames still wait, makes the frame that was cut off when
+    /// the link closed the next one. Returns whether there is one.
+    #[inline(never)]
+    pub(crate) fn resume(&self, now: Instant, port: &mut Port) -> bool {
+        if port.is_held() {
+            if self.holds(port) && now < port.bound_hold(now, self.config.max_loop_gap) {
+                return false;
+            }
+            port.release();
+        }
+        port.outbox.resume()
+    }
+
+    /// Whether the vehicle has a state, and the stack was polled within `max_loop_gap`, so that the peers' timeouts and the failsafe run (H-18).
     fn is_polled(&self, now: Instant) -> bool {
-        self.polled.is_some_and(|polled| now.since(polled) <= self.config.max_loop_gap)
+        self.flight.has_state && now.since(self.polled) <= self.config.max_loop_gap
     }
 
     /// Samples the pulse, and returns whether heartbeats may be sent (H-5, H-18).
@@ -306,7 +319,7 @@ impl Shared {
 
     /// Returns when the stack must be polled again at the latest, so that heartbeats may be sent (H-18).
     pub(crate) fn poll_deadline(&self) -> Instant {
-        self.polled.map_or(Instant::NEVER, |polled| polled.after(self.config.max_loop_gap))
+        self.polled.after(self.config.max_loop_gap)
     }
 
     /// Returns when a message that is due at `due` can be sent, if it must not be sent while the flight loop is stopped or the
@@ -316,7 +329,7 @@ impl Shared {
         match due {
             Instant::NEVER => Instant::NEVER,
             due if due > now => credit.look_for(due, gap),
-            due if self.flight.has_state && credit.is_good(now, gap) && self.is_polled(now) => due,
+            due if credit.is_good(now, gap) && self.is_polled(now) => due,
             // It waits for the flight loop or the vehicle. Only polling shows that they recovered.
             _ => now.after(RETRY),
         }

@@ -355,6 +355,7 @@ macro_rules! ask {
                     let is_sent = next!($service, D, services, &mut cx, port, state, Turn::$turn);
                     look(Turn::$turn, due, is_sent);
                     if is_sent {
+                        port.release();
                         services.signing.sign(now, port);
                         services.on_sent(port);
                         return true;

@@ -254,7 +254,7 @@ macro_rules! send {
             /// Puts the next frame into the link's empty outbox: the first turn with something to send sends it (D-4).
             pub(crate) fn send(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) -> bool {
                 let class = port.config.class;
-                let pace = if cx.shared.holds(port) { Pace::Stalled } else { port.bucket.pace() };
+                let pace = if port.is_held() { Pace::Stalled } else { port.bucket.pace() };
                 false $(|| (
                     Turn::$turn.is_on(class)
                         && Turn::$turn.pace() <= pace

@@ -57,7 +57,7 @@ impl WallClock {
     /// ignored.
     pub const fn set(&mut self, now: Instant, unix_usec: u64) {
         if unix_usec != 0 {
-            self.clock.advance(now);
+            self.clock.follow(now);
             self.boot = unix_usec.wrapping_sub(self.clock.now().as_micros());
             self.is_known = true;
         }
@@ -66,7 +66,7 @@ impl WallClock {
     /// Returns the time at `now` (µs since 1970-01-01 00:00 UTC), if it is known. `now` is the present: an earlier moment would look
     /// like a clock that was set back.
     pub const fn unix_usec(&mut self, now: Instant) -> Option<u64> {
-        self.clock.advance(now);
+        self.clock.follow(now);
         if self.is_known { Some(self.boot.wrapping_add(self.clock.now().as_micros())) } else { None }
     }
 
