@@ -372,7 +372,9 @@ turns!(ask);
 fn deadline_is_now_exactly_when_a_frame_is_sent() {
     let seen = RefCell::new(Vec::new());
     let events = prop::collection::vec(event(), 1..150);
-    let result = TestRunner::default().run(&(any::<bool>(), events), |(streams_wait_for_peer, events)| {
+    // Twice as many cases as by default: with fewer, about one run of a hundred misses a turn.
+    let config = proptest::test_runner::Config { cases: 512, ..Default::default() };
+    let result = TestRunner::new(config).run(&(any::<bool>(), events), |(streams_wait_for_peer, events)| {
         let mut world = World::new(streams_wait_for_peer);
         for event in &events {
             world.on(event);
