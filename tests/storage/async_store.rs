@@ -289,8 +289,8 @@ fn a_dropped_future_counts_as_a_failure() {
             break;
         }
     }
-    // An erase, and the pages of a record without its last bytes: after those, the record counts.
-    assert!(refused >= 3 && cut > refused, "{refused} of {cut}");
+    // A write that fails is repeated behind its unit, so the plan is accepted all the same. Some operation still ends the save.
+    assert!(refused >= 1 && cut >= refused + 3, "{refused} of {cut}");
 }
 
 /// A restore that is dropped in any operation is repeated, and reads everything.
