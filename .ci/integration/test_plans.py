@@ -77,8 +77,9 @@ def test_one_item_too_many(client, capacities, kind):
     assert ids(client)[kind] == stored
 
 
-SPEED = dict(command=mavlink.MAV_CMD_DO_CHANGE_SPEED, param1=1.0, param2=5.0, param3=-1.0)
-JUMP = dict(command=mavlink.MAV_CMD_DO_JUMP, param1=0.0, param2=1.0)
+# Commands without a position have plain numbers in x and y (M-75).
+SPEED = dict(command=mavlink.MAV_CMD_DO_CHANGE_SPEED, param1=1.0, param2=5.0, param3=-1.0, x=0, y=0)
+JUMP = dict(command=mavlink.MAV_CMD_DO_JUMP, param1=0.0, param2=1.0, x=0, y=0)
 OUT_OF_RANGE = "parameter {} out of range"
 
 

@@ -135,7 +135,7 @@ def test_vehicle_flies_a_mission_and_lands(gcs, other):
     waypoint = dict(plan(2)[1], param1=0.0, param2=0.0, param4=math.nan, z=6.0)
     near = [(HOME[0] + 900, HOME[1]), (HOME[0] + 900, HOME[1] + 900)]
     items = [dict(waypoint, seq=seq, x=x, y=y) for seq, (x, y) in enumerate(near)]
-    items.append(dict(waypoint, seq=2, command=mavlink.MAV_CMD_DO_JUMP, param1=0.0, param2=1.0))
+    items.append(dict(waypoint, seq=2, command=mavlink.MAV_CMD_DO_JUMP, param1=0.0, param2=1.0, x=0, y=0))
     items.append(dict(waypoint, seq=3, command=NAV_LAND, x=HOME[0], y=HOME[1]))
     assert items[0]["command"] == NAV_WAYPOINT
     assert upload(gcs, items).type == ACCEPTED

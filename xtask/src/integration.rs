@@ -64,8 +64,9 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
             "test_commands.py",
             "test_mavsdk.py",
             "test_mavsdk_flight.py",
-            "test_receiver.py",
             "test_satellite.py",
+            // It leaves the vehicle away from home.
+            "test_receiver.py",
         ],
     ),
     (

@@ -135,8 +135,8 @@ counters! {
 ///
 /// - **A key that is set again.** A key that is set after another key, or after none, counts as another key, because
 ///   the one before was forgotten. So frames that were recorded with it are accepted again if they are at most a minute
-///   older than its new timestamp, or than the time that the vehicle set. A timestamp of a minute from now leaves no
-///   window.
+///   older than the time that the vehicle set. Until it has set one, its new timestamp counts instead: one of a minute from
+///   now leaves no window.
 /// - **A restart.** Streams are forgotten, and time begins where it was last stored, up to a minute ahead of that
 ///   moment (G-15). So frames that were accepted since, and in the minute before, may be accepted again. By default
 ///   nothing is stored while the vehicle is armed: after a restart in flight, these are all frames since take-off.
