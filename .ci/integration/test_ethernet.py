@@ -49,6 +49,8 @@ def call(ports):
 
     def call(system, is_served=True):
         opened.append(Gcs(ports[1], "udpout", system=system, is_new=True))
+        # Equal frames of stations with the same ids would be duplicates.
+        opened[-1].mav.seq = 37 * len(opened) % 256
         opened[-1].mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
         if is_served:
             assert opened[-1].wait("HEARTBEAT"), "the vehicle does not answer"
