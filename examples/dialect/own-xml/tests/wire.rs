@@ -19,15 +19,16 @@ const COMMAND: &str = "fd20000000ffbe4c00000000803f00000040000000000000000000000
 
 struct Bench {
     stack: Mavlink,
+    pulse: &'static Pulse,
     vessel: Vessel,
     now: Instant,
 }
 
 impl Bench {
     fn new() -> Self {
-        let config = Config::new(Address::new(7, 1), Box::leak(Box::new(Pulse::new())));
-        let stack = Mavlink::new(config, [LinkConfig::uart(57_600)]);
-        Self { stack, vessel: Vessel::default(), now: Instant::from_millis(1) }
+        let pulse = Box::leak(Box::new(Pulse::new()));
+        let stack = Mavlink::new(Config::new(Address::new(7, 1), pulse), [LinkConfig::uart(57_600)]);
+        Self { stack, pulse, vessel: Vessel::default(), now: Instant::from_millis(1) }
     }
 
     fn receive(&mut self, frame: &str) {
@@ -38,6 +39,8 @@ impl Bench {
     fn sent(&mut self, millis: u64) -> Vec<u8> {
         let mut sent = Vec::new();
         for _ in 0..millis {
+            // A link begins with HEARTBEAT, which needs a tick.
+            self.pulse.tick();
             self.stack.poll(self.now, &mut self.vessel);
             let pending = self.stack.transmit(self.now, LINK, &mut self.vessel);
             let len = pending.len();
