@@ -329,8 +329,11 @@ impl Pair {
         stack.setpoints_mut().set_timeout(valid);
         stack.operator_control_mut().set_release_on_loss(!keeps);
         let (mut vehicle, model) = (TestVehicle::new(), Model::new(keeps));
-        // The links wait for a heartbeat from now on, and no longer when the test begins (H-17).
+        // The links wait for a heartbeat from the first frame that they are asked for, and no longer when the test begins (H-17).
         stack.poll(Instant::ZERO, &mut vehicle);
+        for link in [LinkId(0), LinkId(1)] {
+            assert!(stack.transmit(Instant::ZERO, link, &mut vehicle).is_empty());
+        }
         Self { stack, vehicle, now: 1_000, seqs: [0; 5], statuses: [None; 2], model }
     }
 
