@@ -3,7 +3,6 @@
 //! The only module that knows every service. [`Stack`] shows the path of a frame. No call waits (D-3) or takes a lock (D-6), and
 //! the budget bounds the work of each (D-2, SEC-2).
 
-mod bulk;
 mod commands;
 #[cfg(test)]
 mod deadlines;
@@ -11,6 +10,7 @@ mod declare;
 mod declared;
 #[cfg(feature = "defmt")]
 mod drops;
+mod fanout;
 mod memory;
 mod parts;
 mod peers;

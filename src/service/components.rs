@@ -113,6 +113,8 @@ impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
     const IS_OF_COMPONENTS: bool = true;
     type Link = ComponentLink;
     const VACANT: ComponentLink = ComponentLink { period: 0, left: 0 };
+    const TURNS: &'static [Turn] = &[Turn::ComponentHeartbeat];
+    type Reply = ();
 
     fn is_part_of(component: ComponentId) -> bool {
         F::is_component(component)

@@ -34,6 +34,8 @@ impl<F: Firmware> Service<F> for Tunes {
     const NEW: Self = Self { received: 0 };
     type Link = TuneLink;
     const VACANT: TuneLink = TuneLink { is_answer_pending: false };
+    const TURNS: &'static [Turn] = &[Turn::Example];
+    type Reply = ();
 
     /// Receiving changes state and sends nothing.
     fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, link: &mut TuneLink, received: &Received<'_>) -> Handled {

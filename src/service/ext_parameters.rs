@@ -403,6 +403,8 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
     const COMPONENT: Option<ComponentId> = F::Vehicle::COMPONENT;
     type Link = ExtParamLink;
     const VACANT: ExtParamLink = ExtParamLink::VACANT;
+    const TURNS: &'static [Turn] = &[Turn::ExtParam];
+    type Reply = ();
 
     /// Answers for links that carry none are not pending.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ExtParamLink>) {

@@ -26,6 +26,8 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
     const NEW: Self = Self { queues: ForwardQueues::new(), queued: LinkMask::NONE };
     type Link = ();
     const VACANT: () = ();
+    const TURNS: &'static [Turn] = &[Turn::ForwardedFirst, Turn::Forwarded];
+    type Reply = ();
 
     /// Sends the next frame of the link's queue.
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), turn: Turn) -> bool {

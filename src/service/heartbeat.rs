@@ -37,6 +37,8 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
     const NEW: Self = Self { extra: LinkMask::NONE };
     type Link = Schedule;
     const VACANT: Schedule = Schedule::new();
+    const TURNS: &'static [Turn] = &[Turn::Heartbeat];
+    type Reply = ();
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Schedule>) {
         cx.shared.is_beating(cx.now);

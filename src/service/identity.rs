@@ -24,6 +24,8 @@ impl<F: Firmware> Service<F> for Identification {
     const NEW: Self = Self;
     type Link = Asked;
     const VACANT: Asked = Asked { autopilot_version: false, protocol_version: false };
+    const TURNS: &'static [Turn] = &[Turn::Identity];
+    type Reply = ();
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::MAVLINK2;
 
     /// The last service that sees MAV_CMD_REQUEST_MESSAGE. An id that no service can send is DENIED, because the

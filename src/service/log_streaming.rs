@@ -173,6 +173,8 @@ impl LogStreamer {
 impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
     type Link = ();
     const VACANT: () = ();
+    const TURNS: &'static [Turn] = &[Turn::LateBulk, Turn::Bulk];
+    type Reply = ();
     const NEW: Self = Self {
         phase: Phase::Off,
         is_gone: false,
@@ -262,10 +264,6 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
 
     fn due(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Instant {
         if self.is_on(port) { self.due } else { Instant::NEVER }
-    }
-
-    fn has_bulk(&self) -> bool {
-        self.is_streaming()
     }
 
     fn restart(&mut self, port: &Port, (): &mut ()) {

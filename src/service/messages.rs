@@ -53,6 +53,8 @@ impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
     const NEW: Self = Self;
     type Link = MessageLink;
     const VACANT: MessageLink = MessageLink { share: Share::NEW, frames: 0, at: Instant::ZERO };
+    const TURNS: &'static [Turn] = &[Turn::Message];
+    type Reply = ();
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut MessageLink, _: Turn) -> bool {
         if link.due(port) > cx.now {

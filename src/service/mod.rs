@@ -154,6 +154,25 @@ pub trait Service<F: Firmware> {
         None
     }
 
+    /// The places of the service in the sending order of a link.
+    const TURNS: &'static [Turn] = &[];
+
+    /// What the service has to send: an enum with a name for each kind of frame.
+    type Reply;
+
+    /// Returns what is pending in this turn, and when it is due. It changes nothing, and is called often.
+    fn pending(&self, view: &View<'_>, port: &Port, link: &Self::Link, turn: Turn) -> Option<(Instant, Self::Reply)> {
+        let _ = (view, port, link, turn);
+        None
+    }
+
+    /// Puts what [`pending`](Self::pending) has returned into the link's outbox, which is empty. If the vehicle cannot give it, it
+    /// returns false, and the same is not pending again at once.
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Self::Link, reply: Self::Reply) -> bool {
+        let _ = (cx, port, link, reply);
+        false
+    }
+
     /// Puts at most one frame into the link's outbox, which is empty. Returns false if nothing is pending for this
     /// turn.
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Self::Link, turn: Turn) -> bool {
@@ -165,11 +184,6 @@ pub trait Service<F: Firmware> {
     fn due(&self, view: &View<'_>, port: &Port, link: &Self::Link, turn: Turn) -> Instant {
         let _ = (view, port, link, turn);
         Instant::NEVER
-    }
-
-    /// Whether bulk data may be pending on any link. Called often.
-    fn has_bulk(&self) -> bool {
-        false
     }
 
     /// Called for each accepted frame, whatever its message.
@@ -354,6 +368,19 @@ pub struct Cx<'a, F: Firmware> {
 }
 
 impl<F: Firmware> Cx<'_, F> {
+    /// Returns what can be seen without the vehicle.
+    #[inline(always)]
+    pub(crate) fn view(&self) -> View<'_> {
+        View {
+            now: self.now,
+            shared: self.shared,
+            peers: self.peers,
+            texts: self.texts,
+            requests: self.requests,
+            events: self.events,
+        }
+    }
+
     /// Sends a text on every normal link. Compiled out if there is no queue of texts.
     #[inline(never)]
     pub(crate) fn say(&mut self, severity: MavSeverity, text: &[u8]) {

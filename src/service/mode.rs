@@ -286,6 +286,8 @@ impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
     const NEW: Self = Self { mode: 0, changes: 0, accepted: 0, report_until: Instant::ZERO };
     type Link = ModeLink;
     const VACANT: ModeLink = ModeLink { listed: 0, current: false, monitor: false, changes: 0, pairs: 0 };
+    const TURNS: &'static [Turn] = &[Turn::CurrentMode, Turn::ModeList];
+    type Reply = ();
 
     /// Sends CURRENT_MODE when the mode differs from the last reported one.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ModeLink>) {

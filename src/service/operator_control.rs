@@ -367,6 +367,8 @@ impl<F: Firmware> Service<F> for OperatorControl {
     };
     type Link = OperatorLink;
     const VACANT: OperatorLink = OperatorLink { at: Instant::ZERO, changes: 0 };
+    const TURNS: &'static [Turn] = &[Turn::OperatorControl];
+    type Reply = ();
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMPONENT_ACCEPTS_GCS_CONTROL;
 
     /// Releases control when the owner is lost.

@@ -366,6 +366,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Setpoints {
     };
     type Link = ();
     const VACANT: () = ();
+    type Reply = ();
 
     fn begin(&mut self, _: &Config) {
         self.timeout = Self::TIMEOUT;

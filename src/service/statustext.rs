@@ -32,9 +32,11 @@ impl<F: Firmware> Service<F> for Texts {
     const NEW: Self = Self;
     type Link = TextCursor;
     const VACANT: TextCursor = TextCursor::new();
+    const TURNS: &'static [Turn] = &[Turn::Text];
+    type Reply = ();
 
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TextCursor, _: Turn) -> bool {
-        cx.texts.next(link, &mut port.outbox)
+        F::HAS_TEXTS && cx.texts.next(link, &mut port.outbox)
     }
 
     fn due(&self, view: &View<'_>, port: &Port, _: &TextCursor, _: Turn) -> Instant {

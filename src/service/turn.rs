@@ -3,8 +3,7 @@
 //! [`turns!`] is the only list of that order. Sending, `next_deadline`, the table in `docs/architecture.md` and the
 //! test of D-4 derive from it. HEARTBEAT is first, so that nothing delays it (H-15), and high-latency links have no turn
 //! for it (H-7, L-3). The list of parameters has two turns, so that streams that fill a link leave it its share (P-11), and so has
-//! the bulk data of files, logs and log streaming, which high-latency links do not carry (F-8, F-11, LOG-8, LOG-14):
-//! `stack/bulk.rs`.
+//! the bulk data of files, logs and log streaming, which high-latency links do not carry (F-8, F-11, LOG-8, LOG-14).
 
 use crate::link::Pace;
 use crate::types::LinkClass;
@@ -73,6 +72,12 @@ macro_rules! define {
         )* }
 
         impl Turn {
+            /// Returns the turn's bit in a set of turns.
+            #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called")]
+            pub(crate) const fn bit(self) -> u64 {
+                1_u64.wrapping_shl(self as u32)
+            }
+
             /// Returns how busy the link may be.
             pub(crate) const fn pace(self) -> Pace {
                 match self { $(Self::$turn => Pace::$pace,)* }

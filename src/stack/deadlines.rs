@@ -1,7 +1,7 @@
 //! `next_deadline` is now exactly when a frame is sent, whatever was received before (D-4).
 //!
 //! A deadline that is too early makes a sleeping firmware spin; one that is too late makes it late. Each turn is checked by
-//! itself too: [`Service::due`] is now exactly when [`Service::next`] sends a frame.
+//! itself too.
 //!
 //! This holds after [`poll`](Stack::poll): before it the vehicle may have acted, and a file may have to be read. Six things
 //! are due once and send nothing: the end of a link's wait for a heartbeat, a forwarded frame that has waited for too long, the heartbeat of a component in a fault, a
@@ -17,7 +17,6 @@ use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 
 use self::world::{World, event};
-use super::bulk::{due, next};
 use super::{Declares, Stack, split};
 use crate::camera::{Image, Shot};
 use crate::command::CommandPolicy;
@@ -33,7 +32,7 @@ use crate::high_latency::{HighLatencyConfig, HighLatencySample};
 use crate::logs::{LogInfo, LogRead};
 use crate::manual_control::ControlSource;
 use crate::message::{Address, ComponentId, Item, Message, Secret, Text};
-use crate::service::{Cx, ForwardingGate, Service, SigningGate, TABLE, Turn, View, turns};
+use crate::service::{Cx, ForwardingGate, SigningGate, TABLE, Turn, turns};
 use crate::time::{Duration, Instant};
 use crate::{
     Camera, Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context,
@@ -350,9 +349,8 @@ macro_rules! ask {
                 services.signing.prepare(now, port);
                 ForwardingGate::<D>::prepare(&mut services.forwarding, port);
                 $(if Turn::$turn.is_on(port.config.class) && skipped != Some(Turn::$turn) {
-                    let view = View { now, shared: cx.shared, peers: cx.peers, texts: cx.texts, requests: cx.requests, events: cx.events };
-                    let due = due!($service, D, services, &view, port, state, Turn::$turn);
-                    let is_sent = next!($service, D, services, &mut cx, port, state, Turn::$turn);
+                    let due = services.when(&cx.view(), port, state, Turn::$turn);
+                    let is_sent = services.offer(&mut cx, port, state, Turn::$turn);
                     look(Turn::$turn, due, is_sent);
                     if is_sent {
                         port.release();

@@ -9,14 +9,14 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     pub(super) fn log_drops(&mut self, now: Instant) {
         for link in &mut self.links {
             let (rx, counters) = (link.decoder.counters(), link.port.counters);
-            let count = sum([rx.drops(), counters.drops(), self.services.drops_on(link.port.id)]);
+            let count = sum([rx.drops(), counters.drops(), self.services.drops(Some(link.port.id))]);
             if link.port.drops.is_due(now, count) {
                 event!("link {=u8}: {} {}", link.port.id.0, rx, counters);
-                self.services.log_drops_on(link.port.id);
+                self.services.log_drops(Some(link.port.id));
             }
         }
-        if self.drops.is_due(now, self.services.drops()) {
-            self.services.log_drops();
+        if self.drops.is_due(now, self.services.drops(None)) {
+            self.services.log_drops(None);
         }
     }
 }

@@ -1,40 +1,46 @@
-//! The list of the services. Frames and commands are offered to them in this order. [`Turn`](crate::service::Turn) has
-//! the order in which they send.
+//! The list of the services. [`Turn`](crate::service::Turn) has the order in which they send.
 
 use super::Declares;
-use super::bulk::{due, next};
 use crate::dialect::MavProtocolCapability;
-use crate::link::{Pace, Port, Transport};
-use crate::message::{ComponentId, SystemId};
+use crate::link::Port;
+use crate::message::ComponentId;
 use crate::service::command::CommandService;
 #[cfg(test)]
 use crate::service::example::Tunes;
 use crate::service::heartbeat::Heartbeats;
 use crate::service::identity::Identification;
 use crate::service::statustext::Texts;
-#[cfg(feature = "defmt")]
-use crate::service::sum;
-use crate::service::{Cx, Handled, Received, Request, Service, Share, Shared, Turn, Verdict, View, turns};
-use crate::time::{Duration, Instant};
-#[cfg(feature = "defmt")]
-use crate::types::LinkId;
-use crate::types::{Config, Peer};
+use crate::service::{Received, Request, Service, Share};
+use crate::types::Firmware;
 
-/// Whether a service gets a frame or a command for this component, or for all. Always true in a firmware of one component.
-fn is_addressed<D: Declares, S: Service<D>>(component: ComponentId) -> bool {
-    D::COMPONENTS.is_empty() || component.0 == 0 || S::is_part_of(component)
+/// What the stack does with each service of a list, by turns.
+pub(crate) trait Visit<F: Firmware> {
+    /// Visits a service with its state on a link. Returns true to visit no more.
+    fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool;
 }
 
-/// Whether a service is left out, because the firmware runs without its other components (K-10).
-pub(super) fn is_left_out<D: Declares, S: Service<D>>(_: &S, shared: &Shared) -> bool {
-    S::IS_OF_COMPONENTS && shared.leaves_out_components::<D>()
+/// What the stack asks of each service and its state on a link.
+pub(crate) trait Look<F: Firmware> {
+    fn look<S: Service<F>>(&mut self, service: &S, link: &S::Link);
 }
 
-/// Defines the services, and what each call does for each of them, in the order of the list.
+/// What the stack does with each service, with its states on all links.
+pub(crate) trait VisitAll<F: Firmware> {
+    fn visit<'l, S: Service<F>>(&mut self, service: &mut S, links: impl Iterator<Item = &'l mut S::Link>)
+    where
+        S::Link: 'l;
+}
+
+/// What the stack asks of each service.
+pub(crate) trait LookAll<F: Firmware> {
+    fn look<S: Service<F>>(&mut self, service: &S);
+}
+
+/// Defines the list of services, and how each is visited.
 macro_rules! define {
     ($($name:ident: $service:ty,)*) => {
-        /// All services of a firmware, in the order of the list: the large queues of forwarding are last, so that the other
-        /// services are near the start of the stack, where it takes less code to reach them.
+        /// All services of a firmware: the large queues of forwarding are last, so that the other services are near the start of
+        /// the stack, where it takes less code to reach them.
         #[derive(Debug)]
         #[repr(C)]
         pub(crate) struct Services<D: Declares> {
@@ -45,14 +51,14 @@ macro_rules! define {
         #[derive(Debug)]
         pub(crate) struct States<D: Declares> {
             /// The share of the link for bulk data.
-            pub(crate) bulk: Share,
-            /// The place of the service that sent bulk data last.
-            pub(crate) bulk_turn: u8,
+            pub(super) bulk: Share,
+            /// The number of the service that sent bulk data last.
+            pub(super) last_bulk: u8,
             $(pub(crate) $name: <$service as Service<D>>::Link,)*
         }
 
         impl<D: Declares> States<D> {
-            pub(crate) const VACANT: Self = Self { bulk: Share::NEW, bulk_turn: 0, $($name: <$service as Service<D>>::VACANT,)* };
+            pub(crate) const VACANT: Self = Self { bulk: Share::NEW, last_bulk: 0, $($name: <$service as Service<D>>::VACANT,)* };
         }
 
         impl<D: Declares> Services<D> {
@@ -69,24 +75,6 @@ macro_rules! define {
                     false => MavProtocolCapability::EMPTY,
                 }))*;
 
-            pub(crate) fn begin(&mut self, config: &Config) {
-                $(Service::<D>::begin(&mut self.$name, config);)*
-            }
-
-            pub(crate) fn poll(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>]) {
-                $(if !is_left_out::<D, _>(&self.$name, cx.shared) {
-                    self.$name.poll(cx, states.iter_mut().map(|state| &mut state.$name));
-                })*
-            }
-
-            pub(crate) fn deadline(&self) -> Instant {
-                Instant::NEVER$(.min(Service::<D>::deadline(&self.$name)))*
-            }
-
-            pub(crate) fn storage_deadline(&self) -> Instant {
-                Instant::NEVER$(.min(Service::<D>::storage_deadline(&self.$name)))*
-            }
-
             pub(crate) fn handles_for(component: ComponentId, id: u32) -> bool {
                 false$(|| <$service as Service<D>>::handles_for(component, id))*
             }
@@ -101,101 +89,25 @@ macro_rules! define {
                 None
             }
 
-            pub(crate) fn on_frame(
-                &mut self,
-                cx: &mut Cx<'_, D>,
-                port: &mut Port,
-                state: &mut States<D>,
-                received: &Received<'_>,
-            ) -> Handled {
-                let component = received.target.component;
-                $(if is_addressed::<D, $service>(component) && !is_left_out::<D, _>(&self.$name, cx.shared) {
-                    let handled = self.$name.on_frame(cx, port, &mut state.$name, received);
-                    if handled != Handled::No {
-                        return handled;
-                    }
-                })*
-                Handled::No
+            /// Visits the services until one ends it. Returns whether one did.
+            #[inline(always)]
+            pub(super) fn visit(&mut self, states: &mut States<D>, visit: &mut impl Visit<D>) -> bool {
+                false $(|| visit.visit(&mut self.$name, &mut states.$name))*
             }
 
-            #[inline(never)]
-            pub(crate) fn on_command(
-                &mut self,
-                cx: &mut Cx<'_, D>,
-                port: &mut Port,
-                state: &mut States<D>,
-                request: &Request,
-            ) -> Option<Verdict> {
-                let component = request.command.component;
-                // A scope for each: they share one place on the stack.
-                $(if is_addressed::<D, $service>(component) && !is_left_out::<D, _>(&self.$name, cx.shared) {
-                    let verdict = self.$name.on_command(cx, port, &mut state.$name, request);
-                    if verdict.is_some() {
-                        if let Some(component) = <$service as Service<D>>::COMPONENT {
-                            cx.shared.answerer = component;
-                        }
-                        return verdict;
-                    }
-                })*
-                None
+            #[inline(always)]
+            pub(super) fn look(&self, states: &States<D>, look: &mut impl Look<D>) {
+                $(look.look(&self.$name, &states.$name);)*
             }
 
-            /// Offers a command of the firmware itself to the services that are one of its other components.
-            #[inline(never)]
-            pub(crate) fn on_own_command(
-                &mut self,
-                cx: &mut Cx<'_, D>,
-                port: &mut Port,
-                state: &mut States<D>,
-                request: &Request,
-            ) -> Option<Verdict> {
-                $(if <$service as Service<D>>::COMPONENT == Some(request.command.component) {
-                    let verdict = self.$name.on_command(cx, port, &mut state.$name, request);
-                    if verdict.is_some() {
-                        return verdict;
-                    }
-                })*
-                None
+            #[inline(always)]
+            pub(super) fn visit_all(&mut self, states: &mut [States<D>], visit: &mut impl VisitAll<D>) {
+                $(visit.visit(&mut self.$name, states.iter_mut().map(|state| &mut state.$name));)*
             }
 
-            pub(crate) fn on_heard(&mut self, now: Instant, from: Peer) {
-                $(Service::<D>::on_heard(&mut self.$name, now, from);)*
-            }
-
-            pub(crate) fn on_owner(&mut self, own: SystemId, owner: SystemId) {
-                $(Service::<D>::on_owner(&mut self.$name, own, owner);)*
-            }
-
-            pub(crate) fn on_clock_step(&mut self, lead: Duration) {
-                $(Service::<D>::on_clock_step(&mut self.$name, lead);)*
-            }
-
-            pub(crate) fn on_sent(&mut self, port: &Port) {
-                $(Service::<D>::on_sent(&mut self.$name, port);)*
-            }
-
-            #[cfg(feature = "defmt")]
-            pub(crate) fn drops(&self) -> u32 {
-                sum([$(Service::<D>::drops(&self.$name)),*])
-            }
-
-            #[cfg(feature = "defmt")]
-            pub(crate) fn drops_on(&self, link: LinkId) -> u32 {
-                sum([$(Service::<D>::drops_on(&self.$name, link)),*])
-            }
-
-            #[cfg(feature = "defmt")]
-            pub(crate) fn log_drops(&self) {
-                $(Service::<D>::log_drops(&self.$name);)*
-            }
-
-            #[cfg(feature = "defmt")]
-            pub(crate) fn log_drops_on(&self, link: LinkId) {
-                $(Service::<D>::log_drops_on(&self.$name, link);)*
-            }
-
-            pub(crate) fn restart(&mut self, port: &Port, state: &mut States<D>) {
-                $(Service::<D>::restart(&mut self.$name, port, &mut state.$name);)*
+            #[inline(always)]
+            pub(super) fn look_all(&self, look: &mut impl LookAll<D>) {
+                $(look.look(&self.$name);)*
             }
         }
     };
@@ -247,56 +159,6 @@ services! {
     #[cfg(test)]
     example: Tunes,
 }
-
-macro_rules! send {
-    ($($turn:ident $service:ident $pace:ident $class:ident $messages:literal $when:literal;)*) => {
-        impl<D: Declares> Services<D> {
-            /// Puts the next frame into the link's empty outbox: the first turn with something to send sends it (D-4).
-            pub(crate) fn send(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) -> bool {
-                let class = port.config.class;
-                let pace = if port.is_held() { Pace::Stalled } else { port.bucket.pace() };
-                false $(|| (
-                    Turn::$turn.is_on(class)
-                        && Turn::$turn.pace() <= pace
-                        && next!($service, D, self, cx, port, state, Turn::$turn)
-                ))*
-            }
-
-            /// Returns when the link has something to send, as far as its transport accepts bytes.
-            pub(crate) fn due(&self, view: &View<'_>, port: &Port, state: &States<D>) -> Instant {
-                // Only the HEARTBEAT, which frames wait for (H-17).
-                let is_held = view.shared.holds(port);
-                let has_frame = !port.outbox.is_empty();
-                let is_stalled = match port.transport {
-                    // The rest of a frame waits for the next poll's budget, or for a transport that has failed.
-                    Transport::Ready if has_frame => return view.now.max(port.retry_at),
-                    // The transport must become ready first, which the stack cannot observe.
-                    Transport::Full | Transport::Unknown if has_frame => return Instant::NEVER,
-                    transport => transport == Transport::Full,
-                };
-                let (class, ready_at, idle_at) = (port.config.class, port.bucket.ready_at(), port.bucket.idle_at());
-                let mut due = match is_held {
-                    true => port.held_until(),
-                    // It was cut off, and is sent again.
-                    false if port.outbox.has_frame() => view.now,
-                    false => Instant::NEVER,
-                };
-                $(if Turn::$turn.is_on(class) && (!(is_stalled || is_held) || Turn::$turn.pace() == Pace::Stalled) {
-                    let at = due!($service, D, self, view, port, state, Turn::$turn);
-                    due = due.min(at.max(match Turn::$turn.pace() {
-                        Pace::Stalled | Pace::AtOnce => Instant::ZERO,
-                        Pace::Room => ready_at,
-                        Pace::Idle => idle_at,
-                    }));
-                })*
-                // What is due already waits for the transport.
-                if is_stalled && due <= view.now { Instant::NEVER } else { due.max(port.retry_at) }
-            }
-        }
-    };
-}
-
-turns!(send);
 
 #[cfg(test)]
 mod tests {

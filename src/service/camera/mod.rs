@@ -419,6 +419,8 @@ impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<
     };
     type Link = CameraLink;
     const VACANT: CameraLink = CameraLink::VACANT;
+    const TURNS: &'static [Turn] = &[Turn::Camera];
+    type Reply = ();
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut CameraLink>) {
         run(self, cx);

@@ -190,6 +190,8 @@ pub struct Client<const N: usize> {
 impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<N> {
     type Link = ();
     const VACANT: () = ();
+    const TURNS: &'static [Turn] = &[Turn::Client];
+    type Reply = ();
     const NEW: Self = {
         assert!(N > 0, "a command needs a slot: `command_client: {{ slots: 2 }}`, or leave `command_client` out");
         Self { slots: [Slot::FREE; N] }

@@ -147,6 +147,8 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
     const NEW: Self = Self { slots: S::NEW, refusals: RefusalLog::NEW };
     type Link = CommandLink;
     const VACANT: CommandLink = CommandLink { acks: Acks::new(), refusal: 0 };
+    const TURNS: &'static [Turn] = &[Turn::CommandAck];
+    type Reply = ();
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMMAND_INT;
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut CommandLink>) {

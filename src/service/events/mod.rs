@@ -171,6 +171,8 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         share: Share::NEW,
         requested: [None; 2],
     };
+    const TURNS: &'static [Turn] = &[Turn::Event];
+    type Reply = ();
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut EventLink>) {
         let unreported = self.checks.poll(cx);

@@ -126,6 +126,8 @@ where
 {
     type Link = FileLink;
     const VACANT: FileLink = FileLink { first: 0, retry_at: Instant::ZERO };
+    const TURNS: &'static [Turn] = &[Turn::FileAnswer, Turn::LateBulk, Turn::Bulk];
+    type Reply = ();
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::FTP;
     const NEW: Self = {
         assert!(N == OPEN.saturating_add(OTHERS));
@@ -186,10 +188,6 @@ where
             port.facts.is_transferring = is_used && session::is_transferring(&self.sessions, port.id, cx.now);
         }
         is_used && self.server(cx).send(port, link, turn)
-    }
-
-    fn has_bulk(&self) -> bool {
-        self.status.is_used
     }
 
     #[inline(never)]

@@ -182,6 +182,8 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
     const COMPONENT: Option<ComponentId> = F::Vehicle::COMPONENT;
     type Link = Periodic;
     const VACANT: Periodic = Periodic::NEW;
+    const TURNS: &'static [Turn] = &[Turn::GimbalDevice, Turn::GimbalAttitude];
+    type Reply = ();
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut Periodic, received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;

@@ -400,6 +400,8 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
     const IS_OF_COMPONENTS: bool = Component::is_one(F::COMPONENTS, F::Vehicle::DEVICE);
     type Link = ManagerLink;
     const VACANT: ManagerLink = ManagerLink { status: Periodic::NEW, changes: 0 };
+    const TURNS: &'static [Turn] = &[Turn::Gimbal, Turn::GimbalStatus];
+    type Reply = ();
     const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMPONENT_IMPLEMENTS_GIMBAL_MANAGER;
 
     /// Tells the vehicle of a change. A device that has timed out may be another one when it reappears.

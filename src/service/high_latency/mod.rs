@@ -446,6 +446,8 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
     /// When the next message is sent.
     type Link = Instant;
     const VACANT: Instant = Instant::ZERO;
+    const TURNS: &'static [Turn] = &[Turn::HighLatency];
+    type Reply = ();
 
     fn begin(&mut self, _: &Config) {
         self.config = HighLatencyConfig::DEFAULT;

@@ -131,6 +131,8 @@ impl LogServer {
 impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
     type Link = ();
     const VACANT: () = ();
+    const TURNS: &'static [Turn] = &[Turn::LateBulk, Turn::Bulk];
+    type Reply = ();
     const NEW: Self = Self {
         work: Work::Nothing,
         client: NO_CLIENT,
@@ -186,10 +188,6 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
 
     fn due(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Instant {
         if self.is_pending(port) { self.ready_at } else { Instant::NEVER }
-    }
-
-    fn has_bulk(&self) -> bool {
-        self.work != Work::Nothing
     }
 
     /// The client is gone.

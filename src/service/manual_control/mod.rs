@@ -443,6 +443,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
     };
     type Link = ();
     const VACANT: () = ();
+    type Reply = ();
 
     fn begin(&mut self, _: &Config) {
         self.timeout = Self::TIMEOUT;

@@ -398,6 +398,8 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
     const NEW: Self = Self::VACANT;
     type Link = Replies;
     const VACANT: Replies = Replies::new();
+    const TURNS: &'static [Turn] = &[Turn::MissionAck, Turn::MissionTransfer, Turn::MissionProgress];
+    type Reply = ();
     const CAPABILITIES: MavProtocolCapability = capabilities(&F::Plans::CAPACITIES);
 
     fn begin(&mut self, _: &Config) {
@@ -550,6 +552,7 @@ impl<F: Firmware> Service<F> for WithoutPlans {
     const NEW: Self = Self;
     type Link = Refusals;
     const VACANT: Refusals = Refusals::new();
+    type Reply = ();
 
     fn handles_for(component: ComponentId, id: u32) -> bool {
         is_for_planner(component, id)

@@ -149,6 +149,8 @@ where
     const NEW: Self = Self { links: Links::NEW, relisted: LinkMask::NONE, bucket: TokenBucket::NONE };
     type Link = List;
     const VACANT: List = List::new();
+    const TURNS: &'static [Turn] = &[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList];
+    type Reply = ();
     const CAPABILITIES: MavProtocolCapability = capability(F::Vehicle::PARAM_ENCODING);
 
     fn begin(&mut self, config: &Config) {

@@ -218,6 +218,8 @@ where
     const NEW: Self = Self { links: Links::NEW, write_due: Instant::ZERO };
     type Link = List;
     const VACANT: List = List::new();
+    const TURNS: &'static [Turn] = &[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList];
+    type Reply = ();
     const CAPABILITIES: MavProtocolCapability = if F::Parameters::INFO.is_empty() {
         MavProtocolCapability::EMPTY
     } else {

@@ -18,6 +18,8 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing
     const NEW: Self = Self::new();
     type Link = SigningLink;
     const VACANT: SigningLink = SigningLink { setup: Answer::None, hint_from: Instant::ZERO };
+    const TURNS: &'static [Turn] = &[Turn::SigningText];
+    type Reply = ();
 
     fn begin(&mut self, config: &Config) {
         self.most_ahead = num::quotient(config.max_signing_lead.as_micros(), TEN);

@@ -313,6 +313,8 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
     };
     type Link = StreamLink<[Slot; N]>;
     const VACANT: Self::Link = StreamLink { streams: Streams::new(), slots: [Slot::NEW; N] };
+    const TURNS: &'static [Turn] = &[Turn::Request, Turn::Stream];
+    type Reply = ();
 
     /// The component of any row.
     fn is_part_of(component: ComponentId) -> bool {

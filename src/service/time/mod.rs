@@ -183,6 +183,8 @@ impl<F: Firmware> Service<F> for Time {
         requests: [TimeRequest { kind: Kind::None, from: Address::new(0, 0), seq: 0, time: 0 }; REQUESTS],
         asked: 0,
     };
+    const TURNS: &'static [Turn] = &[Turn::Time];
+    type Reply = ();
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, link: &mut TimeLink, received: &Received<'_>) -> Handled {
         self.receive(cx.shared.clock.shown(cx.now), link, received.from, received.frame)

@@ -1,0 +1,463 @@
+//! What each call of the stack does with the services.
+
+use super::Declares;
+use super::services::{Look, LookAll, Services, States, Visit, VisitAll};
+use crate::link::{Pace, Port, Transport};
+use crate::message::{ComponentId, SystemId};
+use crate::service::{
+    COST_OF_BYTE, Cx, Handled, MAX_LATENESS, Received, Request, Service, Share, Shared, Turn, Verdict, View, turns,
+};
+use crate::time::{Duration, Instant};
+#[cfg(feature = "defmt")]
+use crate::types::LinkId;
+use crate::types::{Config, Firmware, Peer};
+
+/// Returns when bulk data may be sent in a turn. The files, logs and streamed logs of a link share 30 % of its rate, by turns, and
+/// what other traffic leaves (D-4, LOG-8, LOG-14). With a share for each of them, all together would leave streams nothing beside
+/// the list of parameters, which has 40 %.
+fn bulk_due(share: &Share, turn: Turn) -> Instant {
+    if turn == Turn::LateBulk { share.due().after(MAX_LATENESS) } else { Instant::ZERO }
+}
+
+/// The turns of a service, a bit each.
+struct Turns<F, S>(F, S);
+
+impl<F: Firmware, S: Service<F>> Turns<F, S> {
+    const BITS: u64 = {
+        let (mut bits, mut turns) = (0, S::TURNS);
+        while let [turn, rest @ ..] = turns {
+            bits |= turn.bit();
+            turns = rest;
+        }
+        bits
+    };
+
+    const fn has(turn: Turn) -> bool {
+        Self::BITS & turn.bit() != 0
+    }
+}
+
+/// Whether a service gets a frame or a command for this component, or for all. Always true in a firmware of one component.
+fn is_addressed<F: Firmware, S: Service<F>>(component: ComponentId) -> bool {
+    F::COMPONENTS.is_empty() || component.0 == 0 || S::is_part_of(component)
+}
+
+/// Whether a service is left out, because the firmware runs without its other components (K-10).
+fn is_left_out<F: Firmware, S: Service<F>>(shared: &Shared) -> bool {
+    S::IS_OF_COMPONENTS && shared.leaves_out_components::<F>()
+}
+
+struct Begin<'a>(&'a Config);
+
+impl<F: Firmware> VisitAll<F> for Begin<'_> {
+    #[inline(always)]
+    fn visit<'l, S: Service<F>>(&mut self, service: &mut S, _: impl Iterator<Item = &'l mut S::Link>)
+    where
+        S::Link: 'l,
+    {
+        service.begin(self.0);
+    }
+}
+
+struct Poll<'a, 'c, F: Firmware>(&'a mut Cx<'c, F>);
+
+impl<F: Firmware> VisitAll<F> for Poll<'_, '_, F> {
+    #[inline(always)]
+    fn visit<'l, S: Service<F>>(&mut self, service: &mut S, links: impl Iterator<Item = &'l mut S::Link>)
+    where
+        S::Link: 'l,
+    {
+        if !is_left_out::<F, S>(self.0.shared) {
+            service.poll(self.0, links);
+        }
+    }
+}
+
+struct Deadline(Instant);
+
+impl<F: Firmware> LookAll<F> for Deadline {
+    #[inline(always)]
+    fn look<S: Service<F>>(&mut self, service: &S) {
+        self.0 = self.0.min(service.deadline());
+    }
+}
+
+struct StorageDeadline(Instant);
+
+impl<F: Firmware> LookAll<F> for StorageDeadline {
+    #[inline(always)]
+    fn look<S: Service<F>>(&mut self, service: &S) {
+        self.0 = self.0.min(service.storage_deadline());
+    }
+}
+
+struct OnFrame<'a, 'c, F: Firmware> {
+    cx: &'a mut Cx<'c, F>,
+    port: &'a mut Port,
+    received: &'a Received<'a>,
+    handled: Handled,
+}
+
+impl<F: Firmware> Visit<F> for OnFrame<'_, '_, F> {
+    #[inline(always)]
+    fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool {
+        if is_addressed::<F, S>(self.received.target.component) && !is_left_out::<F, S>(self.cx.shared) {
+            self.handled = service.on_frame(self.cx, self.port, link, self.received);
+        }
+        self.handled != Handled::No
+    }
+}
+
+struct OnCommand<'a, 'c, F: Firmware> {
+    cx: &'a mut Cx<'c, F>,
+    port: &'a mut Port,
+    request: &'a Request,
+    /// Only the services that are this other component of the firmware.
+    only: Option<ComponentId>,
+    verdict: Option<Verdict>,
+}
+
+impl<F: Firmware> Visit<F> for OnCommand<'_, '_, F> {
+    #[inline(always)]
+    fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool {
+        let is_offered = match self.only {
+            Some(_) => S::COMPONENT.is_some() && S::COMPONENT == self.only,
+            None => is_addressed::<F, S>(self.request.command.component) && !is_left_out::<F, S>(self.cx.shared),
+        };
+        if is_offered {
+            self.verdict = service.on_command(self.cx, self.port, link, self.request);
+        }
+        if self.verdict.is_some()
+            && self.only.is_none()
+            && let Some(component) = S::COMPONENT
+        {
+            self.cx.shared.answerer = component;
+        }
+        self.verdict.is_some()
+    }
+}
+
+struct OnHeard(Instant, Peer);
+
+impl<F: Firmware> VisitAll<F> for OnHeard {
+    #[inline(always)]
+    fn visit<'l, S: Service<F>>(&mut self, service: &mut S, _: impl Iterator<Item = &'l mut S::Link>)
+    where
+        S::Link: 'l,
+    {
+        service.on_heard(self.0, self.1);
+    }
+}
+
+struct OnOwner(SystemId, SystemId);
+
+impl<F: Firmware> VisitAll<F> for OnOwner {
+    #[inline(always)]
+    fn visit<'l, S: Service<F>>(&mut self, service: &mut S, _: impl Iterator<Item = &'l mut S::Link>)
+    where
+        S::Link: 'l,
+    {
+        service.on_owner(self.0, self.1);
+    }
+}
+
+struct OnClockStep(Duration);
+
+impl<F: Firmware> VisitAll<F> for OnClockStep {
+    #[inline(always)]
+    fn visit<'l, S: Service<F>>(&mut self, service: &mut S, _: impl Iterator<Item = &'l mut S::Link>)
+    where
+        S::Link: 'l,
+    {
+        service.on_clock_step(self.0);
+    }
+}
+
+struct OnSent<'a>(&'a Port);
+
+impl<F: Firmware> VisitAll<F> for OnSent<'_> {
+    #[inline(always)]
+    fn visit<'l, S: Service<F>>(&mut self, service: &mut S, _: impl Iterator<Item = &'l mut S::Link>)
+    where
+        S::Link: 'l,
+    {
+        service.on_sent(self.0);
+    }
+}
+
+struct Restart<'a>(&'a Port);
+
+impl<F: Firmware> Visit<F> for Restart<'_> {
+    #[inline(always)]
+    fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool {
+        service.restart(self.0, link);
+        false
+    }
+}
+
+/// Asks the services for one frame in one turn.
+struct Offer<'a, 'c, F: Firmware> {
+    cx: &'a mut Cx<'c, F>,
+    port: &'a mut Port,
+    turn: Turn,
+}
+
+impl<F: Firmware> Offer<'_, '_, F> {
+    #[inline(always)]
+    fn ask<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool {
+        if is_left_out::<F, S>(self.cx.shared) {
+            return false;
+        }
+        match service.pending(&self.cx.view(), self.port, link, self.turn) {
+            Some((at, reply)) => at <= self.cx.now && service.send(self.cx, self.port, link, reply),
+            None => service.next(self.cx, self.port, link, self.turn),
+        }
+    }
+}
+
+impl<F: Firmware> Visit<F> for Offer<'_, '_, F> {
+    #[inline(always)]
+    fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool {
+        Turns::<F, S>::has(self.turn) && self.ask(service, link)
+    }
+}
+
+/// Asks the services with bulk data, from one number to another.
+struct OfferBulk<'a, 'c, F: Firmware> {
+    offer: Offer<'a, 'c, F>,
+    next: u8,
+    first: u8,
+    last: u8,
+}
+
+impl<F: Firmware> Visit<F> for OfferBulk<'_, '_, F> {
+    #[inline(always)]
+    fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool {
+        if !Turns::<F, S>::has(Turn::Bulk) {
+            return false;
+        }
+        self.next = self.next.wrapping_add(1);
+        (self.first..=self.last).contains(&self.next) && self.offer.ask(service, link)
+    }
+}
+
+/// Asks the services when they have something to send in one turn.
+struct When<'a> {
+    view: &'a View<'a>,
+    port: &'a Port,
+    turn: Turn,
+    due: Instant,
+}
+
+impl<F: Firmware> Look<F> for When<'_> {
+    #[inline(always)]
+    fn look<S: Service<F>>(&mut self, service: &S, link: &S::Link) {
+        if !Turns::<F, S>::has(self.turn) || is_left_out::<F, S>(self.view.shared) {
+            return;
+        }
+        let at = service.pending(self.view, self.port, link, self.turn).map_or(Instant::NEVER, |(at, _)| at);
+        self.due = self.due.min(at).min(service.due(self.view, self.port, link, self.turn));
+    }
+}
+
+/// Adds up the drop counters, of one link or of all.
+#[cfg(feature = "defmt")]
+struct Drops(Option<LinkId>, u32);
+
+#[cfg(feature = "defmt")]
+impl<F: Firmware> LookAll<F> for Drops {
+    fn look<S: Service<F>>(&mut self, service: &S) {
+        let drops = self.0.map_or_else(|| service.drops(), |link| service.drops_on(link));
+        self.1 = self.1.wrapping_add(drops);
+    }
+}
+
+#[cfg(feature = "defmt")]
+struct LogDrops(Option<LinkId>);
+
+#[cfg(feature = "defmt")]
+impl<F: Firmware> LookAll<F> for LogDrops {
+    fn look<S: Service<F>>(&mut self, service: &S) {
+        self.0.map_or_else(|| service.log_drops(), |link| service.log_drops_on(link));
+    }
+}
+
+impl<D: Declares> Services<D> {
+    pub(super) fn begin(&mut self, config: &Config) {
+        self.visit_all(&mut [], &mut Begin(config));
+    }
+
+    pub(super) fn poll(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>]) {
+        self.visit_all(states, &mut Poll(cx));
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        let mut deadline = Deadline(Instant::NEVER);
+        self.look_all(&mut deadline);
+        deadline.0
+    }
+
+    pub(super) fn storage_deadline(&self) -> Instant {
+        let mut deadline = StorageDeadline(Instant::NEVER);
+        self.look_all(&mut deadline);
+        deadline.0
+    }
+
+    pub(super) fn on_frame(
+        &mut self,
+        cx: &mut Cx<'_, D>,
+        port: &mut Port,
+        states: &mut States<D>,
+        received: &Received<'_>,
+    ) -> Handled {
+        let mut visit = OnFrame { cx, port, received, handled: Handled::No };
+        self.visit(states, &mut visit);
+        visit.handled
+    }
+
+    #[inline(never)]
+    pub(super) fn on_command(
+        &mut self,
+        cx: &mut Cx<'_, D>,
+        port: &mut Port,
+        states: &mut States<D>,
+        request: &Request,
+    ) -> Option<Verdict> {
+        let mut visit = OnCommand { cx, port, request, only: None, verdict: None };
+        self.visit(states, &mut visit);
+        visit.verdict
+    }
+
+    /// Offers a command of the firmware itself to the services that are one of its other components.
+    #[inline(never)]
+    pub(super) fn on_own_command(
+        &mut self,
+        cx: &mut Cx<'_, D>,
+        port: &mut Port,
+        states: &mut States<D>,
+        request: &Request,
+    ) -> Option<Verdict> {
+        let mut visit = OnCommand { cx, port, request, only: Some(request.command.component), verdict: None };
+        self.visit(states, &mut visit);
+        visit.verdict
+    }
+
+    pub(super) fn on_heard(&mut self, now: Instant, from: Peer) {
+        self.visit_all(&mut [], &mut OnHeard(now, from));
+    }
+
+    pub(super) fn on_owner(&mut self, own: SystemId, owner: SystemId) {
+        self.visit_all(&mut [], &mut OnOwner(own, owner));
+    }
+
+    pub(super) fn on_clock_step(&mut self, lead: Duration) {
+        self.visit_all(&mut [], &mut OnClockStep(lead));
+    }
+
+    pub(super) fn on_sent(&mut self, port: &Port) {
+        self.visit_all(&mut [], &mut OnSent(port));
+    }
+
+    pub(super) fn restart(&mut self, port: &Port, states: &mut States<D>) {
+        self.visit(states, &mut Restart(port));
+    }
+
+    #[cfg(feature = "defmt")]
+    pub(super) fn drops(&self, link: Option<LinkId>) -> u32 {
+        let mut drops = Drops(link, 0);
+        self.look_all(&mut drops);
+        drops.1
+    }
+
+    #[cfg(feature = "defmt")]
+    pub(super) fn log_drops(&self, link: Option<LinkId>) {
+        self.look_all(&mut LogDrops(link));
+    }
+
+    /// Puts the frame of a turn into the link's empty outbox. Returns false if nothing is due.
+    #[inline(always)]
+    pub(super) fn offer(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, states: &mut States<D>, turn: Turn) -> bool {
+        match turn {
+            Turn::Bulk | Turn::LateBulk => self.offer_bulk(cx, port, states, turn),
+            _ => self.visit(states, &mut Offer { cx, port, turn }),
+        }
+    }
+
+    /// As [`offer`](Self::offer), for bulk data: the services after the one that was last are asked first.
+    #[inline(never)]
+    fn offer_bulk(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, states: &mut States<D>, turn: Turn) -> bool {
+        if cx.now < bulk_due(&states.bulk, turn) {
+            return false;
+        }
+        let last = states.last_bulk;
+        for (first, last) in [(last.wrapping_add(1), u8::MAX), (1, last)] {
+            let offer = Offer { cx: &mut *cx, port: &mut *port, turn };
+            let mut visit = OfferBulk { offer, next: 0, first, last };
+            if self.visit(states, &mut visit) {
+                states.last_bulk = visit.next;
+                let len = u32::try_from(port.outbox.len()).unwrap_or(0);
+                states.bulk.spend_all(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Returns when [`offer`](Self::offer) has a frame in this turn, if the link has room.
+    #[inline(always)]
+    pub(super) fn when(&self, view: &View<'_>, port: &Port, states: &States<D>, turn: Turn) -> Instant {
+        let mut when = When { view, port, turn, due: Instant::NEVER };
+        self.look(states, &mut when);
+        when.due.max(bulk_due(&states.bulk, turn))
+    }
+}
+
+macro_rules! send {
+    ($($turn:ident $service:ident $pace:ident $class:ident $messages:literal $when:literal;)*) => {
+        impl<D: Declares> Services<D> {
+            /// Puts the next frame into the link's empty outbox: the first turn with something to send sends it (D-4).
+            pub(super) fn send(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, states: &mut States<D>) -> bool {
+                let class = port.config.class;
+                let pace = if port.is_held() { Pace::Stalled } else { port.bucket.pace() };
+                false $(|| (
+                    Turn::$turn.is_on(class)
+                        && Turn::$turn.pace() <= pace
+                        && self.offer(cx, port, states, Turn::$turn)
+                ))*
+            }
+
+            /// Returns when the link has something to send, as far as its transport accepts bytes.
+            pub(super) fn due(&self, view: &View<'_>, port: &Port, states: &States<D>) -> Instant {
+                // Only the HEARTBEAT, which frames wait for (H-17).
+                let is_held = view.shared.holds(port);
+                let has_frame = !port.outbox.is_empty();
+                let is_stalled = match port.transport {
+                    // The rest of a frame waits for the next poll's budget, or for a transport that has failed.
+                    Transport::Ready if has_frame => return view.now.max(port.retry_at),
+                    // The transport must become ready first, which the stack cannot observe.
+                    Transport::Full | Transport::Unknown if has_frame => return Instant::NEVER,
+                    transport => transport == Transport::Full,
+                };
+                let (class, ready_at, idle_at) = (port.config.class, port.bucket.ready_at(), port.bucket.idle_at());
+                let mut due = match is_held {
+                    true => port.held_until(),
+                    // It was cut off, and is sent again.
+                    false if port.outbox.has_frame() => view.now,
+                    false => Instant::NEVER,
+                };
+                $(if Turn::$turn.is_on(class) && (!(is_stalled || is_held) || Turn::$turn.pace() == Pace::Stalled) {
+                    let at = self.when(view, port, states, Turn::$turn);
+                    due = due.min(at.max(match Turn::$turn.pace() {
+                        Pace::Stalled | Pace::AtOnce => Instant::ZERO,
+                        Pace::Room => ready_at,
+                        Pace::Idle => idle_at,
+                    }));
+                })*
+                // What is due already waits for the transport.
+                if is_stalled && due <= view.now { Instant::NEVER } else { due.max(port.retry_at) }
+            }
+        }
+    };
+}
+
+turns!(send);
