@@ -552,6 +552,7 @@ impl<F: Firmware> Service<F> for WithoutPlans {
     const NEW: Self = Self;
     type Link = Refusals;
     const VACANT: Refusals = Refusals::new();
+    const TURNS: &'static [Turn] = &[Turn::MissionAck];
     type Reply = ();
 
     fn handles_for(component: ComponentId, id: u32) -> bool {
