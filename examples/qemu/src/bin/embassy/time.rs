@@ -47,11 +47,13 @@ impl Driver for BoardTime {
 time_driver_impl!(static TIME: BoardTime =
     BoardTime(CriticalSectionMutex::new(RefCell::new(Wakeups { queue: Queue::new(), alarm: None }))));
 
-/// Starts the driver.
+/// Starts the driver. The interrupt must find the alarm: only setting it again ends the request.
 pub fn start(mut alarm: Alarm) {
-    alarm.set(0);
-    alarm.listen();
-    TIME.0.lock(|wakeups| wakeups.borrow_mut().alarm = Some(alarm));
+    TIME.0.lock(|wakeups| {
+        alarm.set(0);
+        alarm.listen();
+        wakeups.borrow_mut().alarm = Some(alarm);
+    });
 }
 
 #[interrupt]
