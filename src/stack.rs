@@ -542,7 +542,15 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// vehicle's state has changed. It is never further away than [`max_loop_gap`](crate::Config::max_loop_gap) after the
     /// last [`poll`](Self::poll) (H-18). [`Instant::NEVER`] if the stack was not begun.
     pub fn next_deadline(&self, now: Instant) -> Instant {
-        self.earliest(now, 0, LINKS, self.services.storage_deadline())
+        self.earliest(now, 0, LINKS, self.write_deadline())
+    }
+
+    /// Returns when storage has something to write.
+    fn write_deadline(&self) -> Instant {
+        #[cfg(feature = "storage")]
+        return Persistent::<D>::write_deadline(&self.services.param);
+        #[cfg(not(feature = "storage"))]
+        return Instant::NEVER;
     }
 
     /// Returns when a link must be served again even if no byte is received on any: as [`next_deadline`](Self::next_deadline),

@@ -13,7 +13,7 @@
 //! the firmware's own [client](crate::CommandClient) to one of them is carried out in [`Stack::poll`](crate::Stack::poll), and
 //! leaves the firmware on no link.
 
-use super::{Cx, Request, Service, Turn, Verdict, View};
+use super::{About, Cx, Part, Request, Service, Turn, Verdict, View};
 use crate::dialect::{Heartbeat, MavAutopilot, MavCmd, MavModeFlag, MavResult, MavState};
 use crate::link::Port;
 use crate::message::{ComponentId, Message};
@@ -110,15 +110,11 @@ pub struct ComponentService;
 
 impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
     const NEW: Self = Self;
-    const IS_OF_COMPONENTS: bool = true;
+    const ABOUT: About = About { part: Part::Every, is_of_components: true, ..About::AUTOPILOT };
     type Link = ComponentLink;
     const VACANT: ComponentLink = ComponentLink { period: 0, left: 0 };
     const TURNS: &'static [Turn] = &[Turn::ComponentHeartbeat];
     type Reply = ();
-
-    fn is_part_of(component: ComponentId) -> bool {
-        F::is_component(component)
-    }
 
     /// Handles a request for a component's HEARTBEAT.
     #[inline(never)]

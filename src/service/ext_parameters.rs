@@ -8,7 +8,7 @@
 //! answered; an attempt to set one is.
 
 use super::share::Share;
-use super::{Cx, Handled, Received, Service, Turn, View};
+use super::{About, Cx, Handled, Received, Service, StackEvent, Turn, View};
 use crate::dialect::{
     MavParamExtType, ParamAck, ParamExtAck, ParamExtRequestList, ParamExtRequestRead, ParamExtSet, ParamExtValue,
 };
@@ -400,7 +400,7 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
         Component::check_service(F::COMPONENTS, F::Vehicle::COMPONENT);
         Self { answers: [Answer::NONE; SLOTS] }
     };
-    const COMPONENT: Option<ComponentId> = F::Vehicle::COMPONENT;
+    const ABOUT: About = About::of(F::Vehicle::COMPONENT);
     type Link = ExtParamLink;
     const VACANT: ExtParamLink = ExtParamLink::VACANT;
     const TURNS: &'static [Turn] = &[Turn::ExtParam];
@@ -477,8 +477,10 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
         }
     }
 
-    fn restart(&mut self, port: &Port, link: &mut ExtParamLink) {
-        self.forget(port);
-        *link = ExtParamLink::VACANT;
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        if let StackEvent::Opened(port, link) = event {
+            self.forget(port);
+            *link = ExtParamLink::VACANT;
+        }
     }
 }

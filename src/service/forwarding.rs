@@ -3,14 +3,12 @@
 //! The queues, and the memory for duplicate detection, are in `network`: see [`ForwardQueues`].
 
 use super::gate::ForwardingGate;
-use super::{Cx, Service, Turn, View};
+use super::{Cx, Service, ShowCounters, Turn, View};
 use crate::frame::Frame;
 use crate::link::Port;
 use crate::network::{self, Booking, ForwardQueues, Passage};
 use crate::time::Instant;
-#[cfg(feature = "defmt")]
-use crate::types::LinkId;
-use crate::types::{Firmware, LinkMask, Peer};
+use crate::types::{Firmware, LinkId, LinkMask, Peer};
 
 /// Forwards frames between the links. Declared by `forwarding` in [`stack!`](crate::stack).
 #[derive(Debug)]
@@ -43,15 +41,11 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
         sent
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops_on(&self, link: LinkId) -> u32 {
-        self.queues.counters(link).map_or(0, |counters| counters.drops())
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops_on(&self, link: LinkId) {
-        if let Some(counters) = self.queues.counters(link).filter(|counters| counters.drops() != 0) {
-            event!("link {=u8}: {}", link.0, counters);
+    fn counters(&self, show: &mut impl ShowCounters) {
+        for link in (0..).map(LinkId).take(LINKS) {
+            if let Some(counters) = self.queues.counters(link) {
+                show.counters_of(link, &counters);
+            }
         }
     }
 

@@ -1,6 +1,6 @@
 //! AUTOPILOT_VERSION and PROTOCOL_VERSION: the vehicle's versions and capabilities (Q-2, V-4, V-6).
 
-use super::{Cx, Request, Service, Turn, Verdict, View};
+use super::{About, Cx, Request, Service, Turn, Verdict, View};
 use crate::dialect::{AutopilotVersion, MavCmd, MavProtocolCapability, MavResult, ProtocolVersion};
 use crate::frame::Version;
 use crate::link::Port;
@@ -26,7 +26,7 @@ impl<F: Firmware> Service<F> for Identification {
     const VACANT: Asked = Asked { autopilot_version: false, protocol_version: false };
     const TURNS: &'static [Turn] = &[Turn::Identity];
     type Reply = ();
-    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::MAVLINK2;
+    const ABOUT: About = About { capabilities: MavProtocolCapability::MAVLINK2, ..About::AUTOPILOT };
 
     /// The last service that sees MAV_CMD_REQUEST_MESSAGE. An id that no service can send is DENIED, because the
     /// command itself is supported.

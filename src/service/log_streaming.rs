@@ -6,7 +6,7 @@
 //!
 //! Left out: more than one client at a time, and other formats, which MAVLink does not define.
 
-use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::{Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment};
 use crate::dialect::{LoggingAck, LoggingData, LoggingDataAcked, MavCmd, MavResult};
 use crate::link::Port;
 use crate::message::{Address, Message};
@@ -252,12 +252,6 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
         Some(Verdict::done(result))
     }
 
-    fn on_heard(&mut self, now: Instant, from: Peer) {
-        if from == self.client {
-            self.heard = now;
-        }
-    }
-
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), _: Turn) -> bool {
         self.is_on(port) && cx.now >= self.due && send(self, cx, port)
     }
@@ -266,18 +260,16 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
         if self.is_on(port) { self.due } else { Instant::NEVER }
     }
 
-    fn restart(&mut self, port: &Port, (): &mut ()) {
-        self.is_gone |= self.is_on(port);
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        defmt::warn!("log streaming: {}", self.counters);
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Opened(port, ()) => self.is_gone |= self.is_on(port),
+            StackEvent::Heard { now, from } if from == self.client => self.heard = now,
+            _ => {}
+        }
     }
 }
 

@@ -53,15 +53,14 @@ pub(crate) use turn::turns;
 use crate::dialect::{MavCmd, MavProtocolCapability, MavResult, MavSeverity};
 use crate::frame::Frame;
 use crate::link::Port;
+pub use crate::log::Counters;
 pub(crate) use crate::log::increment;
 use crate::message::{Address, ComponentId, SystemId};
 use crate::network::{PeerInfo, Peers};
 use crate::time::{Clock, Duration, Instant};
-#[cfg(feature = "defmt")]
-use crate::types::LinkId;
 use crate::types::{
-    Command, Config, Context, EventLog, Firmware, Flight, HookFaults, LinkMask, Origin, Outcome, Peer, PlansMut,
-    Refusal, Requests, SignedAt, StatusTexts, Values,
+    Command, Config, Context, EventLog, Firmware, Flight, HookFaults, LinkId, LinkMask, Origin, Outcome, Peer,
+    PlansMut, Refusal, Requests, SignedAt, StatusTexts, Values,
 };
 
 /// A service of the firmware `F`. It calls the hooks of the firmware's vehicle.
@@ -75,16 +74,11 @@ pub trait Service<F: Firmware> {
     /// The initial state on a link: all zero bits, so it takes no flash.
     const VACANT: Self::Link;
 
-    /// The capabilities that the service adds to AUTOPILOT_VERSION.
-    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::EMPTY;
+    /// What the stack must know about the service at compile time.
+    const ABOUT: About = About::AUTOPILOT;
 
     /// The initial service: all zero bits, if the service is part of the stack, so it takes no flash.
     const NEW: Self;
-
-    /// Sets the initial values that are not zero bits.
-    fn begin(&mut self, config: &Config) {
-        let _ = config;
-    }
 
     /// Runs the service's timers. `links`: its state on each link, in order.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>)
@@ -97,37 +91,6 @@ pub trait Service<F: Firmware> {
     /// Returns when [`poll`](Self::poll) has something to do.
     fn deadline(&self) -> Instant {
         Instant::NEVER
-    }
-
-    /// The component of the firmware that the service is, if it is not a part of the autopilot.
-    const COMPONENT: Option<ComponentId> = None;
-
-    /// Whether the service is left out with the other components: it is one of them, or serves only them.
-    const IS_OF_COMPONENTS: bool = Self::COMPONENT.is_some();
-
-    /// Whether the service is a part of this component of the firmware: then it gets the frames and commands that are addressed
-    /// to it, besides those for all.
-    fn is_part_of(component: ComponentId) -> bool {
-        Self::COMPONENT.map_or(!F::is_component(component), |own| own == component)
-    }
-
-    /// Returns when a write to storage is due. It stays in the past until storage begins it.
-    fn storage_deadline(&self) -> Instant {
-        Instant::NEVER
-    }
-
-    /// Whether the service also handles a message with this id that is addressed to this other component of our system.
-    fn handles_for(component: ComponentId, id: u32) -> bool {
-        let _ = (component, id);
-        false
-    }
-
-    /// Returns the command in a frame that is addressed to us or to all, if the service handles its message as a
-    /// command. The command is admitted, executed and answered like all others, and
-    /// [`on_frame`](Self::on_frame) is not called.
-    fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
-        let _ = (port, received);
-        None
     }
 
     /// Handles a frame that is addressed to us or to all, if the service handles its message.
@@ -186,54 +149,78 @@ pub trait Service<F: Firmware> {
         Instant::NEVER
     }
 
-    /// Called for each accepted frame, whatever its message.
-    fn on_heard(&mut self, now: Instant, from: Peer) {
-        let _ = (now, from);
+    /// Learns what has happened. Most services need none of it.
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        let _ = event;
     }
 
-    /// Called when another system is in control: `owner`, besides our own. What others have sent ends.
-    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
-        let _ = (own, owner);
+    /// Shows the service's counters.
+    fn counters(&self, show: &mut impl ShowCounters) {
+        let _ = show;
     }
+}
 
-    /// Called when the firmware's clock was set back by a second or more. What the service has stored by that clock, instead
-    /// of the stack's, is no longer of use. `lead`: how far the stack's is ahead from now on.
-    fn on_clock_step(&mut self, lead: Duration) {
-        let _ = lead;
+/// What the stack must know about a service at compile time.
+#[derive(Clone, Copy, Debug)]
+pub struct About {
+    /// The capabilities that the service adds to AUTOPILOT_VERSION.
+    pub capabilities: MavProtocolCapability,
+    /// The component whose frames and commands the service gets, besides those for all components.
+    pub part: Part,
+    /// Whether the service is left out with the other components of the firmware: it is one of them, or serves only them.
+    pub is_of_components: bool,
+}
+
+impl About {
+    /// A service that is a part of the autopilot, without a capability.
+    pub const AUTOPILOT: Self =
+        Self { capabilities: MavProtocolCapability::EMPTY, part: Part::Autopilot, is_of_components: false };
+
+    /// A service that is this component of the firmware; a part of the autopilot if it is none.
+    pub(crate) const fn of(component: Option<ComponentId>) -> Self {
+        match component {
+            Some(component) => Self { part: Part::Component(component), is_of_components: true, ..Self::AUTOPILOT },
+            None => Self::AUTOPILOT,
+        }
     }
+}
 
-    /// Called when any service has put a frame into the link's outbox.
-    fn on_sent(&mut self, port: &Port) {
-        let _ = port;
+/// The component that a service is a part of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    Autopilot,
+    /// Another component of the firmware: the service is this component.
+    Component(ComponentId),
+    /// The autopilot, and all other components of the firmware.
+    Every,
+}
+
+impl Part {
+    /// Returns the component, if it is not the autopilot.
+    pub(crate) const fn component(self) -> Option<ComponentId> {
+        match self {
+            Self::Component(component) => Some(component),
+            Self::Autopilot | Self::Every => None,
+        }
     }
+}
 
-    /// Returns the sum of the service's drop counters.
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        0
-    }
-
-    /// Returns the sum of the service's drop counters of one link.
-    #[cfg(feature = "defmt")]
-    fn drops_on(&self, link: LinkId) -> u32 {
-        let _ = link;
-        0
-    }
-
-    /// Logs the service's counters.
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {}
-
-    /// Logs the service's counters of one link.
-    #[cfg(feature = "defmt")]
-    fn log_drops_on(&self, link: LinkId) {
-        let _ = link;
-    }
-
-    /// Called when the link was opened again. Discards pending answers that mean nothing to the new peers.
-    fn restart(&mut self, port: &Port, link: &mut Self::Link) {
-        let _ = (port, link);
-    }
+/// What services learn besides frames and commands. `L` is the state of the service on a link.
+#[derive(Debug)]
+pub enum StackEvent<'a, L> {
+    /// The stack begins: sets the initial values that are not zero bits.
+    Begun(&'a Config),
+    /// The link was opened again: pending answers that mean nothing to the new peers are discarded.
+    Opened(&'a Port, &'a mut L),
+    /// A frame was accepted, whatever its message.
+    Heard { now: Instant, from: Peer },
+    /// Another system is in control, besides our own: what others have sent ends.
+    NewOwner { own: SystemId, owner: SystemId },
+    /// The firmware's clock was set back by a second or more, and the stack's is ahead of it by this time from now on. What the
+    /// service has stored by the firmware's clock, instead of the stack's, is no longer of use.
+    ClockSetBack(Duration),
+    /// Any service has put a frame into the link's outbox.
+    Sent(&'a Port),
 }
 
 /// The data that all services share.
@@ -486,6 +473,15 @@ impl Received<'_> {
     pub(crate) fn origin(&self, port: &Port) -> Origin {
         Origin { from: self.from, class: port.config.class, age: self.age }
     }
+}
+
+/// Takes the counters of the services, to add them up or to log them.
+pub trait ShowCounters {
+    /// Takes counters that all links share.
+    fn counters(&mut self, counters: &impl Counters);
+
+    /// Takes counters of one link.
+    fn counters_of(&mut self, link: LinkId, counters: &impl Counters);
 }
 
 /// Returns the sum of drop counters, which wrap.

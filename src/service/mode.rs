@@ -282,6 +282,11 @@ impl ModeService {
     }
 }
 
+/// Returns the command in a SET_MODE.
+pub(crate) fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
+    received.frame.decode::<SetMode>().map(|message| from_set_mode(&message, received.origin(port)))
+}
+
 impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
     const NEW: Self = Self { mode: 0, changes: 0, accepted: 0, report_until: Instant::ZERO };
     type Link = ModeLink;
@@ -312,11 +317,6 @@ impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
 
     fn deadline(&self) -> Instant {
         if self.report_until == Instant::ZERO { Instant::NEVER } else { self.report_until }
-    }
-
-    /// SET_MODE.
-    fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
-        received.frame.decode::<SetMode>().map(|message| from_set_mode(&message, received.origin(port)))
     }
 
     fn on_command(

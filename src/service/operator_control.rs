@@ -9,7 +9,9 @@
 //!
 //! [`OperatorControl`] shows how control is requested, taken over and released.
 
-use super::{ControlGate, Cx, Handled, Received, Request, Service, Turn, Verdict, View, files, increment};
+use super::{
+    About, ControlGate, Cx, Handled, Received, Request, Service, ShowCounters, Turn, Verdict, View, files, increment,
+};
 use crate::dialect::{
     CommandAck, CommandCancel, CommandLong, FileTransferProtocol, LogErase, ManualControl, MavCmd,
     MavProtocolCapability, MavResult, MissionSetCurrent, RadioRcChannels, RcChannelsOverride, SetActuatorControlTarget,
@@ -369,7 +371,8 @@ impl<F: Firmware> Service<F> for OperatorControl {
     const VACANT: OperatorLink = OperatorLink { at: Instant::ZERO, changes: 0 };
     const TURNS: &'static [Turn] = &[Turn::OperatorControl];
     type Reply = ();
-    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMPONENT_ACCEPTS_GCS_CONTROL;
+    const ABOUT: About =
+        About { capabilities: MavProtocolCapability::COMPONENT_ACCEPTS_GCS_CONTROL, ..About::AUTOPILOT };
 
     /// Releases control when the owner is lost.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut OperatorLink>) {
@@ -440,13 +443,7 @@ impl<F: Firmware> Service<F> for OperatorControl {
         self.notice_due(port).min(self.status_due(view.now, port, link))
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 }

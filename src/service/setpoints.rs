@@ -10,18 +10,18 @@
 //! [`Setpoints`] shows which sender is followed, and for how long.
 
 use super::manual_control::ControlSource;
-use super::{Cx, Handled, Received, Service, increment};
+use super::{Cx, Handled, Received, Service, ShowCounters, StackEvent, increment};
 use crate::dialect::{
     AttitudeTargetTypemask, MavFrame, PositionTargetTypemask, SetAttitudeTarget, SetPositionTargetGlobalInt,
     SetPositionTargetLocalNed,
 };
 use crate::frame::Frame;
 use crate::link::Port;
-use crate::message::{Address, Message, SystemId};
+use crate::message::{Address, Message};
 use crate::network::Peers;
 use crate::time::{Duration, Instant};
 use crate::types::{
-    AttitudeSetpoint, Config, ControlInput, Firmware, LinkId, Peer, Place, PositionSetpoint, Setpoint, Target, Vehicle,
+    AttitudeSetpoint, ControlInput, Firmware, LinkId, Peer, Place, PositionSetpoint, Setpoint, Target, Vehicle,
 };
 
 counters! {
@@ -368,29 +368,8 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Setpoints {
     const VACANT: () = ();
     type Reply = ();
 
-    fn begin(&mut self, _: &Config) {
-        self.timeout = Self::TIMEOUT;
-    }
-
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
-    }
-
-    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
-        if ![own, owner].contains(&self.from.address.system) {
-            self.until = Instant::ZERO;
-        }
-    }
-
-    /// All instants here are the firmware's.
-    fn on_clock_step(&mut self, _: Duration) {
-        self.until = Instant::ZERO;
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
@@ -407,6 +386,18 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Setpoints {
                 Handled::Yes
             }
             _ => Handled::No,
+        }
+    }
+
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Begun(_) => self.timeout = Self::TIMEOUT,
+            StackEvent::NewOwner { own, owner } if ![own, owner].contains(&self.from.address.system) => {
+                self.until = Instant::ZERO
+            }
+            // All instants here are the firmware's.
+            StackEvent::ClockSetBack(_) => self.until = Instant::ZERO,
+            _ => {}
         }
     }
 }

@@ -4,12 +4,13 @@ use super::Declares;
 use super::services::{Look, LookAll, Services, States, Visit, VisitAll};
 use crate::link::{Pace, Port, Transport};
 use crate::message::{ComponentId, SystemId};
+#[cfg(feature = "defmt")]
+use crate::service::ShowCounters;
 use crate::service::{
-    COST_OF_BYTE, Cx, Handled, MAX_LATENESS, Received, Request, Service, Share, Shared, Turn, Verdict, View, turns,
+    COST_OF_BYTE, Cx, Handled, MAX_LATENESS, Part, Received, Request, Service, Share, Shared, StackEvent, Turn,
+    Verdict, View, turns,
 };
 use crate::time::{Duration, Instant};
-#[cfg(feature = "defmt")]
-use crate::types::LinkId;
 use crate::types::{Config, Firmware, Peer};
 
 /// Returns when bulk data may be sent in a turn. The files, logs and streamed logs of a link share 30 % of its rate, by turns, and
@@ -39,24 +40,18 @@ impl<F: Firmware, S: Service<F>> Turns<F, S> {
 
 /// Whether a service gets a frame or a command for this component, or for all. Always true in a firmware of one component.
 fn is_addressed<F: Firmware, S: Service<F>>(component: ComponentId) -> bool {
-    F::COMPONENTS.is_empty() || component.0 == 0 || S::is_part_of(component)
+    F::COMPONENTS.is_empty()
+        || component.0 == 0
+        || match S::ABOUT.part {
+            Part::Autopilot => !F::is_component(component),
+            Part::Component(part) => part == component,
+            Part::Every => true,
+        }
 }
 
 /// Whether a service is left out, because the firmware runs without its other components (K-10).
 fn is_left_out<F: Firmware, S: Service<F>>(shared: &Shared) -> bool {
-    S::IS_OF_COMPONENTS && shared.leaves_out_components::<F>()
-}
-
-struct Begin<'a>(&'a Config);
-
-impl<F: Firmware> VisitAll<F> for Begin<'_> {
-    #[inline(always)]
-    fn visit<'l, S: Service<F>>(&mut self, service: &mut S, _: impl Iterator<Item = &'l mut S::Link>)
-    where
-        S::Link: 'l,
-    {
-        service.begin(self.0);
-    }
+    S::ABOUT.is_of_components && shared.leaves_out_components::<F>()
 }
 
 struct Poll<'a, 'c, F: Firmware>(&'a mut Cx<'c, F>);
@@ -79,15 +74,6 @@ impl<F: Firmware> LookAll<F> for Deadline {
     #[inline(always)]
     fn look<S: Service<F>>(&mut self, service: &S) {
         self.0 = self.0.min(service.deadline());
-    }
-}
-
-struct StorageDeadline(Instant);
-
-impl<F: Firmware> LookAll<F> for StorageDeadline {
-    #[inline(always)]
-    fn look<S: Service<F>>(&mut self, service: &S) {
-        self.0 = self.0.min(service.storage_deadline());
     }
 }
 
@@ -121,7 +107,7 @@ impl<F: Firmware> Visit<F> for OnCommand<'_, '_, F> {
     #[inline(always)]
     fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool {
         let is_offered = match self.only {
-            Some(_) => S::COMPONENT.is_some() && S::COMPONENT == self.only,
+            Some(_) => S::ABOUT.part.component() == self.only,
             None => is_addressed::<F, S>(self.request.command.component) && !is_left_out::<F, S>(self.cx.shared),
         };
         if is_offered {
@@ -129,7 +115,7 @@ impl<F: Firmware> Visit<F> for OnCommand<'_, '_, F> {
         }
         if self.verdict.is_some()
             && self.only.is_none()
-            && let Some(component) = S::COMPONENT
+            && let Some(component) = S::ABOUT.part.component()
         {
             self.cx.shared.answerer = component;
         }
@@ -137,60 +123,39 @@ impl<F: Firmware> Visit<F> for OnCommand<'_, '_, F> {
     }
 }
 
-struct OnHeard(Instant, Peer);
+/// Something that the services learn, and that concerns none of their links.
+#[derive(Clone, Copy)]
+enum News<'a> {
+    Begun(&'a Config),
+    Heard { now: Instant, from: Peer },
+    NewOwner { own: SystemId, owner: SystemId },
+    ClockSetBack(Duration),
+    Sent(&'a Port),
+}
 
-impl<F: Firmware> VisitAll<F> for OnHeard {
+impl<F: Firmware> VisitAll<F> for News<'_> {
     #[inline(always)]
     fn visit<'l, S: Service<F>>(&mut self, service: &mut S, _: impl Iterator<Item = &'l mut S::Link>)
     where
         S::Link: 'l,
     {
-        service.on_heard(self.0, self.1);
+        service.on_event(match *self {
+            News::Begun(config) => StackEvent::Begun(config),
+            News::Heard { now, from } => StackEvent::Heard { now, from },
+            News::NewOwner { own, owner } => StackEvent::NewOwner { own, owner },
+            News::ClockSetBack(lead) => StackEvent::ClockSetBack(lead),
+            News::Sent(port) => StackEvent::Sent(port),
+        });
     }
 }
 
-struct OnOwner(SystemId, SystemId);
+/// A link was opened again.
+struct Opened<'a>(&'a Port);
 
-impl<F: Firmware> VisitAll<F> for OnOwner {
-    #[inline(always)]
-    fn visit<'l, S: Service<F>>(&mut self, service: &mut S, _: impl Iterator<Item = &'l mut S::Link>)
-    where
-        S::Link: 'l,
-    {
-        service.on_owner(self.0, self.1);
-    }
-}
-
-struct OnClockStep(Duration);
-
-impl<F: Firmware> VisitAll<F> for OnClockStep {
-    #[inline(always)]
-    fn visit<'l, S: Service<F>>(&mut self, service: &mut S, _: impl Iterator<Item = &'l mut S::Link>)
-    where
-        S::Link: 'l,
-    {
-        service.on_clock_step(self.0);
-    }
-}
-
-struct OnSent<'a>(&'a Port);
-
-impl<F: Firmware> VisitAll<F> for OnSent<'_> {
-    #[inline(always)]
-    fn visit<'l, S: Service<F>>(&mut self, service: &mut S, _: impl Iterator<Item = &'l mut S::Link>)
-    where
-        S::Link: 'l,
-    {
-        service.on_sent(self.0);
-    }
-}
-
-struct Restart<'a>(&'a Port);
-
-impl<F: Firmware> Visit<F> for Restart<'_> {
+impl<F: Firmware> Visit<F> for Opened<'_> {
     #[inline(always)]
     fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool {
-        service.restart(self.0, link);
+        service.on_event(StackEvent::Opened(self.0, link));
         false
     }
 }
@@ -260,31 +225,20 @@ impl<F: Firmware> Look<F> for When<'_> {
     }
 }
 
-/// Adds up the drop counters, of one link or of all.
+/// Shows the counters to `show`.
 #[cfg(feature = "defmt")]
-struct Drops(Option<LinkId>, u32);
+struct Count<'a, C>(&'a mut C);
 
 #[cfg(feature = "defmt")]
-impl<F: Firmware> LookAll<F> for Drops {
+impl<F: Firmware, C: ShowCounters> LookAll<F> for Count<'_, C> {
     fn look<S: Service<F>>(&mut self, service: &S) {
-        let drops = self.0.map_or_else(|| service.drops(), |link| service.drops_on(link));
-        self.1 = self.1.wrapping_add(drops);
-    }
-}
-
-#[cfg(feature = "defmt")]
-struct LogDrops(Option<LinkId>);
-
-#[cfg(feature = "defmt")]
-impl<F: Firmware> LookAll<F> for LogDrops {
-    fn look<S: Service<F>>(&mut self, service: &S) {
-        self.0.map_or_else(|| service.log_drops(), |link| service.log_drops_on(link));
+        service.counters(self.0);
     }
 }
 
 impl<D: Declares> Services<D> {
     pub(super) fn begin(&mut self, config: &Config) {
-        self.visit_all(&mut [], &mut Begin(config));
+        self.visit_all(&mut [], &mut News::Begun(config));
     }
 
     pub(super) fn poll(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>]) {
@@ -293,12 +247,6 @@ impl<D: Declares> Services<D> {
 
     pub(super) fn deadline(&self) -> Instant {
         let mut deadline = Deadline(Instant::NEVER);
-        self.look_all(&mut deadline);
-        deadline.0
-    }
-
-    pub(super) fn storage_deadline(&self) -> Instant {
-        let mut deadline = StorageDeadline(Instant::NEVER);
         self.look_all(&mut deadline);
         deadline.0
     }
@@ -343,35 +291,29 @@ impl<D: Declares> Services<D> {
     }
 
     pub(super) fn on_heard(&mut self, now: Instant, from: Peer) {
-        self.visit_all(&mut [], &mut OnHeard(now, from));
+        self.visit_all(&mut [], &mut News::Heard { now, from });
     }
 
     pub(super) fn on_owner(&mut self, own: SystemId, owner: SystemId) {
-        self.visit_all(&mut [], &mut OnOwner(own, owner));
+        self.visit_all(&mut [], &mut News::NewOwner { own, owner });
     }
 
     pub(super) fn on_clock_step(&mut self, lead: Duration) {
-        self.visit_all(&mut [], &mut OnClockStep(lead));
+        self.visit_all(&mut [], &mut News::ClockSetBack(lead));
     }
 
     pub(super) fn on_sent(&mut self, port: &Port) {
-        self.visit_all(&mut [], &mut OnSent(port));
+        self.visit_all(&mut [], &mut News::Sent(port));
     }
 
     pub(super) fn restart(&mut self, port: &Port, states: &mut States<D>) {
-        self.visit(states, &mut Restart(port));
+        self.visit(states, &mut Opened(port));
     }
 
+    /// Shows the counters of all services.
     #[cfg(feature = "defmt")]
-    pub(super) fn drops(&self, link: Option<LinkId>) -> u32 {
-        let mut drops = Drops(link, 0);
-        self.look_all(&mut drops);
-        drops.1
-    }
-
-    #[cfg(feature = "defmt")]
-    pub(super) fn log_drops(&self, link: Option<LinkId>) {
-        self.look_all(&mut LogDrops(link));
+    pub(super) fn counters(&self, show: &mut impl ShowCounters) {
+        self.look_all(&mut Count(show));
     }
 
     /// Puts the frame of a turn into the link's empty outbox. Returns false if nothing is due.

@@ -2,15 +2,13 @@
 
 use super::Declares;
 use crate::dialect::MavProtocolCapability;
-use crate::link::Port;
-use crate::message::ComponentId;
 use crate::service::command::CommandService;
 #[cfg(test)]
 use crate::service::example::Tunes;
 use crate::service::heartbeat::Heartbeats;
 use crate::service::identity::Identification;
 use crate::service::statustext::Texts;
-use crate::service::{Received, Request, Service, Share};
+use crate::service::{Service, Share};
 use crate::types::Firmware;
 
 /// What the stack does with each service of a list, by turns.
@@ -66,28 +64,14 @@ macro_rules! define {
 
             /// The capabilities of all services, for AUTOPILOT_VERSION.
             pub(crate) const CAPABILITIES: MavProtocolCapability =
-                MavProtocolCapability::EMPTY$(.with(<$service as Service<D>>::CAPABILITIES))*;
+                MavProtocolCapability::EMPTY$(.with(<$service as Service<D>>::ABOUT.capabilities))*;
 
             /// Those of the services that are left out with the other components.
             pub(crate) const COMPONENT_CAPABILITIES: MavProtocolCapability =
-                MavProtocolCapability::EMPTY$(.with(match <$service as Service<D>>::IS_OF_COMPONENTS {
-                    true => <$service as Service<D>>::CAPABILITIES,
+                MavProtocolCapability::EMPTY$(.with(match <$service as Service<D>>::ABOUT.is_of_components {
+                    true => <$service as Service<D>>::ABOUT.capabilities,
                     false => MavProtocolCapability::EMPTY,
                 }))*;
-
-            pub(crate) fn handles_for(component: ComponentId, id: u32) -> bool {
-                false$(|| <$service as Service<D>>::handles_for(component, id))*
-            }
-
-            pub(crate) fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
-                $(
-                    let request = <$service as Service<D>>::command_in(port, received);
-                    if request.is_some() {
-                        return request;
-                    }
-                )*
-                None
-            }
 
             /// Visits the services until one ends it. Returns whether one did.
             #[inline(always)]

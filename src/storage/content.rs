@@ -5,6 +5,7 @@ use super::plans;
 use crate::dialect::{MavModeFlag, MavSeverity};
 use crate::service::mission::WithoutPlans;
 use crate::service::{Absent, Cx, Service, WithoutSigning};
+use crate::time::Instant;
 use crate::types::{Firmware, Vehicle};
 
 /// Why stored content was not restored, or not completely. A STATUSTEXT reports it, too.
@@ -167,6 +168,11 @@ pub trait Persistent<F: Firmware>: Service<F> {
 
     /// The texts that report its state.
     const TEXTS: Texts = Texts::NONE;
+
+    /// Returns when a write is due. It stays in the past until storage begins it.
+    fn write_deadline(&self) -> Instant {
+        Instant::NEVER
+    }
 
     /// Storage is attached. Nothing was read yet.
     fn attach(&mut self, cx: &mut Cx<'_, F>) {

@@ -16,10 +16,10 @@ pub use vehicle::{Camera, CameraOrder, Shot};
 
 use self::commands::Start;
 use self::messages::{ROWS, What};
-use super::{Cx, Request, Service, Turn, Verdict, View, increment};
+use super::{About, Cx, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment};
 use crate::dialect::{CameraInformation, MavResult};
 use crate::link::Port;
-use crate::message::{ComponentId, Message};
+use crate::message::Message;
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{Component, Firmware};
@@ -389,7 +389,7 @@ fn run<F: Firmware<Vehicle: Camera>>(control: &mut CameraControl, cx: &mut Cx<'_
 }
 
 impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<[Image; N]> {
-    const COMPONENT: Option<ComponentId> = F::Vehicle::COMPONENT;
+    const ABOUT: About = About::of(F::Vehicle::COMPONENT);
     const NEW: Self = {
         Component::check_service(F::COMPONENTS, F::Vehicle::COMPONENT);
         assert!(N > 0, "a camera remembers at least one image: `camera: {{ images: 16 }}`");
@@ -454,20 +454,20 @@ impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<
         }
     }
 
-    /// The new peers need neither the answers nor the reports of images from before.
-    fn restart(&mut self, _: &Port, link: &mut CameraLink) {
-        *link =
-            CameraLink { next_image: self.total, changes: self.changes, settings: self.settings, ..CameraLink::VACANT };
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        // The new peers need neither the answers nor the reports of images from before.
+        if let StackEvent::Opened(_, link) = event {
+            *link = CameraLink {
+                next_image: self.total,
+                changes: self.changes,
+                settings: self.settings,
+                ..CameraLink::VACANT
+            };
+        }
     }
 }
 

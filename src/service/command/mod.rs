@@ -19,7 +19,7 @@ pub use long::{CommandSlots, LongCommands};
 pub use policy::CommandPolicy;
 pub use vehicle::Commands;
 
-use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::{About, Cx, Handled, Part, Received, Request, Service, Turn, Verdict, View, increment};
 use crate::dialect::{
     CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavProtocolCapability, MavResult, MavSeverity,
 };
@@ -143,23 +143,26 @@ pub struct CommandService<S> {
     refusals: RefusalLog,
 }
 
+/// Returns the command in a COMMAND_LONG or COMMAND_INT.
+pub(crate) fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
+    let long = received.frame.decode::<CommandLong>().map(|message| from_long(&message, received.origin(port)));
+    let int = || received.frame.decode::<CommandInt>().map(|message| from_int(&message, received.origin(port)));
+    long.or_else(int).map(Request::from)
+}
+
 impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandService<S> {
     const NEW: Self = Self { slots: S::NEW, refusals: RefusalLog::NEW };
     type Link = CommandLink;
     const VACANT: CommandLink = CommandLink { acks: Acks::new(), refusal: 0 };
     const TURNS: &'static [Turn] = &[Turn::CommandAck];
     type Reply = ();
-    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMMAND_INT;
+    const ABOUT: About =
+        About { capabilities: MavProtocolCapability::COMMAND_INT, part: Part::Every, ..About::AUTOPILOT };
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut CommandLink>) {
         if let Some(long) = self.slots.view_mut() {
             long.poll(cx.now);
         }
-    }
-
-    /// The commands of all components.
-    fn is_part_of(_: ComponentId) -> bool {
-        true
     }
 
     fn deadline(&self) -> Instant {
@@ -168,13 +171,6 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
             return Instant::ZERO;
         }
         long.deadline()
-    }
-
-    /// COMMAND_LONG and COMMAND_INT.
-    fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
-        let long = received.frame.decode::<CommandLong>().map(|message| from_long(&message, received.origin(port)));
-        let int = || received.frame.decode::<CommandInt>().map(|message| from_int(&message, received.origin(port)));
-        long.or_else(int).map(Request::from)
     }
 
     /// COMMAND_CANCEL (C-23): without an answer of its own.

@@ -26,7 +26,7 @@ pub use declaration::{
 };
 
 use super::share::Share;
-use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
+use super::{Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View};
 use crate::dialect::{
     CurrentEventSequence, Event as EventMessage, MavEventCurrentSequenceFlags, MavEventErrorReason, RequestEvent,
     ResponseEventError,
@@ -242,30 +242,24 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         link.due(view.events, view.now, port)
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
-    }
-
-    /// New peers learn the link's last sequence number at once, and the checks soon after the first frame of one is accepted. If none
-    /// was heard before, nobody has received what was sent: a peer that remembers the vehicle before a reboot learns that the numbers
-    /// start again.
-    fn restart(&mut self, port: &Port, link: &mut EventLink) {
-        link.was_heard |= port.has_accepted;
-        link.has_sent &= link.was_heard;
-        link.at = Instant::ZERO;
-        link.requested = [None; 2];
-        self.opened = self.opened.with(LinkMask::of(port.id));
-    }
-
-    fn on_heard(&mut self, _: Instant, from: Peer) {
-        if !self.opened.is_empty() {
-            self.on_opened::<F>(from);
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            // New peers learn the link's last sequence number at once, and the checks soon after the first frame of one is accepted. If none
+            // was heard before, nobody has received what was sent: a peer that remembers the vehicle before a reboot learns that the numbers
+            // start again.
+            StackEvent::Opened(port, link) => {
+                link.was_heard |= port.has_accepted;
+                link.has_sent &= link.was_heard;
+                link.at = Instant::ZERO;
+                link.requested = [None; 2];
+                self.opened = self.opened.with(LinkMask::of(port.id));
+            }
+            StackEvent::Heard { from, .. } if !self.opened.is_empty() => self.on_opened::<F>(from),
+            _ => {}
         }
     }
 }

@@ -37,7 +37,7 @@ pub use virtual_files::{HasFiles, NoFile, OneOf, Part, VirtualFile, VirtualFiles
 
 use self::requests::Stop;
 use self::work::{Upload, Work};
-use super::{Cx, Handled, Received, Service, Turn, View};
+use super::{About, Cx, Handled, Received, Service, ShowCounters, StackEvent, Turn, View};
 use crate::dialect::{FileTransferProtocol, MavProtocolCapability};
 use crate::link::Port;
 use crate::message::Message;
@@ -128,7 +128,7 @@ where
     const VACANT: FileLink = FileLink { first: 0, retry_at: Instant::ZERO };
     const TURNS: &'static [Turn] = &[Turn::FileAnswer, Turn::LateBulk, Turn::Bulk];
     type Reply = ();
-    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::FTP;
+    const ABOUT: About = About { capabilities: MavProtocolCapability::FTP, ..About::AUTOPILOT };
     const NEW: Self = {
         assert!(N == OPEN.saturating_add(OTHERS));
         assert!(OPEN > 0 && OPEN < 100, "a client needs a session: `files: {{ sessions: 2 }}`, or leave `files` out");
@@ -200,20 +200,16 @@ where
         }
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.status.counters.drops()
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.status.counters);
     }
 
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        defmt::warn!("files: {}", self.status.counters);
-    }
-
-    /// The clients are gone. The next poll closes their files.
-    fn restart(&mut self, port: &Port, _: &mut FileLink) {
-        self.status.wake = Instant::ZERO;
-        self.sessions.iter_mut().for_each(|session| session.leave(port.id));
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        // The clients are gone. The next poll closes their files.
+        if let StackEvent::Opened(port, _) = event {
+            self.status.wake = Instant::ZERO;
+            self.sessions.iter_mut().for_each(|session| session.leave(port.id));
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::super::periodic::{Asked, Periodic, Row};
 use super::super::stream::has_listener;
-use super::super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::super::{About, Cx, Handled, Received, Request, Service, ShowCounters, Turn, Verdict, View, increment};
 use super::send;
 use super::setpoint::{Axes, attitude};
 use crate::dialect::{
@@ -179,7 +179,7 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         }
         Self { counters: DeviceCounters::ZERO }
     };
-    const COMPONENT: Option<ComponentId> = F::Vehicle::COMPONENT;
+    const ABOUT: About = About::of(F::Vehicle::COMPONENT);
     type Link = Periodic;
     const VACANT: Periodic = Periodic::NEW;
     const TURNS: &'static [Turn] = &[Turn::GimbalDevice, Turn::GimbalAttitude];
@@ -249,14 +249,8 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         }
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 }
 

@@ -2,7 +2,9 @@
 
 use super::super::periodic::{Asked, Periodic, Row};
 use super::super::stream::has_listener;
-use super::super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::super::{
+    About, Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment,
+};
 use super::send;
 use super::setpoint::{GimbalSetpoint, Order, Raw};
 use super::vehicle::{GimbalControl, GimbalManager};
@@ -397,12 +399,15 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
         }
     };
     /// Without its device the manager has nothing to manage.
-    const IS_OF_COMPONENTS: bool = Component::is_one(F::COMPONENTS, F::Vehicle::DEVICE);
+    const ABOUT: About = About {
+        capabilities: MavProtocolCapability::COMPONENT_IMPLEMENTS_GIMBAL_MANAGER,
+        is_of_components: Component::is_one(F::COMPONENTS, F::Vehicle::DEVICE),
+        ..About::AUTOPILOT
+    };
     type Link = ManagerLink;
     const VACANT: ManagerLink = ManagerLink { status: Periodic::NEW, changes: 0 };
     const TURNS: &'static [Turn] = &[Turn::Gimbal, Turn::GimbalStatus];
     type Reply = ();
-    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMPONENT_IMPLEMENTS_GIMBAL_MANAGER;
 
     /// Tells the vehicle of a change. A device that has timed out may be another one when it reappears.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ManagerLink>) {
@@ -455,12 +460,6 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
         })
     }
 
-    /// What others have sent ends.
-    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
-        let keep = |who: Who| if [own, owner].contains(&who.address().system) { who } else { NOBODY };
-        self.assign(keep(self.primary), keep(self.secondary));
-    }
-
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ManagerLink, turn: Turn) -> bool {
         let has_listener = || has_listener(cx.shared, cx.peers, port);
         if turn == Turn::Gimbal {
@@ -501,14 +500,16 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
         message_at.min(ask_at)
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        // What others have sent ends.
+        if let StackEvent::NewOwner { own, owner } = event {
+            let keep = |who: Who| if [own, owner].contains(&who.address().system) { who } else { NOBODY };
+            self.assign(keep(self.primary), keep(self.secondary));
+        }
     }
 }
 

@@ -14,7 +14,7 @@ pub use sample::HighLatencySample;
 
 use self::order::{ORDERS, Order};
 use self::window::Window;
-use super::{Cx, RETRY, Request, Service, Turn, Verdict, View};
+use super::{Cx, RETRY, Request, Service, StackEvent, Turn, Verdict, View};
 use crate::dialect::{HighLatency2, MavCmd, MavResult};
 use crate::link::Port;
 use crate::message::Message;
@@ -449,12 +449,6 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
     const TURNS: &'static [Turn] = &[Turn::HighLatency];
     type Reply = ();
 
-    fn begin(&mut self, _: &Config) {
-        self.config = HighLatencyConfig::DEFAULT;
-        self.last = HighLatencySample::UNKNOWN;
-        self.open = Window::new(Instant::ZERO);
-    }
-
     #[inline(never)]
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Instant>) {
         self.clock = cx.shared.clock;
@@ -522,14 +516,22 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         if self.is_wanted(port) { view.shared.when_beating(view.now, self.due_on(port, *link)) } else { Instant::NEVER }
     }
 
-    /// Counts the cost of a frame on a high-latency link.
-    fn on_sent(&mut self, port: &Port) {
-        if port.config.class.is_high_latency() {
-            let len = u32::try_from(port.outbox.pending().len()).unwrap_or(0);
-            let counters = &mut self.counters;
-            counters.messages = counters.messages.wrapping_add(1);
-            counters.bytes = counters.bytes.wrapping_add(len);
-            counters.credits = counters.credits.wrapping_add(len.div_ceil(CREDIT));
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Begun(_) => {
+                self.config = HighLatencyConfig::DEFAULT;
+                self.last = HighLatencySample::UNKNOWN;
+                self.open = Window::new(Instant::ZERO);
+            }
+            // Counts the cost of a frame on a high-latency link.
+            StackEvent::Sent(port) if port.config.class.is_high_latency() => {
+                let len = u32::try_from(port.outbox.pending().len()).unwrap_or(0);
+                let counters = &mut self.counters;
+                counters.messages = counters.messages.wrapping_add(1);
+                counters.bytes = counters.bytes.wrapping_add(len);
+                counters.credits = counters.credits.wrapping_add(len.div_ceil(CREDIT));
+            }
+            _ => {}
         }
     }
 }

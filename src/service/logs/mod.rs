@@ -26,7 +26,7 @@ mod vehicle;
 pub use vehicle::{LogInfo, LogRead, Logs};
 
 use super::share::RETRY;
-use super::{Cx, Handled, Received, Service, Shared, Turn, View, increment};
+use super::{Cx, Handled, Received, Service, Shared, ShowCounters, StackEvent, Turn, View, increment};
 use crate::dialect::{LogData, LogEntry, LogErase, LogRequestData, LogRequestEnd, LogRequestList, MavSeverity};
 use crate::link::Port;
 use crate::message::{Address, Message};
@@ -176,12 +176,6 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
         Handled::Yes
     }
 
-    fn on_heard(&mut self, now: Instant, from: Peer) {
-        if from == self.client {
-            self.heard = now;
-        }
-    }
-
     fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), _: Turn) -> bool {
         self.is_pending(port) && cx.now >= self.ready_at && send(self, cx, port)
     }
@@ -190,21 +184,17 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
         if self.is_pending(port) { self.ready_at } else { Instant::NEVER }
     }
 
-    /// The client is gone.
-    fn restart(&mut self, port: &Port, (): &mut ()) {
-        if self.client.link == port.id {
-            self.work = Work::Nothing;
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
+    }
+
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            // The client is gone.
+            StackEvent::Opened(port, ()) if self.client.link == port.id => self.work = Work::Nothing,
+            StackEvent::Heard { now, from } if from == self.client => self.heard = now,
+            _ => {}
         }
-    }
-
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        defmt::warn!("logs: {}", self.counters);
     }
 }
 

@@ -47,7 +47,7 @@ use self::upload::{Done, Upload};
 use self::validate::Problem;
 use super::command::{Commands, is_allowed};
 use super::schedule::Schedule;
-use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::{About, Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment};
 use crate::dialect::{
     MavComponent, MavMissionResult, MavMissionType, MavProtocolCapability, MavSeverity, MissionAck, MissionClearAll,
     MissionCount, MissionItem, MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList,
@@ -59,7 +59,7 @@ use crate::log::RefusalLog;
 use crate::message::{CommandRule, ComponentId, Message, Text};
 use crate::time::Instant;
 use crate::types::{
-    Config, Context, Durability, EventLog, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanMemory, PlanType, PlansMut,
+    Context, Durability, EventLog, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanMemory, PlanType, PlansMut,
     Requests, StatusTexts, Values, Vehicle,
 };
 
@@ -400,11 +400,7 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
     const VACANT: Replies = Replies::new();
     const TURNS: &'static [Turn] = &[Turn::MissionAck, Turn::MissionTransfer, Turn::MissionProgress];
     type Reply = ();
-    const CAPABILITIES: MavProtocolCapability = capabilities(&F::Plans::CAPACITIES);
-
-    fn begin(&mut self, _: &Config) {
-        self.reset();
-    }
+    const ABOUT: About = About { capabilities: capabilities(&F::Plans::CAPACITIES), ..About::AUTOPILOT };
 
     /// Runs the timers, and queues MISSION_ITEM_REACHED for the items that the vehicle's hooks reported.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Replies>) {
@@ -423,10 +419,6 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         let upload = self.upload.as_ref().map_or(Instant::NEVER, Upload::deadline);
         let second_answer = self.second_answer.as_ref().map_or(Instant::NEVER, |(at, ..)| *at);
         upload.min(self.commit_deadline()).min(second_answer).min(self.current.deadline()).min(self.reached.deadline())
-    }
-
-    fn handles_for(component: ComponentId, id: u32) -> bool {
-        is_for_planner(component, id)
     }
 
     fn on_frame(
@@ -491,22 +483,17 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         if is_pending { view.now } else { Instant::NEVER }
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
-    }
-
-    fn on_heard(&mut self, now: Instant, from: Peer) {
-        self.heard(now, from);
-    }
-
-    fn restart(&mut self, _: &Port, link: &mut Replies) {
-        link.restart();
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Begun(_) => self.reset(),
+            StackEvent::Opened(_, link) => link.restart(),
+            StackEvent::Heard { now, from } => self.heard(now, from),
+            _ => {}
+        }
     }
 }
 
@@ -526,7 +513,7 @@ const fn capabilities(capacities: &[u16; 3]) -> MavProtocolCapability {
 }
 
 /// Whether a message about plans is addressed to component 190, as old ground stations do (M-10).
-fn is_for_planner(component: ComponentId, id: u32) -> bool {
+pub(crate) fn is_for_planner(component: ComponentId, id: u32) -> bool {
     component.0 == MavComponent::MISSIONPLANNER.0 && Missions::handles(id)
 }
 
@@ -554,10 +541,6 @@ impl<F: Firmware> Service<F> for WithoutPlans {
     const VACANT: Refusals = Refusals::new();
     const TURNS: &'static [Turn] = &[Turn::MissionAck];
     type Reply = ();
-
-    fn handles_for(component: ComponentId, id: u32) -> bool {
-        is_for_planner(component, id)
-    }
 
     fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, link: &mut Refusals, received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;

@@ -7,12 +7,12 @@ use super::info::{MAX_PARAMS, ParamInfo};
 use super::state::State;
 use super::table::{ParamMemory, Rows, Table};
 use super::{Caller, Links, List, NOTHING, Options, ParamHash, Work, capability, handles, is_armed, storage_action};
-use crate::dialect::{MavCmd, MavProtocolCapability, MavResult};
+use crate::dialect::{MavCmd, MavResult};
 use crate::link::Port;
 use crate::service::token_bucket::TokenBucket;
-use crate::service::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
+use crate::service::{About, Cx, Handled, Received, Request, Service, StackEvent, Turn, Verdict, View};
 use crate::time::Instant;
-use crate::types::{Config, Firmware, LinkMask, Values, Vehicle};
+use crate::types::{Firmware, LinkMask, Values, Vehicle};
 
 /// Number of updates that a poll takes from the backend.
 const UPDATES: usize = 4;
@@ -151,11 +151,7 @@ where
     const VACANT: List = List::new();
     const TURNS: &'static [Turn] = &[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList];
     type Reply = ();
-    const CAPABILITIES: MavProtocolCapability = capability(F::Vehicle::PARAM_ENCODING);
-
-    fn begin(&mut self, config: &Config) {
-        self.bucket.set_refill(config.storage_refill);
-    }
+    const ABOUT: About = About { capabilities: capability(F::Vehicle::PARAM_ENCODING), ..About::AUTOPILOT };
 
     /// Takes what has changed in the backend (P-16).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut List>) {
@@ -257,9 +253,15 @@ where
         }
     }
 
-    fn restart(&mut self, port: &Port, list: &mut List) {
-        list.end();
-        self.links.restart(port.id);
-        self.relisted = self.relisted.without(LinkMask::of(port.id));
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Begun(config) => self.bucket.set_refill(config.storage_refill),
+            StackEvent::Opened(port, list) => {
+                list.end();
+                self.links.restart(port.id);
+                self.relisted = self.relisted.without(LinkMask::of(port.id));
+            }
+            _ => {}
+        }
     }
 }

@@ -45,7 +45,7 @@ pub use vehicle::{ParamHash, Parameters};
 use core::borrow::Borrow;
 use core::marker::PhantomData;
 
-use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
+use super::{About, Cx, Handled, Received, Request, Service, StackEvent, Turn, Verdict, View};
 use crate::dialect::{
     MavCmd, MavModeFlag, MavParamError, MavParamType, MavProtocolCapability, MavResult, MavSeverity, ParamRequestList,
     ParamRequestRead, ParamSet, ParamValue,
@@ -54,7 +54,7 @@ use crate::frame::Version;
 use crate::link::{Outbox, Port};
 use crate::message::{Message, Text};
 use crate::time::{Duration, Instant};
-use crate::types::{Config, Firmware, LinkId, LinkMask, Peer, Refusal, StatusTexts, Vehicle, Why};
+use crate::types::{Firmware, LinkId, LinkMask, Peer, Refusal, StatusTexts, Vehicle, Why};
 use info::HASH_NAME;
 use saving::Saving;
 use table::{Rows, Table};
@@ -193,6 +193,12 @@ impl ParamService {
         self.write_due = table.state.kept.saving.deadline();
     }
 
+    /// Returns when a write to storage is due.
+    #[cfg(any(test, feature = "storage"))]
+    pub(crate) const fn write_due(&self) -> Instant {
+        self.write_due
+    }
+
     /// Makes a write of all changes due now.
     pub(crate) fn write_now<T: ParamTable>(&mut self, now: Instant, table: &mut T) {
         self.saving(table, |saving, generation| saving.write_now(now, generation));
@@ -220,15 +226,11 @@ where
     const VACANT: List = List::new();
     const TURNS: &'static [Turn] = &[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList];
     type Reply = ();
-    const CAPABILITIES: MavProtocolCapability = if F::Parameters::INFO.is_empty() {
-        MavProtocolCapability::EMPTY
+    const ABOUT: About = if F::Parameters::INFO.is_empty() {
+        About::AUTOPILOT
     } else {
-        capability(F::Vehicle::PARAM_ENCODING)
+        About { capabilities: capability(F::Vehicle::PARAM_ENCODING), ..About::AUTOPILOT }
     };
-
-    fn begin(&mut self, _: &Config) {
-        self.write_due = Instant::NEVER;
-    }
 
     /// Notices what the vehicle has set since the last call (P-16).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut List>) {
@@ -239,10 +241,6 @@ where
             // Nothing may be written, so no poll is needed for it.
             self.write_due = Instant::NEVER;
         }
-    }
-
-    fn storage_deadline(&self) -> Instant {
-        self.write_due
     }
 
     #[inline(never)]
@@ -331,9 +329,15 @@ where
         }
     }
 
-    fn restart(&mut self, port: &Port, list: &mut List) {
-        list.end();
-        self.links.restart(port.id);
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Begun(_) => self.write_due = Instant::NEVER,
+            StackEvent::Opened(port, list) => {
+                list.end();
+                self.links.restart(port.id);
+            }
+            _ => {}
+        }
     }
 }
 

@@ -7,9 +7,9 @@ use crate::frame::{Decoder, Frame, Version, signature_cost};
 use crate::link::Port;
 use crate::message::{Message, Text};
 use crate::num;
-use crate::service::{Cx, Handled, Received, Service, SigningGate, Turn, View};
+use crate::service::{Cx, Handled, Received, Service, ShowCounters, SigningGate, StackEvent, Turn, View};
 use crate::time::{Duration, Instant};
-use crate::types::{Accept, Config, Firmware, ONE_FRAME, SignedAt, Vehicle};
+use crate::types::{Accept, Firmware, ONE_FRAME, SignedAt, Vehicle};
 
 /// The minimum time between two texts about a clock that is too far ahead.
 const TEXT_PAUSE: Duration = Duration::from_secs(10);
@@ -20,10 +20,6 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing
     const VACANT: SigningLink = SigningLink { setup: Answer::None, hint_from: Instant::ZERO };
     const TURNS: &'static [Turn] = &[Turn::SigningText];
     type Reply = ();
-
-    fn begin(&mut self, config: &Config) {
-        self.most_ahead = num::quotient(config.max_signing_lead.as_micros(), TEN);
-    }
 
     /// Reports a system whose clock is too far ahead: it cannot read the text, but others can (G-17).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut SigningLink>) {
@@ -56,14 +52,8 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing
         setup::receive(self, cx.now, port, link, received.frame, is_ours, is_disarmed)
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 
     fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut SigningLink, _: Turn) -> bool {
@@ -72,6 +62,12 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing
 
     fn due(&self, view: &View<'_>, _: &Port, link: &SigningLink, _: Turn) -> Instant {
         if link.setup == Answer::None { Instant::NEVER } else { view.now }
+    }
+
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        if let StackEvent::Begun(config) = event {
+            self.most_ahead = num::quotient(config.max_signing_lead.as_micros(), TEN);
+        }
     }
 }
 

@@ -20,7 +20,7 @@ pub use vehicle::Telemetry;
 
 use self::requests::Fixed;
 use self::schedule::Streams;
-use super::{Cx, Handled, Received, Request, Service, Shared, Turn, Verdict, View};
+use super::{About, Cx, Handled, Part, Received, Request, Service, Shared, Turn, Verdict, View};
 use crate::dialect::{
     AutopilotVersion, AvailableModes, AvailableModesMonitor, Heartbeat, MavDataStream, MessageInterval, MissionCurrent,
     ProtocolVersion,
@@ -312,14 +312,10 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         Self
     };
     type Link = StreamLink<[Slot; N]>;
+    const ABOUT: About = About { part: Part::Every, ..About::AUTOPILOT };
     const VACANT: Self::Link = StreamLink { streams: Streams::new(), slots: [Slot::NEW; N] };
     const TURNS: &'static [Turn] = &[Turn::Request, Turn::Stream];
     type Reply = ();
-
-    /// The component of any row.
-    fn is_part_of(component: ComponentId) -> bool {
-        !F::is_component(component) || F::Vehicle::STREAMS.iter().any(|stream| stream.component == component)
-    }
 
     /// Takes up the messages that hooks have announced.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) {
@@ -336,6 +332,9 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         link: &mut Self::Link,
         received: &Received<'_>,
     ) -> Handled {
+        if !has_part::<F>(received.target.component) {
+            return Handled::No;
+        }
         let StreamLink { streams, slots } = link;
         let of = part::<F>(received.target.component);
         let is_handled = requests::handle_frame(cx.now, streams, F::Vehicle::STREAMS, of, slots, received.frame);
@@ -350,6 +349,9 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         link: &mut Self::Link,
         request: &Request,
     ) -> Option<Verdict> {
+        if !has_part::<F>(request.command.component) {
+            return None;
+        }
         let fixed = Self::fixed(cx);
         let StreamLink { streams, slots } = link;
         requests::handle_command::<F>(cx.now, fixed, port, streams, slots, cx.vehicle, &request.command)
@@ -386,6 +388,13 @@ const fn are_autopilots(table: &[Stream]) -> bool {
         i += 1;
     }
     are_autopilots
+}
+
+/// Whether requests to this component are about streams: it is the autopilot, or has a row.
+fn has_part<F: Firmware<Vehicle: Telemetry>>(component: ComponentId) -> bool {
+    F::COMPONENTS.is_empty()
+        || !F::is_component(component)
+        || F::Vehicle::STREAMS.iter().any(|stream| stream.component == component)
 }
 
 /// Returns the rows that a request to this component is about: 0 is the autopilot's, and `None` is all.

@@ -178,7 +178,8 @@ proptest! {
                 }
                 Event::Restart(link) => {
                     bench.poll();
-                    Service::<Board>::restart(&mut bench.params, &bench.ports[link], &mut bench.lists[link]);
+                    let opened = StackEvent::Opened(&bench.ports[link], &mut bench.lists[link]);
+                    Service::<Board>::on_event(&mut bench.params, opened);
                     // Marks of single values stay; a list does not.
                     (told[link], bench.sent[link]) = ([false; COUNT as usize], [None; COUNT as usize]);
                 }

@@ -194,12 +194,13 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
 
     /// When the service's next timer is due.
     fn deadline(&self) -> Instant {
-        Service::<Board<CAST, HASH, ERRORS>>::storage_deadline(&self.params)
+        self.params.write_due()
     }
 
     /// Reopens a link.
     fn restart(&mut self, link: usize) {
-        Service::<Board<CAST, HASH, ERRORS>>::restart(&mut self.params, &self.ports[link], &mut self.lists[link]);
+        let opened = StackEvent::Opened(&self.ports[link], &mut self.lists[link]);
+        Service::<Board<CAST, HASH, ERRORS>>::on_event(&mut self.params, opened);
     }
 
     fn wait(&mut self, millis: u64) {
