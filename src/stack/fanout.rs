@@ -190,9 +190,11 @@ impl<F: Firmware> Visit<F> for Offer<'_, '_, F> {
 /// Asks the services with bulk data, from one number to another.
 struct OfferBulk<'a, 'c, F: Firmware> {
     offer: Offer<'a, 'c, F>,
-    next: u8,
     first: u8,
     last: u8,
+    /// The number of the next service, and of the one that has sent.
+    number: u8,
+    sender: u8,
 }
 
 impl<F: Firmware> Visit<F> for OfferBulk<'_, '_, F> {
@@ -201,8 +203,9 @@ impl<F: Firmware> Visit<F> for OfferBulk<'_, '_, F> {
         if !Turns::<F, S>::has(Turn::Bulk) {
             return false;
         }
-        self.next = self.next.wrapping_add(1);
-        (self.first..=self.last).contains(&self.next) && self.offer.ask(service, link)
+        self.sender = self.number;
+        self.number = self.number.wrapping_add(1);
+        (self.first..=self.last).contains(&self.sender) && self.offer.ask(service, link)
     }
 }
 
@@ -332,11 +335,11 @@ impl<D: Declares> Services<D> {
             return false;
         }
         let last = states.last_bulk;
-        for (first, last) in [(last.wrapping_add(1), u8::MAX), (1, last)] {
+        for (first, last) in [(last.wrapping_add(1), u8::MAX), (0, last)] {
             let offer = Offer { cx: &mut *cx, port: &mut *port, turn };
-            let mut visit = OfferBulk { offer, next: 0, first, last };
+            let mut visit = OfferBulk { offer, first, last, number: 0, sender: 0 };
             if self.visit(states, &mut visit) {
-                states.last_bulk = visit.next;
+                states.last_bulk = visit.sender;
                 let len = u32::try_from(port.outbox.len()).unwrap_or(0);
                 states.bulk.spend_all(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
                 return true;
