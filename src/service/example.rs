@@ -47,17 +47,18 @@ impl<F: Firmware> Service<F> for Tunes {
         Handled::Yes
     }
 
-    /// Sends the answer, which is built when the link has room for it.
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TuneLink, _: Turn) -> bool {
-        core::mem::take(&mut link.is_answer_pending)
-            && port.outbox.send(&NamedValueInt {
-                time_boot_ms: cx.now.time_boot_ms(),
-                value: self.received.cast_signed(),
-                name: Text::new("TUNES"),
-            })
+    /// There is one kind of frame, so its reply has no name.
+    fn pending(&self, view: &View<'_>, _: &Port, link: &TuneLink, _: Turn) -> Option<(Instant, ())> {
+        link.is_answer_pending.then_some((view.now, ()))
     }
 
-    fn due(&self, view: &View<'_>, _: &Port, link: &TuneLink, _: Turn) -> Instant {
-        if link.is_answer_pending { view.now } else { Instant::NEVER }
+    /// Sends the answer, which is built when the link has room for it.
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TuneLink, (): ()) -> bool {
+        link.is_answer_pending = false;
+        port.outbox.send(&NamedValueInt {
+            time_boot_ms: cx.now.time_boot_ms(),
+            value: self.received.cast_signed(),
+            name: Text::new("TUNES"),
+        })
     }
 }

@@ -219,6 +219,15 @@ pub struct ExtParamServer {
     answers: [Answer; SLOTS],
 }
 
+/// What the server sends.
+#[derive(Clone, Copy, Debug)]
+pub enum ExtParamReply {
+    /// PARAM_EXT_ACK, by its place among the answers.
+    Answer(usize),
+    /// PARAM_EXT_VALUE, by the index of the parameter.
+    Value(u16),
+}
+
 /// The state of the service on a link.
 #[derive(Debug)]
 pub struct ExtParamLink {
@@ -237,16 +246,18 @@ impl ExtParamLink {
         }
     }
 
-    /// Takes the first parameter that was requested.
-    fn take_asked(&mut self) -> Option<u16> {
-        let (base, byte) = (0u16..).zip(&mut self.asked).find(|(_, byte)| **byte != 0)?;
-        let bit = u16::try_from(byte.trailing_zeros()).unwrap_or(0);
-        *byte &= byte.wrapping_sub(1);
-        Some(base.wrapping_shl(3) | bit)
+    /// Removes the mark.
+    fn forget(&mut self, index: u16) {
+        if let Some(byte) = self.asked.get_mut(usize::from(index >> 3)) {
+            *byte &= !1u8.wrapping_shl(u32::from(index));
+        }
     }
 
-    fn is_asked(&self) -> bool {
-        self.asked.iter().any(|byte| *byte != 0)
+    /// Returns the first parameter that was requested.
+    fn first_asked(&self) -> Option<u16> {
+        let (base, byte) = (0u16..).zip(&self.asked).find(|(_, byte)| **byte != 0)?;
+        let bit = u16::try_from(byte.trailing_zeros()).unwrap_or(0);
+        Some(base.wrapping_shl(3) | bit)
     }
 }
 
@@ -270,7 +281,7 @@ impl ExtParamServer {
     }
 
     /// Returns the first answer that is pending on a link.
-    fn pending(&self, port: &Port) -> Option<usize> {
+    fn answer_on(&self, port: &Port) -> Option<usize> {
         let mask = LinkMask::of(port.id);
         self.answers.iter().position(|answer| answer.links.contains(mask))
     }
@@ -404,7 +415,7 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
     type Link = ExtParamLink;
     const VACANT: ExtParamLink = ExtParamLink::VACANT;
     const TURNS: &'static [Turn] = &[Turn::ExtParam];
-    type Reply = ();
+    type Reply = ExtParamReply;
 
     /// Answers for links that carry none are not pending.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ExtParamLink>) {
@@ -448,39 +459,40 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
         Handled::Yes
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ExtParamLink, _: Turn) -> bool {
+    fn pending(&self, view: &View<'_>, port: &Port, link: &ExtParamLink, _: Turn) -> Option<(Instant, ExtParamReply)> {
         if !port.outbox.takes(ParamExtValue::ID) {
-            self.forget(port);
-            return false;
+            return None;
         }
-        if let Some(answer) = self.pending(port).and_then(|place| self.answers.get_mut(place)) {
-            answer.links = answer.links.without(LinkMask::of(port.id));
-            return send_answer(cx, port, answer);
+        match self.answer_on(port) {
+            Some(place) => Some((view.now, ExtParamReply::Answer(place))),
+            None => link.first_asked().map(|index| (link.share.due(), ExtParamReply::Value(index))),
         }
-        if link.share.due() > cx.now {
-            return false;
-        }
-        let Some(index) = link.take_asked() else { return false };
-        link.share.spend(cx.now, COST, port.config.bytes_per_second);
-        send_value(cx, port, index)
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &ExtParamLink, _: Turn) -> Instant {
-        if !port.outbox.takes(ParamExtValue::ID) {
-            Instant::NEVER
-        } else if self.pending(port).is_some() {
-            view.now
-        } else if link.is_asked() {
-            link.share.due()
-        } else {
-            Instant::NEVER
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ExtParamLink, reply: ExtParamReply) -> bool {
+        match reply {
+            ExtParamReply::Answer(place) => {
+                let Some(answer) = self.answers.get_mut(place) else { return false };
+                answer.links = answer.links.without(LinkMask::of(port.id));
+                send_answer(cx, port, answer)
+            }
+            ExtParamReply::Value(index) => {
+                link.forget(index);
+                link.share.spend(cx.now, COST, port.config.bytes_per_second);
+                send_value(cx, port, index)
+            }
         }
     }
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
-        if let StackEvent::Opened(port, link) = event {
-            self.forget(port);
-            *link = ExtParamLink::VACANT;
+        match event {
+            StackEvent::Opened(port, link) => {
+                self.forget(port);
+                *link = ExtParamLink::VACANT;
+            }
+            // A link that sends MAVLink 1 cannot carry the answers.
+            StackEvent::Sent(port) if !port.outbox.takes(ParamExtValue::ID) => self.forget(port),
+            _ => {}
         }
     }
 }

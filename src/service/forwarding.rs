@@ -27,11 +27,16 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
     const TURNS: &'static [Turn] = &[Turn::ForwardedFirst, Turn::Forwarded];
     type Reply = ();
 
-    /// Sends the next frame of the link's queue.
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), turn: Turn) -> bool {
-        if !self.is_turn(port, turn) {
-            return false;
-        }
+    fn pending(&self, view: &View<'_>, port: &Port, (): &(), turn: Turn) -> Option<(Instant, ())> {
+        let is_turn = match turn {
+            Turn::ForwardedFirst => port.facts.own_was_last,
+            _ => true,
+        };
+        (is_turn && self.queued.contains(LinkMask::of(port.id))).then_some((view.now, ()))
+    }
+
+    /// Sends the next frame of the link's queue, and drops those that have waited for too long.
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), (): ()) -> bool {
         let mut queues = self.queues.forwarding();
         let sent = queues.next(cx.now, &mut port.outbox);
         if queues.is_empty(port.id) {
@@ -47,17 +52,6 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
                 show.counters_of(link, &counters);
             }
         }
-    }
-
-    fn due(&self, view: &View<'_>, port: &Port, (): &(), turn: Turn) -> Instant {
-        if self.is_turn(port, turn) { view.now } else { Instant::NEVER }
-    }
-}
-
-impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> Forwarding<LINKS, BYTES, SEEN> {
-    /// Whether a frame of the link's queue may be sent in this turn.
-    fn is_turn(&self, port: &Port, turn: Turn) -> bool {
-        self.queued.contains(LinkMask::of(port.id)) && (port.facts.own_was_last || turn != Turn::ForwardedFirst)
     }
 }
 

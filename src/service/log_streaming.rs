@@ -85,6 +85,15 @@ enum Phase {
     Data,
 }
 
+/// What log streaming sends.
+#[derive(Clone, Copy, Debug)]
+pub enum StreamingReply {
+    /// LOGGING_DATA_ACKED, until it is acknowledged.
+    Definitions,
+    /// LOGGING_DATA.
+    Data,
+}
+
 /// The state of log streaming: declared by `log_streaming` in [`stack!`](crate::stack), and read through
 /// [`Stack::log_streaming`](crate::Stack::log_streaming). The vehicle's part is [`LogStreaming`].
 ///
@@ -174,7 +183,7 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
     type Link = ();
     const VACANT: () = ();
     const TURNS: &'static [Turn] = &[Turn::LateBulk, Turn::Bulk];
-    type Reply = ();
+    type Reply = StreamingReply;
     const NEW: Self = Self {
         phase: Phase::Off,
         is_gone: false,
@@ -252,12 +261,18 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
         Some(Verdict::done(result))
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), _: Turn) -> bool {
-        self.is_on(port) && cx.now >= self.due && send(self, cx, port)
+    fn pending(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Option<(Instant, StreamingReply)> {
+        let reply = match self.phase {
+            Phase::Definitions if self.tries < TRIES => StreamingReply::Definitions,
+            Phase::Data => StreamingReply::Data,
+            // The next poll ends a stream whose definitions were not acknowledged.
+            Phase::Off | Phase::Definitions => return None,
+        };
+        self.is_on(port).then_some((self.due, reply))
     }
 
-    fn due(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Instant {
-        if self.is_on(port) { self.due } else { Instant::NEVER }
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), reply: StreamingReply) -> bool {
+        send(self, cx, port, reply)
     }
 
     fn counters(&self, show: &mut impl ShowCounters) {
@@ -339,11 +354,13 @@ fn next_definitions<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStream
 
 /// Sends a packet (LOG-11, LOG-12).
 #[inline(never)]
-fn send<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
-    let is_acked = streamer.phase == Phase::Definitions;
-    if is_acked && streamer.tries >= TRIES {
-        return false;
-    }
+fn send<F: Firmware<Vehicle: LogStreaming>>(
+    streamer: &mut LogStreamer,
+    cx: &mut Cx<'_, F>,
+    port: &mut Port,
+    reply: StreamingReply,
+) -> bool {
+    let is_acked = matches!(reply, StreamingReply::Definitions);
     let info = if is_acked { const { &LoggingDataAcked::INFO } } else { const { &LoggingData::INFO } };
     let is_new = !is_acked || streamer.tries == 0;
     let is_sent = port.outbox.compose(info, |payload: &mut [u8; PACKET]| {

@@ -56,10 +56,12 @@ impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
     const TURNS: &'static [Turn] = &[Turn::Message];
     type Reply = ();
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut MessageLink, _: Turn) -> bool {
-        if link.due(port) > cx.now {
-            return false;
-        }
+    fn pending(&self, view: &View<'_>, port: &Port, link: &MessageLink, _: Turn) -> Option<(Instant, ())> {
+        if view.requests.has_message(port.id) { Some((link.due(port), ())) } else { None }
+    }
+
+    /// Sends the next message that the vehicle can fill, and leaves out the others.
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut MessageLink, (): ()) -> bool {
         while let Some(Pending::Message { id, index, target }) = cx.requests.take_message(port.id) {
             let outbox = &mut port.outbox;
             if fill(cx.vehicle, &mut Fill::new(cx.now, id.get(), index, outbox, false).to(target)) {
@@ -70,10 +72,6 @@ impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
             }
         }
         false
-    }
-
-    fn due(&self, view: &View<'_>, port: &Port, link: &MessageLink, _: Turn) -> Instant {
-        if view.requests.has_message(port.id) { link.due(port) } else { Instant::NEVER }
     }
 }
 

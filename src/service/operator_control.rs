@@ -176,6 +176,15 @@ pub struct OperatorLink {
     changes: u8,
 }
 
+/// What operator control sends.
+#[derive(Clone, Copy, Debug)]
+pub enum OperatorReply {
+    /// The owner is told of a request.
+    Notice,
+    /// CONTROL_STATUS.
+    Status,
+}
+
 impl OperatorControl {
     /// Returns the owner as of the last poll; `None` if nobody is in control.
     fn owner(&self) -> Option<SystemId> {
@@ -370,7 +379,7 @@ impl<F: Firmware> Service<F> for OperatorControl {
     type Link = OperatorLink;
     const VACANT: OperatorLink = OperatorLink { at: Instant::ZERO, changes: 0 };
     const TURNS: &'static [Turn] = &[Turn::OperatorControl];
-    type Reply = ();
+    type Reply = OperatorReply;
     const ABOUT: About =
         About { capabilities: MavProtocolCapability::COMPONENT_ACCEPTS_GCS_CONTROL, ..About::AUTOPILOT };
 
@@ -414,33 +423,38 @@ impl<F: Firmware> Service<F> for OperatorControl {
         Some(Verdict::Refused(Refusal { result, why }))
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut OperatorLink, _: Turn) -> bool {
-        if self.notice_due(port) <= cx.now {
-            let notice = &mut self.notice;
-            let confirmation = NOTICES.saturating_sub(notice.left);
-            (notice.left, notice.at) = (notice.left.saturating_sub(1), cx.now.after(PERIOD));
-            return port.outbox.send(&CommandLong {
-                param1: f32::from(REQUEST),
-                param2: f32::from(notice.allow),
-                param3: f32::from(notice.timeout),
-                param4: f32::from(notice.requester.0),
-                command: REQUEST_OPERATOR_CONTROL,
-                target_system: notice.to.address.system.0,
-                target_component: notice.to.address.component.0,
-                confirmation,
-                ..CommandLong::default()
-            });
-        }
-        if self.status_due(cx.now, port, link) > cx.now {
-            return false;
-        }
-        (link.at, link.changes) = (cx.now.after(PERIOD), self.changes);
-        let flags = if self.allows_takeover() { SYSTEM_MANAGER | TAKEOVER_ALLOWED } else { SYSTEM_MANAGER };
-        port.outbox.send(&ControlStatus { flags, gcs_main: self.owner.0, gcs_secondary: self.secondaries })
+    fn pending(&self, view: &View<'_>, port: &Port, link: &OperatorLink, _: Turn) -> Option<(Instant, OperatorReply)> {
+        let (notice_at, status_at) = (self.notice_due(port), self.status_due(view.now, port, link));
+        Some(match notice_at <= status_at.max(view.now) {
+            true => (notice_at, OperatorReply::Notice),
+            false => (status_at, OperatorReply::Status),
+        })
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &OperatorLink, _: Turn) -> Instant {
-        self.notice_due(port).min(self.status_due(view.now, port, link))
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut OperatorLink, reply: OperatorReply) -> bool {
+        match reply {
+            OperatorReply::Notice => {
+                let notice = &mut self.notice;
+                let confirmation = NOTICES.saturating_sub(notice.left);
+                (notice.left, notice.at) = (notice.left.saturating_sub(1), cx.now.after(PERIOD));
+                port.outbox.send(&CommandLong {
+                    param1: f32::from(REQUEST),
+                    param2: f32::from(notice.allow),
+                    param3: f32::from(notice.timeout),
+                    param4: f32::from(notice.requester.0),
+                    command: REQUEST_OPERATOR_CONTROL,
+                    target_system: notice.to.address.system.0,
+                    target_component: notice.to.address.component.0,
+                    confirmation,
+                    ..CommandLong::default()
+                })
+            }
+            OperatorReply::Status => {
+                (link.at, link.changes) = (cx.now.after(PERIOD), self.changes);
+                let flags = if self.allows_takeover() { SYSTEM_MANAGER | TAKEOVER_ALLOWED } else { SYSTEM_MANAGER };
+                port.outbox.send(&ControlStatus { flags, gcs_main: self.owner.0, gcs_secondary: self.secondaries })
+            }
+        }
     }
 
     fn counters(&self, show: &mut impl ShowCounters) {

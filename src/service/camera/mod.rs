@@ -15,7 +15,7 @@ mod vehicle;
 pub use vehicle::{Camera, CameraOrder, Shot};
 
 use self::commands::Start;
-use self::messages::{ROWS, What};
+use self::messages::{CameraReply, ROWS};
 use super::{About, Cx, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment};
 use crate::dialect::{CameraInformation, MavResult};
 use crate::link::Port;
@@ -420,7 +420,7 @@ impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<
     type Link = CameraLink;
     const VACANT: CameraLink = CameraLink::VACANT;
     const TURNS: &'static [Turn] = &[Turn::Camera];
-    type Reply = ();
+    type Reply = CameraReply;
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut CameraLink>) {
         run(self, cx);
@@ -441,17 +441,15 @@ impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<
         commands::handle(self, cx, port, link, &request.command)
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut CameraLink, _: Turn) -> bool {
-        messages::next(self, cx, port, link)
+    fn pending(&self, view: &View<'_>, port: &Port, link: &CameraLink, _: Turn) -> Option<(Instant, CameraReply)> {
+        let control: &CameraControl = self;
+        let reply = control.reply(port, link)?;
+        let at = if reply == CameraReply::Status { control.status_due(view.now, link) } else { view.now };
+        Some((at, reply))
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &CameraLink, _: Turn) -> Instant {
-        let control: &CameraControl = self;
-        match control.pending(port, link) {
-            Some(What::Later) => control.status_due(view.now, link),
-            Some(_) => view.now,
-            None => Instant::NEVER,
-        }
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut CameraLink, reply: CameraReply) -> bool {
+        messages::send(self, cx, port, link, reply)
     }
 
     fn counters(&self, show: &mut impl ShowCounters) {

@@ -191,7 +191,8 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
     type Link = ();
     const VACANT: () = ();
     const TURNS: &'static [Turn] = &[Turn::Client];
-    type Reply = ();
+    /// The number of the slot whose request is sent.
+    type Reply = usize;
     const NEW: Self = {
         assert!(N > 0, "a command needs a slot: `command_client: {{ slots: 2 }}`, or leave `command_client` out");
         Self { slots: [Slot::FREE; N] }
@@ -227,8 +228,12 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
         }
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), _: Turn) -> bool {
-        let Some(slot) = self.due_on(port).and_then(|number| self.slots.get_mut(number)) else { return false };
+    fn pending(&self, view: &View<'_>, port: &Port, (): &(), _: Turn) -> Option<(Instant, usize)> {
+        due_on(&self.slots, port).map(|number| (view.now, number))
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), number: usize) -> bool {
+        let Some(slot) = self.slots.get_mut(number) else { return false };
         (slot.state, slot.at) = (State::Sent, cx.now.after(TIMEOUT));
         let confirmation = slot.sent;
         slot.sent = slot.sent.saturating_add(1);
@@ -236,10 +241,6 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
             What::Command(command) => slot.send_command(command, confirmation, port),
             What::Param(query) => F::Vehicle::READS_PARAMS && query.send(slot.to.address, port),
         }
-    }
-
-    fn due(&self, view: &View<'_>, port: &Port, (): &(), _: Turn) -> Instant {
-        if self.due_on(port).is_some() { view.now } else { Instant::NEVER }
     }
 }
 
@@ -283,13 +284,6 @@ fn take_own(slots: &mut [Slot], now: Instant, own: Address) -> Option<(Command, 
         confirmation: 0,
     };
     Some((command, slot.is_cancelled))
-}
-
-impl<const N: usize> Client<N> {
-    /// Returns the index of a slot whose transmission is pending on a link.
-    fn due_on(&self, port: &Port) -> Option<usize> {
-        due_on(&self.slots, port)
-    }
 }
 
 /// Returns the index of a slot whose transmission is pending on a link that can carry it: MAVLink 1 has no extended

@@ -135,6 +135,15 @@ pub struct DeviceService {
     counters: DeviceCounters,
 }
 
+/// What the gimbal device sends.
+#[derive(Clone, Copy, Debug)]
+pub enum DeviceReply {
+    /// What a client has asked for: the status, its interval, or GIMBAL_DEVICE_INFORMATION.
+    Asked(Asked),
+    /// GIMBAL_DEVICE_ATTITUDE_STATUS, in its stream.
+    Stream,
+}
+
 impl DeviceService {
     /// Returns the counters.
     pub const fn counters(&self) -> DeviceCounters {
@@ -183,7 +192,7 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
     type Link = Periodic;
     const VACANT: Periodic = Periodic::NEW;
     const TURNS: &'static [Turn] = &[Turn::GimbalDevice, Turn::GimbalAttitude];
-    type Reply = ();
+    type Reply = DeviceReply;
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut Periodic, received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;
@@ -217,36 +226,45 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
     ) -> Option<Verdict> {
         let result = link.on_command(STATUS, port, &request.command)?;
         // A status that is not known yet is refused now; otherwise the client would wait for it.
-        if link.is_message_asked() && cx.vehicle.device_status().is_none() {
-            link.forget();
+        if link.asked() == Some(Asked::Message) && cx.vehicle.device_status().is_none() {
+            link.forget(Asked::Message);
             return Some(Verdict::done(MavResult::DENIED));
         }
         Some(Verdict::done(result))
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Periodic, turn: Turn) -> bool {
-        if turn == Turn::GimbalDevice {
-            return match link.take_asked() {
-                Asked::OTHER => send_information::<F>(cx, port),
-                Asked::INTERVAL => send::<F, _>(port, F::Vehicle::COMPONENT, &link.told(STATUS, port)),
-                Asked::MESSAGE => send_status::<F>(cx, port),
-                _ => false,
-            };
+    fn pending(&self, view: &View<'_>, port: &Port, link: &Periodic, turn: Turn) -> Option<(Instant, DeviceReply)> {
+        match turn {
+            Turn::GimbalDevice => link.asked().map(|asked| (view.now, DeviceReply::Asked(asked))),
+            _ => {
+                let at = link.due(STATUS, port, || has_listener(view.shared, view.peers, port));
+                Some((at, DeviceReply::Stream))
+            }
         }
-        if !link.is_due(cx.now, STATUS, port, || has_listener(cx.shared, cx.peers, port)) {
-            return false;
-        }
-        link.sent(cx.now, STATUS, port);
-        port.facts.own_was_last = true;
-        send_status::<F>(cx, port)
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &Periodic, turn: Turn) -> Instant {
-        match turn {
-            Turn::GimbalDevice if link.is_asked() => view.now,
-            Turn::GimbalDevice => Instant::NEVER,
-            _ => link.due(STATUS, port, || has_listener(view.shared, view.peers, port)),
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Periodic, reply: DeviceReply) -> bool {
+        let mut asked = match reply {
+            DeviceReply::Asked(asked) => Some(asked),
+            DeviceReply::Stream => {
+                link.sent(cx.now, STATUS, port);
+                port.facts.own_was_last = true;
+                return send_status::<F>(cx, port);
+            }
+        };
+        // The vehicle may not know its status any more: then what else was asked for is sent.
+        while let Some(first) = asked {
+            link.forget(first);
+            if match first {
+                Asked::Message => send_status::<F>(cx, port),
+                Asked::Interval => send::<F, _>(port, F::Vehicle::COMPONENT, &link.told(STATUS, port)),
+                Asked::Other => send_information::<F>(cx, port),
+            } {
+                return true;
+            }
+            asked = link.asked();
         }
+        false
     }
 
     fn counters(&self, show: &mut impl ShowCounters) {
