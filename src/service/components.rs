@@ -133,7 +133,8 @@ impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
         if command.id != MavCmd::REQUEST_MESSAGE || num::integer(id) != Some(Heartbeat::ID) {
             return None;
         }
-        let is_alive = cx.vehicle.component_state(command.component).is_some() && is_beating(cx);
+        cx.shared.sample_pulse(cx.now);
+        let is_alive = cx.vehicle.component_state(command.component).is_some() && cx.shared.is_beating(cx.now);
         let may_send = is_alive && command.has_response_target() && !port.config.class.is_high_latency();
         if may_send {
             // Those of all components: each is as current as the requested one.
@@ -142,10 +143,12 @@ impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
         Some(Verdict::done(if may_send { MavResult::ACCEPTED } else { MavResult::DENIED }))
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ComponentLink, _: Turn) -> bool {
-        if !link.is_pending(port) || !is_beating(cx) {
-            return false;
-        }
+    fn pending(&self, view: &View<'_>, port: &Port, link: &ComponentLink, _: Turn) -> Option<(Instant, ())> {
+        link.is_pending(port).then_some((view.now, ()))
+    }
+
+    /// Sends the heartbeat of the next component that is not in a fault.
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ComponentLink, (): ()) -> bool {
         if link.period != port.facts.periods {
             (link.period, link.left) = (port.facts.periods, count::<F>());
         }
@@ -166,18 +169,9 @@ impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
         }
         false
     }
-
-    fn due(&self, view: &View<'_>, port: &Port, link: &ComponentLink, _: Turn) -> Instant {
-        if link.is_pending(port) { view.shared.when_beating(view.now, view.now) } else { Instant::NEVER }
-    }
 }
 
 /// Returns the number of components.
 fn count<F: Firmware>() -> u8 {
     u8::try_from(F::COMPONENTS.len()).unwrap_or(0)
-}
-
-/// Whether heartbeats may be sent (H-5).
-fn is_beating<F: Firmware>(cx: &mut Cx<'_, F>) -> bool {
-    cx.shared.flight.has_state && cx.shared.is_beating(cx.now)
 }

@@ -16,6 +16,13 @@ pub struct Asked {
     protocol_version: bool,
 }
 
+/// An answer that is pending.
+#[derive(Clone, Copy, Debug)]
+pub enum IdentityReply {
+    AutopilotVersion,
+    ProtocolVersion,
+}
+
 /// Answers requests for the vehicle's identity.
 #[derive(Debug)]
 pub struct Identification;
@@ -25,7 +32,7 @@ impl<F: Firmware> Service<F> for Identification {
     type Link = Asked;
     const VACANT: Asked = Asked { autopilot_version: false, protocol_version: false };
     const TURNS: &'static [Turn] = &[Turn::Identity];
-    type Reply = ();
+    type Reply = IdentityReply;
     const ABOUT: About = About { capabilities: MavProtocolCapability::MAVLINK2, ..About::AUTOPILOT };
 
     /// The last service that sees MAV_CMD_REQUEST_MESSAGE. An id that no service can send is DENIED, because the
@@ -58,31 +65,43 @@ impl<F: Firmware> Service<F> for Identification {
         Some(Verdict::done(MavResult::ACCEPTED))
     }
 
-    /// Not inlined: it would link 1.5 kB of `memmove`.
-    #[inline(never)]
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Asked, _: Turn) -> bool {
-        if core::mem::take(&mut link.autopilot_version) {
-            let identity = &cx.shared.config.identity;
-            return port.outbox.send(&AutopilotVersion {
-                capabilities: identity.capabilities,
-                flight_sw_version: identity.flight_sw_version,
-                middleware_sw_version: identity.middleware_sw_version,
-                os_sw_version: identity.os_sw_version,
-                board_version: identity.board_version,
-                flight_custom_version: identity.flight_custom_version,
-                vendor_id: identity.vendor_id,
-                product_id: identity.product_id,
-                uid: identity.uid,
-                uid2: identity.uid2,
-                ..Default::default()
-            });
-        }
-        // Always MAVLink 2: its arrival is the answer (V-6).
-        let message = ProtocolVersion { version: 200, min_version: 100, max_version: 200, ..Default::default() };
-        core::mem::take(&mut link.protocol_version) && port.outbox.send_as(Version::V2, &message)
+    fn pending(&self, view: &View<'_>, _: &Port, link: &Asked, _: Turn) -> Option<(Instant, IdentityReply)> {
+        let reply = match *link {
+            Asked { autopilot_version: true, .. } => IdentityReply::AutopilotVersion,
+            Asked { protocol_version: true, .. } => IdentityReply::ProtocolVersion,
+            _ => return None,
+        };
+        Some((view.now, reply))
     }
 
-    fn due(&self, view: &View<'_>, _: &Port, link: &Asked, _: Turn) -> Instant {
-        if link.autopilot_version || link.protocol_version { view.now } else { Instant::NEVER }
+    /// Not inlined: it would link 1.5 kB of `memmove`.
+    #[inline(never)]
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Asked, reply: IdentityReply) -> bool {
+        match reply {
+            IdentityReply::AutopilotVersion => {
+                link.autopilot_version = false;
+                let identity = &cx.shared.config.identity;
+                port.outbox.send(&AutopilotVersion {
+                    capabilities: identity.capabilities,
+                    flight_sw_version: identity.flight_sw_version,
+                    middleware_sw_version: identity.middleware_sw_version,
+                    os_sw_version: identity.os_sw_version,
+                    board_version: identity.board_version,
+                    flight_custom_version: identity.flight_custom_version,
+                    vendor_id: identity.vendor_id,
+                    product_id: identity.product_id,
+                    uid: identity.uid,
+                    uid2: identity.uid2,
+                    ..Default::default()
+                })
+            }
+            IdentityReply::ProtocolVersion => {
+                link.protocol_version = false;
+                let message =
+                    ProtocolVersion { version: 200, min_version: 100, max_version: 200, ..Default::default() };
+                // Always MAVLink 2: its arrival is the answer (V-6).
+                port.outbox.send_as(Version::V2, &message)
+            }
+        }
     }
 }

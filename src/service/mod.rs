@@ -311,11 +311,17 @@ impl Shared {
         self.flight.has_state && now.since(self.polled) <= self.config.max_loop_gap
     }
 
-    /// Samples the pulse, and returns whether heartbeats may be sent (H-5, H-18).
-    pub(crate) fn is_beating(&mut self, now: Instant) -> bool {
-        let is_polled = self.is_polled(now);
+    /// Samples the pulse of the flight loop.
+    pub(crate) fn sample_pulse(&mut self, now: Instant) {
         let Self { config, flight, .. } = self;
-        config.pulse.is_some_and(|pulse| flight.credit.sample(now, pulse, config.max_loop_gap)) && is_polled
+        if let Some(pulse) = config.pulse {
+            flight.credit.sample(now, pulse, config.max_loop_gap);
+        }
+    }
+
+    /// Whether heartbeats may be sent, as of the last sample of the pulse (H-5, H-18).
+    pub(crate) fn is_beating(&self, now: Instant) -> bool {
+        self.flight.credit.is_good(now, self.config.max_loop_gap) && self.is_polled(now)
     }
 
     /// Returns when the stack must be polled again at the latest, so that heartbeats may be sent (H-18).
@@ -330,7 +336,7 @@ impl Shared {
         match due {
             Instant::NEVER => Instant::NEVER,
             due if due > now => credit.look_for(due, gap),
-            due if credit.is_good(now, gap) && self.is_polled(now) => due,
+            due if self.is_beating(now) => due,
             // It waits for the flight loop or the vehicle. Only polling shows that they recovered.
             _ => now.after(RETRY),
         }

@@ -35,12 +35,12 @@ impl<F: Firmware> Service<F> for Texts {
     const TURNS: &'static [Turn] = &[Turn::Text];
     type Reply = ();
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TextCursor, _: Turn) -> bool {
-        F::HAS_TEXTS && cx.texts.next(link, &mut port.outbox)
+    fn pending(&self, view: &View<'_>, port: &Port, _: &TextCursor, _: Turn) -> Option<(Instant, ())> {
+        (F::HAS_TEXTS && view.texts.is_pending(LinkMask::of(port.id))).then_some((view.now, ()))
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, _: &TextCursor, _: Turn) -> Instant {
-        if view.texts.is_pending(LinkMask::of(port.id)) { view.now } else { Instant::NEVER }
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TextCursor, (): ()) -> bool {
+        cx.texts.next(link, &mut port.outbox)
     }
 }
 

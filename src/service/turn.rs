@@ -15,9 +15,11 @@ macro_rules! turns {
     ($callback:ident) => {
         $crate::service::turns! {
             $callback:
-            Heartbeat heartbeat Stalled Normal "HEARTBEAT" "at once; an extra one, after a change, while the link has room";
+            Heartbeat heartbeat Stalled Normal "HEARTBEAT" "at once";
+            ExtraHeartbeat heartbeat Room Normal "HEARTBEAT after a change of the state, or on request" "while the link has room";
             ComponentHeartbeat components AtOnce Normal "HEARTBEAT of the firmware's other components" "at once, after the autopilot's";
-            CommandAck command AtOnce Every "COMMAND_ACK" "at once; IN_PROGRESS while the link has room";
+            CommandAck command AtOnce Every "COMMAND_ACK" "at once";
+            CommandProgress command Room Normal "COMMAND_ACK with the progress of a running command" "while the link has room";
             MissionAck mission AtOnce Normal "MISSION_ACK" "at once";
             SigningText signing AtOnce Normal "STATUSTEXT that answers SETUP_SIGNING" "at once";
             Time time AtOnce Normal "PING, TIMESYNC" "at once: they measure time";
@@ -81,6 +83,11 @@ macro_rules! define {
             /// Returns how busy the link may be.
             pub(crate) const fn pace(self) -> Pace {
                 match self { $(Self::$turn => Pace::$pace,)* }
+            }
+
+            /// Whether it sends signs of life: they stop with the flight loop, and in a fault (H-5).
+            pub(crate) const fn is_sign_of_life(self) -> bool {
+                matches!(self, Self::Heartbeat | Self::ExtraHeartbeat | Self::ComponentHeartbeat | Self::HighLatency)
             }
 
             /// Whether a link of this class has this turn.

@@ -32,7 +32,7 @@ use crate::high_latency::{HighLatencyConfig, HighLatencySample};
 use crate::logs::{LogInfo, LogRead};
 use crate::manual_control::ControlSource;
 use crate::message::{Address, ComponentId, Item, Message, Secret, Text};
-use crate::service::{Cx, ForwardingGate, SigningGate, TABLE, Turn, turns};
+use crate::service::{Cx, SigningGate, TABLE, Turn, turns};
 use crate::time::{Duration, Instant};
 use crate::{
     Camera, Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context,
@@ -345,9 +345,7 @@ macro_rules! ask {
             ) -> bool {
                 let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
                 let (port, state) = (&mut links[link].port, &mut states[link]);
-                port.bucket.drain(now);
-                services.signing.prepare(now, port);
-                ForwardingGate::<D>::prepare(&mut services.forwarding, port);
+                services.prepare(&mut cx, port, state);
                 $(if Turn::$turn.is_on(port.config.class) && skipped != Some(Turn::$turn) {
                     let due = services.when(&cx.view(), port, state, Turn::$turn);
                     let is_sent = services.offer(&mut cx, port, state, Turn::$turn);

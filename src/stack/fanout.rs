@@ -173,8 +173,13 @@ impl<F: Firmware> Offer<'_, '_, F> {
         if is_left_out::<F, S>(self.cx.shared) {
             return false;
         }
+        let may_send = |shared: &Shared, now| !self.turn.is_sign_of_life() || shared.is_beating(now);
         match service.pending(&self.cx.view(), self.port, link, self.turn) {
-            Some((at, reply)) => at <= self.cx.now && service.send(self.cx, self.port, link, reply),
+            Some((at, reply)) => {
+                at <= self.cx.now
+                    && may_send(self.cx.shared, self.cx.now)
+                    && service.send(self.cx, self.port, link, reply)
+            }
             None => service.next(self.cx, self.port, link, self.turn),
         }
     }
@@ -223,7 +228,10 @@ impl<F: Firmware> Look<F> for When<'_> {
         if !Turns::<F, S>::has(self.turn) || is_left_out::<F, S>(self.view.shared) {
             return;
         }
-        let at = service.pending(self.view, self.port, link, self.turn).map_or(Instant::NEVER, |(at, _)| at);
+        let mut at = service.pending(self.view, self.port, link, self.turn).map_or(Instant::NEVER, |(at, _)| at);
+        if self.turn.is_sign_of_life() {
+            at = self.view.shared.when_beating(self.view.now, at);
+        }
         self.due = self.due.min(at).min(service.due(self.view, self.port, link, self.turn));
     }
 }

@@ -273,6 +273,9 @@ fn pending_frames_are_sent_in_order() {
     let own = |id| (id, false);
     let pending = [
         ("Heartbeat", vec![own(Heartbeat::ID)]),
+        // The scheduled one reports the change of the mode, and no command is running.
+        ("ExtraHeartbeat", vec![]),
+        ("CommandProgress", vec![]),
         // `vehicle/components` has firmwares of several components.
         ("ComponentHeartbeat", vec![]),
         ("CommandAck", vec![own(CommandAck::ID)]),

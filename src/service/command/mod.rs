@@ -96,6 +96,17 @@ pub struct CommandLink {
     refusal: u16,
 }
 
+/// A COMMAND_ACK that is pending.
+#[derive(Clone, Copy, Debug)]
+pub enum Ack {
+    /// The answer to a received command.
+    Answer,
+    /// The final result of a long-running command.
+    Final,
+    /// The progress of a running command.
+    Progress,
+}
+
 /// Slots for the long-running commands of a vehicle, or none.
 pub trait CommandMemory: core::fmt::Debug {
     /// All zero bits.
@@ -154,8 +165,8 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
     const NEW: Self = Self { slots: S::NEW, refusals: RefusalLog::NEW };
     type Link = CommandLink;
     const VACANT: CommandLink = CommandLink { acks: Acks::new(), refusal: 0 };
-    const TURNS: &'static [Turn] = &[Turn::CommandAck];
-    type Reply = ();
+    const TURNS: &'static [Turn] = &[Turn::CommandAck, Turn::CommandProgress];
+    type Reply = Ack;
     const ABOUT: About =
         About { capabilities: MavProtocolCapability::COMMAND_INT, part: Part::Every, ..About::AUTOPILOT };
 
@@ -186,30 +197,29 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
         Handled::Yes
     }
 
-    /// Sends one COMMAND_ACK: the answer to a received command, the final result of a finished one, or the progress of a running
-    /// one. A final result precedes the answers, because the answer to what has ended a command has the same id (C-23); but not
-    /// the command's own IN_PROGRESS. Progress is limited to the link's byte rate, and is not sent on high-latency links.
-    fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut CommandLink, _: Turn) -> bool {
-        let is_first = !link.acks.has_progress();
-        if is_first && self.slots.view_mut().is_some_and(|long| long.next_final::<F>(&mut port.outbox)) {
-            return true;
-        }
-        let sent = link.acks.next::<F>(&mut port.outbox, |command| {
-            let long = self.slots.view_mut();
-            long.map_or(self::long::NO_PROGRESS, |long| long.progress_of(command))
-        });
-        sent || self.slots.view_mut().is_some_and(|long| {
-            let may_wait = !port.config.class.is_high_latency() && port.bucket.has_room();
-            long.next_final::<F>(&mut port.outbox) || (may_wait && long.next_progress::<F>(&mut port.outbox))
-        })
+    /// A final result precedes the answers, because the answer to what has ended a command has the same id (C-23); but not the
+    /// command's own IN_PROGRESS.
+    fn pending(&self, view: &View<'_>, port: &Port, link: &CommandLink, turn: Turn) -> Option<(Instant, Ack)> {
+        let long = self.slots.view();
+        let ack = match turn {
+            Turn::CommandProgress => long.filter(|long| long.has_progress(port.id)).map(|_| Ack::Progress),
+            _ if long.is_some_and(|long| long.has_final(port.id)) && !link.acks.has_progress() => Some(Ack::Final),
+            _ => (!link.acks.is_empty()).then_some(Ack::Answer),
+        };
+        Some((view.now, ack?))
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &CommandLink, _: Turn) -> Instant {
-        if !link.acks.is_empty() {
-            return view.now;
+    fn send(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut CommandLink, ack: Ack) -> bool {
+        let (long, tx) = (self.slots.view_mut(), &mut port.outbox);
+        match (ack, long) {
+            (Ack::Answer, long) => {
+                let progress = |command| long.map_or(self::long::NO_PROGRESS, |long| long.progress_of(command));
+                link.acks.next::<F>(tx, progress)
+            }
+            (Ack::Final, Some(long)) => long.send_final::<F>(tx),
+            (Ack::Progress, Some(long)) => long.send_progress::<F>(tx),
+            (Ack::Final | Ack::Progress, None) => false,
         }
-        let progress_at = if port.config.class.is_high_latency() { Instant::NEVER } else { port.bucket.ready_at() };
-        self.slots.view().map_or(Instant::NEVER, |long| long.due(view.now, progress_at, port.id))
     }
 }
 

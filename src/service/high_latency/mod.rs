@@ -494,13 +494,13 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         }
     }
 
-    /// Sends HIGH_LATENCY2 when it is due. Like a heartbeat, only while the flight loop is healthy (L-3, H-5).
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Instant, _: Turn) -> bool {
+    fn pending(&self, _: &View<'_>, port: &Port, link: &Instant, _: Turn) -> Option<(Instant, ())> {
+        self.is_wanted(port).then(|| (self.due_on(port, *link), ()))
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Instant, (): ()) -> bool {
         let now = cx.now;
         self.take_over(port, link);
-        if !self.is_wanted(port) || now < *link || !cx.shared.is_beating(now) {
-            return false;
-        }
         let Some(state) = cx.vehicle.state() else {
             *link = now.after(RETRY);
             return false;
@@ -510,10 +510,6 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         let sent = port.outbox.send(&message);
         self.counters.reports = self.counters.reports.wrapping_add(u32::from(sent));
         sent
-    }
-
-    fn due(&self, view: &View<'_>, port: &Port, link: &Instant, _: Turn) -> Instant {
-        if self.is_wanted(port) { view.shared.when_beating(view.now, self.due_on(port, *link)) } else { Instant::NEVER }
     }
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {

@@ -552,11 +552,11 @@ impl<F: Firmware> Service<F> for WithoutPlans {
         }
     }
 
-    fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut Refusals, turn: Turn) -> bool {
-        turn == Turn::MissionAck && link.next(&mut port.outbox)
+    fn pending(&self, view: &View<'_>, _: &Port, link: &Refusals, _: Turn) -> Option<(Instant, ())> {
+        (!link.is_empty()).then_some((view.now, ()))
     }
 
-    fn due(&self, view: &View<'_>, _: &Port, link: &Refusals, turn: Turn) -> Instant {
-        if turn == Turn::MissionAck && !link.is_empty() { view.now } else { Instant::NEVER }
+    fn send(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut Refusals, (): ()) -> bool {
+        link.next(&mut port.outbox)
     }
 }

@@ -19,7 +19,7 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing
     type Link = SigningLink;
     const VACANT: SigningLink = SigningLink { setup: Answer::None, hint_from: Instant::ZERO };
     const TURNS: &'static [Turn] = &[Turn::SigningText];
-    type Reply = ();
+    type Reply = Answer;
 
     /// Reports a system whose clock is too far ahead: it cannot read the text, but others can (G-17).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut SigningLink>) {
@@ -56,12 +56,13 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing
         show.counters(&self.counters);
     }
 
-    fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut SigningLink, _: Turn) -> bool {
-        setup::send(port, link)
+    fn pending(&self, view: &View<'_>, _: &Port, link: &SigningLink, _: Turn) -> Option<(Instant, Answer)> {
+        (link.setup != Answer::None).then_some((view.now, link.setup))
     }
 
-    fn due(&self, view: &View<'_>, _: &Port, link: &SigningLink, _: Turn) -> Instant {
-        if link.setup == Answer::None { Instant::NEVER } else { view.now }
+    fn send(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut SigningLink, answer: Answer) -> bool {
+        link.setup = Answer::None;
+        answer.send(port)
     }
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
