@@ -2,6 +2,7 @@
 
 use core::borrow::Borrow;
 
+use super::hash::Hash;
 use super::replies::Refusal;
 use super::table::{Rows, Table};
 use super::{Caller, Handled, Options, ParamEncoding, ParamHash, ParamInfo, TEXT_PAUSE, Work, value};
@@ -119,8 +120,11 @@ impl<R: Rows> Table<'_, R> {
         self.mark_pending(index, cx.normal);
     }
 
-    /// Marks the hash as pending on the caller's link.
+    /// Marks the hash as pending on the caller's link. A computation that no link waited for any more is not continued.
     fn queue_hash(&mut self, caller: &Caller<'_>) {
+        if self.state.hash_pending.is_empty() {
+            self.state.hash = Hash::new();
+        }
         self.state.hash_pending = self.state.hash_pending.with(LinkMask::of(caller.from.link));
     }
 
