@@ -435,6 +435,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             self.services.restart(port, state);
             port.has_accepted = false;
             port.retry_at = Instant::ZERO;
+            if D::SLOWS_STREAMS {
+                port.facts.transferring_until = Instant::ZERO;
+            }
         }
     }
 

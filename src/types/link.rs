@@ -4,6 +4,7 @@
 use super::signing::{Accept, LinkSigning};
 use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, Heartbeat, HighLatency2};
 use crate::message::{Address, Message};
+use crate::time::Instant;
 
 /// The number of a link: its index in the stack's configuration, from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -239,14 +240,14 @@ pub(crate) struct LinkFacts {
     /// Whether the last frame that was sent while the link was idle was the vehicle's own. The next one is then a
     /// forwarded frame, if there is one.
     pub(crate) own_was_last: bool,
-    /// Whether a client on the link is busy with a transfer that streams are slowed for (F-11).
-    pub(crate) is_transferring: bool,
+    /// Until when a client on the link is busy with a transfer that streams are slowed for (F-11).
+    pub(crate) transferring_until: Instant,
 }
 
 impl LinkFacts {
     /// All zero bits.
     pub(crate) const NONE: Self =
-        Self { is_sign_of_life_due: false, periods: 0, own_was_last: false, is_transferring: false };
+        Self { is_sign_of_life_due: false, periods: 0, own_was_last: false, transferring_until: Instant::ZERO };
 }
 
 /// The maximum number of links of a stack.

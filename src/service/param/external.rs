@@ -129,7 +129,6 @@ impl ExternalService {
     fn cache<B: ParamBackend>(&mut self, table: &Table<'_, Backed<'_, B>>) {
         self.links.cache(table);
     }
-
 }
 
 /// What the service sends.

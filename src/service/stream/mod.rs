@@ -287,7 +287,7 @@ impl<const N: usize> StreamService<N> {
             link.streams.pause();
             return false;
         }
-        let (profile, is_slowed) = (port.config.streams, F::SLOWS_STREAMS && port.facts.is_transferring);
+        let (profile, is_slowed) = (port.config.streams, F::SLOWS_STREAMS && cx.now < port.facts.transferring_until);
         while let Some(number) = link.streams.next_due(cx.now, F::Vehicle::STREAMS, &mut link.slots, profile, is_slowed)
         {
             let Some(stream) = F::Vehicle::STREAMS.get(number) else { continue };
