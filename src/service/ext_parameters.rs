@@ -459,6 +459,7 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
         Handled::Yes
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &ExtParamLink, _: Turn) -> Option<(Instant, ExtParamReply)> {
         if !port.outbox.takes(ParamExtValue::ID) {
             return None;

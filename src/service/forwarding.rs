@@ -27,6 +27,7 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
     const TURNS: &'static [Turn] = &[Turn::ForwardedFirst, Turn::Forwarded];
     type Reply = ();
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, (): &(), turn: Turn) -> Option<(Instant, ())> {
         let is_turn = match turn {
             Turn::ForwardedFirst => port.facts.own_was_last,

@@ -261,6 +261,7 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
         Some(Verdict::done(result))
     }
 
+    #[inline(always)]
     fn pending(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Option<(Instant, StreamingReply)> {
         let reply = match self.phase {
             Phase::Definitions if self.tries < TRIES => StreamingReply::Definitions,

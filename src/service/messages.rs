@@ -56,6 +56,7 @@ impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
     const TURNS: &'static [Turn] = &[Turn::Message];
     type Reply = ();
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &MessageLink, _: Turn) -> Option<(Instant, ())> {
         if view.requests.has_message(port.id) { Some((link.due(port), ())) } else { None }
     }

@@ -423,11 +423,13 @@ impl<F: Firmware> Service<F> for OperatorControl {
         Some(Verdict::Refused(Refusal { result, why }))
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &OperatorLink, _: Turn) -> Option<(Instant, OperatorReply)> {
         let (notice_at, status_at) = (self.notice_due(port), self.status_due(view.now, port, link));
-        Some(match notice_at <= status_at.max(view.now) {
-            true => (notice_at, OperatorReply::Notice),
-            false => (status_at, OperatorReply::Status),
+        Some(match notice_at {
+            at if at <= view.now => (view.now, OperatorReply::Notice),
+            at if at < status_at => (at, OperatorReply::Notice),
+            _ => (status_at, OperatorReply::Status),
         })
     }
 

@@ -50,7 +50,7 @@ pub enum Asked {
 }
 
 impl Asked {
-    /// Returns its bit in a set.
+    /// Returns its bit in a set: what has the lowest bit is sent first.
     const fn bit(self) -> u8 {
         match self {
             Self::Message => 1,
@@ -115,8 +115,14 @@ impl Periodic {
     }
 
     /// Returns what was asked for and is sent first.
-    pub(crate) fn asked(&self) -> Option<Asked> {
-        [Asked::Message, Asked::Interval, Asked::Other].into_iter().find(|asked| self.asked & asked.bit() != 0)
+    #[inline(never)]
+    pub(crate) const fn asked(&self) -> Option<Asked> {
+        match self.asked.trailing_zeros() {
+            0 => Some(Asked::Message),
+            1 => Some(Asked::Interval),
+            2 => Some(Asked::Other),
+            _ => None,
+        }
     }
 
     /// Forgets that this was asked for, because it is sent now, or cannot be.

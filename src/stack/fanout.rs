@@ -174,11 +174,12 @@ impl<F: Firmware> Offer<'_, '_, F> {
             return false;
         }
         let may_send = |shared: &Shared, now| !self.turn.is_sign_of_life() || shared.is_beating(now);
-        match service.pending(&self.cx.view(), self.port, link, self.turn) {
+        // Read once: what is due now needs no comparison then.
+        let now = self.cx.now;
+        let pending = service.pending(&View { now, ..self.cx.view() }, self.port, link, self.turn);
+        match pending {
             Some((at, reply)) => {
-                at <= self.cx.now
-                    && may_send(self.cx.shared, self.cx.now)
-                    && service.send(self.cx, self.port, link, reply)
+                at <= now && may_send(self.cx.shared, now) && service.send(self.cx, self.port, link, reply)
             }
             None => service.next(self.cx, self.port, link, self.turn),
         }

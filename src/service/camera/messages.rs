@@ -57,22 +57,25 @@ pub enum CameraReply {
 }
 
 impl CameraControl {
-    /// Returns the message that is pending on a link.
+    /// Returns the message that is pending on a link, and when it is due.
     #[inline(never)]
-    pub(super) fn reply(&self, port: &Port, link: &CameraLink) -> Option<CameraReply> {
+    pub(super) fn pending(&self, now: Instant, port: &Port, link: &CameraLink) -> Option<(Instant, CameraReply)> {
         if !can_send(port) {
             return None;
         }
         if let Some((row, bits)) = link.asked.iter().enumerate().find(|(_, bits)| **bits != 0) {
             let id = u8::try_from(bits.trailing_zeros()).unwrap_or(0).wrapping_add(1);
-            return Some(CameraReply::Asked(row, id));
+            return Some((now, CameraReply::Asked(row, id)));
         }
         if link.settings != self.settings {
-            return Some(CameraReply::Asked(SETTINGS, 0));
+            return Some((now, CameraReply::Asked(SETTINGS, 0)));
         }
         let requested = link.requested.iter().find(|entry| self.is_requested(**entry));
         let requested = requested.map(|entry| entry.wrapping_sub(1));
-        Some(requested.or(self.unreported(link).0).map_or(CameraReply::Status, CameraReply::Image))
+        Some(match requested.or(self.unreported(link).0) {
+            Some(number) => (now, CameraReply::Image(number)),
+            None => (self.status_due(now, link), CameraReply::Status),
+        })
     }
 
     /// Records that a message is being sent.

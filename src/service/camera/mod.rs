@@ -441,11 +441,10 @@ impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<
         commands::handle(self, cx, port, link, &request.command)
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &CameraLink, _: Turn) -> Option<(Instant, CameraReply)> {
         let control: &CameraControl = self;
-        let reply = control.reply(port, link)?;
-        let at = if reply == CameraReply::Status { control.status_due(view.now, link) } else { view.now };
-        Some((at, reply))
+        control.pending(view.now, port, link)
     }
 
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut CameraLink, reply: CameraReply) -> bool {

@@ -228,6 +228,7 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
         }
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, (): &(), _: Turn) -> Option<(Instant, usize)> {
         due_on(&self.slots, port).map(|number| (view.now, number))
     }

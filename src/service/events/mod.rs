@@ -232,6 +232,7 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         self.checks.on_command(cx, request.command.id).map(Verdict::done)
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &EventLink, _: Turn) -> Option<(Instant, EventReply)> {
         if !port.outbox.takes(EventMessage::ID) {
             return None;

@@ -193,6 +193,7 @@ where
         handled
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &FileLink, turn: Turn) -> Option<(Instant, FileReply)> {
         if !self.status.is_used {
             return None;

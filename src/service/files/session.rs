@@ -300,8 +300,11 @@ pub(super) fn next<V>(sessions: &[Session<V>], link: LinkId, first: usize, state
 /// Returns until when a client on a link counts as transferring (F-11): it has a file open, and was heard or sent a packet of a
 /// burst in the last three seconds.
 pub(super) fn transferring_until<V>(sessions: &[Session<V>], link: LinkId, now: Instant) -> Instant {
-    let is_it = |session: &&Session<V>| session.key.is_on(link) && session.is_open();
-    let left = |session: &Session<V>| TAKEOVER.saturating_sub(now.coarse().wrapping_sub(session.touched));
-    let longest = sessions.iter().filter(is_it).map(left).max().unwrap_or(0);
+    let mut longest = 0;
+    for session in sessions {
+        if session.key.is_on(link) && session.is_open() {
+            longest = longest.max(TAKEOVER.saturating_sub(now.coarse().wrapping_sub(session.touched)));
+        }
+    }
     now.after(Duration::from_micros(u64::from(longest).wrapping_shl(10)))
 }

@@ -233,6 +233,7 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         Some(Verdict::done(result))
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &Periodic, turn: Turn) -> Option<(Instant, DeviceReply)> {
         match turn {
             Turn::GimbalDevice => link.asked().map(|asked| (view.now, DeviceReply::Asked(asked))),

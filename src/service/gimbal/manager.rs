@@ -476,6 +476,7 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
         })
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &ManagerLink, turn: Turn) -> Option<(Instant, ManagerReply)> {
         let has_listener = || has_listener(view.shared, view.peers, port);
         if turn == Turn::GimbalStatus {

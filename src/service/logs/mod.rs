@@ -180,6 +180,7 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
         Handled::Yes
     }
 
+    #[inline(always)]
     fn pending(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Option<(Instant, LogReply)> {
         let reply = match self.work {
             Work::Nothing => return None,

@@ -236,6 +236,7 @@ where
         Some(Verdict::done(result))
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, list: &List, turn: Turn) -> Option<(Instant, ExternalReply)> {
         match turn {
             Turn::ParamAnswer => self.links.is_pending(port.id).then_some((view.now, ExternalReply::Answer)),

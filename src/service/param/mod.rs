@@ -354,6 +354,7 @@ where
         Some(Verdict::done(MavResult::ACCEPTED))
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, list: &List, turn: Turn) -> Option<(Instant, ParamReply)> {
         match turn {
             Turn::ParamAnswer => self.links.is_pending(port.id).then_some((view.now, ParamReply::Answer)),
