@@ -53,7 +53,7 @@ use crate::types::{
 ///
 /// ```text
 ///   bytes ─▶ Decoder ─▶ Frame ─▶ signature ─▶ routing ─▶ address ─▶ Service::on_frame, on_command ─▶ state
-///   bytes ◀─ Outbox ◀─ one frame ◀─ for each turn, Service::next ◀─ what is pending ◀─────────────────┘
+///   bytes ◀─ Outbox ◀─ one frame ◀─ Service::send ◀─ for each turn, Service::pending ◀────────────────┘
 /// ```
 // In this order, the largest last: it takes less code to reach what is near the start of a `static`.
 #[repr(C)]

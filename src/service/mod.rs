@@ -1,7 +1,7 @@
 //! The services that a vehicle offers to its peers.
 //!
 //! Each service is a type that implements [`Service`]. Received frames and commands change its state.
-//! [`next`](Service::next) writes at most one message when a link has room. A pending answer is a flag, a cursor or a
+//! [`pending`](Service::pending) says what is to be sent and when, and [`send`](Service::send) sends it when the link has room. A pending answer is a flag, a cursor or a
 //! slot, never bytes, so a full link delays it and never loses it (D-3). The list of the services is in
 //! `stack/services.rs`; [`Turn`] is the order in which they send.
 

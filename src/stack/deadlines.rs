@@ -3,10 +3,9 @@
 //! A deadline that is too early makes a sleeping firmware spin; one that is too late makes it late. Each turn is checked by
 //! itself too.
 //!
-//! This holds after [`poll`](Stack::poll): before it the vehicle may have acted, and a file may have to be read. Six things
+//! This holds after [`poll`](Stack::poll): before it the vehicle may have acted, and a file may have to be read. Five things
 //! are due once and send nothing: the end of a link's wait for a heartbeat, a forwarded frame that has waited for too long, the heartbeat of a component in a fault, a
-//! message that the vehicle cannot fill, a step of the hash of many parameters, and a log that has no data yet. It is not due
-//! again at once.
+//! message that the vehicle cannot fill, and a log that has no data yet. It is not due again at once.
 
 mod world;
 
@@ -47,8 +46,10 @@ const COMPANION: Address = Address::new(1, 191);
 const WINGMAN: Address = Address::new(2, 1);
 
 crate::parameters! {
-    /// No more than one step of the hash takes: a hash that is not ready is due, and sends nothing.
+    /// More than one step of the hash takes.
     struct Tuning {
+        AXES: u8 = 3, 1..=6, "";
+        BAT_LOW: f32 = 10.5, 9.0..=12.6, "V";
         CRUISE: f32 = 5.0, 0.5..=20.0, "m/s";
         STARTS: u32 = 0, 0..=u32::MAX, "", [read_only];
         TRIM: i8 = -3, -20..=20, "deg";

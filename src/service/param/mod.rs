@@ -389,6 +389,14 @@ where
     }
 }
 
+#[cfg(test)]
+impl ParamService {
+    /// Whether a poll has something to compute.
+    pub(crate) const fn is_working(&self) -> bool {
+        self.links.is_hashing
+    }
+}
+
 /// The interface to storage.
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 impl ParamService {

@@ -461,7 +461,7 @@ impl World {
     pub(super) fn wake(&mut self) {
         self.poll();
         // What takes several polls is due, and sends nothing.
-        while self.stack.services.files.is_working() {
+        while self.stack.services.files.is_working() || self.stack.services.param.is_working() {
             self.poll();
         }
         for _ in 0..1_000 {
