@@ -143,6 +143,7 @@ impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
         Some(Verdict::done(if may_send { MavResult::ACCEPTED } else { MavResult::DENIED }))
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &ComponentLink, _: Turn) -> Option<(Instant, ())> {
         link.is_pending(port).then_some((view.now, ()))
     }

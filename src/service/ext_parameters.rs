@@ -492,7 +492,7 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
                 *link = ExtParamLink::VACANT;
             }
             // A link that sends MAVLink 1 cannot carry the answers.
-            StackEvent::Sent(port) if !port.outbox.takes(ParamExtValue::ID) => self.forget(port),
+            StackEvent::Sent(port, _) if !port.outbox.takes(ParamExtValue::ID) => self.forget(port),
             _ => {}
         }
     }

@@ -110,6 +110,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
         Some(Verdict::done(if is_accepted { MavResult::ACCEPTED } else { MavResult::DENIED }))
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &Schedule, turn: Turn) -> Option<(Instant, Beat)> {
         match turn {
             Turn::ExtraHeartbeat => {

@@ -65,6 +65,7 @@ impl<F: Firmware> Service<F> for Identification {
         Some(Verdict::done(MavResult::ACCEPTED))
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, _: &Port, link: &Asked, _: Turn) -> Option<(Instant, IdentityReply)> {
         let reply = match *link {
             Asked { autopilot_version: true, .. } => IdentityReply::AutopilotVersion,

@@ -220,7 +220,7 @@ pub enum StackEvent<'a, L> {
     /// service has stored by the firmware's clock, instead of the stack's, is no longer of use.
     ClockSetBack(Duration),
     /// Any service has put a frame into the link's outbox.
-    Sent(&'a Port),
+    Sent(&'a Port, &'a mut L),
 }
 
 /// The data that all services share.

@@ -35,6 +35,7 @@ impl<F: Firmware> Service<F> for Texts {
     const TURNS: &'static [Turn] = &[Turn::Text];
     type Reply = ();
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, _: &TextCursor, _: Turn) -> Option<(Instant, ())> {
         (F::HAS_TEXTS && view.texts.is_pending(LinkMask::of(port.id))).then_some((view.now, ()))
     }

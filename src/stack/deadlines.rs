@@ -354,7 +354,7 @@ macro_rules! ask {
                     if is_sent {
                         port.release();
                         services.signing.sign(now, port);
-                        services.on_sent(port);
+                        services.on_sent(port, state);
                         return true;
                     }
                 })*

@@ -130,7 +130,6 @@ enum News<'a> {
     Heard { now: Instant, from: Peer },
     NewOwner { own: SystemId, owner: SystemId },
     ClockSetBack(Duration),
-    Sent(&'a Port),
 }
 
 impl<F: Firmware> VisitAll<F> for News<'_> {
@@ -144,7 +143,6 @@ impl<F: Firmware> VisitAll<F> for News<'_> {
             News::Heard { now, from } => StackEvent::Heard { now, from },
             News::NewOwner { own, owner } => StackEvent::NewOwner { own, owner },
             News::ClockSetBack(lead) => StackEvent::ClockSetBack(lead),
-            News::Sent(port) => StackEvent::Sent(port),
         });
     }
 }
@@ -156,6 +154,17 @@ impl<F: Firmware> Visit<F> for Opened<'_> {
     #[inline(always)]
     fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool {
         service.on_event(StackEvent::Opened(self.0, link));
+        false
+    }
+}
+
+/// A frame was put into the link's outbox.
+struct Sent<'a>(&'a Port);
+
+impl<F: Firmware> Visit<F> for Sent<'_> {
+    #[inline(always)]
+    fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool {
+        service.on_event(StackEvent::Sent(self.0, link));
         false
     }
 }
@@ -314,8 +323,8 @@ impl<D: Declares> Services<D> {
         self.visit_all(&mut [], &mut News::ClockSetBack(lead));
     }
 
-    pub(super) fn on_sent(&mut self, port: &Port) {
-        self.visit_all(&mut [], &mut News::Sent(port));
+    pub(super) fn on_sent(&mut self, port: &Port, states: &mut States<D>) {
+        self.visit(states, &mut Sent(port));
     }
 
     pub(super) fn restart(&mut self, port: &Port, states: &mut States<D>) {

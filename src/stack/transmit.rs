@@ -21,7 +21,7 @@ impl<D: Declares> Services<D> {
             self.signing.sign(cx.now, port);
             port.release();
             increment(&mut port.counters.tx_frames);
-            self.on_sent(port);
+            self.on_sent(port, state);
         }
     }
 }

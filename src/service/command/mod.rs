@@ -199,6 +199,7 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
 
     /// A final result precedes the answers, because the answer to what has ended a command has the same id (C-23); but not the
     /// command's own IN_PROGRESS.
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &CommandLink, turn: Turn) -> Option<(Instant, Ack)> {
         let long = self.slots.view();
         let ack = match turn {

@@ -494,6 +494,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         }
     }
 
+    #[inline(always)]
     fn pending(&self, _: &View<'_>, port: &Port, link: &Instant, _: Turn) -> Option<(Instant, ())> {
         self.is_wanted(port).then(|| (self.due_on(port, *link), ()))
     }
@@ -520,7 +521,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
                 self.open = Window::new(Instant::ZERO);
             }
             // Counts the cost of a frame on a high-latency link.
-            StackEvent::Sent(port) if port.config.class.is_high_latency() => {
+            StackEvent::Sent(port, _) if port.config.class.is_high_latency() => {
                 let len = u32::try_from(port.outbox.pending().len()).unwrap_or(0);
                 let counters = &mut self.counters;
                 counters.messages = counters.messages.wrapping_add(1);

@@ -56,6 +56,7 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing
         show.counters(&self.counters);
     }
 
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, _: &Port, link: &SigningLink, _: Turn) -> Option<(Instant, Answer)> {
         (link.setup != Answer::None).then_some((view.now, link.setup))
     }

@@ -212,6 +212,7 @@ impl<F: Firmware> Service<F> for Time {
     }
 
     /// Answers, and the vehicle's own requests, are sent at once, because they measure time.
+    #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &TimeLink, _: Turn) -> Option<(Instant, TimeReply)> {
         let reply = if link.has_request() {
             TimeReply::Answer
