@@ -47,9 +47,10 @@ impl Hash {
         }
     }
 
-    /// Takes the last step, and returns the hash. The next step starts again.
-    pub(super) fn finish<R: Rows>(&mut self, rows: &R) -> u32 {
-        self.step(rows);
-        !core::mem::replace(self, Self::new()).crc.sum()
+    /// Returns the hash, which [is ready](Self::is_ready): it takes the last step, so that other links can have it too.
+    pub(super) fn sum<R: Rows>(&self, rows: &R) -> u32 {
+        let mut hash = *self;
+        hash.step(rows);
+        !hash.crc.sum()
     }
 }

@@ -538,7 +538,7 @@ impl<R: Rows> Table<'_, R> {
             && self.state.hash_pending.contains(link)
             && self.state.hash.is_ready(&self.rows)
         {
-            let sum = self.state.hash.finish(&self.rows);
+            let sum = self.state.hash.sum(&self.rows);
             self.state.hash_pending = self.state.hash_pending.without(link);
             return self.send_as(NO_INDEX, &HASH_NAME, MavParamType::UINT32, f32::from_bits(sum), tx);
         }
