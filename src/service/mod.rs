@@ -136,19 +136,6 @@ pub trait Service<F: Firmware> {
         false
     }
 
-    /// Puts at most one frame into the link's outbox, which is empty. Returns false if nothing is pending for this
-    /// turn.
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Self::Link, turn: Turn) -> bool {
-        let _ = (cx, port, link, turn);
-        false
-    }
-
-    /// Returns when [`next`](Self::next) has something to send in this turn, if the link has room.
-    fn due(&self, view: &View<'_>, port: &Port, link: &Self::Link, turn: Turn) -> Instant {
-        let _ = (view, port, link, turn);
-        Instant::NEVER
-    }
-
     /// Learns what has happened. Most services need none of it.
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         let _ = event;

@@ -186,12 +186,9 @@ impl<F: Firmware> Offer<'_, '_, F> {
         // Read once: what is due now needs no comparison then.
         let now = self.cx.now;
         let pending = service.pending(&View { now, ..self.cx.view() }, self.port, link, self.turn);
-        match pending {
-            Some((at, reply)) => {
-                at <= now && may_send(self.cx.shared, now) && service.send(self.cx, self.port, link, reply)
-            }
-            None => service.next(self.cx, self.port, link, self.turn),
-        }
+        pending.is_some_and(|(at, reply)| {
+            at <= now && may_send(self.cx.shared, now) && service.send(self.cx, self.port, link, reply)
+        })
     }
 }
 
@@ -242,7 +239,7 @@ impl<F: Firmware> Look<F> for When<'_> {
         if self.turn.is_sign_of_life() {
             at = self.view.shared.when_beating(self.view.now, at);
         }
-        self.due = self.due.min(at).min(service.due(self.view, self.port, link, self.turn));
+        self.due = self.due.min(at);
     }
 }
 
