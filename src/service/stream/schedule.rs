@@ -297,7 +297,7 @@ impl Streams {
     pub(super) fn refresh(&mut self, table: &[Stream], slots: &[Slot], profile: StreamProfile) {
         let reached = if self.cursor == 0 { u8::MAX } else { self.cursor };
         let (mut fast, mut slow) = (NONE, NONE);
-        for (number, (stream, slot)) in (1..).zip(table.iter().zip(slots)) {
+        for (number, (stream, slot)) in (1..=u8::MAX).zip(table.iter().zip(slots)) {
             let Some(interval) = slot.interval(stream, profile) else { continue };
             if slot.left <= DUE && number >= reached {
                 self.cursor = number;
