@@ -186,9 +186,12 @@ impl<F: Firmware> Offer<'_, '_, F> {
         // Read once: what is due now needs no comparison then.
         let now = self.cx.now;
         let pending = service.pending(&View { now, ..self.cx.view() }, self.port, link, self.turn);
-        pending.is_some_and(|(at, reply)| {
-            at <= now && may_send(self.cx.shared, now) && service.send(self.cx, self.port, link, reply)
-        })
+        match pending {
+            Some((at, reply)) => {
+                at <= now && may_send(self.cx.shared, now) && service.send(self.cx, self.port, link, reply)
+            }
+            None => false,
+        }
     }
 }
 
