@@ -21,7 +21,7 @@ fn bulk_due(share: &Share, turn: Turn) -> Instant {
 }
 
 /// The turns of a service, a bit each.
-struct Turns<F, S>(F, S);
+pub(super) struct Turns<F, S>(F, S);
 
 impl<F: Firmware, S: Service<F>> Turns<F, S> {
     const BITS: u64 = {
@@ -33,7 +33,7 @@ impl<F: Firmware, S: Service<F>> Turns<F, S> {
         bits
     };
 
-    const fn has(turn: Turn) -> bool {
+    pub(super) const fn has(turn: Turn) -> bool {
         Self::BITS & turn.bit() != 0
     }
 }
@@ -341,7 +341,7 @@ impl<D: Declares> Services<D> {
     #[inline(always)]
     pub(super) fn offer(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, states: &mut States<D>, turn: Turn) -> bool {
         match turn {
-            Turn::Bulk | Turn::LateBulk => self.offer_bulk(cx, port, states, turn),
+            Turn::Bulk | Turn::LateBulk => Self::HAS_BULK && self.offer_bulk(cx, port, states, turn),
             _ => self.visit(states, &mut Offer { cx, port, turn }),
         }
     }

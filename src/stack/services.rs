@@ -1,6 +1,7 @@
 //! The list of the services. [`Turn`](crate::service::Turn) has the order in which they send.
 
 use super::Declares;
+use super::fanout::Turns;
 use crate::dialect::MavProtocolCapability;
 use crate::service::command::CommandService;
 #[cfg(test)]
@@ -8,7 +9,7 @@ use crate::service::example::Tunes;
 use crate::service::heartbeat::Heartbeats;
 use crate::service::identity::Identification;
 use crate::service::statustext::Texts;
-use crate::service::{Service, Share};
+use crate::service::{Service, Share, Turn};
 use crate::types::Firmware;
 
 /// What the stack does with each service of a list, by turns.
@@ -61,6 +62,9 @@ macro_rules! define {
 
         impl<D: Declares> Services<D> {
             pub(crate) const NEW: Self = Self { $($name: <$service as Service<D>>::NEW,)* };
+
+            /// Whether a service sends bulk data.
+            pub(super) const HAS_BULK: bool = false $(|| Turns::<D, $service>::has(Turn::Bulk))*;
 
             /// The capabilities of all services, for AUTOPILOT_VERSION.
             pub(crate) const CAPABILITIES: MavProtocolCapability =
