@@ -458,7 +458,7 @@ fn only_a_service_knows_its_messages_and_its_links() {
     let all = places(&modules, |_| true, &["fn", "on_frame"]);
     assert_eq!(all, takes_self, "an `on_frame` that is none of a service");
     for path in all {
-        let is_list = path.last().is_some_and(|name| name == "services");
+        let is_list = path.last().is_some_and(|name| name == "fanout");
         assert!(is_list || path[0] == "service", "{path:?} has an `on_frame`");
     }
 }
