@@ -297,7 +297,9 @@ impl Streams {
     pub(super) fn refresh(&mut self, table: &[Stream], slots: &[Slot], profile: StreamProfile) {
         let reached = if self.cursor == 0 { u8::MAX } else { self.cursor };
         let (mut fast, mut slow) = (NONE, NONE);
-        for (number, (stream, slot)) in (1..=u8::MAX).zip(table.iter().zip(slots)) {
+        let mut number = 0u8;
+        for (stream, slot) in table.iter().zip(slots) {
+            number = number.saturating_add(1);
             let Some(interval) = slot.interval(stream, profile) else { continue };
             if slot.left <= DUE && number >= reached {
                 self.cursor = number;
