@@ -50,9 +50,11 @@ pub trait Counters {
     /// Returns the sum of the counters of what was dropped. Wraps.
     fn drops(&self) -> u32;
 
-    /// Logs all counters.
+    /// Logs all counters; by default their sum.
     #[cfg(feature = "defmt")]
-    fn log(&self);
+    fn log(&self) {
+        event!("{=u32} dropped", self.drops());
+    }
 }
 
 /// Increments a counter, which wraps.

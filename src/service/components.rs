@@ -25,7 +25,7 @@ use crate::types::{Command, Component, Context, Firmware, Outcome};
 const MAVLINK_VERSION: u8 = 3;
 
 /// The other components of the firmware, and their commands. For a vehicle that declares `components` in
-/// [`stack!`](crate::stack).
+/// [`#[stack]`](macro@crate::Stack).
 ///
 /// ```
 /// use mavstack::dialect::{MavCmd, MavResult, MavState, MavType};
@@ -57,13 +57,13 @@ const MAVLINK_VERSION: u8 = 3;
 ///     }
 /// }
 ///
-/// stack! {
-///     struct Mavlink for Copter { links: 2, components }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Copter, links: 2, components)]
+/// struct Mavlink;
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Components`",
-    note = "`components` in `stack!` needs `impl Components for {Self}`: write it, or leave `components` out"
+    note = "`components` in `#[stack]` needs `impl Components for {Self}`: write it, or leave `components` out"
 )]
 pub trait Components {
     /// The components besides the autopilot, at most three. None has the component id of [`Config`](crate::Config).

@@ -34,7 +34,7 @@ impl<F: Firmware> Service<F> for Tunes {
     const NEW: Self = Self { received: 0 };
     type Link = TuneLink;
     const VACANT: TuneLink = TuneLink { is_answer_pending: false };
-    const TURNS: &'static [Turn] = &[Turn::Example];
+    const TURNS: &'static [Turn] = &[Turn::Answer];
     type Reply = ();
 
     /// Receiving changes state and sends nothing.

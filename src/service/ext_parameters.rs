@@ -126,7 +126,7 @@ impl<'a> ExtValue<'a> {
     }
 }
 
-/// Extended parameters, for a vehicle that declares `ext_parameters` in [`stack!`](crate::stack).
+/// Extended parameters, for a vehicle that declares `ext_parameters` in [`#[stack]`](macro@crate::Stack).
 ///
 /// ```
 /// use mavstack::dialect::{MavResult, ParamAck};
@@ -136,9 +136,9 @@ impl<'a> ExtValue<'a> {
 /// /// A camera with two settings.
 /// struct Surveyor { iso: u32, owner: [u8; 16] }
 ///
-/// stack! {
-///     struct Mavlink for Surveyor { links: 1, ext_parameters }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Surveyor, links: 1, ext_parameters)]
+/// struct Mavlink;
 ///
 /// impl ExtParameters for Surveyor {
 ///     fn ext_param_count(&self) -> u16 {
@@ -171,7 +171,7 @@ impl<'a> ExtValue<'a> {
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `ExtParameters`",
-    note = "`ext_parameters` in `stack!` needs `impl ExtParameters for {Self}`: write it, or leave `ext_parameters` out"
+    note = "`ext_parameters` in `#[stack]` needs `impl ExtParameters for {Self}`: write it, or leave `ext_parameters` out"
 )]
 pub trait ExtParameters {
     /// The component that has the parameters, such as the camera with id 100. `None` is the autopilot.
@@ -208,7 +208,7 @@ impl Answer {
         Self { links: LinkMask::NONE, index: 0, name: [0; 16], kind: MavParamExtType(0), result: ParamAck::ACCEPTED };
 }
 
-/// The server of extended parameters: declared by `ext_parameters` in [`stack!`](crate::stack), and used through
+/// The server of extended parameters: declared by `ext_parameters` in [`#[stack]`](macro@crate::Stack), and used through
 /// [`Stack::ext_parameters_mut`](crate::Stack::ext_parameters_mut).
 ///
 /// Each PARAM_EXT_SET is answered by a PARAM_EXT_ACK on every normal link that carries MAVLink 2, so that all ground stations learn of

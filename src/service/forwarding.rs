@@ -10,7 +10,7 @@ use crate::network::{self, Booking, ForwardQueues, Passage};
 use crate::time::Instant;
 use crate::types::{Firmware, LinkId, LinkMask, Peer};
 
-/// Forwards frames between the links. Declared by `forwarding` in [`stack!`](crate::stack).
+/// Forwards frames between the links. Declared by `forwarding` in [`#[stack]`](macro@crate::Stack).
 #[derive(Debug)]
 pub struct Forwarding<const LINKS: usize, const BYTES: usize, const SEEN: usize> {
     pub(crate) queues: ForwardQueues<LINKS, BYTES, SEEN>,

@@ -35,8 +35,6 @@ impl<F: Firmware> Service<F> for Identification {
     type Reply = IdentityReply;
     const ABOUT: About = About { capabilities: MavProtocolCapability::MAVLINK2, ..About::AUTOPILOT };
 
-    /// The last service that sees MAV_CMD_REQUEST_MESSAGE. An id that no service can send is DENIED, because the
-    /// command itself is supported.
     #[inline(never)]
     fn on_command(
         &mut self,
@@ -47,20 +45,21 @@ impl<F: Firmware> Service<F> for Identification {
     ) -> Option<Verdict> {
         let command = &request.command;
         let [first, ..] = command.params;
-        let id = match command.id {
-            MavCmd::REQUEST_MESSAGE => num::integer::<u32>(first).filter(|_| command.has_response_target()),
+        let (id, is_valid) = match command.id {
+            MavCmd::REQUEST_MESSAGE => (num::integer(first)?, command.has_response_target()),
             // The commands that REQUEST_MESSAGE replaced: parameter 1 must be 1.
-            MavCmd::REQUEST_AUTOPILOT_CAPABILITIES => (num::integer(first) == Some(1)).then_some(AutopilotVersion::ID),
-            MavCmd::REQUEST_PROTOCOL_VERSION => (num::integer(first) == Some(1)).then_some(ProtocolVersion::ID),
+            MavCmd::REQUEST_AUTOPILOT_CAPABILITIES => (AutopilotVersion::ID, first == 1.0),
+            MavCmd::REQUEST_PROTOCOL_VERSION => (ProtocolVersion::ID, first == 1.0),
             _ => return None,
         };
         let asked = match id {
-            _ if port.config.class.is_high_latency() => None,
-            Some(AutopilotVersion::ID) => Some(&mut link.autopilot_version),
-            Some(ProtocolVersion::ID) => Some(&mut link.protocol_version),
-            _ => None,
+            AutopilotVersion::ID => &mut link.autopilot_version,
+            ProtocolVersion::ID => &mut link.protocol_version,
+            _ => return None,
         };
-        let Some(asked) = asked else { return Some(Verdict::done(MavResult::DENIED)) };
+        if !is_valid || port.config.class.is_high_latency() {
+            return Some(Verdict::done(MavResult::DENIED));
+        }
         *asked = true;
         Some(Verdict::done(MavResult::ACCEPTED))
     }

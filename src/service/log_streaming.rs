@@ -33,14 +33,14 @@ const NO_MESSAGE: u8 = u8::MAX;
 /// The length of the header of a ULog file.
 const HEADER: u32 = 16;
 
-/// The hooks of a vehicle that streams its log, for a vehicle that declares `log_streaming` in [`stack!`](crate::stack).
+/// The hooks of a vehicle that streams its log, for a vehicle that declares `log_streaming` in [`#[stack]`](macro@crate::Stack).
 ///
 /// The log is in the [ULog](https://docs.px4.io/main/en/dev_log/ulog_file_format.html) format: a header and
 /// definitions, which are the same for the whole log, then data, which is streamed as it is recorded. The stack finds
 /// the message boundaries.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `LogStreaming`",
-    note = "`log_streaming` in `stack!` needs `impl LogStreaming for {Self}`: write it, or leave `log_streaming` out"
+    note = "`log_streaming` in `#[stack]` needs `impl LogStreaming for {Self}`: write it, or leave `log_streaming` out"
 )]
 pub trait LogStreaming {
     /// Starts a stream of the data that is recorded from now on. Returns ACCEPTED or a refusal. A previous stream has
@@ -94,7 +94,7 @@ pub enum StreamingReply {
     Data,
 }
 
-/// The state of log streaming: declared by `log_streaming` in [`stack!`](crate::stack), and read through
+/// The state of log streaming: declared by `log_streaming` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::log_streaming`](crate::Stack::log_streaming). The vehicle's part is [`LogStreaming`].
 ///
 /// ```text

@@ -84,7 +84,7 @@ pub(crate) const fn id_of<M: Message>() -> u32 {
 
 impl Context<'_> {
     /// Sends message `M` when a link of `to` has room: the stack then calls [`Telemetry::fill`] with this `index`, as for a
-    /// stream, but `M` need not be one of [`STREAMS`](Telemetry::STREAMS). Needs `messages` in [`stack!`](crate::stack).
+    /// stream, but `M` need not be one of [`STREAMS`](Telemetry::STREAMS). Needs `messages` in [`#[stack]`](macro@crate::Stack).
     ///
     /// Each link has room for eight messages, sends them in order, after all answers, and uses at most half of its rate for
     /// them. The same message to the same destination is sent once until then. Returns false if no link has room: then

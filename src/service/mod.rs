@@ -6,44 +6,47 @@
 //! `stack/services.rs`; [`Turn`] is the order in which they send.
 
 mod gate;
+mod list;
 mod schedule;
 mod share;
 mod token_bucket;
 mod turn;
 
-pub mod camera;
+pub(crate) mod camera;
 pub(crate) mod client;
-pub mod command;
+pub(crate) mod command;
 pub(crate) mod components;
-pub mod events;
+pub(crate) mod events;
 #[cfg(test)]
-pub mod example;
-pub mod ext_parameters;
-pub mod files;
+pub(crate) mod example;
+pub(crate) mod ext_parameters;
+pub(crate) mod files;
 pub(crate) mod forwarding;
-pub mod gimbal;
+pub(crate) mod gimbal;
 pub(crate) mod heartbeat;
-pub mod high_latency;
+pub(crate) mod high_latency;
 pub(crate) mod identity;
-pub mod log_streaming;
-pub mod logs;
-pub mod manual_control;
+pub(crate) mod log_streaming;
+pub(crate) mod logs;
+pub(crate) mod manual_control;
 pub(crate) mod messages;
-pub mod mission;
-pub mod mode;
-pub mod operator_control;
-pub mod param;
+pub(crate) mod mission;
+pub(crate) mod mode;
+pub(crate) mod operator_control;
+pub(crate) mod param;
 pub(crate) mod periodic;
 #[cfg(test)]
 pub(crate) mod rest;
-pub mod setpoints;
+pub(crate) mod setpoints;
 #[cfg(feature = "signing")]
-pub mod signing;
+pub(crate) mod signing;
 pub(crate) mod statustext;
 pub(crate) mod stream;
-pub mod time;
+pub(crate) mod time;
 
+#[doc(hidden)]
 pub use gate::{Absent, ControlGate, ForwardingGate, OwnCommands, SigningGate, SticksGate, WithoutSigning};
+pub use list::{Look, LookAll, ServiceList, Visit, VisitAll};
 pub(crate) use share::{COST_OF_BYTE, MAX_LATENESS, Share};
 #[cfg(test)]
 pub(crate) use turn::TABLE;
@@ -52,22 +55,29 @@ pub(crate) use turn::turns;
 
 use crate::dialect::{MavCmd, MavProtocolCapability, MavResult, MavSeverity};
 use crate::frame::Frame;
-use crate::link::Port;
+pub use crate::link::Port;
 pub use crate::log::Counters;
 pub(crate) use crate::log::increment;
-use crate::message::{Address, ComponentId, SystemId};
+use crate::message::{Address, ComponentId, Message, SystemId};
 use crate::network::{PeerInfo, Peers};
+use crate::num;
 use crate::time::{Clock, Duration, Instant};
+pub use crate::types::Firmware;
 use crate::types::{
-    Command, Config, Context, EventLog, Firmware, Flight, HookFaults, LinkId, LinkMask, Origin, Outcome, Peer,
-    PlansMut, Refusal, Requests, SignedAt, StatusTexts, Values,
+    Command, Config, Context, EventLog, Flight, HookFaults, LinkId, LinkMask, Origin, Outcome, Peer, PlansMut, Refusal,
+    Requests, SignedAt, StatusTexts, Values,
 };
 
 /// A service of the firmware `F`. It calls the hooks of the firmware's vehicle.
 ///
 /// A call for a link gets the link's port and the service's own state on that link. A service that is not declared
 /// keeps the default methods, which compile to nothing.
-pub trait Service<F: Firmware> {
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is no service of this vehicle",
+    label = "a field of a stack is a service",
+    note = "if it is one, the vehicle does not implement its hooks"
+)]
+pub trait Service<F: Firmware>: Sized {
     /// The service's state on a link.
     type Link: core::fmt::Debug;
 
@@ -76,6 +86,9 @@ pub trait Service<F: Firmware> {
 
     /// What the stack must know about the service at compile time.
     const ABOUT: About = About::AUTOPILOT;
+
+    /// Fails to compile if the sizes of the service, or the constants of its hooks, are wrong.
+    const CHECK: () = ();
 
     /// The initial service: all zero bits, if the service is part of the stack, so it takes no flash.
     const NEW: Self;
@@ -163,6 +176,18 @@ impl About {
     pub const AUTOPILOT: Self =
         Self { capabilities: MavProtocolCapability::EMPTY, part: Part::Autopilot, is_of_components: false };
 
+    /// Returns the capabilities of all, or only of those that are left out with the other components.
+    pub(crate) const fn capabilities(all: &[Self], of_components: bool) -> MavProtocolCapability {
+        let (mut capabilities, mut rest) = (MavProtocolCapability::EMPTY, all);
+        while let [about, others @ ..] = rest {
+            if !of_components || about.is_of_components {
+                capabilities = capabilities.with(about.capabilities);
+            }
+            rest = others;
+        }
+        capabilities
+    }
+
     /// A service that is this component of the firmware; a part of the autopilot if it is none.
     pub(crate) const fn of(component: Option<ComponentId>) -> Self {
         match component {
@@ -175,6 +200,7 @@ impl About {
 /// The component that a service is a part of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
+    /// The autopilot itself.
     Autopilot,
     /// Another component of the firmware: the service is this component.
     Component(ComponentId),
@@ -200,9 +226,19 @@ pub enum StackEvent<'a, L> {
     /// The link was opened again: pending answers that mean nothing to the new peers are discarded.
     Opened(&'a Port, &'a mut L),
     /// A frame was accepted, whatever its message.
-    Heard { now: Instant, from: Peer },
+    Heard {
+        /// The time.
+        now: Instant,
+        /// The sender.
+        from: Peer,
+    },
     /// Another system is in control, besides our own: what others have sent ends.
-    NewOwner { own: SystemId, owner: SystemId },
+    NewOwner {
+        /// The vehicle's system.
+        own: SystemId,
+        /// The system in control.
+        owner: SystemId,
+    },
     /// The firmware's clock was set back by a second or more, and the stack's is ahead of it by this time from now on. What the
     /// service has stored by the firmware's clock, instead of the stack's, is no longer of use.
     ClockSetBack(Duration),
@@ -361,16 +397,26 @@ impl<F: Firmware> Cx<'_, F> {
         }
     }
 
+    /// Returns the time, by the stack's clock, which is never set back.
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Returns the vehicle's address.
+    pub fn address(&self) -> Address {
+        self.shared.config.address.get()
+    }
+
     /// Sends a text on every normal link. Compiled out if there is no queue of texts.
     #[inline(never)]
-    pub(crate) fn say(&mut self, severity: MavSeverity, text: &[u8]) {
+    pub fn say(&mut self, severity: MavSeverity, text: &[u8]) {
         if F::HAS_TEXTS {
             self.texts.push(self.now, self.shared.normal, severity, text);
         }
     }
 
     /// Returns the vehicle, and the context for its hooks.
-    pub(crate) fn hook(&mut self) -> (&mut F::Vehicle, Context<'_>) {
+    pub fn hook(&mut self) -> (&mut F::Vehicle, Context<'_>) {
         let context = Context {
             now: self.now,
             texts: self.texts,
@@ -395,6 +441,18 @@ pub struct View<'a> {
     pub(crate) events: &'a EventLog,
 }
 
+impl View<'_> {
+    /// Returns the time, by the stack's clock.
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Returns the vehicle's address.
+    pub fn address(&self) -> Address {
+        self.shared.config.address.get()
+    }
+}
+
 /// A frame that is addressed to us or to all.
 pub struct Received<'a> {
     pub(crate) frame: &'a Frame<'a>,
@@ -411,6 +469,7 @@ pub struct Received<'a> {
 pub enum Handled {
     /// The service does not handle its message.
     No,
+    /// It was handled.
     Yes,
     /// There is no room for its answer, so it was dropped without effect. Counted.
     NoRoom,
@@ -428,17 +487,38 @@ pub struct Request {
     pub(crate) set_mode: Option<u32>,
     /// Set by the stack.
     pub(crate) signed_at: SignedAt,
+    /// No service has answered it: the streams then answer for a message that nobody knows.
+    pub(crate) is_unclaimed: bool,
+}
+
+impl Request {
+    /// Returns the command.
+    pub const fn command(&self) -> &Command {
+        &self.command
+    }
+
+    /// Whether it is MAV_CMD_REQUEST_MESSAGE for message `M`.
+    pub fn asks_for<M: Message>(&self) -> bool {
+        let [id, ..] = self.command.params;
+        self.command.id == MavCmd::REQUEST_MESSAGE && num::integer(id) == Some(M::ID)
+    }
+
+    /// Whether the answer to a request may be sent on the link on which it was received. Otherwise it is DENIED.
+    pub fn has_response_target(&self) -> bool {
+        self.command.has_response_target()
+    }
 }
 
 impl From<Command> for Request {
     fn from(command: Command) -> Self {
-        Self { answer_as: command.id, command, set_mode: None, signed_at: None }
+        Self { answer_as: command.id, command, set_mode: None, signed_at: None, is_unclaimed: false }
     }
 }
 
 /// The answer to a command.
 #[derive(Clone, Copy, Debug)]
 pub enum Verdict {
+    /// The vehicle's answer, or one that needs no text.
     Done(Outcome),
     /// The stack refused the command: a text explains why.
     Refused(Refusal),
@@ -462,7 +542,28 @@ impl Verdict {
     }
 }
 
+impl From<MavResult> for Verdict {
+    fn from(result: MavResult) -> Self {
+        Self::done(result)
+    }
+}
+
 impl Received<'_> {
+    /// Returns the frame.
+    pub const fn frame(&self) -> &Frame<'_> {
+        self.frame
+    }
+
+    /// Returns the sender, and the link on which the frame was received.
+    pub const fn from(&self) -> Peer {
+        self.from
+    }
+
+    /// Returns the address to which the frame is sent: our system and component, or 0 for all.
+    pub const fn target(&self) -> Address {
+        self.target
+    }
+
     pub(crate) fn origin(&self, port: &Port) -> Origin {
         Origin { from: self.from, class: port.config.class, age: self.age }
     }

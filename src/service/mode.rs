@@ -121,7 +121,7 @@ pub struct ModeRequest {
     pub is_broadcast: bool,
 }
 
-/// Flight modes, for a vehicle that declares `modes` in [`stack!`](crate::stack). Without it, the two commands about
+/// Flight modes, for a vehicle that declares `modes` in [`#[stack]`](macro@crate::Stack). Without it, the two commands about
 /// modes reach [`Commands::command`](crate::Commands::command), and SET_MODE reaches [`Vehicle::message`].
 ///
 /// ```
@@ -155,7 +155,7 @@ pub struct ModeRequest {
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Modes`",
-    note = "`modes` in `stack!` needs `impl Modes for {Self}`: write it, or leave `modes` out"
+    note = "`modes` in `#[stack]` needs `impl Modes for {Self}`: write it, or leave `modes` out"
 )]
 pub trait Modes: Vehicle {
     /// The flight modes, including those that the vehicle only enters by itself. At most

@@ -70,7 +70,7 @@ counters! {
     }
 }
 
-/// Operator control: declared by `operator_control` in [`stack!`](crate::stack), and read through
+/// Operator control: declared by `operator_control` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::operator_control`](crate::Stack::operator_control).
 ///
 /// ```text
@@ -109,19 +109,19 @@ counters! {
 /// # impl Commands for Rover {
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
 /// # }
-/// mavstack::stack! {
-///     struct Mavlink for Rover { links: 2, manual_control, operator_control }
-/// }
+/// #[derive(mavstack::Stack)]
+/// #[stack(vehicle: Rover, links: 2, manual_control, operator_control)]
+/// struct Mavlink;
 ///
 /// /// Called once, before the loop. System 253 plans missions for the pilots: it never steers.
-/// fn configure(stack: &mut Mavlink) {
+/// fn configure(stack: &mut StackOf<Mavlink>) {
 ///     let control = stack.operator_control_mut();
 ///     control.set_secondaries(&[message::SystemId(253)]);
 ///     // A failsafe decides what happens when the owner is lost, not the next station.
 ///     control.set_release_on_loss(false);
 /// }
 ///
-/// fn pilot(stack: &Mavlink, now: Instant) -> Option<message::SystemId> {
+/// fn pilot(stack: &StackOf<Mavlink>, now: Instant) -> Option<message::SystemId> {
 ///     stack.operator(now)
 /// }
 /// ```

@@ -44,7 +44,7 @@ counters! {
     }
 }
 
-/// Setpoints: declared by `setpoints` in [`stack!`](crate::stack), and read through
+/// Setpoints: declared by `setpoints` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::setpoints`](crate::Stack::setpoints). A vehicle without it gets the messages in
 /// [`Vehicle::message`](crate::Vehicle::message), without any check of their sender or their age.
 ///
@@ -86,17 +86,17 @@ counters! {
 /// # impl Commands for Rover {
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
 /// # }
-/// mavstack::stack! {
-///     struct Mavlink for Rover { links: 1, setpoints }
-/// }
+/// #[derive(mavstack::Stack)]
+/// #[stack(vehicle: Rover, links: 1, setpoints)]
+/// struct Mavlink;
 ///
 /// /// Called once, before the loop: until then no sender is authorised. The companion computer is a component of our system.
-/// fn configure(stack: &mut Mavlink) {
+/// fn configure(stack: &mut StackOf<Mavlink>) {
 ///     stack.setpoints_mut().set_source(ControlSource::System(message::SystemId(1)));
 /// }
 ///
 /// /// Called in every pass of the flight loop, in the mode that flies setpoints. Returns the velocity to the north and to the east.
-/// fn velocity(stack: &Mavlink, now: Instant) -> Option<[f32; 2]> {
+/// fn velocity(stack: &StackOf<Mavlink>, now: Instant) -> Option<[f32; 2]> {
 ///     match stack.setpoints().current(now)?.target {
 ///         Target::Position(PositionSetpoint {
 ///             frame: dialect::MavFrame::LOCAL_NED,

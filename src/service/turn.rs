@@ -9,12 +9,10 @@ use crate::link::Pace;
 use crate::types::LinkClass;
 
 /// Passes the ordered list of turns to a macro. Each turn has its service, its pace, the class of link that has it, the
-/// messages that it sends, and a description of when it sends. The last line is the example's, which only unit tests
-/// compile.
+/// messages that it sends, and a description of when it sends.
 macro_rules! turns {
     ($callback:ident) => {
-        $crate::service::turns! {
-            $callback:
+        $callback! {
             Heartbeat heartbeat Stalled Normal "HEARTBEAT" "at once";
             ExtraHeartbeat heartbeat Room Normal "HEARTBEAT after a change of the state, or on request" "while the link has room";
             ComponentHeartbeat components AtOnce Normal "HEARTBEAT of the firmware's other components" "at once, after the autopilot's";
@@ -34,6 +32,7 @@ macro_rules! turns {
             OperatorControl operator_control Room Normal "COMMAND_LONG that tells the owner of a request, CONTROL_STATUS" "while the link has room";
             Gimbal gimbal_manager Room Normal "GIMBAL_MANAGER_INFORMATION; GIMBAL_MANAGER_STATUS after a change; GIMBAL_DEVICE_SET_ATTITUDE, AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, COMMAND_LONG to a gimbal device" "while the link has room";
             GimbalDevice gimbal_device Room Normal "GIMBAL_DEVICE_INFORMATION" "while the link has room";
+            Answer own Room Normal "what services of other crates answer" "while the link has room";
             CurrentMode mode Room Normal "CURRENT_MODE, AVAILABLE_MODES_MONITOR" "while the link has room";
             MissionProgress mission Room Normal "MISSION_ITEM_REACHED, MISSION_CURRENT" "while the link has room";
             ModeList mode Room Normal "AVAILABLE_MODES" "while the link has room";
@@ -47,18 +46,11 @@ macro_rules! turns {
             GimbalStatus gimbal_manager Idle Normal "GIMBAL_MANAGER_STATUS" "while the link is idle";
             GimbalAttitude gimbal_device Idle Normal "GIMBAL_DEVICE_ATTITUDE_STATUS" "while the link is idle";
             Stream stream Idle Normal "streams" "while the link is idle";
+            Report own Idle Normal "what services of other crates send by themselves" "while the link is idle";
             Forwarded forwarding Idle Every "forwarded frames" "while the link is idle";
             ParamList param Room Normal "the list of all parameters" "while the link has room, at 40 % of its rate";
             Bulk bulk Idle Normal "FILE_TRANSFER_PROTOCOL with data; LOG_ENTRY, LOG_DATA; LOGGING_DATA_ACKED, LOGGING_DATA" "while the link is idle";
-            #[cfg(test)]
-            Example example Room Normal "NAMED_VALUE_INT" "while the link has room";
         }
-    };
-    ($callback:ident: $($a:ident $b:ident $c:ident $d:ident $e:literal $f:literal;)* #[cfg(test)] $($example:tt)*) => {
-        #[cfg(not(test))]
-        $callback! { $($a $b $c $d $e $f;)* }
-        #[cfg(test)]
-        $callback! { $($a $b $c $d $e $f;)* $($example)* }
     };
 }
 pub(crate) use turns;
@@ -74,6 +66,16 @@ macro_rules! define {
         )* }
 
         impl Turn {
+            /// Returns a set of turns, a bit each.
+            pub(crate) const fn bits(turns: &[Self]) -> u64 {
+                let (mut bits, mut rest) = (0, turns);
+                while let [turn, others @ ..] = rest {
+                    bits |= turn.bit();
+                    rest = others;
+                }
+                bits
+            }
+
             /// Returns the turn's bit in a set of turns.
             #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called")]
             pub(crate) const fn bit(self) -> u64 {
@@ -101,16 +103,10 @@ macro_rules! define {
             }
         }
 
-        /// The order as a table of text: turn, service, messages, when. `docs/architecture.md` shows it. The example is
-        /// left out.
+        /// The order as a table of text: turn, service, messages, when. `docs/architecture.md` shows it.
         #[cfg(test)]
-        pub(crate) const TABLE: &[(Turn, &str, &str, &str)] = {
-            let rows: &[_] = &[$((Turn::$turn, stringify!($service), $messages, $when)),*];
-            match rows {
-                [table @ .., (Turn::Example, ..)] => table,
-                _ => rows,
-            }
-        };
+        pub(crate) const TABLE: &[(Turn, &str, &str, &str)] =
+            &[$((Turn::$turn, stringify!($service), $messages, $when)),*];
     };
 }
 

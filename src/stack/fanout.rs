@@ -1,14 +1,15 @@
 //! What each call of the stack does with the services.
 
 use super::Declares;
-use super::services::{Look, LookAll, Services, States, Visit, VisitAll};
+use super::services::{Services, States};
+use crate::dialect::{MavCmd, MavResult};
 use crate::link::{Pace, Port, Transport};
 use crate::message::{ComponentId, SystemId};
 #[cfg(feature = "defmt")]
 use crate::service::ShowCounters;
 use crate::service::{
-    COST_OF_BYTE, Cx, Handled, MAX_LATENESS, Part, Received, Request, Service, Share, Shared, StackEvent, Turn,
-    Verdict, View, turns,
+    COST_OF_BYTE, Cx, Handled, Look, LookAll, MAX_LATENESS, Part, Received, Request, Service, Share, Shared,
+    StackEvent, Turn, Verdict, View, Visit, VisitAll, turns,
 };
 use crate::time::{Duration, Instant};
 use crate::types::{Config, Firmware, Peer};
@@ -24,14 +25,7 @@ fn bulk_due(share: &Share, turn: Turn) -> Instant {
 pub(super) struct Turns<F, S>(F, S);
 
 impl<F: Firmware, S: Service<F>> Turns<F, S> {
-    const BITS: u64 = {
-        let (mut bits, mut turns) = (0, S::TURNS);
-        while let [turn, rest @ ..] = turns {
-            bits |= turn.bit();
-            turns = rest;
-        }
-        bits
-    };
+    const BITS: u64 = Turn::bits(S::TURNS);
 
     pub(super) const fn has(turn: Turn) -> bool {
         Self::BITS & turn.bit() != 0
@@ -290,11 +284,19 @@ impl<D: Declares> Services<D> {
         cx: &mut Cx<'_, D>,
         port: &mut Port,
         states: &mut States<D>,
-        request: &Request,
+        request: &mut Request,
     ) -> Option<Verdict> {
-        let mut visit = OnCommand { cx, port, request, only: None, verdict: None };
-        self.visit(states, &mut visit);
-        visit.verdict
+        let is_of_component = D::is_component(request.command.component);
+        for is_unclaimed in [false, true] {
+            request.is_unclaimed = is_unclaimed;
+            let mut visit = OnCommand { cx: &mut *cx, port: &mut *port, request, only: None, verdict: None };
+            if self.visit(states, &mut visit) {
+                return visit.verdict;
+            }
+        }
+        // A message that no service knows: the command itself is supported.
+        let is_refused = request.command.id == MavCmd::REQUEST_MESSAGE && !is_of_component;
+        is_refused.then(|| Verdict::done(MavResult::DENIED))
     }
 
     /// Offers a command of the firmware itself to the services that are one of its other components.

@@ -204,9 +204,9 @@ impl<D: Declares> Services<D> {
         frame: &Frame<'_>,
         target: Address,
     ) -> bool {
-        let request = self.request(cx.now, port, frame, target);
+        let mut request = self.request(cx.now, port, frame, target);
         // By reference: it is large.
-        let Some(request) = &request else { return false };
+        let Some(request) = &mut request else { return false };
         if CommandService::<D::Commands>::has_room(port, &state.command) {
             // Before every hook, `is_in_control` included (O-5).
             let own = cx.shared.config.address.get().system;

@@ -4,35 +4,19 @@ use super::Declares;
 use super::fanout::Turns;
 use crate::dialect::MavProtocolCapability;
 use crate::service::command::CommandService;
-#[cfg(test)]
-use crate::service::example::Tunes;
 use crate::service::heartbeat::Heartbeats;
 use crate::service::identity::Identification;
 use crate::service::statustext::Texts;
-use crate::service::{Service, Share, Turn};
-use crate::types::Firmware;
+use crate::service::{About, Look, LookAll, Service, ServiceList, Share, Turn, Visit, VisitAll};
 
-/// What the stack does with each service of a list, by turns.
-pub(crate) trait Visit<F: Firmware> {
-    /// Visits a service with its state on a link. Returns true to visit no more.
-    fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool;
-}
-
-/// What the stack asks of each service and its state on a link.
-pub(crate) trait Look<F: Firmware> {
-    fn look<S: Service<F>>(&mut self, service: &S, link: &S::Link);
-}
-
-/// What the stack does with each service, with its states on all links.
-pub(crate) trait VisitAll<F: Firmware> {
-    fn visit<'l, S: Service<F>>(&mut self, service: &mut S, links: impl Iterator<Item = &'l mut S::Link>)
-    where
-        S::Link: 'l;
-}
-
-/// What the stack asks of each service.
-pub(crate) trait LookAll<F: Firmware> {
-    fn look<S: Service<F>>(&mut self, service: &S);
+/// Whether a service with one of these lists of turns sends bulk data.
+const fn has_bulk(lists: &[&[Turn]]) -> bool {
+    let (mut has_bulk, mut lists) = (false, lists);
+    while let [turns, rest @ ..] = lists {
+        has_bulk |= Turn::bits(turns) & Turn::Bulk.bit() != 0;
+        lists = rest;
+    }
+    has_bulk
 }
 
 /// Defines the list of services, and how each is visited.
@@ -44,6 +28,8 @@ macro_rules! define {
         #[repr(C)]
         pub(crate) struct Services<D: Declares> {
             $(pub(crate) $name: $service,)*
+            /// The services of the firmware and of other crates.
+            pub(crate) own: D::Services,
         }
 
         /// The states of all services on one link.
@@ -54,64 +40,58 @@ macro_rules! define {
             /// The number of the service that sent bulk data last.
             pub(super) last_bulk: u8,
             $(pub(crate) $name: <$service as Service<D>>::Link,)*
+            pub(crate) own: <D::Services as ServiceList<D>>::Links,
         }
 
         impl<D: Declares> States<D> {
-            pub(crate) const VACANT: Self = Self { bulk: Share::NEW, last_bulk: 0, $($name: <$service as Service<D>>::VACANT,)* };
+            pub(crate) const VACANT: Self = Self { bulk: Share::NEW, last_bulk: 0, $($name: <$service as Service<D>>::VACANT,)* own: <D::Services as ServiceList<D>>::VACANT };
         }
 
         impl<D: Declares> Services<D> {
-            pub(crate) const NEW: Self = Self { $($name: <$service as Service<D>>::NEW,)* };
+            pub(crate) const NEW: Self = Self { $($name: <$service as Service<D>>::NEW,)* own: <D::Services as ServiceList<D>>::NEW };
 
             /// Whether a service sends bulk data.
-            pub(super) const HAS_BULK: bool = false $(|| Turns::<D, $service>::has(Turn::Bulk))*;
+            pub(super) const HAS_BULK: bool = has_bulk(<D::Services as ServiceList<D>>::TURNS) $(|| Turns::<D, $service>::has(Turn::Bulk))*;
 
             /// The capabilities of all services, for AUTOPILOT_VERSION.
-            pub(crate) const CAPABILITIES: MavProtocolCapability =
-                MavProtocolCapability::EMPTY$(.with(<$service as Service<D>>::ABOUT.capabilities))*;
+            pub(crate) const CAPABILITIES: MavProtocolCapability = Self::capabilities(false);
 
             /// Those of the services that are left out with the other components.
-            pub(crate) const COMPONENT_CAPABILITIES: MavProtocolCapability =
-                MavProtocolCapability::EMPTY$(.with(match <$service as Service<D>>::ABOUT.is_of_components {
-                    true => <$service as Service<D>>::ABOUT.capabilities,
-                    false => MavProtocolCapability::EMPTY,
-                }))*;
+            pub(crate) const COMPONENT_CAPABILITIES: MavProtocolCapability = Self::capabilities(true);
+
+            const fn capabilities(of_components: bool) -> MavProtocolCapability {
+                let library = About::capabilities(&[$(<$service as Service<D>>::ABOUT),*], of_components);
+                library.with(About::capabilities(<D::Services as ServiceList<D>>::ABOUT, of_components))
+            }
 
             /// Visits the services until one ends it. Returns whether one did.
             #[inline(always)]
             pub(super) fn visit(&mut self, states: &mut States<D>, visit: &mut impl Visit<D>) -> bool {
-                false $(|| visit.visit(&mut self.$name, &mut states.$name))*
+                false $(|| visit.visit(&mut self.$name, &mut states.$name))* || self.own.visit(&mut states.own, visit)
             }
 
             #[inline(always)]
             pub(super) fn look(&self, states: &States<D>, look: &mut impl Look<D>) {
                 $(look.look(&self.$name, &states.$name);)*
+                self.own.look(&states.own, look);
             }
 
             #[inline(always)]
             pub(super) fn visit_all(&mut self, states: &mut [States<D>], visit: &mut impl VisitAll<D>) {
                 $(visit.visit(&mut self.$name, states.iter_mut().map(|state| &mut state.$name));)*
+                self.own.visit_all(states, |state| &mut state.own, visit);
             }
 
             #[inline(always)]
             pub(super) fn look_all(&self, look: &mut impl LookAll<D>) {
                 $(look.look(&self.$name);)*
+                self.own.look_all(look);
             }
         }
     };
 }
 
-/// The last line is the example's, which only unit tests compile.
-macro_rules! services {
-    ($($name:ident: $service:ty,)* #[cfg(test)] $($example:tt)*) => {
-        #[cfg(not(test))]
-        define! { $($name: $service,)* }
-        #[cfg(test)]
-        define! { $($name: $service,)* $($example)* }
-    };
-}
-
-services! {
+define! {
     command: CommandService<D::Commands>,
     high_latency: D::HighLatency,
     mission: D::Mission,
@@ -144,8 +124,6 @@ services! {
     records: D::Records,
     // Polled last, after the hooks that send commands.
     client: D::Client,
-    #[cfg(test)]
-    example: Tunes,
 }
 
 #[cfg(test)]
@@ -153,8 +131,11 @@ mod tests {
     use crate::dialect::{MavResult, NamedValueInt, PlayTune};
     use crate::frame::{Version, encode};
     use crate::message::{Address, Message};
+    use crate::service::example::Tunes;
     use crate::time::{Duration, Instant};
-    use crate::{Command, Commands, Config, Context, LinkConfig, LinkId, Outcome, Pulse, Vehicle, VehicleState};
+    use crate::{
+        Command, Commands, Config, Context, LinkConfig, LinkId, Outcome, Pulse, StackOf, Vehicle, VehicleState,
+    };
 
     /// A vehicle in a fault, so that nothing but the example sends.
     struct Rover;
@@ -171,8 +152,10 @@ mod tests {
         }
     }
 
-    crate::stack! {
-        struct Mavlink for Rover { links: 2 }
+    #[derive(crate::Stack)]
+    #[stack(vehicle: Rover, links: 2)]
+    struct Mavlink {
+        tunes: Tunes,
     }
 
     /// The recipe in CONTRIBUTING.md: the example's files work together.
@@ -180,7 +163,7 @@ mod tests {
     fn a_listed_service_gets_its_frames_and_sends_in_its_turn() {
         static PULSE: Pulse = Pulse::new();
         let config = Config::new(Address::new(1, 1), &PULSE);
-        let mut stack = Mavlink::new(config, [LinkConfig::unlimited(); 2]);
+        let mut stack = StackOf::<Mavlink>::new(config, [LinkConfig::unlimited(); 2]);
         let mut now = Instant::from_millis(1_000);
         stack.poll(now, &mut Rover);
         for wait in [500, 0] {
@@ -200,8 +183,7 @@ mod tests {
         }
         let other = encode(&NamedValueInt::default(), Version::V2, station, 2, &mut tune).unwrap();
         stack.receive(now, LinkId(1), &tune[..other], &mut Rover);
-        let tunes: &crate::Tunes = &stack.services.example;
-        assert_eq!(tunes.received(), 3);
+        assert_eq!(stack.tunes.received(), 3);
         assert_eq!(stack.next_deadline(now), now, "an answer is pending");
 
         now = now.after(Duration::from_millis(7));

@@ -68,7 +68,10 @@ impl RestoreErrors {
     /// first may be restored later:
     ///
     /// ```
-    /// # mavstack::stack! { struct Mavlink for Rover { links: 1, storage } }
+    /// # use mavstack::StackOf;
+    /// # #[derive(mavstack::Stack)]
+    /// # #[stack(vehicle: Rover, links: 1, storage)]
+    /// # struct Mavlink;
     /// # struct Rover { may_arm: bool }
     /// # impl mavstack::Vehicle for Rover { fn state(&self) -> Option<mavstack::VehicleState> { None } }
     /// # impl mavstack::Commands for Rover {
@@ -76,7 +79,7 @@ impl RestoreErrors {
     /// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
     /// #     }
     /// # }
-    /// # fn pass(stack: &Mavlink, rover: &mut Rover) {
+    /// # fn pass(stack: &StackOf<Mavlink>, rover: &mut Rover) {
     /// rover.may_arm = !stack.is_restoring() && stack.restore_errors().is_empty();
     /// # }
     /// ```

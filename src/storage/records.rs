@@ -43,9 +43,9 @@ pub const MAX_RECORD_LEN: usize = PAYLOAD;
 ///     }
 /// }
 ///
-/// stack! {
-///     struct Mavlink for Rover { links: 1, storage: { records: 1 } }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Rover, links: 1, storage: { records: 1 })]
+/// struct Mavlink;
 /// ```
 pub trait Records {
     /// Takes the stored content of a record when it is restored: exactly what was written.

@@ -63,7 +63,7 @@ impl LinkClass {
 
     /// Whether this is a high-latency link, where each byte costs money. Heartbeats, transfers, texts and streams are
     /// not sent there, and messages other than commands are not handled (L-4).
-    pub(crate) const fn is_high_latency(self) -> bool {
+    pub const fn is_high_latency(self) -> bool {
         matches!(self, Self::HighLatency)
     }
 }
@@ -93,7 +93,7 @@ pub struct LinkConfig {
     pub bytes_per_second: u32,
     /// The default streams on this link. A high-latency link has none.
     pub streams: StreamProfile,
-    /// Whether the link takes part in forwarding, if the stack declares `forwarding` in [`stack!`](crate::stack):
+    /// Whether the link takes part in forwarding, if the stack declares `forwarding` in [`#[stack]`](macro@crate::Stack):
     /// frames received on it are forwarded, and frames of other links are forwarded to it.
     pub forwards: bool,
     /// Whether this link also gets refused frames that it would accept itself; false by default. A frame is refused when

@@ -93,7 +93,7 @@ counters! {
     }
 }
 
-/// The state of a camera: declared by `camera` in [`stack!`](crate::stack), and used through [`Stack::camera`](crate::Stack::camera)
+/// The state of a camera: declared by `camera` in [`#[stack]`](macro@crate::Stack), and used through [`Stack::camera`](crate::Stack::camera)
 /// and [`Stack::camera_mut`](crate::Stack::camera_mut). The vehicle's part is [`Camera`].
 ///
 /// ```text

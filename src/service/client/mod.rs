@@ -118,7 +118,7 @@ pub enum CommandReply {
 }
 
 /// The vehicle sends commands to other components. For a vehicle that declares `command_client` in
-/// [`stack!`](crate::stack).
+/// [`#[stack]`](macro@crate::Stack).
 ///
 /// ```
 /// use mavstack::dialect::{MavCmd, MavResult, MavSeverity, MavType};
@@ -153,7 +153,7 @@ pub enum CommandReply {
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `CommandClient`",
-    note = "`command_client` in `stack!` needs `impl CommandClient for {Self}`: write it, or leave `command_client` out"
+    note = "`command_client` in `#[stack]` needs `impl CommandClient for {Self}`: write it, or leave `command_client` out"
 )]
 pub trait CommandClient {
     /// Returns the command that a token stands for: once, when a slot takes it up. Transmissions repeat it. `None` if there is
@@ -460,7 +460,7 @@ impl Context<'_> {
     /// Sends a command to another component, and repeats it until it is answered: see [`CommandClient`]. The next
     /// [`poll`](crate::Stack::poll) takes it up, or a later one if all slots are taken. One that waits for that already, with the
     /// same recipient and token, is not queued twice, so both get one reply. Returns false, and sends nothing, if eight requests
-    /// wait, or if [`stack!`](crate::stack) does not declare `command_client`.
+    /// wait, or if [`#[stack]`](macro@crate::Stack) does not declare `command_client`.
     #[must_use = "it is not sent if too many commands wait"]
     pub fn send_command(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
         self.requests.request(Pending::Command { to: to.into(), token })

@@ -1,7 +1,7 @@
 //! Slots for long-running commands, and for commands that must not be carried out twice.
 //!
 //! Rules C-10, C-12, C-20 to C-24 and SEC-13. One fixed table serves both. It is part of the stack only if `commands` in
-//! [`stack!`](crate::stack) declares it, so other firmwares pay nothing. [`LongCommands`] has the state diagram of a slot.
+//! [`#[stack]`](macro@crate::Stack) declares it, so other firmwares pay nothing. [`LongCommands`] has the state diagram of a slot.
 
 use core::ops::{Deref, DerefMut};
 
@@ -213,7 +213,7 @@ impl CommandSlot {
     }
 }
 
-/// Slots for long-running commands and for commands that must not be carried out twice. `commands` in [`stack!`](crate::stack)
+/// Slots for long-running commands and for commands that must not be carried out twice. `commands` in [`#[stack]`](macro@crate::Stack)
 /// declares their number. [`Stack::long_commands`](crate::Stack::long_commands) and
 /// [`Stack::long_commands_mut`](crate::Stack::long_commands_mut) give access.
 ///
@@ -222,11 +222,11 @@ impl CommandSlot {
 ///
 /// ```
 /// use mavstack::dialect::{MavCmd, MavResult};
-/// use mavstack::{Command, Commands, Context, Outcome, Peer, Vehicle, VehicleState};
+/// use mavstack::{Command, Commands, Context, Outcome, Peer, Vehicle, VehicleState, StackOf};
 ///
-/// mavstack::stack! {
-///     struct Mavlink for Copter { links: 1, commands: { slots: 2 } }
-/// }
+/// #[derive(mavstack::Stack)]
+/// #[stack(vehicle: Copter, links: 1, commands: { slots: 2 })]
+/// struct Mavlink;
 ///
 /// struct Copter { samples: u8 }
 ///
@@ -248,7 +248,7 @@ impl CommandSlot {
 /// # impl Vehicle for Copter { fn state(&self) -> Option<VehicleState> { None } }
 ///
 /// /// Called by the flight loop.
-/// fn calibrate(copter: &mut Copter, stack: &mut Mavlink) {
+/// fn calibrate(copter: &mut Copter, stack: &mut StackOf<Mavlink>) {
 ///     let commands = stack.long_commands_mut();
 ///     if !commands.is_running(MavCmd::PREFLIGHT_CALIBRATION) {
 ///         return;

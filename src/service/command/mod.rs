@@ -119,7 +119,7 @@ pub trait CommandMemory: core::fmt::Debug {
     fn view(&self) -> Option<&LongCommands>;
 }
 
-/// The slots of a firmware whose [`stack!`](crate::stack) has no `commands`: none.
+/// The slots of a firmware whose [`#[stack]`](macro@crate::Stack) has no `commands`: none.
 #[derive(Clone, Copy, Debug)]
 pub struct NoSlots;
 

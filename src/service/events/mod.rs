@@ -56,7 +56,7 @@ counters! {
     }
 }
 
-/// Sends the events: declared by `events` in [`stack!`](crate::stack). Initially all zero bits.
+/// Sends the events: declared by `events` in [`#[stack]`](macro@crate::Stack). Initially all zero bits.
 #[derive(Debug)]
 pub struct EventService<C> {
     pub(crate) counters: EventCounters,
@@ -306,7 +306,7 @@ pub(crate) fn record<E: Event>(log: &mut EventLog, now: Instant, event: &E) {
 impl Context<'_> {
     /// Records an event that [`events!`](crate::events!) declared. Every normal link sends it when it has room, after
     /// the texts, and again on request while it is in the history (EVT-2). Without `events` in
-    /// [`stack!`](crate::stack), nothing is recorded.
+    /// [`#[stack]`](macro@crate::Stack), nothing is recorded.
     ///
     /// ```
     /// # use mavstack::Context;

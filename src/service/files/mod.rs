@@ -66,7 +66,7 @@ counters! {
     }
 }
 
-/// The file service: declared by `files` in [`stack!`](crate::stack), and read through
+/// The file service: declared by `files` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::files`](crate::Stack::files).
 #[derive(Debug)]
 pub struct FileStatus {

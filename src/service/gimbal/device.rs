@@ -54,7 +54,7 @@ impl DeviceSetpoint {
     }
 }
 
-/// A gimbal device, for a firmware that declares `gimbal_device` in [`stack!`](crate::stack): the firmware of a gimbal, or of an
+/// A gimbal device, for a firmware that declares `gimbal_device` in [`#[stack]`](macro@crate::Stack): the firmware of a gimbal, or of an
 /// autopilot that has one.
 ///
 /// | | [`COMPONENT`](Self::COMPONENT) | [`ID`](Self::ID) | [`MANAGER`](Self::MANAGER) |
@@ -96,7 +96,7 @@ impl DeviceSetpoint {
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `GimbalDevice`",
-    note = "`gimbal_device` in `stack!` needs `impl GimbalDevice for {Self}`: write it, or leave `gimbal_device` out"
+    note = "`gimbal_device` in `#[stack]` needs `impl GimbalDevice for {Self}`: write it, or leave `gimbal_device` out"
 )]
 pub trait GimbalDevice {
     /// The component that the gimbal is, besides the one of [`Config`](crate::Config); `None` if it is that one, or none at all.
@@ -123,7 +123,7 @@ pub trait GimbalDevice {
     }
 }
 
-/// The gimbal device: declared by `gimbal_device` in [`stack!`](crate::stack), and read through
+/// The gimbal device: declared by `gimbal_device` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::gimbal_device`](crate::Stack::gimbal_device). [`GimbalDevice`] has its hooks.
 ///
 /// GIMBAL_DEVICE_ATTITUDE_STATUS is sent ten times a second by default, or once on a link with

@@ -68,7 +68,7 @@ counters! {
     }
 }
 
-/// The gimbal manager: declared by `gimbal_manager` in [`stack!`](crate::stack), and read through
+/// The gimbal manager: declared by `gimbal_manager` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::gimbal_manager`](crate::Stack::gimbal_manager). [`GimbalManager`] has its hooks.
 ///
 /// A component takes control by MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, which is never refused: senders are expected to look at

@@ -122,7 +122,7 @@ enum Ground {
     LostSince(Instant),
 }
 
-/// The high-latency service: declared by `high_latency` in [`stack!`](crate::stack), and reached through
+/// The high-latency service: declared by `high_latency` in [`#[stack]`](macro@crate::Stack), and reached through
 /// [`Stack::high_latency`](crate::Stack::high_latency). Without it, high-latency links carry only commands, and
 /// MAV_CMD_CONTROL_HIGH_LATENCY reaches [`Commands::command`](crate::Commands::command) (L-12).
 ///
@@ -143,9 +143,9 @@ enum Ground {
 ///     ..HighLatencyConfig::DEFAULT
 /// };
 ///
-/// stack! {
-///     struct Mavlink for Copter { links: 2, high_latency }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Copter, links: 2, high_latency)]
+/// struct Mavlink;
 ///
 /// struct Copter { altitude: f32, is_armed: bool }
 ///
@@ -162,7 +162,7 @@ enum Ground {
 /// # impl Vehicle for Copter { fn state(&self) -> Option<VehicleState> { None } }
 ///
 /// /// Called about ten times a second by the flight loop.
-/// fn report(stack: &mut Mavlink, now: Instant, copter: &Copter) {
+/// fn report(stack: &mut StackOf<Mavlink>, now: Instant, copter: &Copter) {
 ///     stack.high_latency_mut().sample(now, &HighLatencySample {
 ///         altitude: copter.altitude,
 ///         wind_from_deg: 270.0,

@@ -90,7 +90,7 @@ pub enum LogReply {
     Data,
 }
 
-/// The state of log downloads: declared by `logs` in [`stack!`](crate::stack), and read through [`Stack::logs`](crate::Stack::logs).
+/// The state of log downloads: declared by `logs` in [`#[stack]`](macro@crate::Stack), and read through [`Stack::logs`](crate::Stack::logs).
 /// The vehicle's part is [`Logs`].
 ///
 /// It serves one client at a time. Its LOG_ENTRY and LOG_DATA use the capacity that other traffic leaves. Together with

@@ -97,7 +97,7 @@ counters! {
     }
 }
 
-/// Manual control: declared by `manual_control` in [`stack!`](crate::stack), and read through
+/// Manual control: declared by `manual_control` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::manual_input`](crate::Stack::manual_input). A vehicle without it gets both messages in
 /// [`Vehicle::message`](crate::Vehicle::message).
 ///
@@ -144,12 +144,12 @@ counters! {
 /// # impl Commands for Rover {
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
 /// # }
-/// mavstack::stack! {
-///     struct Mavlink for Rover { links: 2, manual_control }
-/// }
+/// #[derive(mavstack::Stack)]
+/// #[stack(vehicle: Rover, links: 2, manual_control)]
+/// struct Mavlink;
 ///
 /// /// Called once, before the loop: until then no one may steer.
-/// fn configure(stack: &mut Mavlink) {
+/// fn configure(stack: &mut StackOf<Mavlink>) {
 ///     let input = stack.manual_input_mut();
 ///     // ExpressLRS in MAVLink mode, on the second UART. While it is silent, any ground station may steer.
 ///     input.set_receivers(&[Peer { address: Address::new(255, 68), link: LinkId(1) }]);
@@ -157,7 +157,7 @@ counters! {
 /// }
 ///
 /// /// Called in every pass of the flight loop.
-/// fn steering(stack: &Mavlink, now: Instant) -> Option<i16> {
+/// fn steering(stack: &StackOf<Mavlink>, now: Instant) -> Option<i16> {
 ///     let input = stack.manual_input();
 ///     if let Some(sticks) = input.manual_control(now) {
 ///         return sticks.y;

@@ -372,8 +372,7 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         }
         let fixed = Self::fixed(cx);
         let StreamLink { streams, slots } = link;
-        requests::handle_command::<F>(cx.now, fixed, port, streams, slots, cx.vehicle, &request.command)
-            .map(Verdict::done)
+        requests::handle_command::<F>(cx.now, fixed, port, streams, slots, cx.vehicle, request).map(Verdict::done)
     }
 
     #[inline(always)]

@@ -10,6 +10,7 @@ use crate::frame::Frame;
 use crate::link::{Outbox, Port};
 use crate::message::{ComponentId, Message};
 use crate::num;
+use crate::service::Request;
 use crate::time::{Duration, Instant};
 use crate::types::{Command, Firmware, LinkClass, StreamProfile};
 
@@ -51,10 +52,15 @@ pub(super) fn handle_command<F: Firmware<Vehicle: Telemetry>>(
     streams: &mut Streams,
     slots: &mut [Slot],
     vehicle: &mut F::Vehicle,
-    command: &Command,
+    Request { command, is_unclaimed, .. }: &Request,
 ) -> Option<MavResult> {
     let request = Asked::of(command)?;
     let (table, of) = (F::Vehicle::STREAMS, part::<F>(command.component));
+    // A message of another service is answered by that.
+    let is_known = |id| rows(table, of, id, 0) != 0 || fixed.interval(id).is_some();
+    if !is_unclaimed && !request.subject().is_some_and(is_known) {
+        return None;
+    }
     if port.config.class == LinkClass::HighLatency || !request.is_valid {
         return Some(MavResult::DENIED);
     }
@@ -94,6 +100,11 @@ struct Asked {
 }
 
 impl Asked {
+    /// Returns the id of the message that the command is about: with MESSAGE_INTERVAL, the one whose interval is asked for.
+    fn subject(self) -> Option<u32> {
+        if self.id == Some(MessageInterval::ID) { self.index.map(u32::from) } else { self.id }
+    }
+
     #[inline(never)]
     fn of(command: &Command) -> Option<Self> {
         match command.id {

@@ -73,7 +73,7 @@ pub struct TimeSample {
     pub round_trip_ns: i64,
 }
 
-/// Answers PING and TIMESYNC, and measures peers' clocks. Declared by `time` in [`stack!`](crate::stack). A vehicle
+/// Answers PING and TIMESYNC, and measures peers' clocks. Declared by `time` in [`#[stack]`](macro@crate::Stack). A vehicle
 /// without it gets both messages in [`Vehicle::message`](crate::Vehicle::message).
 ///
 /// Each link has room for two requests. Further requests that are received meanwhile are dropped and counted
@@ -86,12 +86,12 @@ pub struct TimeSample {
 /// # impl Commands for Rover {
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
 /// # }
-/// mavstack::stack! {
-///     struct Mavlink for Rover { links: 2, time }
-/// }
+/// #[derive(mavstack::Stack)]
+/// #[stack(vehicle: Rover, links: 2, time)]
+/// struct Mavlink;
 ///
 /// /// Called about once a second by the flight loop.
-/// fn ask(stack: &mut Mavlink) {
+/// fn ask(stack: &mut StackOf<Mavlink>) {
 ///     stack.ask_time(LinkId(1));
 ///     if let Some(sample) = stack.take_time_sample() {
 ///         let _ = (sample.offset_ns, sample.round_trip_ns);

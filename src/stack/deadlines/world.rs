@@ -1,5 +1,6 @@
 //! Random traffic for the vehicle: what its peers send, what the firmware does, and when it wakes.
 
+use crate::StackOf;
 use std::boxed::Box;
 use std::vec::Vec;
 
@@ -181,6 +182,7 @@ fn requests() -> Vec<Request> {
     pool.push(of(MissionAck { target_system, target_component, ..Default::default() }));
     pool.push(of(MissionSetCurrent { seq: 1, target_system, target_component }));
 
+    pool.push(of(PlayTune::default()));
     pool.push(of(Ping { seq: 3, ..Default::default() }));
     pool.push(of(Timesync { ts1: 5, ..Default::default() }));
     pool.push(of(Timesync { ts1: 5, tc1: 9, ..Default::default() }));
@@ -259,7 +261,7 @@ pub(super) fn event() -> impl Strategy<Value = Event> {
 const FIRMWARE: u8 = 30;
 
 pub(super) struct World {
-    stack: Everything,
+    stack: StackOf<Everything>,
     rover: Rover,
     pulse: &'static Pulse,
     is_standing: bool,
@@ -281,8 +283,10 @@ impl World {
         #[cfg(feature = "signing")]
         let onboard = onboard.with_signing(crate::signing::LinkSigning::OPEN.with_provisioning());
         let satellite = LinkConfig::unlimited().with_class(LinkClass::HighLatency);
-        let mut stack =
-            Everything::new(config, [onboard, LinkConfig::uart(115_200).with_version(TxVersion::Auto), satellite]);
+        let mut stack = StackOf::<Everything>::new(
+            config,
+            [onboard, LinkConfig::uart(115_200).with_version(TxVersion::Auto), satellite],
+        );
         stack.manual_input_mut().set_receivers(&[Peer { address: COMPANION, link: LinkId(0) }]);
         stack.manual_input_mut().set_source(ControlSource::System(STATION.system));
         stack.high_latency_mut().set_config(HighLatencyConfig {
