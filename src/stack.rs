@@ -14,6 +14,8 @@ mod fanout;
 mod memory;
 mod parts;
 mod peers;
+#[cfg(test)]
+mod permuted;
 mod plans;
 mod receive;
 mod services;

@@ -30,6 +30,13 @@ pub enum Beat {
 }
 
 impl Heartbeats {
+    /// Samples the pulse and the vehicle's state, before the services are polled: they see the same state.
+    pub(crate) fn sample<F: Firmware<Vehicle: Vehicle>>(&mut self, cx: &mut Cx<'_, F>) {
+        cx.shared.sample_pulse(cx.now);
+        let state = cx.vehicle.state();
+        self.notice(cx, state);
+    }
+
     /// Looks at what decides whether a link sends a heartbeat: the pulse, the state after a command, and what other services
     /// request. The stack calls it before it asks for the link's next frame.
     #[inline(never)]
@@ -68,12 +75,6 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
     const VACANT: Schedule = Schedule::new();
     const TURNS: &'static [Turn] = &[Turn::Heartbeat, Turn::ExtraHeartbeat];
     type Reply = Beat;
-
-    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Schedule>) {
-        cx.shared.sample_pulse(cx.now);
-        let state = cx.vehicle.state();
-        self.notice(cx, state);
-    }
 
     /// The peer table has recorded the heartbeat before.
     fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, _: &mut Schedule, received: &Received<'_>) -> Handled {

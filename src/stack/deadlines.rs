@@ -7,7 +7,7 @@
 //! are due once and send nothing: the end of a link's wait for a heartbeat, a forwarded frame that has waited for too long, the heartbeat of a component in a fault, a
 //! message that the vehicle cannot fill, and a log that has no data yet. It is not due again at once.
 
-mod world;
+pub(super) mod world;
 
 use std::vec::Vec;
 

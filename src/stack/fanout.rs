@@ -257,6 +257,7 @@ impl<D: Declares> Services<D> {
     }
 
     pub(super) fn poll(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>]) {
+        self.heartbeat.sample(cx);
         self.visit_all(states, &mut Poll(cx));
     }
 

@@ -65,6 +65,7 @@ macro_rules! define {
             }
 
             /// Visits the services until one ends it. Returns whether one did.
+            #[cfg(not(test))]
             #[inline(always)]
             pub(super) fn visit(&mut self, states: &mut States<D>, visit: &mut impl Visit<D>) -> bool {
                 false $(|| visit.visit(&mut self.$name, &mut states.$name))* || self.own.visit(&mut states.own, visit)
@@ -76,10 +77,45 @@ macro_rules! define {
                 self.own.look(&states.own, look);
             }
 
+            #[cfg(not(test))]
             #[inline(always)]
             pub(super) fn visit_all(&mut self, states: &mut [States<D>], visit: &mut impl VisitAll<D>) {
                 $(visit.visit(&mut self.$name, states.iter_mut().map(|state| &mut state.$name));)*
                 self.own.visit_all(states, |state| &mut state.own, visit);
+            }
+
+            /// The same in an order that a test chooses: it carries nothing.
+            #[cfg(test)]
+            pub(super) fn visit(&mut self, states: &mut States<D>, visit: &mut impl Visit<D>) -> bool {
+                for place in super::permuted::order() {
+                    let mut number = 0;
+                    $(
+                        if number == place && visit.visit(&mut self.$name, &mut states.$name) {
+                            return true;
+                        }
+                        number += 1;
+                    )*
+                    if number == place && self.own.visit(&mut states.own, visit) {
+                        return true;
+                    }
+                }
+                false
+            }
+
+            #[cfg(test)]
+            pub(super) fn visit_all(&mut self, states: &mut [States<D>], visit: &mut impl VisitAll<D>) {
+                for place in super::permuted::order() {
+                    let mut number = 0;
+                    $(
+                        if number == place {
+                            visit.visit(&mut self.$name, states.iter_mut().map(|state| &mut state.$name));
+                        }
+                        number += 1;
+                    )*
+                    if number == place {
+                        self.own.visit_all(states, |state| &mut state.own, visit);
+                    }
+                }
             }
 
             #[inline(always)]
