@@ -1,6 +1,6 @@
 //! The autopilot's side of MAVLink for microcontrollers: no `std`, no allocation, beside the flight loop.
 //!
-//! A firmware declares its stack with [`#[stack]`](macro@Stack), and calls it from its loop. The [`Stack`] owns all its memory. Its calls never
+//! A firmware declares its stack with [`#[stack]`](macro@Stack), and calls it from its loop. The [`Stack`](struct@Stack) owns all its memory. Its calls never
 //! block, and do a bounded amount of work. Time is an argument. There is no clock, no global state and no lock inside, so the same
 //! input at the same time gives the same output.
 //!
@@ -85,7 +85,7 @@
 //! | [`mod@message`], [`mod@dialect`] | payloads: all of MAVLink's `common`, and your own messages; usable alone |
 //! | [`mod@config`], [`mod@network`] | the links, the peers on them, and forwarding between links |
 //! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@operator_control`], [`mod@camera`], [`mod@ext_parameters`], [`mod@events`], [`mod@gimbal`], [`mod@files`], [`mod@logs`], [`mod@high_latency`], `signing` | the services, besides the traits below |
-//! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
+//! | [`Stack`](struct@Stack) | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //! | [`mod@io`], `storage` | transports between the stack and a UART; flash and FRAM |
 //!
 //! [`mod@telemetry`] makes telemetry messages from SI values. [`wpl`] reads and writes plans as files. With the feature `fmt`, `metadata` writes the files from which ground stations take the
@@ -266,31 +266,31 @@ pub use frame::Frame;
 ///
 /// | entry | what it declares | by default | hook |
 /// |---|---|---|---|
-/// | `vehicle: T` | the type that implements the hooks | must be given | [`Vehicle`](crate::Vehicle), [`Commands`](crate::Commands) |
+/// | `vehicle: T` | the type that implements the hooks | must be given | [`Vehicle`], [`Commands`] |
 /// | `links: N` | links, 1 to 16 | must be given | |
-/// | `plans: { mission: N, fence: N, rally: N }` | items of each [plan](crate::Plans); `fence` and `rally` may be left out | none | [`Plans`](crate::Plans) |
-/// | `parameters: T` | a table made by [`parameters!`](crate::parameters), or a [`RuntimeTable<N>`](crate::param::RuntimeTable) that is filled at start | none | [`Parameters`](crate::Parameters) |
-/// | `parameters: ExternalParams<N>` | up to `N` parameters that [live elsewhere](crate::param::ExternalParams) | none | [`ParamBackend`](crate::ParamBackend) |
-/// | `streams` | [telemetry](crate::Telemetry), one slot for each of the vehicle's streams | none | [`Telemetry`](crate::Telemetry) |
-/// | `messages` | [messages of the vehicle's own](crate::Context::send): room for eight on each link | none | [`Telemetry`](crate::Telemetry) |
-/// | `modes` | [flight modes](crate::Modes) | none | [`Modes`](crate::Modes) |
+/// | `plans: { mission: N, fence: N, rally: N }` | items of each [plan](crate::Plans); `fence` and `rally` may be left out | none | [`Plans`] |
+/// | `parameters: T` | a table made by [`parameters!`](crate::parameters), or a [`RuntimeTable<N>`](crate::param::RuntimeTable) that is filled at start | none | [`Parameters`] |
+/// | `parameters: ExternalParams<N>` | up to `N` parameters that [live elsewhere](crate::param::ExternalParams) | none | [`ParamBackend`] |
+/// | `streams` | [telemetry](crate::Telemetry), one slot for each of the vehicle's streams | none | [`Telemetry`] |
+/// | `messages` | [messages of the vehicle's own](crate::Context::send): room for eight on each link | none | [`Telemetry`] |
+/// | `modes` | [flight modes](crate::Modes) | none | [`Modes`] |
 /// | `commands: { slots: N }` | slots for long-running [commands](crate::command::LongCommands), and for those that must not run twice | none | |
-/// | `command_client: { slots: N }` | [requests of the vehicle](crate::CommandClient) to other components, commands and parameters, `N` at a time | none | [`CommandClient`](crate::CommandClient) |
-/// | `components` | other [components](crate::Components) of the firmware: a gimbal, a camera | none | [`Components`](crate::Components) |
-/// | `camera: { images: N }` | a [camera](crate::Camera) that remembers the last `N` images (48 bytes each); `camera` alone is 16 | none | [`Camera`](crate::Camera) |
-/// | `ext_parameters` | [extended parameters](crate::ExtParameters), such as a camera's settings | none | [`ExtParameters`](crate::ExtParameters) |
+/// | `command_client: { slots: N }` | [requests of the vehicle](crate::CommandClient) to other components, commands and parameters, `N` at a time | none | [`CommandClient`] |
+/// | `components` | other [components](crate::Components) of the firmware: a gimbal, a camera | none | [`Components`] |
+/// | `camera: { images: N }` | a [camera](crate::Camera) that remembers the last `N` images (48 bytes each); `camera` alone is 16 | none | [`Camera`] |
+/// | `ext_parameters` | [extended parameters](crate::ExtParameters), such as a camera's settings | none | [`ExtParameters`] |
 /// | `events: { history: N }` | [events](mod@crate::events) that ground stations receive without a gap, the last `N` of them kept (36 bytes each) | none | |
-/// | `events: { history: N, checks }` | also the checks before arming, reported as events; `N` is at least 8 | none | [`HealthChecks`](crate::HealthChecks) |
+/// | `events: { history: N, checks }` | also the checks before arming, reported as events; `N` is at least 8 | none | [`HealthChecks`] |
 /// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
 /// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |
 /// | `setpoints` | [setpoints](crate::setpoints::Setpoints) of a companion computer | none | |
 /// | `operator_control` | [operator control](crate::operator_control::OperatorControl): which ground station is in control | none | |
-/// | `gimbal_manager` | a [gimbal manager](crate::gimbal::ManagerService): who points the gimbal, and where | none | [`GimbalManager`](crate::GimbalManager) |
-/// | `gimbal_device` | a [gimbal device](crate::gimbal::DeviceService): the gimbal itself | none | [`GimbalDevice`](crate::GimbalDevice) |
+/// | `gimbal_manager` | a [gimbal manager](crate::gimbal::ManagerService): who points the gimbal, and where | none | [`GimbalManager`] |
+/// | `gimbal_device` | a [gimbal device](crate::gimbal::DeviceService): the gimbal itself | none | [`GimbalDevice`] |
 /// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
-/// | `files: { sessions: N, upload: N }` | [files](crate::Files) by FTP, all parameters in one, and plans as files: files open at a time, and bytes of the largest upload of parameters, at least 276 with plans; without `upload` parameters and plans are not written that way | none | [`Files`](crate::Files) |
-/// | `logs` | downloads of [flight logs](crate::Logs) | none | [`Logs`](crate::Logs) |
-/// | `log_streaming` | the running log, [streamed](crate::LogStreaming) in flight | none | [`LogStreaming`](crate::LogStreaming) |
+/// | `files: { sessions: N, upload: N }` | [files](crate::Files) by FTP, all parameters in one, and plans as files: files open at a time, and bytes of the largest upload of parameters, at least 276 with plans; without `upload` parameters and plans are not written that way | none | [`Files`] |
+/// | `logs` | downloads of [flight logs](crate::Logs) | none | [`Logs`] |
+/// | `log_streaming` | the running log, [streamed](crate::LogStreaming) in flight | none | [`LogStreaming`] |
 /// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::network::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
 /// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
 /// | `storage: { records: N }` | storage for all of this (feature `storage`), and for up to 8 small records of the firmware's own; `storage` alone has none | none | `Records`, if there are any |

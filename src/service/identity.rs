@@ -35,6 +35,7 @@ impl<F: Firmware> Service<F> for Identification {
     type Reply = IdentityReply;
     const ABOUT: About = About { capabilities: MavProtocolCapability::MAVLINK2, ..About::AUTOPILOT };
 
+    /// MAV_CMD_REQUEST_MESSAGE for one of the two, and the commands that it replaced.
     #[inline(never)]
     fn on_command(
         &mut self,

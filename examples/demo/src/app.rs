@@ -44,7 +44,7 @@ pub const RALLY: usize = if cfg!(target_os = "none") { 16 } else { 64 };
 
 /// The MAVLink services of the vehicle.
 ///
-/// It is too large for the call stack. A firmware keeps [`VACANT`](Self::VACANT) in a `static`, which takes no flash, and
+/// It is too large for the call stack. A firmware keeps [`VACANT`](mavstack::Stack::VACANT) in a `static`, which takes no flash, and
 /// [`App::new`] begins it there.
 #[derive(mavstack::Stack)]
 #[stack(

@@ -71,7 +71,7 @@ pub struct RuntimeTable<const N: usize> {
 }
 
 impl<const N: usize> RuntimeTable<N> {
-    /// Returns an empty table. A [`#[stack]`](macro@crate::Stack) has its own: see [`Stack::parameters_mut`](crate::Stack).
+    /// Returns an empty table. A [`#[stack]`](macro@crate::Stack) has its own: see [`Stack::parameters_mut`](struct@crate::Stack).
     pub const fn new() -> Self {
         const {
             assert!(
