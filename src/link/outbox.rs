@@ -308,7 +308,9 @@ impl Outbox {
         let flags = if self.signs && version == Version::V2 { INCOMPAT_SIGNED } else { 0 };
         #[cfg(not(feature = "signing"))]
         let flags = 0;
-        let Ok(frame) = wrap(info, version, flags, self.source, self.seq, &mut self.bytes, PAYLOAD_AT) else {
+        let before = self.seq_before_later();
+        let seq = before.unwrap_or(self.seq);
+        let Ok(frame) = wrap(info, version, flags, self.source, seq, &mut self.bytes, PAYLOAD_AT) else {
             return false;
         };
         #[cfg(feature = "signing")]
@@ -316,13 +318,23 @@ impl Outbox {
             self.signature = if flags == 0 { Signature::None } else { Signature::Due };
         }
         let checksum = self.bytes.get(frame.end.wrapping_sub(2)).copied().unwrap_or(0);
-        self.fingerprints.note(self.seq, checksum);
-        self.seq = self.seq.wrapping_add(1);
-        self.has_wrapped |= self.seq == 0;
+        self.fingerprints.note(seq, checksum);
+        if before.is_none() {
+            self.seq = self.seq.wrapping_add(1);
+            self.has_wrapped |= self.seq == 0;
+        }
         self.start = short(frame.start);
         self.sent = self.start;
         self.end = short(frame.end);
         true
+    }
+
+    /// Returns the sequence number before that of the frame that was set aside, if the source has sent that frame. The HEARTBEAT
+    /// that precedes it has this number: the peer, which is new, would otherwise count lost frames.
+    fn seq_before_later(&self) -> Option<u8> {
+        let later = self.bytes.get(usize::from(self.later)..).filter(|_| self.later != 0)?;
+        let Header { source, seq, .. } = Header::parse(later)?;
+        (source == self.source).then(|| seq.wrapping_sub(1))
     }
 
     /// Sends another component's frame unchanged, with its own sequence number and signature. Returns false, and

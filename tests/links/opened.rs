@@ -63,6 +63,8 @@ struct Lab {
     seq: u8,
     /// What each link has sent: when, the message and the component.
     sent: [Vec<(Instant, (u32, u8))>; 3],
+    /// The sequence number of the autopilot's last frame on each link, since it was opened.
+    last_seq: [Option<u8>; 3],
 }
 
 impl Lab {
@@ -74,7 +76,8 @@ impl Lab {
         let now = Instant::from_millis(4_000);
         stack.send_text(now, MavSeverity::INFO, "Hello");
         stack.event(now, &Turned {});
-        let mut lab = Self { stack, vehicle: Talker::default(), pulse, now, seq: 0, sent: [const { Vec::new() }; 3] };
+        let sent = [const { Vec::new() }; 3];
+        let mut lab = Self { stack, vehicle: Talker::default(), pulse, now, seq: 0, sent, last_seq: [None; 3] };
         lab.stack.poll(now, &mut lab.vehicle);
         for link in [RADIO, USB] {
             assert_eq!(lab.stack.transmit(now, link, &mut lab.vehicle), [0_u8; 0], "it waits for a heartbeat");
@@ -99,6 +102,12 @@ impl Lab {
         assert_eq!(self.stack.receive(self.now, link, &bytes[..len], &mut self.vehicle), len);
     }
 
+    /// Opens a link again.
+    fn restart(&mut self, link: LinkId) {
+        self.stack.restart_link(link);
+        self.last_seq[usize::from(link.0)] = None;
+    }
+
     /// Runs one pass, in which the flight loop ticks or not. Looks whether a driver that sleeps would be woken for each frame.
     fn pass(&mut self, ticks: bool) {
         self.now = self.now.after(millis(1));
@@ -110,8 +119,12 @@ impl Lab {
             loop {
                 let deadline = self.stack.link_deadline(self.now, link);
                 let frame = self.stack.transmit(self.now, link, &mut self.vehicle);
-                let [_, _, _, _, _, _, component, a, b, c, ..] = *frame else { break };
+                let [_, _, _, _, seq, _, component, a, b, c, ..] = *frame else { break };
                 assert_eq!(deadline, self.now, "a frame is sent, so the driver must be awake");
+                if component == 1 {
+                    let last = self.last_seq[usize::from(link.0)].replace(seq);
+                    assert!(last.is_none_or(|last| seq == last.wrapping_add(1)), "{seq} follows {last:?}");
+                }
                 sent.push((self.now, (u32::from_le_bytes([a, b, c, 0]), component)));
                 let len = frame.len();
                 self.stack.transmitted(link, len);
@@ -188,7 +201,7 @@ fn heartbeat_is_the_first_frame_of_a_link_that_opens_again() {
             assert_eq!(frame[7..10], [4, 0, 0], "PING");
             lab.stack.transmitted(RADIO, 5);
         }
-        lab.stack.restart_link(RADIO);
+        lab.restart(RADIO);
         lab.receive(RADIO, 250, &Ping::default());
         for _ in 0..100 {
             lab.pass(true);
@@ -214,7 +227,7 @@ fn heartbeat_is_the_first_frame_of_a_transport_that_is_ready_late() {
         lab.receive(RADIO, 250, &Ping::default());
         assert_eq!(lab.stack.transmit(lab.now, RADIO, &mut lab.vehicle)[7..10], [4, 0, 0], "PING");
         lab.stack.transmitted(RADIO, 5);
-        lab.stack.restart_link(RADIO);
+        lab.restart(RADIO);
         lab.sent = [const { Vec::new() }; 3];
         for _ in 0..late {
             lab.now = lab.now.after(millis(1));
@@ -239,7 +252,7 @@ fn frame_that_was_cut_off_is_sent_again_without_a_heartbeat() {
     lab.receive(RADIO, 250, &Ping::default());
     let frame = lab.stack.transmit(lab.now, RADIO, &mut lab.vehicle).to_vec();
     lab.stack.transmitted(RADIO, 5);
-    lab.stack.restart_link(RADIO);
+    lab.restart(RADIO);
     lab.now = lab.now.after(millis(1));
     lab.stack.poll(lab.now, &mut lab.vehicle);
     assert_eq!(lab.stack.transmit(lab.now, RADIO, &mut lab.vehicle), frame);
@@ -254,6 +267,6 @@ fn nothing_waits_on_a_high_latency_link() {
         lab.pass(false);
         assert_eq!(lab.sent[2].len(), opened + 1);
         assert_eq!(lab.sent[2][opened].1, (CommandAck::ID, 1));
-        lab.stack.restart_link(SATELLITE);
+        lab.restart(SATELLITE);
     }
 }
