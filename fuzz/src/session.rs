@@ -20,7 +20,7 @@ use mavstack::manual_control::ControlSource;
 use mavstack::message::SystemId;
 use mavstack::plan::Durability;
 use mavstack::signing::{LinkSigning, SigningKey};
-use mavstack::storage::Store;
+use mavstack::storage::{RestoreError, Store};
 use mavstack::{Address, Config, Duration, Instant, Item, LinkConfig, LinkId, Message, Pulse, Stack};
 
 /// Number of links of the vehicle.
@@ -138,10 +138,11 @@ impl<D: Declared> Session<D> {
         new
     }
 
-    /// Restores everything from flash, as at boot.
-    fn restore(&mut self) {
-        // Unreadable contents are reported, and otherwise treated as missing.
-        let _ = self.stack.restore(self.now, &mut self.store, &mut self.vehicle);
+    /// Restores everything from flash, as at boot. Returns whether the plans could be read: if not, this is reported, and they are
+    /// missing.
+    fn restore(&mut self) -> bool {
+        let restored = self.stack.restore(self.now, &mut self.store, &mut self.vehicle);
+        restored.err().and_then(|errors| errors.plans) != Some(RestoreError::Unreadable)
     }
 
     /// Cuts the power and boots again.
@@ -150,10 +151,10 @@ impl<D: Declared> Session<D> {
         self.stack = stack(self.setup);
         self.vehicle = vehicle(self.setup);
         self.lines.iter_mut().for_each(Uart::cut);
-        self.restore();
+        let is_readable = self.restore();
         self.vehicle.calls.clear();
         let found = self.live();
-        self.checks.restarted(self.now, found);
+        self.checks.restarted(self.now, found, is_readable);
     }
 
     fn live(&self) -> [Vec<Item>; 3] {

@@ -38,6 +38,8 @@ pub struct Checks {
     /// Uploads that were started.
     pub tags: Vec<Tag>,
     live: [Vec<Item>; 3],
+    /// The plans that were last known to be stored: the live ones, unless they could not be read after a reboot.
+    stored: [Vec<Item>; 3],
     /// Number of forwarded frames.
     pub forwarded: u32,
     /// Number of reboots.
@@ -74,6 +76,7 @@ impl Checks {
             commands: Vec::new(),
             tags: Vec::new(),
             live: Default::default(),
+            stored: Default::default(),
             forwarded: 0,
             restarts: 0,
             candidates: Default::default(),
@@ -117,6 +120,7 @@ impl Checks {
             Call::CheckPlan(plan, items) => self.candidates[index(plan)].push(items),
             Call::PlanChanged { plan, items, .. } => {
                 self.assert_complete(plan, &items);
+                self.stored[index(plan)].clone_from(&items);
                 self.live[index(plan)] = items;
             }
             _ => {}
@@ -142,15 +146,20 @@ impl Checks {
         }
     }
 
-    /// Records a reboot, after which these plans were found.
-    pub fn restarted(&mut self, now: Instant, found: [Vec<Item>; 3]) {
-        for ((found, live), candidates) in found.iter().zip(&self.live).zip(&self.candidates) {
-            let is_old = same(found, live);
+    /// Records a reboot, after which these plans were found. `is_readable`: the storage could be read.
+    pub fn restarted(&mut self, now: Instant, found: [Vec<Item>; 3], is_readable: bool) {
+        let known = self.live.iter().zip(&self.stored);
+        for ((found, (live, stored)), candidates) in found.iter().zip(known).zip(&self.candidates) {
+            // Reading is repeated, so what could not be read may be found again.
+            let is_old = same(found, live) || same(found, stored);
             let is_new = candidates.last().is_some_and(|new| same(found, new));
             let was_any = found.is_empty() || candidates.iter().any(|any| same(found, any));
             let is_bound = self.is_durable && !self.has_faults;
             // A plan may have been cleared.
             assert!(is_old || is_new || was_any && (!is_bound || found.is_empty()), "{found:?} after {live:?}");
+        }
+        if is_readable {
+            self.stored.clone_from(&found);
         }
         self.live = found;
         self.restarts += 1;
