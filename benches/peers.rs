@@ -101,12 +101,12 @@ fn peers(criterion: &mut Criterion) {
     macro_rules! tables {
         ($($peers:literal),+) => { $({
             // One slot is for the station.
-            stack! {
-                struct Plain for Rover { links: 2, peers: $peers + 1 }
-            }
-            stack! {
-                struct Forwards for Rover { links: 2, peers: $peers + 1, forwarding }
-            }
+            #[derive(Stack)]
+            #[stack(vehicle: Rover, links: 2, peers: $peers + 1)]
+            struct Plain;
+            #[derive(Stack)]
+            #[stack(vehicle: Rover, links: 2, peers: $peers + 1, forwarding)]
+            struct Forwards;
             let mut bench = Bench::<Plain>::new($peers, attitude);
             group.bench_function(concat!("book/", $peers), |bencher| bencher.iter(|| assert_eq!(bench.round(), 0)));
             let mut bench = Bench::<Forwards>::new($peers, attitude);

@@ -1,6 +1,6 @@
 //! The autopilot's side of MAVLink for microcontrollers: no `std`, no allocation, beside the flight loop.
 //!
-//! A firmware declares its stack with [`stack!`], and calls it from its loop. The [`Stack`] owns all its memory. Its calls never
+//! A firmware declares its stack with [`#[stack]`](macro@Stack), and calls it from its loop. The [`Stack`](struct@Stack) owns all its memory. Its calls never
 //! block, and do a bounded amount of work. Time is an argument. There is no clock, no global state and no lock inside, so the same
 //! input at the same time gives the same output.
 //!
@@ -25,12 +25,9 @@
 //! const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
 //! const TELEM: LinkId = LinkId(0);
 //!
-//! stack! {
-//!     struct Mavlink for Rover {
-//!         links: 1,
-//!         plans: { mission: 100 },
-//!     }
-//! }
+//! #[derive(Stack)]
+//! #[stack(vehicle: Rover, links: 1, plans: { mission: 100 })]
+//! struct Mavlink;
 //!
 //! struct Rover { armed: bool }
 //!
@@ -64,7 +61,7 @@
 //! }
 //!
 //! let mut vehicle = Rover { armed: false };
-//! let mut stack = Mavlink::new(CONFIG, [LinkConfig::uart(57_600)]);
+//! let mut stack = StackOf::<Mavlink>::new(CONFIG, [LinkConfig::uart(57_600)]);
 //! loop {
 //!     let now = clock();
 //!     // … sensors, control, motors; `stack.mission().items()` is the live mission
@@ -78,7 +75,7 @@
 //! ```
 //!
 //! On a microcontroller, put the stack into a `static` and start it in place by [`begin`](Stack::begin): see
-//! [`stack!`](stack#in-a-static).
+//! [`#[stack]`](macro@Stack#in-a-static).
 //!
 //! # Layers
 //!
@@ -88,7 +85,7 @@
 //! | [`mod@message`], [`mod@dialect`] | payloads: all of MAVLink's `common`, and your own messages; usable alone |
 //! | [`mod@config`], [`mod@network`] | the links, the peers on them, and forwarding between links |
 //! | [`mod@command`], [`mod@plan`], [`mod@param`], [`mod@clock`], [`mod@manual_control`], [`mod@setpoints`], [`mod@operator_control`], [`mod@camera`], [`mod@ext_parameters`], [`mod@events`], [`mod@gimbal`], [`mod@files`], [`mod@logs`], [`mod@high_latency`], `signing` | the services, besides the traits below |
-//! | [`Stack`] | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
+//! | [`Stack`](struct@Stack) | all of it behind [`poll`](Stack::poll) and [`poll_link`](Stack::poll_link) |
 //! | [`mod@io`], `storage` | transports between the stack and a UART; flash and FRAM |
 //!
 //! [`mod@telemetry`] makes telemetry messages from SI values. [`wpl`] reads and writes plans as files. With the feature `fmt`, `metadata` writes the files from which ground stations take the
@@ -118,7 +115,7 @@
 //! | [`ExtParameters`] | with `ext_parameters` | has the extended parameters |
 //! | [`ParamBackend`] | instead of `Parameters`, if they live elsewhere | has the parameters |
 //!
-//! [`stack!`] lists all entries of a declaration. What a firmware does not declare takes neither flash nor RAM. Hooks get a
+//! [`#[stack]`](macro@Stack) lists all entries of a declaration. What a firmware does not declare takes neither flash nor RAM. Hooks get a
 //! [`Context`]: it has the time, the live plans and the parameters, and it queues texts and events and announces messages.
 //!
 //! # The transport
@@ -180,6 +177,10 @@
 #[cfg(test)]
 extern crate std;
 
+// The derive macro names the crate by its name, also in the tests of the crate itself.
+#[cfg(test)]
+extern crate self as mavstack;
+
 #[cfg(any(doc, doctest))]
 pub mod guides;
 
@@ -198,7 +199,7 @@ pub mod metadata;
 pub mod network;
 mod num;
 mod pulse;
-mod service;
+pub mod service;
 mod stack;
 #[cfg(feature = "storage")]
 pub mod storage;
@@ -209,6 +210,118 @@ pub mod wpl;
 
 #[doc(inline)]
 pub use frame::Frame;
+/// Declares the stack of a vehicle: its services, with all their memory.
+///
+/// ```
+/// # use mavstack::*;
+/// # use mavstack::dialect::*;
+/// # pub struct Quadrotor;
+/// # impl Vehicle for Quadrotor { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Quadrotor {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { MavResult::UNSUPPORTED.into() }
+/// # }
+/// # impl Plans for Quadrotor {
+/// #     const MISSION_COMMANDS: &'static [CommandRule] = &[];
+/// #     fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
+/// #     fn progress(&self) -> Progress {
+/// #         Progress { current: 0, state: MissionState::NOT_STARTED, in_mission_mode: false }
+/// #     }
+/// # }
+/// # impl Telemetry for Quadrotor {
+/// #     const STREAMS: &'static [Stream] = &[];
+/// #     fn fill(&mut self, _: u32, _: &mut Fill<'_>) -> bool { false }
+/// # }
+/// # impl Parameters for Quadrotor { type Table = Tuning; }
+/// # parameters! { pub struct Tuning { A: i32 = 0, 0..=1, ""; } }
+/// #[derive(Stack)]
+/// #[stack(
+///     vehicle: Quadrotor,
+///     links: 2,
+///     plans: { mission: 250, fence: 64, rally: 16 },
+///     parameters: Tuning,
+///     streams,
+///     commands: { slots: 2 },
+///     forwarding: { bytes: 512, seen: 256 },
+///     time,
+///     manual_control,
+///     setpoints,
+///     operator_control,
+///     high_latency,
+/// )]
+/// pub struct Mavlink;
+///
+/// static PULSE: Pulse = Pulse::new();
+/// let mut stack = StackOf::<Mavlink>::new(Config::new(Address::new(1, 1), &PULSE), [LinkConfig::uart(57_600); 2]);
+/// stack.poll(Instant::ZERO, &mut Quadrotor);
+/// ```
+///
+/// The stack itself is [`StackOf<Mavlink>`](StackOf), which has the methods. What is not declared is not linked and takes no memory, and
+/// its hook need not be implemented.
+///
+/// The fields of the struct are services of other crates and of the firmware itself, each by its type with its sizes:
+/// `pub traffic: Traffic<16>`. A stack derefs to the struct, so `stack.traffic` is the service. See [`service`].
+///
+/// The vehicle must be as visible as the struct: a `pub struct Mavlink` needs a `pub struct Rover`, or the compiler reports a private
+/// type in a public interface (E0446). A mistake is reported at its entry or field, also by `cargo check`.
+///
+/// | entry | what it declares | by default | hook |
+/// |---|---|---|---|
+/// | `vehicle: T` | the type that implements the hooks | must be given | [`Vehicle`], [`Commands`] |
+/// | `links: N` | links, 1 to 16 | must be given | |
+/// | `plans: { mission: N, fence: N, rally: N }` | items of each [plan](crate::Plans); `fence` and `rally` may be left out | none | [`Plans`] |
+/// | `parameters: T` | a table made by [`parameters!`](crate::parameters), or a [`RuntimeTable<N>`](crate::param::RuntimeTable) that is filled at start | none | [`Parameters`] |
+/// | `parameters: ExternalParams<N>` | up to `N` parameters that [live elsewhere](crate::param::ExternalParams) | none | [`ParamBackend`] |
+/// | `streams` | [telemetry](crate::Telemetry), one slot for each of the vehicle's streams | none | [`Telemetry`] |
+/// | `messages` | [messages of the vehicle's own](crate::Context::send): room for eight on each link | none | [`Telemetry`] |
+/// | `modes` | [flight modes](crate::Modes) | none | [`Modes`] |
+/// | `commands: { slots: N }` | slots for long-running [commands](crate::command::LongCommands), and for those that must not run twice | none | |
+/// | `command_client: { slots: N }` | [requests of the vehicle](crate::CommandClient) to other components, commands and parameters, `N` at a time | none | [`CommandClient`] |
+/// | `components` | other [components](crate::Components) of the firmware: a gimbal, a camera | none | [`Components`] |
+/// | `camera: { images: N }` | a [camera](crate::Camera) that remembers the last `N` images (48 bytes each); `camera` alone is 16 | none | [`Camera`] |
+/// | `ext_parameters` | [extended parameters](crate::ExtParameters), such as a camera's settings | none | [`ExtParameters`] |
+/// | `events: { history: N }` | [events](mod@crate::events) that ground stations receive without a gap, the last `N` of them kept (36 bytes each) | none | |
+/// | `events: { history: N, checks }` | also the checks before arming, reported as events; `N` is at least 8 | none | [`HealthChecks`] |
+/// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
+/// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |
+/// | `setpoints` | [setpoints](crate::setpoints::Setpoints) of a companion computer | none | |
+/// | `operator_control` | [operator control](crate::operator_control::OperatorControl): which ground station is in control | none | |
+/// | `gimbal_manager` | a [gimbal manager](crate::gimbal::ManagerService): who points the gimbal, and where | none | [`GimbalManager`] |
+/// | `gimbal_device` | a [gimbal device](crate::gimbal::DeviceService): the gimbal itself | none | [`GimbalDevice`] |
+/// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
+/// | `files: { sessions: N, upload: N }` | [files](crate::Files) by FTP, all parameters in one, and plans as files: files open at a time, and bytes of the largest upload of parameters, at least 276 with plans; without `upload` parameters and plans are not written that way | none | [`Files`] |
+/// | `logs` | downloads of [flight logs](crate::Logs) | none | [`Logs`] |
+/// | `log_streaming` | the running log, [streamed](crate::LogStreaming) in flight | none | [`LogStreaming`] |
+/// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::network::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
+/// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
+/// | `storage: { records: N }` | storage for all of this (feature `storage`), and for up to 8 small records of the firmware's own; `storage` alone has none | none | `Records`, if there are any |
+/// | `peers: N` | entries of the table of [peers](crate::network::PeerInfo) | 8 | |
+/// | `texts: N` | pending texts; 0 for no texts at all | 4 | |
+/// | `crate: path` | the path of this crate, if the firmware has renamed it | `::mavstack` | |
+///
+/// # In a static
+///
+/// `VACANT` is all zero bits, so a `static` with it is placed in `.bss` and takes no flash. [`begin`](crate::Stack::begin)
+/// starts it in place, without a copy on the call stack:
+///
+/// ```
+/// # use mavstack::*;
+/// # struct Rover;
+/// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+/// # impl Commands for Rover {
+/// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
+/// # }
+/// use static_cell::ConstStaticCell;
+///
+/// #[derive(Stack)]
+/// #[stack(vehicle: Rover, links: 1)]
+/// struct Mavlink;
+/// static PULSE: Pulse = Pulse::new();
+/// static STACK: ConstStaticCell<StackOf<Mavlink>> = ConstStaticCell::new(StackOf::<Mavlink>::VACANT);
+///
+/// let stack = STACK.take();
+/// stack.begin(Config::new(Address::new(1, 1), &PULSE), [LinkConfig::uart(57_600)]);
+/// ```
+pub use mavstack_macros::Stack;
 #[doc(inline)]
 pub use message::{Address, CommandRule, Item, Message, Text};
 pub use pulse::Pulse;
@@ -217,8 +330,6 @@ pub use service::client::{CommandClient, CommandReply, OutgoingCommand, ParamAns
 pub use service::command::Commands;
 pub use service::components::Components;
 pub use service::events::HealthChecks;
-#[cfg(test)]
-pub use service::example::Tunes;
 pub use service::ext_parameters::ExtParameters;
 pub use service::files::Files;
 pub use service::gimbal::{GimbalDevice, GimbalManager};
@@ -228,7 +339,7 @@ pub use service::mission::{PlanChange, Plans, Progress};
 pub use service::mode::{CustomMode, FlightMode, ModeRequest, Modes};
 pub use service::param::{Param, ParamBackend, ParamChange, Parameters};
 pub use service::stream::{Fill, Stream, Telemetry};
-pub use stack::Stack;
+pub use stack::{Stack, StackOf};
 pub use time::{Duration, Instant};
 pub use types::{
     Command, Component, Config, Context, ControlInput, Destination, LinkConfig, LinkId, Outcome, Peer, PeerEvent,
@@ -356,8 +467,15 @@ pub use defmt as __defmt;
 /// The names that the crate's macros expand to.
 #[doc(hidden)]
 pub mod __private {
+    pub use crate::clock::Time;
+    pub use crate::ext_parameters::ExtParamServer;
+    pub use crate::gimbal::{DeviceService, ManagerService};
+    pub use crate::high_latency::HighLatency;
+    pub use crate::logs::{LogServer, LogStreamer};
+    pub use crate::manual_control::ManualInput;
     pub use crate::message::FieldWriter;
     pub use crate::network::PeerInfo;
+    pub use crate::operator_control::OperatorControl;
     pub use crate::service::client::Client;
     pub use crate::service::command::{CommandSlots, NoSlots};
     pub use crate::service::components::ComponentService;
@@ -369,10 +487,14 @@ pub mod __private {
     pub use crate::service::mode::ModeService;
     pub use crate::service::param::{NoParams, ParamMemory, ParamService, ParamValues, TableMut};
     pub use crate::service::stream::StreamService;
+    pub use crate::service::{About, Look, LookAll, ServiceList, Turn, Visit, VisitAll};
     pub use crate::service::{
         Absent, ControlGate, ForwardingGate, OwnCommands, Service, SigningGate, SticksGate, WithoutSigning,
     };
-    pub use crate::stack::{Declares, Persistent};
+    pub use crate::setpoints::Setpoints;
+    pub use crate::stack::{Declaration, Declares, Persistent};
+    /// A camera that remembers `N` images.
+    pub type CameraImages<const N: usize> = crate::camera::CameraControl<[crate::camera::Image; N]>;
     #[cfg(feature = "storage")]
     pub use crate::storage::{RecordService, Storage};
     pub use crate::types::{

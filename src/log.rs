@@ -28,15 +28,33 @@ macro_rules! counters {
 
         impl $Counters {
             pub(crate) const ZERO: Self = Self { $($counter: 0),* };
+        }
+
+        impl $crate::log::Counters for $Counters {
+            fn drops(&self) -> u32 {
+                0u32 $(.wrapping_add(counters!(@$kind self.$counter)))*
+            }
 
             #[cfg(feature = "defmt")]
-            pub(crate) fn drops(&self) -> u32 {
-                0u32 $(.wrapping_add(counters!(@$kind self.$counter)))*
+            fn log(&self) {
+                event!("{}", self);
             }
         }
     };
     (@drop $counter:expr) => { $counter };
     (@count $counter:expr) => { 0 };
+}
+
+/// The counters of a service, or of a service on one link.
+pub trait Counters {
+    /// Returns the sum of the counters of what was dropped. Wraps.
+    fn drops(&self) -> u32;
+
+    /// Logs all counters; by default their sum.
+    #[cfg(feature = "defmt")]
+    fn log(&self) {
+        event!("{=u32} dropped", self.drops());
+    }
 }
 
 /// Increments a counter, which wraps.

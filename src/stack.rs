@@ -3,7 +3,6 @@
 //! The only module that knows every service. [`Stack`] shows the path of a frame. No call waits (D-3) or takes a lock (D-6), and
 //! the budget bounds the work of each (D-2, SEC-2).
 
-mod bulk;
 mod commands;
 #[cfg(test)]
 mod deadlines;
@@ -11,9 +10,12 @@ mod declare;
 mod declared;
 #[cfg(feature = "defmt")]
 mod drops;
+mod fanout;
 mod memory;
 mod parts;
 mod peers;
+#[cfg(test)]
+mod permuted;
 mod plans;
 mod receive;
 mod services;
@@ -21,7 +23,7 @@ mod services;
 mod storage;
 mod transmit;
 
-pub use declare::{Declares, Persistent};
+pub use declare::{Declaration, Declares, Persistent};
 pub use memory::{EventMemory, PeerMemory, RequestMemory, StorageMemory, TextMemory};
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
@@ -45,7 +47,7 @@ use crate::types::{
     Vehicle, VehicleAddress,
 };
 
-/// The vehicle's side of MAVLink for the declaration `D`, on `LINKS` links. A struct made by [`stack!`](crate::stack)
+/// The vehicle's side of MAVLink for the declaration `D`, on `LINKS` links. A struct made by [`#[stack]`](macro@crate::Stack)
 /// derefs to it. It contains all its memory. [The crate's page](crate) shows the loop that calls it.
 ///
 /// Received frames pass the address filter and reach the service that handles them. When a link has room, the services
@@ -53,7 +55,7 @@ use crate::types::{
 ///
 /// ```text
 ///   bytes ─▶ Decoder ─▶ Frame ─▶ signature ─▶ routing ─▶ address ─▶ Service::on_frame, on_command ─▶ state
-///   bytes ◀─ Outbox ◀─ one frame ◀─ for each turn, Service::next ◀─ what is pending ◀─────────────────┘
+///   bytes ◀─ Outbox ◀─ one frame ◀─ Service::send ◀─ for each turn, Service::pending ◀────────────────┘
 /// ```
 // In this order, the largest last: it takes less code to reach what is near the start of a `static`.
 #[repr(C)]
@@ -73,6 +75,24 @@ pub struct Stack<D: Declares, const LINKS: usize> {
     drops: DropLog,
     texts: D::Texts,
     plans: D::Plans,
+}
+
+/// The stack of a declaration, on its links: `StackOf<Mavlink>` for a struct `Mavlink` with [`derive(Stack)`](macro@crate::Stack).
+pub type StackOf<D> = <D as Declaration>::Stack;
+
+/// A stack has the services of its declaration: `stack.traffic`.
+impl<D: Declares, const LINKS: usize> core::ops::Deref for Stack<D, LINKS> {
+    type Target = D::Services;
+
+    fn deref(&self) -> &D::Services {
+        &self.services.own
+    }
+}
+
+impl<D: Declares, const LINKS: usize> core::ops::DerefMut for Stack<D, LINKS> {
+    fn deref_mut(&mut self) -> &mut D::Services {
+        &mut self.services.own
+    }
 }
 
 /// Splits the stack into what a call uses at `now` of the firmware's clock: the data that services share, the services, the links and their states.
@@ -147,6 +167,13 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         #[cfg(feature = "defmt")]
         drops: DropLog::NEW,
     };
+
+    /// Returns a stack that has begun.
+    pub fn new(config: Config, links: [LinkConfig; LINKS]) -> Self {
+        let mut stack = Self::VACANT;
+        stack.begin(config, links);
+        stack
+    }
 
     /// Starts the stack in place. Call it once, before all other methods. A stack that is not started calls no hook, takes
     /// no frame and sends nothing, whatever is called (H-18); [`poll_link`](Self::poll_link) returns
@@ -435,6 +462,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             self.services.restart(port, state);
             port.has_accepted = false;
             port.retry_at = Instant::ZERO;
+            if D::SLOWS_STREAMS {
+                port.facts.transferring_until = Instant::ZERO;
+            }
         }
     }
 
@@ -456,7 +486,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// [`&Text`](crate::Text) with formatted numbers. A text is cut off after [`MAX_TEXT_LEN`](crate::limits::MAX_TEXT_LEN)
     /// bytes. The same text is dropped if it is repeated within five seconds; a text that a hook sends about a received
     /// frame, such as a refused command, within two (C-16). A full queue evicts the least severe
-    /// text; `texts` in [`stack!`](crate::stack) declares its length.
+    /// text; `texts` in [`#[stack]`](macro@crate::Stack) declares its length.
     pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: &(impl AsRef<[u8]> + ?Sized)) {
         self.push_text(now, severity, text.as_ref());
     }
@@ -471,12 +501,12 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// # impl Commands for Rover {
     /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
     /// # }
-    /// stack! {
-    ///     struct Mavlink for Rover { links: 1 }
-    /// }
+    /// #[derive(Stack)]
+    /// #[stack(vehicle: Rover, links: 1)]
+    /// struct Mavlink;
     ///
     /// /// Called in each pass, with the number of the last text.
-    /// fn record_texts(stack: &Mavlink, last: &mut u16, mut record: impl FnMut(u8, &[u8])) {
+    /// fn record_texts(stack: &StackOf<Mavlink>, last: &mut u16, mut record: impl FnMut(u8, &[u8])) {
     ///     while let Some((number, severity, text)) = stack.text_after(*last) {
     ///         record(severity.0, text);
     ///         *last = number;
@@ -542,7 +572,15 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// vehicle's state has changed. It is never further away than [`max_loop_gap`](crate::Config::max_loop_gap) after the
     /// last [`poll`](Self::poll) (H-18). [`Instant::NEVER`] if the stack was not begun.
     pub fn next_deadline(&self, now: Instant) -> Instant {
-        self.earliest(now, 0, LINKS, self.services.storage_deadline())
+        self.earliest(now, 0, LINKS, self.write_deadline())
+    }
+
+    /// Returns when storage has something to write.
+    fn write_deadline(&self) -> Instant {
+        #[cfg(feature = "storage")]
+        return Persistent::<D>::write_deadline(&self.services.param);
+        #[cfg(not(feature = "storage"))]
+        return Instant::NEVER;
     }
 
     /// Returns when a link must be served again even if no byte is received on any: as [`next_deadline`](Self::next_deadline),

@@ -33,7 +33,7 @@
 //! assert_eq!((status.load, status.voltage_battery, status.current_battery), (200, 11_100, 1_234));
 //! ```
 //!
-//! This module stands alone: it needs no [`Stack`](crate::Stack). Left out: messages whose fields are SI values already, such as
+//! This module stands alone: it needs no [`Stack`](struct@crate::Stack). Left out: messages whose fields are SI values already, such as
 //! LOCAL_POSITION_NED.
 
 use core::f32::consts::{PI, TAU};

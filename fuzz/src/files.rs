@@ -18,19 +18,20 @@ use arbitrary::{Result, Unstructured};
 use mavstack::config::StreamProfile;
 use mavstack::dialect::{FileTransferProtocol, MavFtpOpcode};
 use mavstack::frame::{Version, encode};
-use mavstack::{Address, Config, Instant, LinkConfig, LinkId, Message, Pulse};
+use mavstack::{Address, Config, Instant, LinkConfig, LinkId, Message, Pulse, StackOf};
 
 const MAX_STEPS: usize = 64;
 const SESSIONS: usize = 2;
 
-mavstack::stack! {
-    struct Served for TestVehicle {
-        links: 2,
-        parameters: Tuning,
-        commands: { slots: 2 },
-        files: { sessions: SESSIONS, upload: 200 },
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 2,
+    parameters: Tuning,
+    commands: { slots: 2 },
+    files: { sessions: SESSIONS, upload: 200 },
+)]
+struct Served;
 
 /// What clients ask for.
 const PATHS: [&[u8]; 12] = [
@@ -52,7 +53,7 @@ const CLIENTS: [(Address, u8); 3] =
     [(Address::new(255, 190), 0), (Address::new(254, 190), 0), (Address::new(255, 190), 1)];
 
 struct Case {
-    stack: Box<Served>,
+    stack: Box<StackOf<Served>>,
     vehicle: TestVehicle,
     now: Instant,
     pulse: Pulse,
@@ -69,7 +70,7 @@ pub fn run(data: &[u8]) {
     let mut vehicle = TestVehicle::new();
     vehicle.files.content.insert("log.bin".to_string(), content());
     let mut case = Case {
-        stack: Box::new(Served::new(Config::new(Address::new(1, 1), &PULSE), [link; 2])),
+        stack: Box::new(StackOf::<Served>::new(Config::new(Address::new(1, 1), &PULSE), [link; 2])),
         vehicle,
         now: Instant::from_millis(100),
         pulse: Pulse::new(),

@@ -20,21 +20,22 @@ use mavstack::signing::SigningKey;
 use mavstack::storage::{Records, RestoreError, RestoreErrors, Store};
 use mavstack::{
     Address, Command, CommandRule, Commands, Config, Context, Instant, Item, LinkConfig, Outcome, Parameters,
-    PlanChange, PlanType, Plans, Progress, Pulse, Vehicle, VehicleState,
+    PlanChange, PlanType, Plans, Progress, Pulse, StackOf, Vehicle, VehicleState,
 };
 
 /// The number of the vehicle's own records.
 const RECORDS: usize = 3;
 
-mavstack::stack! {
-    struct Keeping for Keeper {
-        links: 1,
-        plans: { mission: 12, fence: 2, rally: 2 },
-        parameters: Tuning,
-        signing,
-        storage: { records: RECORDS },
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: Keeper,
+    links: 1,
+    plans: { mission: 12, fence: 2, rally: 2 },
+    parameters: Tuning,
+    signing,
+    storage: { records: RECORDS },
+)]
+struct Keeping;
 
 static PULSE: Pulse = Pulse::new();
 const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
@@ -99,7 +100,7 @@ const OWN: usize = 3;
 
 /// A vehicle with its flash.
 pub(crate) struct Device<const W: usize, const E: usize> {
-    stack: Box<Keeping>,
+    stack: Box<StackOf<Keeping>>,
     keeper: Keeper,
     pub(crate) store: Store<RamFlash<W, E>>,
     now: Instant,
@@ -111,7 +112,7 @@ impl<const W: usize, const E: usize> Device<W, E> {
         flash.power_on();
         let len = flash.bytes.len() as u32;
         assert!(Store::<RamFlash<W, E>>::region_len::<Keeping>() <= len, "the region has room for everything");
-        let (stack, keeper) = (Box::new(Keeping::new(CONFIG, LINKS)), Keeper::default());
+        let (stack, keeper) = (Box::new(StackOf::<Keeping>::new(CONFIG, LINKS)), Keeper::default());
         let mut device = Self { stack, keeper, store: Store::new(flash, 0..len), now: Instant::ZERO };
         let result = device.stack.restore(device.now, &mut device.store, &mut device.keeper);
         assert_eq!(result.err().unwrap_or_default(), device.stack.restore_errors());
@@ -208,7 +209,7 @@ impl<const W: usize, const E: usize> Device<W, E> {
     /// P-17, M-5: whatever was restored is valid.
     fn check(&self) {
         for (plan, view) in [PlanType::Mission, PlanType::Fence, PlanType::Rally].into_iter().zip(plans(&self.stack)) {
-            let mut other = Box::new(Keeping::new(CONFIG, LINKS));
+            let mut other = Box::new(StackOf::<Keeping>::new(CONFIG, LINKS));
             let items = view.items().iter().copied();
             // Restored plans are checked like uploads, so the same plan is accepted again.
             let loaded = other.load_plan(Instant::ZERO, plan, items, &mut Keeper::default());
@@ -217,16 +218,16 @@ impl<const W: usize, const E: usize> Device<W, E> {
     }
 }
 
-fn plans(stack: &Keeping) -> [PlanView<'_>; 3] {
+fn plans(stack: &StackOf<Keeping>) -> [PlanView<'_>; 3] {
     [stack.mission(), stack.fence(), stack.rally()]
 }
 
-fn live(stack: &Keeping) -> Vec<u8> {
+fn live(stack: &StackOf<Keeping>) -> Vec<u8> {
     live_with(stack, None)
 }
 
 /// Returns the live plans in their stored form, or these plans with another mission.
-fn live_with(stack: &Keeping, mission: Option<&[Item]>) -> Vec<u8> {
+fn live_with(stack: &StackOf<Keeping>, mission: Option<&[Item]>) -> Vec<u8> {
     let mut all = Vec::new();
     for (index, plan) in plans(stack).into_iter().enumerate() {
         let items = bytes_of(plan.items());

@@ -270,7 +270,7 @@ fn stack<D: Declared>(setup: [u8; 2]) -> Box<Stack<D, LINKS>> {
         item_reached_repeats: setup[1] >> 6,
         ..Config::new(VEHICLE, &PULSE)
     };
-    let mut stack = Box::new(Stack::VACANT);
+    let mut stack: Box<Stack<D, LINKS>> = Box::new(Stack::VACANT);
     stack.begin(config, links(setup));
     let manual = stack.manual_input_mut();
     manual.set_source(ControlSource::Systems { first: SystemId(1), last: SystemId(255) });

@@ -38,13 +38,15 @@ enum Fault<E> {
 /// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
 /// #     }
 /// # }
-/// # stack! { struct Mavlink for Rover { links: 1 } }
+/// # #[derive(Stack)]
+/// # #[stack(vehicle: Rover, links: 1)]
+/// # struct Mavlink;
 /// # fn now() -> Instant { Instant::ZERO }
 /// # fn wake_transmitters() {}
 /// use mavstack::io::AsyncReceiver;
 /// use mavstack::network::LinkError;
 ///
-/// async fn receive(shared: &RefCell<(Mavlink, Rover)>, link: LinkId, uart: impl Read) {
+/// async fn receive(shared: &RefCell<(StackOf<Mavlink>, Rover)>, link: LinkId, uart: impl Read) {
 ///     let mut buffer = [0; 64];
 ///     let mut receiver = AsyncReceiver::new(uart, &mut buffer);
 ///     loop {
@@ -172,12 +174,14 @@ impl<R: ErrorType> core::fmt::Debug for AsyncReceiver<'_, R> {
 /// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
 /// #     }
 /// # }
-/// # stack! { struct Mavlink for Rover { links: 1 } }
+/// # #[derive(Stack)]
+/// # #[stack(vehicle: Rover, links: 1)]
+/// # struct Mavlink;
 /// # fn now() -> Instant { Instant::ZERO }
 /// # async fn wake_up_or(_: Instant) {}
 /// use mavstack::io::AsyncTransmitter;
 ///
-/// async fn transmit(shared: &RefCell<(Mavlink, Rover)>, link: LinkId, uart: impl Write) {
+/// async fn transmit(shared: &RefCell<(StackOf<Mavlink>, Rover)>, link: LinkId, uart: impl Write) {
 ///     let mut buffer = [0; 64];
 ///     let mut transmitter = AsyncTransmitter::new(uart, &mut buffer);
 ///     loop {

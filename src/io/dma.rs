@@ -18,7 +18,7 @@ const PIECE: usize = 64;
 /// ```
 /// use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 /// use mavstack::io::{CircularReader, SerialError};
-/// # use mavstack::{Command, Commands, Context, Instant, LinkId, Outcome, Vehicle, VehicleState};
+/// # use mavstack::{Command, Commands, Context, Instant, LinkId, Outcome, Vehicle, VehicleState, StackOf};
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {
@@ -26,13 +26,15 @@ const PIECE: usize = 64;
 /// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
 /// #     }
 /// # }
-/// # mavstack::stack! { struct Mavlink for Rover { links: 1 } }
+/// # #[derive(mavstack::Stack)]
+/// # #[stack(vehicle: Rover, links: 1)]
+/// # struct Mavlink;
 ///
 /// static BUFFER: [AtomicU8; 256] = [const { AtomicU8::new(0) }; 256]; // written by the DMA only
 /// static LAPS: AtomicU32 = AtomicU32::new(0); // written by the interrupt only
 ///
 /// fn receive(
-///     # now: Instant, stack: &mut Mavlink, vehicle: &mut Rover,
+///     # now: Instant, stack: &mut StackOf<Mavlink>, vehicle: &mut Rover,
 ///     reader: &mut CircularReader, remaining: impl Fn() -> usize,
 /// ) -> Result<(), SerialError> {
 ///     let laps = LAPS.load(Ordering::Acquire); // before the position
@@ -44,7 +46,7 @@ const PIECE: usize = 64;
 /// Sending takes two lines, whenever the transmit DMA is idle:
 ///
 /// ```
-/// # use mavstack::{Command, Commands, Context, Instant, LinkId, Outcome, Vehicle, VehicleState};
+/// # use mavstack::{Command, Commands, Context, Instant, LinkId, Outcome, Vehicle, VehicleState, StackOf};
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {
@@ -52,8 +54,10 @@ const PIECE: usize = 64;
 /// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
 /// #     }
 /// # }
-/// # mavstack::stack! { struct Mavlink for Rover { links: 1 } }
-/// # fn send(now: Instant, stack: &mut Mavlink, vehicle: &mut Rover, mut start: impl FnMut(&[u8]) -> usize) {
+/// # #[derive(mavstack::Stack)]
+/// # #[stack(vehicle: Rover, links: 1)]
+/// # struct Mavlink;
+/// # fn send(now: Instant, stack: &mut StackOf<Mavlink>, vehicle: &mut Rover, mut start: impl FnMut(&[u8]) -> usize) {
 /// let len = start(stack.transmit(now, LinkId(0), vehicle)); // copies as much as fits, and starts the DMA
 /// stack.transmitted(LinkId(0), len);
 /// # }

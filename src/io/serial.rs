@@ -14,7 +14,7 @@ use super::ring::Ring;
 /// ```
 /// use mavstack::io::{SerialError, SerialQueues};
 /// # use mavstack::network::LinkError;
-/// # use mavstack::{Command, Commands, Context, Instant, LinkId, Outcome, Vehicle, VehicleState};
+/// # use mavstack::{Command, Commands, Context, Instant, LinkId, Outcome, Vehicle, VehicleState, StackOf};
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {
@@ -22,7 +22,9 @@ use super::ring::Ring;
 /// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
 /// #     }
 /// # }
-/// # mavstack::stack! { struct Mavlink for Rover { links: 1 } }
+/// # #[derive(mavstack::Stack)]
+/// # #[stack(vehicle: Rover, links: 1)]
+/// # struct Mavlink;
 ///
 /// static TELEM: SerialQueues<64, 64> = SerialQueues::new();
 ///
@@ -45,7 +47,7 @@ use super::ring::Ring;
 ///
 /// /// In the loop, with `telem = TELEM.loop_end()`.
 /// fn serve(
-///     # now: Instant, stack: &mut Mavlink, vehicle: &mut Rover, uart: &mut impl Registers,
+///     # now: Instant, stack: &mut StackOf<Mavlink>, vehicle: &mut Rover, uart: &mut impl Registers,
 ///     telem: &mut mavstack::io::LoopEnd<'_>,
 /// ) -> Result<(), LinkError<SerialError>> {
 ///     let result = stack.poll_link(now, LinkId(0), telem, vehicle);

@@ -62,7 +62,9 @@ struct Station<E> {
 /// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
 /// #     }
 /// # }
-/// # stack! { struct Mavlink for Rover { links: 3 } }
+/// # #[derive(Stack)]
+/// # #[stack(vehicle: Rover, links: 3)]
+/// # struct Mavlink;
 /// use std::net::{SocketAddr, UdpSocket};
 ///
 /// use mavstack::io::{DatagramSocket, UdpLinks};
@@ -89,7 +91,7 @@ struct Station<E> {
 /// /// One pass of the loop, after `stack.poll`. Link 0 is a UART; links 1 and 2 belong to the socket.
 /// fn pass(
 ///     now: Instant,
-///     stack: &mut Mavlink,
+///     stack: &mut StackOf<Mavlink>,
 ///     rover: &mut Rover,
 ///     udp: &mut UdpLinks<SocketAddr, 2>,
 ///     socket: &mut Socket,

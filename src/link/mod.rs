@@ -13,8 +13,9 @@ use crate::frame::{Decoder, Version};
 #[cfg(feature = "defmt")]
 use crate::log::DropLog;
 use crate::log::increment;
+use crate::message::Message;
 use crate::time::{Duration, Instant};
-use crate::types::{Config, LinkConfig, LinkFacts, LinkId, TxVersion};
+use crate::types::{Config, LinkClass, LinkConfig, LinkFacts, LinkId, TxVersion};
 
 counters! {
     /// Counters of sent and dropped frames on a link. They wrap. [`RxCounters`](crate::frame::RxCounters) counts what the decoder
@@ -118,6 +119,29 @@ pub struct Port {
     /// Drop counters, as last logged.
     #[cfg(feature = "defmt")]
     pub(crate) drops: DropLog,
+}
+
+impl Port {
+    /// Returns the id of the link.
+    pub const fn id(&self) -> LinkId {
+        self.id
+    }
+
+    /// Returns the class of the link.
+    pub const fn class(&self) -> LinkClass {
+        self.config.class
+    }
+
+    /// Whether the link can send a message with this id: a MAVLink 1 link has no ids above 255 (S-10).
+    pub fn takes(&self, id: u32) -> bool {
+        self.outbox.takes(id)
+    }
+
+    /// Puts a message into the link's outbox, which is empty while a service is asked to send. Returns false if the link cannot
+    /// send it.
+    pub fn send<M: Message>(&mut self, message: &M) -> bool {
+        self.outbox.send(message)
+    }
 }
 
 /// Whether a transport takes bytes, as far as that is known.

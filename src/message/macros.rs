@@ -109,24 +109,25 @@ macro_rules! message {
             // Evaluates the checks where the message is declared, not where it is first used.
             const _: $crate::message::MessageInfo = <$name as $crate::Message>::INFO;
 
-            /// All bytes zero.
-            const __ZERO: $name = $name {
-                $( $field: <$ty as $crate::message::Field>::ZERO, )+
-                $($( $ext: <$ext_ty as $crate::message::Field>::ZERO, )+)?
-            };
-
             impl $name {
+                /// The message with all bytes zero.
+                #[allow(dead_code, reason = "a private message may always be filled in completely")]
+                pub const ZERO: Self = Self {
+                    $( $field: <$ty as $crate::message::Field>::ZERO, )+
+                    $($( $ext: <$ext_ty as $crate::message::Field>::ZERO, )+)?
+                };
+
                 /// The message with all fields unknown: each has the value that means "not known", or zero if the
                 /// definition has no such value. Fill in the known fields: `Self { …, ..Self::UNKNOWN }`.
                 #[allow(dead_code, reason = "a private message may always be filled in completely")]
                 #[allow(clippy::needless_update, reason = "all fields may have such a value")]
-                pub const UNKNOWN: Self = Self { $( $( $field: $unknown, )? )+ $($( $( $ext: $ext_unknown, )? )+)? ..__ZERO };
+                pub const UNKNOWN: Self = Self { $( $( $field: $unknown, )? )+ $($( $( $ext: $ext_unknown, )? )+)? ..Self::ZERO };
             }
 
             impl Default for $name {
                 #[inline]
                 fn default() -> Self {
-                    __ZERO
+                    Self::ZERO
                 }
             }
 

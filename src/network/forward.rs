@@ -120,7 +120,7 @@ fn is_command(id: u32) -> bool {
 }
 
 /// The state of forwarding between `LINKS` links. Declared by `forwarding: { bytes: BYTES, seen: SEEN }` in
-/// [`stack!`](crate::stack); a vehicle that does not declare it forwards nothing.
+/// [`#[stack]`](macro@crate::Stack); a vehicle that does not declare it forwards nothing.
 ///
 /// It has a queue of `BYTES` bytes for each link. For duplicate detection it has `SEEN` places of 8 bytes, one for each
 /// frame that was forwarded within the last 0.8 s; no more frames than that are forwarded in this time.
@@ -156,9 +156,9 @@ fn is_command(id: u32) -> bool {
 ///     LinkConfig::uart(921_600),
 ///     LinkConfig::uart(115_200).with_class(LinkClass::Private),
 /// ];
-/// stack! {
-///     struct Mavlink for Rover { links: 3, forwarding }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Rover, links: 3, forwarding)]
+/// struct Mavlink;
 ///
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
@@ -166,7 +166,7 @@ fn is_command(id: u32) -> bool {
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { MavResult::UNSUPPORTED.into() }
 /// # }
 /// let (radio, companion) = (LinkId(0), LinkId(1));
-/// let (mut rover, mut stack) = (Rover, Mavlink::new(CONFIG, LINKS));
+/// let (mut rover, mut stack) = (Rover, StackOf::<Mavlink>::new(CONFIG, LINKS));
 /// let now = Instant::from_millis(1);
 /// # for link in [radio, companion] { assert!(stack.transmit(now, link, &mut rover).is_empty()); }
 ///

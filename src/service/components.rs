@@ -13,7 +13,7 @@
 //! the firmware's own [client](crate::CommandClient) to one of them is carried out in [`Stack::poll`](crate::Stack::poll), and
 //! leaves the firmware on no link.
 
-use super::{Cx, Request, Service, Turn, Verdict, View};
+use super::{About, Cx, Part, Request, Service, Turn, Verdict, View};
 use crate::dialect::{Heartbeat, MavAutopilot, MavCmd, MavModeFlag, MavResult, MavState};
 use crate::link::Port;
 use crate::message::{ComponentId, Message};
@@ -25,7 +25,7 @@ use crate::types::{Command, Component, Context, Firmware, Outcome};
 const MAVLINK_VERSION: u8 = 3;
 
 /// The other components of the firmware, and their commands. For a vehicle that declares `components` in
-/// [`stack!`](crate::stack).
+/// [`#[stack]`](macro@crate::Stack).
 ///
 /// ```
 /// use mavstack::dialect::{MavCmd, MavResult, MavState, MavType};
@@ -57,13 +57,13 @@ const MAVLINK_VERSION: u8 = 3;
 ///     }
 /// }
 ///
-/// stack! {
-///     struct Mavlink for Copter { links: 2, components }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Copter, links: 2, components)]
+/// struct Mavlink;
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Components`",
-    note = "`components` in `stack!` needs `impl Components for {Self}`: write it, or leave `components` out"
+    note = "`components` in `#[stack]` needs `impl Components for {Self}`: write it, or leave `components` out"
 )]
 pub trait Components {
     /// The components besides the autopilot, at most three. None has the component id of [`Config`](crate::Config).
@@ -110,13 +110,11 @@ pub struct ComponentService;
 
 impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
     const NEW: Self = Self;
-    const IS_OF_COMPONENTS: bool = true;
+    const ABOUT: About = About { part: Part::Every, is_of_components: true, ..About::AUTOPILOT };
     type Link = ComponentLink;
     const VACANT: ComponentLink = ComponentLink { period: 0, left: 0 };
-
-    fn is_part_of(component: ComponentId) -> bool {
-        F::is_component(component)
-    }
+    const TURNS: &'static [Turn] = &[Turn::ComponentHeartbeat];
+    type Reply = ();
 
     /// Handles a request for a component's HEARTBEAT.
     #[inline(never)]
@@ -135,7 +133,8 @@ impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
         if command.id != MavCmd::REQUEST_MESSAGE || num::integer(id) != Some(Heartbeat::ID) {
             return None;
         }
-        let is_alive = cx.vehicle.component_state(command.component).is_some() && is_beating(cx);
+        cx.shared.sample_pulse(cx.now);
+        let is_alive = cx.vehicle.component_state(command.component).is_some() && cx.shared.is_beating(cx.now);
         let may_send = is_alive && command.has_response_target() && !port.config.class.is_high_latency();
         if may_send {
             // Those of all components: each is as current as the requested one.
@@ -144,10 +143,13 @@ impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
         Some(Verdict::done(if may_send { MavResult::ACCEPTED } else { MavResult::DENIED }))
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ComponentLink, _: Turn) -> bool {
-        if !link.is_pending(port) || !is_beating(cx) {
-            return false;
-        }
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &ComponentLink, _: Turn) -> Option<(Instant, ())> {
+        link.is_pending(port).then_some((view.now, ()))
+    }
+
+    /// Sends the heartbeat of the next component that is not in a fault.
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ComponentLink, (): ()) -> bool {
         if link.period != port.facts.periods {
             (link.period, link.left) = (port.facts.periods, count::<F>());
         }
@@ -168,18 +170,9 @@ impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
         }
         false
     }
-
-    fn due(&self, view: &View<'_>, port: &Port, link: &ComponentLink, _: Turn) -> Instant {
-        if link.is_pending(port) { view.shared.when_beating(view.now, view.now) } else { Instant::NEVER }
-    }
 }
 
 /// Returns the number of components.
 fn count<F: Firmware>() -> u8 {
     u8::try_from(F::COMPONENTS.len()).unwrap_or(0)
-}
-
-/// Whether heartbeats may be sent (H-5).
-fn is_beating<F: Firmware>(cx: &mut Cx<'_, F>) -> bool {
-    cx.shared.flight.has_state && cx.shared.is_beating(cx.now)
 }

@@ -34,6 +34,8 @@ impl<F: Firmware> Service<F> for Tunes {
     const NEW: Self = Self { received: 0 };
     type Link = TuneLink;
     const VACANT: TuneLink = TuneLink { is_answer_pending: false };
+    const TURNS: &'static [Turn] = &[Turn::Answer];
+    type Reply = ();
 
     /// Receiving changes state and sends nothing.
     fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, link: &mut TuneLink, received: &Received<'_>) -> Handled {
@@ -45,17 +47,18 @@ impl<F: Firmware> Service<F> for Tunes {
         Handled::Yes
     }
 
-    /// Sends the answer, which is built when the link has room for it.
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TuneLink, _: Turn) -> bool {
-        core::mem::take(&mut link.is_answer_pending)
-            && port.outbox.send(&NamedValueInt {
-                time_boot_ms: cx.now.time_boot_ms(),
-                value: self.received.cast_signed(),
-                name: Text::new("TUNES"),
-            })
+    /// There is one kind of frame, so its reply has no name.
+    fn pending(&self, view: &View<'_>, _: &Port, link: &TuneLink, _: Turn) -> Option<(Instant, ())> {
+        link.is_answer_pending.then_some((view.now, ()))
     }
 
-    fn due(&self, view: &View<'_>, _: &Port, link: &TuneLink, _: Turn) -> Instant {
-        if link.is_answer_pending { view.now } else { Instant::NEVER }
+    /// Sends the answer, which is built when the link has room for it.
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TuneLink, (): ()) -> bool {
+        link.is_answer_pending = false;
+        port.outbox.send(&NamedValueInt {
+            time_boot_ms: cx.now.time_boot_ms(),
+            value: self.received.cast_signed(),
+            name: Text::new("TUNES"),
+        })
     }
 }

@@ -8,7 +8,7 @@
 //! answered; an attempt to set one is.
 
 use super::share::Share;
-use super::{Cx, Handled, Received, Service, Turn, View};
+use super::{About, Cx, Handled, Received, Service, StackEvent, Turn, View};
 use crate::dialect::{
     MavParamExtType, ParamAck, ParamExtAck, ParamExtRequestList, ParamExtRequestRead, ParamExtSet, ParamExtValue,
 };
@@ -126,7 +126,7 @@ impl<'a> ExtValue<'a> {
     }
 }
 
-/// Extended parameters, for a vehicle that declares `ext_parameters` in [`stack!`](crate::stack).
+/// Extended parameters, for a vehicle that declares `ext_parameters` in [`#[stack]`](macro@crate::Stack).
 ///
 /// ```
 /// use mavstack::dialect::{MavResult, ParamAck};
@@ -136,9 +136,9 @@ impl<'a> ExtValue<'a> {
 /// /// A camera with two settings.
 /// struct Surveyor { iso: u32, owner: [u8; 16] }
 ///
-/// stack! {
-///     struct Mavlink for Surveyor { links: 1, ext_parameters }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Surveyor, links: 1, ext_parameters)]
+/// struct Mavlink;
 ///
 /// impl ExtParameters for Surveyor {
 ///     fn ext_param_count(&self) -> u16 {
@@ -171,7 +171,7 @@ impl<'a> ExtValue<'a> {
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `ExtParameters`",
-    note = "`ext_parameters` in `stack!` needs `impl ExtParameters for {Self}`: write it, or leave `ext_parameters` out"
+    note = "`ext_parameters` in `#[stack]` needs `impl ExtParameters for {Self}`: write it, or leave `ext_parameters` out"
 )]
 pub trait ExtParameters {
     /// The component that has the parameters, such as the camera with id 100. `None` is the autopilot.
@@ -208,7 +208,7 @@ impl Answer {
         Self { links: LinkMask::NONE, index: 0, name: [0; 16], kind: MavParamExtType(0), result: ParamAck::ACCEPTED };
 }
 
-/// The server of extended parameters: declared by `ext_parameters` in [`stack!`](crate::stack), and used through
+/// The server of extended parameters: declared by `ext_parameters` in [`#[stack]`](macro@crate::Stack), and used through
 /// [`Stack::ext_parameters_mut`](crate::Stack::ext_parameters_mut).
 ///
 /// Each PARAM_EXT_SET is answered by a PARAM_EXT_ACK on every normal link that carries MAVLink 2, so that all ground stations learn of
@@ -217,6 +217,15 @@ impl Answer {
 #[derive(Debug)]
 pub struct ExtParamServer {
     answers: [Answer; SLOTS],
+}
+
+/// What the server sends.
+#[derive(Clone, Copy, Debug)]
+pub enum ExtParamReply {
+    /// PARAM_EXT_ACK, by its place among the answers.
+    Answer(usize),
+    /// PARAM_EXT_VALUE, by the index of the parameter.
+    Value(u16),
 }
 
 /// The state of the service on a link.
@@ -237,16 +246,18 @@ impl ExtParamLink {
         }
     }
 
-    /// Takes the first parameter that was requested.
-    fn take_asked(&mut self) -> Option<u16> {
-        let (base, byte) = (0u16..).zip(&mut self.asked).find(|(_, byte)| **byte != 0)?;
-        let bit = u16::try_from(byte.trailing_zeros()).unwrap_or(0);
-        *byte &= byte.wrapping_sub(1);
-        Some(base.wrapping_shl(3) | bit)
+    /// Removes the mark.
+    fn forget(&mut self, index: u16) {
+        if let Some(byte) = self.asked.get_mut(usize::from(index >> 3)) {
+            *byte &= !1u8.wrapping_shl(u32::from(index));
+        }
     }
 
-    fn is_asked(&self) -> bool {
-        self.asked.iter().any(|byte| *byte != 0)
+    /// Returns the first parameter that was requested.
+    fn first_asked(&self) -> Option<u16> {
+        let (base, byte) = (0u16..).zip(&self.asked).find(|(_, byte)| **byte != 0)?;
+        let bit = u16::try_from(byte.trailing_zeros()).unwrap_or(0);
+        Some(base.wrapping_shl(3) | bit)
     }
 }
 
@@ -270,7 +281,7 @@ impl ExtParamServer {
     }
 
     /// Returns the first answer that is pending on a link.
-    fn pending(&self, port: &Port) -> Option<usize> {
+    fn answer_on(&self, port: &Port) -> Option<usize> {
         let mask = LinkMask::of(port.id);
         self.answers.iter().position(|answer| answer.links.contains(mask))
     }
@@ -400,9 +411,11 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
         Component::check_service(F::COMPONENTS, F::Vehicle::COMPONENT);
         Self { answers: [Answer::NONE; SLOTS] }
     };
-    const COMPONENT: Option<ComponentId> = F::Vehicle::COMPONENT;
+    const ABOUT: About = About::of(F::Vehicle::COMPONENT);
     type Link = ExtParamLink;
     const VACANT: ExtParamLink = ExtParamLink::VACANT;
+    const TURNS: &'static [Turn] = &[Turn::ExtParam];
+    type Reply = ExtParamReply;
 
     /// Answers for links that carry none are not pending.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ExtParamLink>) {
@@ -446,37 +459,41 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
         Handled::Yes
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ExtParamLink, _: Turn) -> bool {
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &ExtParamLink, _: Turn) -> Option<(Instant, ExtParamReply)> {
         if !port.outbox.takes(ParamExtValue::ID) {
-            self.forget(port);
-            return false;
+            return None;
         }
-        if let Some(answer) = self.pending(port).and_then(|place| self.answers.get_mut(place)) {
-            answer.links = answer.links.without(LinkMask::of(port.id));
-            return send_answer(cx, port, answer);
-        }
-        if link.share.due() > cx.now {
-            return false;
-        }
-        let Some(index) = link.take_asked() else { return false };
-        link.share.spend(cx.now, COST, port.config.bytes_per_second);
-        send_value(cx, port, index)
-    }
-
-    fn due(&self, view: &View<'_>, port: &Port, link: &ExtParamLink, _: Turn) -> Instant {
-        if !port.outbox.takes(ParamExtValue::ID) {
-            Instant::NEVER
-        } else if self.pending(port).is_some() {
-            view.now
-        } else if link.is_asked() {
-            link.share.due()
-        } else {
-            Instant::NEVER
+        match self.answer_on(port) {
+            Some(place) => Some((view.now, ExtParamReply::Answer(place))),
+            None => link.first_asked().map(|index| (link.share.due(), ExtParamReply::Value(index))),
         }
     }
 
-    fn restart(&mut self, port: &Port, link: &mut ExtParamLink) {
-        self.forget(port);
-        *link = ExtParamLink::VACANT;
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ExtParamLink, reply: ExtParamReply) -> bool {
+        match reply {
+            ExtParamReply::Answer(place) => {
+                let Some(answer) = self.answers.get_mut(place) else { return false };
+                answer.links = answer.links.without(LinkMask::of(port.id));
+                send_answer(cx, port, answer)
+            }
+            ExtParamReply::Value(index) => {
+                link.forget(index);
+                link.share.spend(cx.now, COST, port.config.bytes_per_second);
+                send_value(cx, port, index)
+            }
+        }
+    }
+
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Opened(port, link) => {
+                self.forget(port);
+                *link = ExtParamLink::VACANT;
+            }
+            // A link that sends MAVLink 1 cannot carry the answers.
+            StackEvent::Sent(port, _) if !port.outbox.takes(ParamExtValue::ID) => self.forget(port),
+            _ => {}
+        }
     }
 }

@@ -3,16 +3,14 @@
 //! The queues, and the memory for duplicate detection, are in `network`: see [`ForwardQueues`].
 
 use super::gate::ForwardingGate;
-use super::{Cx, Service, Turn, View};
+use super::{Cx, Service, ShowCounters, Turn, View};
 use crate::frame::Frame;
 use crate::link::Port;
 use crate::network::{self, Booking, ForwardQueues, Passage};
 use crate::time::Instant;
-#[cfg(feature = "defmt")]
-use crate::types::LinkId;
-use crate::types::{Firmware, LinkMask, Peer};
+use crate::types::{Firmware, LinkId, LinkMask, Peer};
 
-/// Forwards frames between the links. Declared by `forwarding` in [`stack!`](crate::stack).
+/// Forwards frames between the links. Declared by `forwarding` in [`#[stack]`](macro@crate::Stack).
 #[derive(Debug)]
 pub struct Forwarding<const LINKS: usize, const BYTES: usize, const SEEN: usize> {
     pub(crate) queues: ForwardQueues<LINKS, BYTES, SEEN>,
@@ -26,12 +24,20 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
     const NEW: Self = Self { queues: ForwardQueues::new(), queued: LinkMask::NONE };
     type Link = ();
     const VACANT: () = ();
+    const TURNS: &'static [Turn] = &[Turn::ForwardedFirst, Turn::Forwarded];
+    type Reply = ();
 
-    /// Sends the next frame of the link's queue.
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), turn: Turn) -> bool {
-        if !self.is_turn(port, turn) {
-            return false;
-        }
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, (): &(), turn: Turn) -> Option<(Instant, ())> {
+        let is_turn = match turn {
+            Turn::ForwardedFirst => port.facts.own_was_last,
+            _ => true,
+        };
+        (is_turn && self.queued.contains(LinkMask::of(port.id))).then_some((view.now, ()))
+    }
+
+    /// Sends the next frame of the link's queue, and drops those that have waited for too long.
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), (): ()) -> bool {
         let mut queues = self.queues.forwarding();
         let sent = queues.next(cx.now, &mut port.outbox);
         if queues.is_empty(port.id) {
@@ -41,27 +47,12 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
         sent
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops_on(&self, link: LinkId) -> u32 {
-        self.queues.counters(link).map_or(0, |counters| counters.drops())
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops_on(&self, link: LinkId) {
-        if let Some(counters) = self.queues.counters(link).filter(|counters| counters.drops() != 0) {
-            event!("link {=u8}: {}", link.0, counters);
+    fn counters(&self, show: &mut impl ShowCounters) {
+        for link in (0..).map(LinkId).take(LINKS) {
+            if let Some(counters) = self.queues.counters(link) {
+                show.counters_of(link, &counters);
+            }
         }
-    }
-
-    fn due(&self, view: &View<'_>, port: &Port, (): &(), turn: Turn) -> Instant {
-        if self.is_turn(port, turn) { view.now } else { Instant::NEVER }
-    }
-}
-
-impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> Forwarding<LINKS, BYTES, SEEN> {
-    /// Whether a frame of the link's queue may be sent in this turn.
-    fn is_turn(&self, port: &Port, turn: Turn) -> bool {
-        self.queued.contains(LinkMask::of(port.id)) && (port.facts.own_was_last || turn != Turn::ForwardedFirst)
     }
 }
 

@@ -140,6 +140,7 @@ impl<F: Firmware> Service<F> for Absent {
     const NEW: Self = Self;
     type Link = ();
     const VACANT: () = ();
+    type Reply = ();
 }
 
 /// Without signing, every frame counts as unsigned, and only open links accept frames.
@@ -195,6 +196,7 @@ impl<F: Firmware> Service<F> for WithoutSigning {
     const NEW: Self = Self;
     type Link = ();
     const VACANT: () = ();
+    type Reply = ();
 
     /// Drops SETUP_SIGNING: it contains a key, which the vehicle's hook for messages must not see (G-11).
     fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {

@@ -21,7 +21,43 @@ pub struct Heartbeats {
     extra: LinkMask,
 }
 
+/// A HEARTBEAT that is pending.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Beat {
+    Scheduled,
+    /// Reports a change of the state (H-16).
+    Extra,
+}
+
 impl Heartbeats {
+    /// Samples the pulse and the vehicle's state, before the services are polled: they see the same state.
+    pub(crate) fn sample<F: Firmware<Vehicle: Vehicle>>(&mut self, cx: &mut Cx<'_, F>) {
+        cx.shared.sample_pulse(cx.now);
+        let state = cx.vehicle.state();
+        self.notice(cx, state);
+    }
+
+    /// Looks at what decides whether a link sends a heartbeat: the pulse, the state after a command, and what other services
+    /// request. The stack calls it before it asks for the link's next frame.
+    #[inline(never)]
+    pub(crate) fn prepare<F: Firmware<Vehicle: Vehicle>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut Schedule,
+    ) {
+        cx.shared.sample_pulse(cx.now);
+        if cx.shared.has_acted {
+            // A command may have changed the state. Its heartbeat must precede the answer, because clients read it as
+            // soon as the answer arrives.
+            let state = cx.vehicle.state();
+            self.notice(cx, state);
+        }
+        if core::mem::take(&mut port.facts.is_sign_of_life_due) {
+            link.postpone(cx.now);
+        }
+    }
+
     /// Schedules an extra heartbeat on each normal link when the reported state has changed (H-16).
     fn notice<F: Firmware>(&mut self, cx: &mut Cx<'_, F>, state: Option<VehicleState>) {
         let flight = &mut cx.shared.flight;
@@ -37,12 +73,8 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
     const NEW: Self = Self { extra: LinkMask::NONE };
     type Link = Schedule;
     const VACANT: Schedule = Schedule::new();
-
-    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Schedule>) {
-        cx.shared.is_beating(cx.now);
-        let state = cx.vehicle.state();
-        self.notice(cx, state);
-    }
+    const TURNS: &'static [Turn] = &[Turn::Heartbeat, Turn::ExtraHeartbeat];
+    type Reply = Beat;
 
     /// The peer table has recorded the heartbeat before.
     fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, _: &mut Schedule, received: &Received<'_>) -> Handled {
@@ -70,6 +102,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
         let is_accepted = if is_interval {
             is_valid && micros >= 0.0 && (instance == 0.0 || instance.is_nan())
         } else {
+            cx.shared.sample_pulse(cx.now);
             is_valid && cx.vehicle.state().is_some() && cx.shared.is_beating(cx.now)
         };
         if is_accepted && !is_interval {
@@ -78,38 +111,35 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
         Some(Verdict::done(if is_accepted { MavResult::ACCEPTED } else { MavResult::DENIED }))
     }
 
-    /// Sends the heartbeat when it is due or the reported state has changed, and the flight loop is healthy (H-1, H-5,
-    /// H-16).
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Schedule, _: Turn) -> bool {
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &Schedule, turn: Turn) -> Option<(Instant, Beat)> {
+        match turn {
+            Turn::ExtraHeartbeat => {
+                let is_pending = view.shared.flight.has_state && self.extra.contains(LinkMask::of(port.id));
+                is_pending.then_some((link.extra, Beat::Extra))
+            }
+            _ if port.facts.is_sign_of_life_due => Some((view.now, Beat::Scheduled)),
+            _ => Some((link.due, Beat::Scheduled)),
+        }
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Schedule, beat: Beat) -> bool {
         let now = cx.now;
-        if cx.shared.has_acted {
-            // A command may have changed the state. Its heartbeat must precede the answer, because clients read it as
-            // soon as the answer arrives.
-            let state = cx.vehicle.state();
-            self.notice(cx, state);
-        }
-        if core::mem::take(&mut port.facts.is_sign_of_life_due) {
-            link.postpone(now);
-        }
-        let mask = LinkMask::of(port.id);
-        let is_due = link.is_due(now);
-        let is_extra = self.extra.contains(mask) && link.may_send_extra(now) && port.bucket.has_room();
-        if !(is_due || is_extra) || !cx.shared.is_beating(now) {
-            return false;
-        }
         let Some(state) = cx.vehicle.state() else {
-            if is_due {
+            cx.shared.flight.has_state = false;
+            if beat == Beat::Scheduled {
                 link.postpone(now.after(RETRY));
             }
             return false;
         };
-        self.extra = self.extra.without(mask);
+        self.extra = self.extra.without(LinkMask::of(port.id));
         let config = &cx.shared.config;
-        if is_due {
-            link.sent(now, config.heartbeat_period);
-            port.facts.periods = port.facts.periods.wrapping_add(1);
-        } else {
-            link.sent_extra(now);
+        match beat {
+            Beat::Scheduled => {
+                link.sent(now, config.heartbeat_period);
+                port.facts.periods = port.facts.periods.wrapping_add(1);
+            }
+            Beat::Extra => link.sent_extra(now),
         }
         port.outbox.send(&Heartbeat {
             custom_mode: state.custom_mode,
@@ -119,16 +149,6 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
             system_status: state.system_status,
             mavlink_version: MAVLINK_VERSION,
         })
-    }
-
-    fn due(&self, view: &View<'_>, port: &Port, link: &Schedule, _: Turn) -> Instant {
-        let now = view.now;
-        let due = if view.shared.flight.has_state && self.extra.contains(LinkMask::of(port.id)) {
-            link.due_with_extra(port.bucket.ready_at())
-        } else {
-            link.due()
-        };
-        view.shared.when_beating(now, if port.facts.is_sign_of_life_due { now } else { due })
     }
 }
 
@@ -152,15 +172,6 @@ impl Schedule {
         Self { due: Instant::ZERO, extra: Instant::ZERO }
     }
 
-    pub(crate) fn is_due(&self, now: Instant) -> bool {
-        now >= self.due
-    }
-
-    /// Whether an extra heartbeat may be sent.
-    pub(crate) fn may_send_extra(&self, now: Instant) -> bool {
-        now >= self.extra
-    }
-
     /// Records that an extra heartbeat was sent.
     pub(crate) fn sent_extra(&mut self, now: Instant) {
         self.extra = now.after(EXTRA_PERIOD);
@@ -178,15 +189,6 @@ impl Schedule {
     pub(crate) const fn postpone(&mut self, due: Instant) {
         self.due = due;
     }
-
-    pub(crate) fn due(&self) -> Instant {
-        self.due
-    }
-
-    /// Returns when a heartbeat is due while an extra one is pending, on a link that has room from `ready_at` on.
-    pub(crate) fn due_with_extra(&self, ready_at: Instant) -> Instant {
-        self.due.min(self.extra.max(ready_at))
-    }
 }
 
 #[cfg(test)]
@@ -199,8 +201,8 @@ mod tests {
         let period = Duration::from_secs(1);
         let mut schedule = Schedule::new();
         schedule.sent(Instant::from_millis(3), period);
-        assert_eq!(schedule.due(), Instant::from_millis(1_000), "a late poll does not shift the schedule");
+        assert_eq!(schedule.due, Instant::from_millis(1_000), "a late poll does not shift the schedule");
         schedule.sent(Instant::from_millis(5_300), period);
-        assert_eq!(schedule.due(), Instant::from_millis(6_300), "after a stall the schedule starts from now");
+        assert_eq!(schedule.due, Instant::from_millis(6_300), "after a stall the schedule starts from now");
     }
 }

@@ -1,6 +1,6 @@
 //! AUTOPILOT_VERSION and PROTOCOL_VERSION: the vehicle's versions and capabilities (Q-2, V-4, V-6).
 
-use super::{Cx, Request, Service, Turn, Verdict, View};
+use super::{About, Cx, Request, Service, Turn, Verdict, View};
 use crate::dialect::{AutopilotVersion, MavCmd, MavProtocolCapability, MavResult, ProtocolVersion};
 use crate::frame::Version;
 use crate::link::Port;
@@ -16,6 +16,13 @@ pub struct Asked {
     protocol_version: bool,
 }
 
+/// An answer that is pending.
+#[derive(Clone, Copy, Debug)]
+pub enum IdentityReply {
+    AutopilotVersion,
+    ProtocolVersion,
+}
+
 /// Answers requests for the vehicle's identity.
 #[derive(Debug)]
 pub struct Identification;
@@ -24,10 +31,11 @@ impl<F: Firmware> Service<F> for Identification {
     const NEW: Self = Self;
     type Link = Asked;
     const VACANT: Asked = Asked { autopilot_version: false, protocol_version: false };
-    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::MAVLINK2;
+    const TURNS: &'static [Turn] = &[Turn::Identity];
+    type Reply = IdentityReply;
+    const ABOUT: About = About { capabilities: MavProtocolCapability::MAVLINK2, ..About::AUTOPILOT };
 
-    /// The last service that sees MAV_CMD_REQUEST_MESSAGE. An id that no service can send is DENIED, because the
-    /// command itself is supported.
+    /// MAV_CMD_REQUEST_MESSAGE for one of the two, and the commands that it replaced.
     #[inline(never)]
     fn on_command(
         &mut self,
@@ -38,49 +46,63 @@ impl<F: Firmware> Service<F> for Identification {
     ) -> Option<Verdict> {
         let command = &request.command;
         let [first, ..] = command.params;
-        let id = match command.id {
-            MavCmd::REQUEST_MESSAGE => num::integer::<u32>(first).filter(|_| command.has_response_target()),
+        let (id, is_valid) = match command.id {
+            MavCmd::REQUEST_MESSAGE => (num::integer(first)?, command.has_response_target()),
             // The commands that REQUEST_MESSAGE replaced: parameter 1 must be 1.
-            MavCmd::REQUEST_AUTOPILOT_CAPABILITIES => (num::integer(first) == Some(1)).then_some(AutopilotVersion::ID),
-            MavCmd::REQUEST_PROTOCOL_VERSION => (num::integer(first) == Some(1)).then_some(ProtocolVersion::ID),
+            MavCmd::REQUEST_AUTOPILOT_CAPABILITIES => (AutopilotVersion::ID, first == 1.0),
+            MavCmd::REQUEST_PROTOCOL_VERSION => (ProtocolVersion::ID, first == 1.0),
             _ => return None,
         };
         let asked = match id {
-            _ if port.config.class.is_high_latency() => None,
-            Some(AutopilotVersion::ID) => Some(&mut link.autopilot_version),
-            Some(ProtocolVersion::ID) => Some(&mut link.protocol_version),
-            _ => None,
+            AutopilotVersion::ID => &mut link.autopilot_version,
+            ProtocolVersion::ID => &mut link.protocol_version,
+            _ => return None,
         };
-        let Some(asked) = asked else { return Some(Verdict::done(MavResult::DENIED)) };
+        if !is_valid || port.config.class.is_high_latency() {
+            return Some(Verdict::done(MavResult::DENIED));
+        }
         *asked = true;
         Some(Verdict::done(MavResult::ACCEPTED))
     }
 
-    /// Not inlined: it would link 1.5 kB of `memmove`.
-    #[inline(never)]
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Asked, _: Turn) -> bool {
-        if core::mem::take(&mut link.autopilot_version) {
-            let identity = &cx.shared.config.identity;
-            return port.outbox.send(&AutopilotVersion {
-                capabilities: identity.capabilities,
-                flight_sw_version: identity.flight_sw_version,
-                middleware_sw_version: identity.middleware_sw_version,
-                os_sw_version: identity.os_sw_version,
-                board_version: identity.board_version,
-                flight_custom_version: identity.flight_custom_version,
-                vendor_id: identity.vendor_id,
-                product_id: identity.product_id,
-                uid: identity.uid,
-                uid2: identity.uid2,
-                ..Default::default()
-            });
-        }
-        // Always MAVLink 2: its arrival is the answer (V-6).
-        let message = ProtocolVersion { version: 200, min_version: 100, max_version: 200, ..Default::default() };
-        core::mem::take(&mut link.protocol_version) && port.outbox.send_as(Version::V2, &message)
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, _: &Port, link: &Asked, _: Turn) -> Option<(Instant, IdentityReply)> {
+        let reply = match *link {
+            Asked { autopilot_version: true, .. } => IdentityReply::AutopilotVersion,
+            Asked { protocol_version: true, .. } => IdentityReply::ProtocolVersion,
+            _ => return None,
+        };
+        Some((view.now, reply))
     }
 
-    fn due(&self, view: &View<'_>, _: &Port, link: &Asked, _: Turn) -> Instant {
-        if link.autopilot_version || link.protocol_version { view.now } else { Instant::NEVER }
+    /// Not inlined: it would link 1.5 kB of `memmove`.
+    #[inline(never)]
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Asked, reply: IdentityReply) -> bool {
+        match reply {
+            IdentityReply::AutopilotVersion => {
+                link.autopilot_version = false;
+                let identity = &cx.shared.config.identity;
+                port.outbox.send(&AutopilotVersion {
+                    capabilities: identity.capabilities,
+                    flight_sw_version: identity.flight_sw_version,
+                    middleware_sw_version: identity.middleware_sw_version,
+                    os_sw_version: identity.os_sw_version,
+                    board_version: identity.board_version,
+                    flight_custom_version: identity.flight_custom_version,
+                    vendor_id: identity.vendor_id,
+                    product_id: identity.product_id,
+                    uid: identity.uid,
+                    uid2: identity.uid2,
+                    ..Default::default()
+                })
+            }
+            IdentityReply::ProtocolVersion => {
+                link.protocol_version = false;
+                let message =
+                    ProtocolVersion { version: 200, min_version: 100, max_version: 200, ..Default::default() };
+                // Always MAVLink 2: its arrival is the answer (V-6).
+                port.outbox.send_as(Version::V2, &message)
+            }
+        }
     }
 }

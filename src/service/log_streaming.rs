@@ -6,7 +6,7 @@
 //!
 //! Left out: more than one client at a time, and other formats, which MAVLink does not define.
 
-use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::{Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment};
 use crate::dialect::{LoggingAck, LoggingData, LoggingDataAcked, MavCmd, MavResult};
 use crate::link::Port;
 use crate::message::{Address, Message};
@@ -33,14 +33,14 @@ const NO_MESSAGE: u8 = u8::MAX;
 /// The length of the header of a ULog file.
 const HEADER: u32 = 16;
 
-/// The hooks of a vehicle that streams its log, for a vehicle that declares `log_streaming` in [`stack!`](crate::stack).
+/// The hooks of a vehicle that streams its log, for a vehicle that declares `log_streaming` in [`#[stack]`](macro@crate::Stack).
 ///
 /// The log is in the [ULog](https://docs.px4.io/main/en/dev_log/ulog_file_format.html) format: a header and
 /// definitions, which are the same for the whole log, then data, which is streamed as it is recorded. The stack finds
 /// the message boundaries.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `LogStreaming`",
-    note = "`log_streaming` in `stack!` needs `impl LogStreaming for {Self}`: write it, or leave `log_streaming` out"
+    note = "`log_streaming` in `#[stack]` needs `impl LogStreaming for {Self}`: write it, or leave `log_streaming` out"
 )]
 pub trait LogStreaming {
     /// Starts a stream of the data that is recorded from now on. Returns ACCEPTED or a refusal. A previous stream has
@@ -85,7 +85,16 @@ enum Phase {
     Data,
 }
 
-/// The state of log streaming: declared by `log_streaming` in [`stack!`](crate::stack), and read through
+/// What log streaming sends.
+#[derive(Clone, Copy, Debug)]
+pub enum StreamingReply {
+    /// LOGGING_DATA_ACKED, until it is acknowledged.
+    Definitions,
+    /// LOGGING_DATA.
+    Data,
+}
+
+/// The state of log streaming: declared by `log_streaming` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::log_streaming`](crate::Stack::log_streaming). The vehicle's part is [`LogStreaming`].
 ///
 /// ```text
@@ -173,6 +182,8 @@ impl LogStreamer {
 impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
     type Link = ();
     const VACANT: () = ();
+    const TURNS: &'static [Turn] = &[Turn::LateBulk, Turn::Bulk];
+    type Reply = StreamingReply;
     const NEW: Self = Self {
         phase: Phase::Off,
         is_gone: false,
@@ -250,36 +261,31 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
         Some(Verdict::done(result))
     }
 
-    fn on_heard(&mut self, now: Instant, from: Peer) {
-        if from == self.client {
-            self.heard = now;
+    #[inline(always)]
+    fn pending(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Option<(Instant, StreamingReply)> {
+        let reply = match self.phase {
+            Phase::Definitions if self.tries < TRIES => StreamingReply::Definitions,
+            Phase::Data => StreamingReply::Data,
+            // The next poll ends a stream whose definitions were not acknowledged.
+            Phase::Off | Phase::Definitions => return None,
+        };
+        self.is_on(port).then_some((self.due, reply))
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), reply: StreamingReply) -> bool {
+        send(self, cx, port, reply)
+    }
+
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
+    }
+
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Opened(port, ()) => self.is_gone |= self.is_on(port),
+            StackEvent::Heard { now, from } if from == self.client => self.heard = now,
+            _ => {}
         }
-    }
-
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), _: Turn) -> bool {
-        self.is_on(port) && cx.now >= self.due && send(self, cx, port)
-    }
-
-    fn due(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Instant {
-        if self.is_on(port) { self.due } else { Instant::NEVER }
-    }
-
-    fn has_bulk(&self) -> bool {
-        self.is_streaming()
-    }
-
-    fn restart(&mut self, port: &Port, (): &mut ()) {
-        self.is_gone |= self.is_on(port);
-    }
-
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        defmt::warn!("log streaming: {}", self.counters);
     }
 }
 
@@ -349,11 +355,13 @@ fn next_definitions<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStream
 
 /// Sends a packet (LOG-11, LOG-12).
 #[inline(never)]
-fn send<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
-    let is_acked = streamer.phase == Phase::Definitions;
-    if is_acked && streamer.tries >= TRIES {
-        return false;
-    }
+fn send<F: Firmware<Vehicle: LogStreaming>>(
+    streamer: &mut LogStreamer,
+    cx: &mut Cx<'_, F>,
+    port: &mut Port,
+    reply: StreamingReply,
+) -> bool {
+    let is_acked = matches!(reply, StreamingReply::Definitions);
     let info = if is_acked { const { &LoggingDataAcked::INFO } } else { const { &LoggingData::INFO } };
     let is_new = !is_acked || streamer.tries == 0;
     let is_sent = port.outbox.compose(info, |payload: &mut [u8; PACKET]| {

@@ -53,11 +53,16 @@ impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
     const NEW: Self = Self;
     type Link = MessageLink;
     const VACANT: MessageLink = MessageLink { share: Share::NEW, frames: 0, at: Instant::ZERO };
+    const TURNS: &'static [Turn] = &[Turn::Message];
+    type Reply = ();
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut MessageLink, _: Turn) -> bool {
-        if link.due(port) > cx.now {
-            return false;
-        }
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &MessageLink, _: Turn) -> Option<(Instant, ())> {
+        if view.requests.has_message(port.id) { Some((link.due(port), ())) } else { None }
+    }
+
+    /// Sends the next message that the vehicle can fill, and leaves out the others.
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut MessageLink, (): ()) -> bool {
         while let Some(Pending::Message { id, index, target }) = cx.requests.take_message(port.id) {
             let outbox = &mut port.outbox;
             if fill(cx.vehicle, &mut Fill::new(cx.now, id.get(), index, outbox, false).to(target)) {
@@ -69,10 +74,6 @@ impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
         }
         false
     }
-
-    fn due(&self, view: &View<'_>, port: &Port, link: &MessageLink, _: Turn) -> Instant {
-        if view.requests.has_message(port.id) { link.due(port) } else { Instant::NEVER }
-    }
 }
 
 /// The id of a message that the vehicle sends. Fails to compile if the stack sends it by itself.
@@ -83,7 +84,7 @@ pub(crate) const fn id_of<M: Message>() -> u32 {
 
 impl Context<'_> {
     /// Sends message `M` when a link of `to` has room: the stack then calls [`Telemetry::fill`] with this `index`, as for a
-    /// stream, but `M` need not be one of [`STREAMS`](Telemetry::STREAMS). Needs `messages` in [`stack!`](crate::stack).
+    /// stream, but `M` need not be one of [`STREAMS`](Telemetry::STREAMS). Needs `messages` in [`#[stack]`](macro@crate::Stack).
     ///
     /// Each link has room for eight messages, sends them in order, after all answers, and uses at most half of its rate for
     /// them. The same message to the same destination is sent once until then. Returns false if no link has room: then

@@ -1,49 +1,52 @@
 //! The services that a vehicle offers to its peers.
 //!
 //! Each service is a type that implements [`Service`]. Received frames and commands change its state.
-//! [`next`](Service::next) writes at most one message when a link has room. A pending answer is a flag, a cursor or a
+//! [`pending`](Service::pending) says what is to be sent and when, and [`send`](Service::send) sends it when the link has room. A pending answer is a flag, a cursor or a
 //! slot, never bytes, so a full link delays it and never loses it (D-3). The list of the services is in
 //! `stack/services.rs`; [`Turn`] is the order in which they send.
 
 mod gate;
+mod list;
 mod schedule;
 mod share;
 mod token_bucket;
 mod turn;
 
-pub mod camera;
+pub(crate) mod camera;
 pub(crate) mod client;
-pub mod command;
+pub(crate) mod command;
 pub(crate) mod components;
-pub mod events;
+pub(crate) mod events;
 #[cfg(test)]
-pub mod example;
-pub mod ext_parameters;
-pub mod files;
+pub(crate) mod example;
+pub(crate) mod ext_parameters;
+pub(crate) mod files;
 pub(crate) mod forwarding;
-pub mod gimbal;
+pub(crate) mod gimbal;
 pub(crate) mod heartbeat;
-pub mod high_latency;
+pub(crate) mod high_latency;
 pub(crate) mod identity;
-pub mod log_streaming;
-pub mod logs;
-pub mod manual_control;
+pub(crate) mod log_streaming;
+pub(crate) mod logs;
+pub(crate) mod manual_control;
 pub(crate) mod messages;
-pub mod mission;
-pub mod mode;
-pub mod operator_control;
-pub mod param;
+pub(crate) mod mission;
+pub(crate) mod mode;
+pub(crate) mod operator_control;
+pub(crate) mod param;
 pub(crate) mod periodic;
 #[cfg(test)]
 pub(crate) mod rest;
-pub mod setpoints;
+pub(crate) mod setpoints;
 #[cfg(feature = "signing")]
-pub mod signing;
+pub(crate) mod signing;
 pub(crate) mod statustext;
 pub(crate) mod stream;
-pub mod time;
+pub(crate) mod time;
 
+#[doc(hidden)]
 pub use gate::{Absent, ControlGate, ForwardingGate, OwnCommands, SigningGate, SticksGate, WithoutSigning};
+pub use list::{Look, LookAll, ServiceList, Visit, VisitAll};
 pub(crate) use share::{COST_OF_BYTE, MAX_LATENESS, Share};
 #[cfg(test)]
 pub(crate) use turn::TABLE;
@@ -52,39 +55,43 @@ pub(crate) use turn::turns;
 
 use crate::dialect::{MavCmd, MavProtocolCapability, MavResult, MavSeverity};
 use crate::frame::Frame;
-use crate::link::Port;
+pub use crate::link::Port;
+pub use crate::log::Counters;
 pub(crate) use crate::log::increment;
-use crate::message::{Address, ComponentId, SystemId};
+use crate::message::{Address, ComponentId, Message, SystemId};
 use crate::network::{PeerInfo, Peers};
+use crate::num;
 use crate::time::{Clock, Duration, Instant};
-#[cfg(feature = "defmt")]
-use crate::types::LinkId;
+pub use crate::types::Firmware;
 use crate::types::{
-    Command, Config, Context, EventLog, Firmware, Flight, HookFaults, LinkMask, Origin, Outcome, Peer, PlansMut,
-    Refusal, Requests, SignedAt, StatusTexts, Values,
+    Command, Config, Context, EventLog, Flight, HookFaults, LinkId, LinkMask, Origin, Outcome, Peer, PlansMut, Refusal,
+    Requests, SignedAt, StatusTexts, Values,
 };
 
 /// A service of the firmware `F`. It calls the hooks of the firmware's vehicle.
 ///
 /// A call for a link gets the link's port and the service's own state on that link. A service that is not declared
 /// keeps the default methods, which compile to nothing.
-pub trait Service<F: Firmware> {
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is no service of this vehicle",
+    label = "a field of a stack is a service",
+    note = "if it is one, the vehicle does not implement its hooks"
+)]
+pub trait Service<F: Firmware>: Sized {
     /// The service's state on a link.
     type Link: core::fmt::Debug;
 
     /// The initial state on a link: all zero bits, so it takes no flash.
     const VACANT: Self::Link;
 
-    /// The capabilities that the service adds to AUTOPILOT_VERSION.
-    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::EMPTY;
+    /// What the stack must know about the service at compile time.
+    const ABOUT: About = About::AUTOPILOT;
+
+    /// Fails to compile if the sizes of the service, or the constants of its hooks, are wrong.
+    const CHECK: () = ();
 
     /// The initial service: all zero bits, if the service is part of the stack, so it takes no flash.
     const NEW: Self;
-
-    /// Sets the initial values that are not zero bits.
-    fn begin(&mut self, config: &Config) {
-        let _ = config;
-    }
 
     /// Runs the service's timers. `links`: its state on each link, in order.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>)
@@ -97,37 +104,6 @@ pub trait Service<F: Firmware> {
     /// Returns when [`poll`](Self::poll) has something to do.
     fn deadline(&self) -> Instant {
         Instant::NEVER
-    }
-
-    /// The component of the firmware that the service is, if it is not a part of the autopilot.
-    const COMPONENT: Option<ComponentId> = None;
-
-    /// Whether the service is left out with the other components: it is one of them, or serves only them.
-    const IS_OF_COMPONENTS: bool = Self::COMPONENT.is_some();
-
-    /// Whether the service is a part of this component of the firmware: then it gets the frames and commands that are addressed
-    /// to it, besides those for all.
-    fn is_part_of(component: ComponentId) -> bool {
-        Self::COMPONENT.map_or(!F::is_component(component), |own| own == component)
-    }
-
-    /// Returns when a write to storage is due. It stays in the past until storage begins it.
-    fn storage_deadline(&self) -> Instant {
-        Instant::NEVER
-    }
-
-    /// Whether the service also handles a message with this id that is addressed to this other component of our system.
-    fn handles_for(component: ComponentId, id: u32) -> bool {
-        let _ = (component, id);
-        false
-    }
-
-    /// Returns the command in a frame that is addressed to us or to all, if the service handles its message as a
-    /// command. The command is admitted, executed and answered like all others, and
-    /// [`on_frame`](Self::on_frame) is not called.
-    fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
-        let _ = (port, received);
-        None
     }
 
     /// Handles a frame that is addressed to us or to all, if the service handles its message.
@@ -154,72 +130,120 @@ pub trait Service<F: Firmware> {
         None
     }
 
-    /// Puts at most one frame into the link's outbox, which is empty. Returns false if nothing is pending for this
-    /// turn.
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Self::Link, turn: Turn) -> bool {
-        let _ = (cx, port, link, turn);
-        false
-    }
+    /// The places of the service in the sending order of a link.
+    const TURNS: &'static [Turn] = &[];
 
-    /// Returns when [`next`](Self::next) has something to send in this turn, if the link has room.
-    fn due(&self, view: &View<'_>, port: &Port, link: &Self::Link, turn: Turn) -> Instant {
+    /// What the service has to send: an enum with a name for each kind of frame.
+    type Reply;
+
+    /// Returns what is pending in this turn, and when it is due. It changes nothing, and is called often.
+    fn pending(&self, view: &View<'_>, port: &Port, link: &Self::Link, turn: Turn) -> Option<(Instant, Self::Reply)> {
         let _ = (view, port, link, turn);
-        Instant::NEVER
+        None
     }
 
-    /// Whether bulk data may be pending on any link. Called often.
-    fn has_bulk(&self) -> bool {
+    /// Puts what [`pending`](Self::pending) has returned into the link's outbox, which is empty. If the vehicle cannot give it, it
+    /// returns false, and the same is not pending again at once.
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Self::Link, reply: Self::Reply) -> bool {
+        let _ = (cx, port, link, reply);
         false
     }
 
-    /// Called for each accepted frame, whatever its message.
-    fn on_heard(&mut self, now: Instant, from: Peer) {
-        let _ = (now, from);
+    /// Learns what has happened. Most services need none of it.
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        let _ = event;
     }
 
-    /// Called when another system is in control: `owner`, besides our own. What others have sent ends.
-    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
-        let _ = (own, owner);
+    /// Shows the service's counters.
+    fn counters(&self, show: &mut impl ShowCounters) {
+        let _ = show;
+    }
+}
+
+/// What the stack must know about a service at compile time.
+#[derive(Clone, Copy, Debug)]
+pub struct About {
+    /// The capabilities that the service adds to AUTOPILOT_VERSION.
+    pub capabilities: MavProtocolCapability,
+    /// The component whose frames and commands the service gets, besides those for all components.
+    pub part: Part,
+    /// Whether the service is left out with the other components of the firmware: it is one of them, or serves only them.
+    pub is_of_components: bool,
+}
+
+impl About {
+    /// A service that is a part of the autopilot, without a capability.
+    pub const AUTOPILOT: Self =
+        Self { capabilities: MavProtocolCapability::EMPTY, part: Part::Autopilot, is_of_components: false };
+
+    /// Returns the capabilities of all, or only of those that are left out with the other components.
+    pub(crate) const fn capabilities(all: &[Self], of_components: bool) -> MavProtocolCapability {
+        let (mut capabilities, mut rest) = (MavProtocolCapability::EMPTY, all);
+        while let [about, others @ ..] = rest {
+            if !of_components || about.is_of_components {
+                capabilities = capabilities.with(about.capabilities);
+            }
+            rest = others;
+        }
+        capabilities
     }
 
-    /// Called when the firmware's clock was set back by a second or more. What the service has stored by that clock, instead
-    /// of the stack's, is no longer of use. `lead`: how far the stack's is ahead from now on.
-    fn on_clock_step(&mut self, lead: Duration) {
-        let _ = lead;
+    /// A service that is this component of the firmware; a part of the autopilot if it is none.
+    pub(crate) const fn of(component: Option<ComponentId>) -> Self {
+        match component {
+            Some(component) => Self { part: Part::Component(component), is_of_components: true, ..Self::AUTOPILOT },
+            None => Self::AUTOPILOT,
+        }
     }
+}
 
-    /// Called when any service has put a frame into the link's outbox.
-    fn on_sent(&mut self, port: &Port) {
-        let _ = port;
+/// The component that a service is a part of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The autopilot itself.
+    Autopilot,
+    /// Another component of the firmware: the service is this component.
+    Component(ComponentId),
+    /// The autopilot, and all other components of the firmware.
+    Every,
+}
+
+impl Part {
+    /// Returns the component, if it is not the autopilot.
+    pub(crate) const fn component(self) -> Option<ComponentId> {
+        match self {
+            Self::Component(component) => Some(component),
+            Self::Autopilot | Self::Every => None,
+        }
     }
+}
 
-    /// Returns the sum of the service's drop counters.
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        0
-    }
-
-    /// Returns the sum of the service's drop counters of one link.
-    #[cfg(feature = "defmt")]
-    fn drops_on(&self, link: LinkId) -> u32 {
-        let _ = link;
-        0
-    }
-
-    /// Logs the service's counters.
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {}
-
-    /// Logs the service's counters of one link.
-    #[cfg(feature = "defmt")]
-    fn log_drops_on(&self, link: LinkId) {
-        let _ = link;
-    }
-
-    /// Called when the link was opened again. Discards pending answers that mean nothing to the new peers.
-    fn restart(&mut self, port: &Port, link: &mut Self::Link) {
-        let _ = (port, link);
-    }
+/// What services learn besides frames and commands. `L` is the state of the service on a link.
+#[derive(Debug)]
+pub enum StackEvent<'a, L> {
+    /// The stack begins: sets the initial values that are not zero bits.
+    Begun(&'a Config),
+    /// The link was opened again: pending answers that mean nothing to the new peers are discarded.
+    Opened(&'a Port, &'a mut L),
+    /// A frame was accepted, whatever its message.
+    Heard {
+        /// The time.
+        now: Instant,
+        /// The sender.
+        from: Peer,
+    },
+    /// Another system is in control, besides our own: what others have sent ends.
+    NewOwner {
+        /// The vehicle's system.
+        own: SystemId,
+        /// The system in control.
+        owner: SystemId,
+    },
+    /// The firmware's clock was set back by a second or more, and the stack's is ahead of it by this time from now on. What the
+    /// service has stored by the firmware's clock, instead of the stack's, is no longer of use.
+    ClockSetBack(Duration),
+    /// Any service has put a frame into the link's outbox.
+    Sent(&'a Port, &'a mut L),
 }
 
 /// The data that all services share.
@@ -310,11 +334,17 @@ impl Shared {
         self.flight.has_state && now.since(self.polled) <= self.config.max_loop_gap
     }
 
-    /// Samples the pulse, and returns whether heartbeats may be sent (H-5, H-18).
-    pub(crate) fn is_beating(&mut self, now: Instant) -> bool {
-        let is_polled = self.is_polled(now);
+    /// Samples the pulse of the flight loop.
+    pub(crate) fn sample_pulse(&mut self, now: Instant) {
         let Self { config, flight, .. } = self;
-        config.pulse.is_some_and(|pulse| flight.credit.sample(now, pulse, config.max_loop_gap)) && is_polled
+        if let Some(pulse) = config.pulse {
+            flight.credit.sample(now, pulse, config.max_loop_gap);
+        }
+    }
+
+    /// Whether heartbeats may be sent, as of the last sample of the pulse (H-5, H-18).
+    pub(crate) fn is_beating(&self, now: Instant) -> bool {
+        self.flight.credit.is_good(now, self.config.max_loop_gap) && self.is_polled(now)
     }
 
     /// Returns when the stack must be polled again at the latest, so that heartbeats may be sent (H-18).
@@ -329,7 +359,7 @@ impl Shared {
         match due {
             Instant::NEVER => Instant::NEVER,
             due if due > now => credit.look_for(due, gap),
-            due if credit.is_good(now, gap) && self.is_polled(now) => due,
+            due if self.is_beating(now) => due,
             // It waits for the flight loop or the vehicle. Only polling shows that they recovered.
             _ => now.after(RETRY),
         }
@@ -354,16 +384,39 @@ pub struct Cx<'a, F: Firmware> {
 }
 
 impl<F: Firmware> Cx<'_, F> {
+    /// Returns what can be seen without the vehicle.
+    #[inline(always)]
+    pub(crate) fn view(&self) -> View<'_> {
+        View {
+            now: self.now,
+            shared: self.shared,
+            peers: self.peers,
+            texts: self.texts,
+            requests: self.requests,
+            events: self.events,
+        }
+    }
+
+    /// Returns the time, by the stack's clock, which is never set back.
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Returns the vehicle's address.
+    pub fn address(&self) -> Address {
+        self.shared.config.address.get()
+    }
+
     /// Sends a text on every normal link. Compiled out if there is no queue of texts.
     #[inline(never)]
-    pub(crate) fn say(&mut self, severity: MavSeverity, text: &[u8]) {
+    pub fn say(&mut self, severity: MavSeverity, text: &[u8]) {
         if F::HAS_TEXTS {
             self.texts.push(self.now, self.shared.normal, severity, text);
         }
     }
 
     /// Returns the vehicle, and the context for its hooks.
-    pub(crate) fn hook(&mut self) -> (&mut F::Vehicle, Context<'_>) {
+    pub fn hook(&mut self) -> (&mut F::Vehicle, Context<'_>) {
         let context = Context {
             now: self.now,
             texts: self.texts,
@@ -388,6 +441,18 @@ pub struct View<'a> {
     pub(crate) events: &'a EventLog,
 }
 
+impl View<'_> {
+    /// Returns the time, by the stack's clock.
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Returns the vehicle's address.
+    pub fn address(&self) -> Address {
+        self.shared.config.address.get()
+    }
+}
+
 /// A frame that is addressed to us or to all.
 pub struct Received<'a> {
     pub(crate) frame: &'a Frame<'a>,
@@ -404,6 +469,7 @@ pub struct Received<'a> {
 pub enum Handled {
     /// The service does not handle its message.
     No,
+    /// It was handled.
     Yes,
     /// There is no room for its answer, so it was dropped without effect. Counted.
     NoRoom,
@@ -421,17 +487,38 @@ pub struct Request {
     pub(crate) set_mode: Option<u32>,
     /// Set by the stack.
     pub(crate) signed_at: SignedAt,
+    /// No service has answered it: the streams then answer for a message that nobody knows.
+    pub(crate) is_unclaimed: bool,
+}
+
+impl Request {
+    /// Returns the command.
+    pub const fn command(&self) -> &Command {
+        &self.command
+    }
+
+    /// Whether it is MAV_CMD_REQUEST_MESSAGE for message `M`.
+    pub fn asks_for<M: Message>(&self) -> bool {
+        let [id, ..] = self.command.params;
+        self.command.id == MavCmd::REQUEST_MESSAGE && num::integer(id) == Some(M::ID)
+    }
+
+    /// Whether the answer to a request may be sent on the link on which it was received. Otherwise it is DENIED.
+    pub fn has_response_target(&self) -> bool {
+        self.command.has_response_target()
+    }
 }
 
 impl From<Command> for Request {
     fn from(command: Command) -> Self {
-        Self { answer_as: command.id, command, set_mode: None, signed_at: None }
+        Self { answer_as: command.id, command, set_mode: None, signed_at: None, is_unclaimed: false }
     }
 }
 
 /// The answer to a command.
 #[derive(Clone, Copy, Debug)]
 pub enum Verdict {
+    /// The vehicle's answer, or one that needs no text.
     Done(Outcome),
     /// The stack refused the command: a text explains why.
     Refused(Refusal),
@@ -455,10 +542,40 @@ impl Verdict {
     }
 }
 
+impl From<MavResult> for Verdict {
+    fn from(result: MavResult) -> Self {
+        Self::done(result)
+    }
+}
+
 impl Received<'_> {
+    /// Returns the frame.
+    pub const fn frame(&self) -> &Frame<'_> {
+        self.frame
+    }
+
+    /// Returns the sender, and the link on which the frame was received.
+    pub const fn from(&self) -> Peer {
+        self.from
+    }
+
+    /// Returns the address to which the frame is sent: our system and component, or 0 for all.
+    pub const fn target(&self) -> Address {
+        self.target
+    }
+
     pub(crate) fn origin(&self, port: &Port) -> Origin {
         Origin { from: self.from, class: port.config.class, age: self.age }
     }
+}
+
+/// Takes the counters of the services, to add them up or to log them.
+pub trait ShowCounters {
+    /// Takes counters that all links share.
+    fn counters(&mut self, counters: &impl Counters);
+
+    /// Takes counters of one link.
+    fn counters_of(&mut self, link: LinkId, counters: &impl Counters);
 }
 
 /// Returns the sum of drop counters, which wrap.

@@ -8,7 +8,7 @@
 //! High-latency links get nothing but answers. Links that send MAVLink 1 get none of these messages, because MAVLink 1
 //! has no room for their ids (S-10). The table cannot change, so AVAILABLE_MODES_MONITOR is only sent on request.
 
-use super::{Cx, Received, Request, Service, Turn, Verdict, View, increment};
+use super::{Cx, Received, Request, Service, Shared, StackEvent, Turn, Verdict, View, increment};
 use crate::dialect::{
     AvailableModes, AvailableModesMonitor, CurrentMode, MavCmd, MavModeFlag, MavModeProperty, MavResult, MavSeverity,
     MavStandardMode, SetMode,
@@ -121,7 +121,7 @@ pub struct ModeRequest {
     pub is_broadcast: bool,
 }
 
-/// Flight modes, for a vehicle that declares `modes` in [`stack!`](crate::stack). Without it, the two commands about
+/// Flight modes, for a vehicle that declares `modes` in [`#[stack]`](macro@crate::Stack). Without it, the two commands about
 /// modes reach [`Commands::command`](crate::Commands::command), and SET_MODE reaches [`Vehicle::message`].
 ///
 /// ```
@@ -155,7 +155,7 @@ pub struct ModeRequest {
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Modes`",
-    note = "`modes` in `stack!` needs `impl Modes for {Self}`: write it, or leave `modes` out"
+    note = "`modes` in `#[stack]` needs `impl Modes for {Self}`: write it, or leave `modes` out"
 )]
 pub trait Modes: Vehicle {
     /// The flight modes, including those that the vehicle only enters by itself. At most
@@ -236,6 +236,17 @@ pub struct ModeLink {
     pairs: u8,
 }
 
+/// A message that is pending.
+#[derive(Clone, Copy, Debug)]
+pub enum ModeReply {
+    /// CURRENT_MODE.
+    Current,
+    /// AVAILABLE_MODES_MONITOR.
+    Monitor,
+    /// AVAILABLE_MODES: a row of the table.
+    Listed,
+}
+
 /// Reports the vehicle's mode, and enters another one on request.
 #[derive(Debug)]
 pub struct ModeService {
@@ -259,8 +270,14 @@ const fn pairs(port: &Port) -> u8 {
 
 impl ModeService {
     /// Whether CURRENT_MODE is pending on a link (Q-10).
-    fn owes_current(&self, port: &Port, link: &ModeLink) -> bool {
-        link.current || ((link.changes != self.changes || link.pairs != pairs(port)) && can_send(port))
+    fn owes_current(&self, shared: &Shared, port: &Port, link: &ModeLink) -> bool {
+        let is_pending = link.current || link.changes != self.changes || link.pairs != pairs(port);
+        is_pending && shared.flight.has_state && can_send(port)
+    }
+
+    /// Records that CURRENT_MODE is no longer pending on a link.
+    fn forget_current(&self, port: &Port, link: &mut ModeLink) {
+        (link.current, link.changes, link.pairs) = (false, self.changes, pairs(port));
     }
 
     /// Has the vehicle enter a mode. What it accepts, it must report (C-18).
@@ -282,10 +299,17 @@ impl ModeService {
     }
 }
 
+/// Returns the command in a SET_MODE.
+pub(crate) fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
+    received.frame.decode::<SetMode>().map(|message| from_set_mode(&message, received.origin(port)))
+}
+
 impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
     const NEW: Self = Self { mode: 0, changes: 0, accepted: 0, report_until: Instant::ZERO };
     type Link = ModeLink;
     const VACANT: ModeLink = ModeLink { listed: 0, current: false, monitor: false, changes: 0, pairs: 0 };
+    const TURNS: &'static [Turn] = &[Turn::CurrentMode, Turn::ModeList];
+    type Reply = ModeReply;
 
     /// Sends CURRENT_MODE when the mode differs from the last reported one (Q-10).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ModeLink>) {
@@ -312,11 +336,6 @@ impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
         if self.report_until == Instant::ZERO { Instant::NEVER } else { self.report_until }
     }
 
-    /// SET_MODE.
-    fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
-        received.frame.decode::<SetMode>().map(|message| from_set_mode(&message, received.origin(port)))
-    }
-
     fn on_command(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -327,23 +346,38 @@ impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
         handle_command(self, cx, port, link, request)
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ModeLink, turn: Turn) -> bool {
-        match turn {
-            Turn::ModeList => next_listed(port, link, F::Vehicle::MODES),
-            _ => {
-                let is_pending = self.owes_current(port, link);
-                (link.current, link.changes, link.pairs) = (false, self.changes, pairs(port));
-                next_current(cx.vehicle, port, link, is_pending)
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &ModeLink, turn: Turn) -> Option<(Instant, ModeReply)> {
+        let reply = match turn {
+            Turn::ModeList if link.listed != 0 => ModeReply::Listed,
+            Turn::CurrentMode if self.owes_current(view.shared, port, link) => ModeReply::Current,
+            Turn::CurrentMode if link.monitor => ModeReply::Monitor,
+            _ => return None,
+        };
+        Some((view.now, reply))
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ModeLink, reply: ModeReply) -> bool {
+        match reply {
+            ModeReply::Current => {
+                self.forget_current(port, link);
+                send_current(cx.vehicle, port)
             }
+            ModeReply::Monitor => {
+                link.monitor = false;
+                port.outbox.send(&AvailableModesMonitor { seq: SEQ })
+            }
+            ModeReply::Listed => send_listed(port, link, F::Vehicle::MODES),
         }
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &ModeLink, turn: Turn) -> Instant {
-        let is_pending = match turn {
-            Turn::ModeList => link.listed != 0,
-            _ => link.monitor || (view.shared.flight.has_state && self.owes_current(port, link)),
-        };
-        if is_pending { view.now } else { Instant::NEVER }
+    fn on_event(&mut self, event: StackEvent<'_, ModeLink>) {
+        // A link that sends MAVLink 1 leaves CURRENT_MODE out, instead of deferring it until it sends MAVLink 2.
+        if let StackEvent::Sent(port, link) = event
+            && !can_send(port)
+        {
+            self.forget_current(port, link);
+        }
     }
 }
 
@@ -456,21 +490,19 @@ fn can_send(port: &Port) -> bool {
     !port.config.class.is_high_latency() && port.outbox.version() == Version::V2
 }
 
-/// Sends CURRENT_MODE or AVAILABLE_MODES_MONITOR. Returns false if neither is pending, or neither can be sent.
-fn next_current<V: Modes>(vehicle: &V, port: &mut Port, link: &mut ModeLink, is_pending: bool) -> bool {
-    if is_pending && let Some(state) = vehicle.state() {
-        let mode = find(V::MODES, state.custom_mode);
-        return port.outbox.send(&CurrentMode {
-            custom_mode: state.custom_mode,
+/// Sends CURRENT_MODE. Returns false if the vehicle is in a fault.
+fn send_current<V: Modes>(vehicle: &V, port: &mut Port) -> bool {
+    vehicle.state().is_some_and(|VehicleState { custom_mode, .. }| {
+        port.outbox.send(&CurrentMode {
+            custom_mode,
             intended_custom_mode: vehicle.intended_mode(),
-            standard_mode: mode.map_or(MavStandardMode::NON_STANDARD, |mode| mode.standard_mode),
-        });
-    }
-    core::mem::take(&mut link.monitor) && port.outbox.send(&AvailableModesMonitor { seq: SEQ })
+            standard_mode: find(V::MODES, custom_mode).map_or(MavStandardMode::NON_STANDARD, |mode| mode.standard_mode),
+        })
+    })
 }
 
-/// Sends the next pending row of `table`. Returns false if none is pending, or it cannot be sent.
-fn next_listed(port: &mut Port, link: &mut ModeLink, table: &[FlightMode]) -> bool {
+/// Sends the next pending row of `table`.
+fn send_listed(port: &mut Port, link: &mut ModeLink, table: &[FlightMode]) -> bool {
     // In the table's order: QGroundControl takes the last row for the end of the list.
     let index = usize::try_from(link.listed.trailing_zeros()).unwrap_or(MAX_MODES);
     link.listed &= link.listed.wrapping_sub(1);

@@ -9,7 +9,9 @@
 //!
 //! [`OperatorControl`] shows how control is requested, taken over and released.
 
-use super::{ControlGate, Cx, Handled, Received, Request, Service, Turn, Verdict, View, files, increment};
+use super::{
+    About, ControlGate, Cx, Handled, Received, Request, Service, ShowCounters, Turn, Verdict, View, files, increment,
+};
 use crate::dialect::{
     CommandAck, CommandCancel, CommandLong, FileTransferProtocol, LogErase, ManualControl, MavCmd,
     MavProtocolCapability, MavResult, MissionSetCurrent, RadioRcChannels, RcChannelsOverride, SetActuatorControlTarget,
@@ -68,7 +70,7 @@ counters! {
     }
 }
 
-/// Operator control: declared by `operator_control` in [`stack!`](crate::stack), and read through
+/// Operator control: declared by `operator_control` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::operator_control`](crate::Stack::operator_control).
 ///
 /// ```text
@@ -107,19 +109,19 @@ counters! {
 /// # impl Commands for Rover {
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
 /// # }
-/// mavstack::stack! {
-///     struct Mavlink for Rover { links: 2, manual_control, operator_control }
-/// }
+/// #[derive(mavstack::Stack)]
+/// #[stack(vehicle: Rover, links: 2, manual_control, operator_control)]
+/// struct Mavlink;
 ///
 /// /// Called once, before the loop. System 253 plans missions for the pilots: it never steers.
-/// fn configure(stack: &mut Mavlink) {
+/// fn configure(stack: &mut StackOf<Mavlink>) {
 ///     let control = stack.operator_control_mut();
 ///     control.set_secondaries(&[message::SystemId(253)]);
 ///     // A failsafe decides what happens when the owner is lost, not the next station.
 ///     control.set_release_on_loss(false);
 /// }
 ///
-/// fn pilot(stack: &Mavlink, now: Instant) -> Option<message::SystemId> {
+/// fn pilot(stack: &StackOf<Mavlink>, now: Instant) -> Option<message::SystemId> {
 ///     stack.operator(now)
 /// }
 /// ```
@@ -172,6 +174,15 @@ pub struct OperatorLink {
     at: Instant,
     /// The changes that it has reported.
     changes: u8,
+}
+
+/// What operator control sends.
+#[derive(Clone, Copy, Debug)]
+pub enum OperatorReply {
+    /// The owner is told of a request.
+    Notice,
+    /// CONTROL_STATUS.
+    Status,
 }
 
 impl OperatorControl {
@@ -367,7 +378,10 @@ impl<F: Firmware> Service<F> for OperatorControl {
     };
     type Link = OperatorLink;
     const VACANT: OperatorLink = OperatorLink { at: Instant::ZERO, changes: 0 };
-    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMPONENT_ACCEPTS_GCS_CONTROL;
+    const TURNS: &'static [Turn] = &[Turn::OperatorControl];
+    type Reply = OperatorReply;
+    const ABOUT: About =
+        About { capabilities: MavProtocolCapability::COMPONENT_ACCEPTS_GCS_CONTROL, ..About::AUTOPILOT };
 
     /// Releases control when the owner is lost.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut OperatorLink>) {
@@ -409,42 +423,43 @@ impl<F: Firmware> Service<F> for OperatorControl {
         Some(Verdict::Refused(Refusal { result, why }))
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut OperatorLink, _: Turn) -> bool {
-        if self.notice_due(port) <= cx.now {
-            let notice = &mut self.notice;
-            let confirmation = NOTICES.saturating_sub(notice.left);
-            (notice.left, notice.at) = (notice.left.saturating_sub(1), cx.now.after(PERIOD));
-            return port.outbox.send(&CommandLong {
-                param1: f32::from(REQUEST),
-                param2: f32::from(notice.allow),
-                param3: f32::from(notice.timeout),
-                param4: f32::from(notice.requester.0),
-                command: REQUEST_OPERATOR_CONTROL,
-                target_system: notice.to.address.system.0,
-                target_component: notice.to.address.component.0,
-                confirmation,
-                ..CommandLong::default()
-            });
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &OperatorLink, _: Turn) -> Option<(Instant, OperatorReply)> {
+        let (notice_at, status_at) = (self.notice_due(port), self.status_due(view.now, port, link));
+        Some(match notice_at {
+            at if at <= view.now => (view.now, OperatorReply::Notice),
+            at if at < status_at => (at, OperatorReply::Notice),
+            _ => (status_at, OperatorReply::Status),
+        })
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut OperatorLink, reply: OperatorReply) -> bool {
+        match reply {
+            OperatorReply::Notice => {
+                let notice = &mut self.notice;
+                let confirmation = NOTICES.saturating_sub(notice.left);
+                (notice.left, notice.at) = (notice.left.saturating_sub(1), cx.now.after(PERIOD));
+                port.outbox.send(&CommandLong {
+                    param1: f32::from(REQUEST),
+                    param2: f32::from(notice.allow),
+                    param3: f32::from(notice.timeout),
+                    param4: f32::from(notice.requester.0),
+                    command: REQUEST_OPERATOR_CONTROL,
+                    target_system: notice.to.address.system.0,
+                    target_component: notice.to.address.component.0,
+                    confirmation,
+                    ..CommandLong::default()
+                })
+            }
+            OperatorReply::Status => {
+                (link.at, link.changes) = (cx.now.after(PERIOD), self.changes);
+                let flags = if self.allows_takeover() { SYSTEM_MANAGER | TAKEOVER_ALLOWED } else { SYSTEM_MANAGER };
+                port.outbox.send(&ControlStatus { flags, gcs_main: self.owner.0, gcs_secondary: self.secondaries })
+            }
         }
-        if self.status_due(cx.now, port, link) > cx.now {
-            return false;
-        }
-        (link.at, link.changes) = (cx.now.after(PERIOD), self.changes);
-        let flags = if self.allows_takeover() { SYSTEM_MANAGER | TAKEOVER_ALLOWED } else { SYSTEM_MANAGER };
-        port.outbox.send(&ControlStatus { flags, gcs_main: self.owner.0, gcs_secondary: self.secondaries })
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &OperatorLink, _: Turn) -> Instant {
-        self.notice_due(port).min(self.status_due(view.now, port, link))
-    }
-
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 }

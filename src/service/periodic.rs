@@ -34,19 +34,30 @@ pub struct Periodic {
     at: Instant,
     /// The interval that a client has set (µs): 0 is the default.
     micros: u32,
-    /// What a client has asked for: a bit for each of [`Asked`].
+    /// What clients have asked for: a set of [`Asked`].
     asked: u8,
 }
 
-/// What a client may ask for, as a bit.
+/// What a client may ask for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Asked(u8);
+pub enum Asked {
+    /// The message itself.
+    Message,
+    /// Its interval, by MESSAGE_INTERVAL.
+    Interval,
+    /// The other message.
+    Other,
+}
 
 impl Asked {
-    pub(crate) const NOTHING: Self = Self(0);
-    pub(crate) const MESSAGE: Self = Self(1);
-    pub(crate) const INTERVAL: Self = Self(2);
-    pub(crate) const OTHER: Self = Self(4);
+    /// Returns its bit in a set: what has the lowest bit is sent first.
+    const fn bit(self) -> u8 {
+        match self {
+            Self::Message => 1,
+            Self::Interval => 2,
+            Self::Other => 4,
+        }
+    }
 }
 
 impl Periodic {
@@ -73,21 +84,21 @@ impl Periodic {
             id = num::integer::<i32>(second)?.cast_unsigned();
         }
         let asked = match command.id {
-            MavCmd::REQUEST_MESSAGE if is_interval => Asked::INTERVAL,
-            MavCmd::REQUEST_MESSAGE if id == row.other => Asked::OTHER,
-            MavCmd::REQUEST_MESSAGE => Asked::MESSAGE,
-            MavCmd::GET_MESSAGE_INTERVAL => Asked::INTERVAL,
-            MavCmd::SET_MESSAGE_INTERVAL => Asked::NOTHING,
+            MavCmd::REQUEST_MESSAGE if is_interval => Some(Asked::Interval),
+            MavCmd::REQUEST_MESSAGE if id == row.other => Some(Asked::Other),
+            MavCmd::REQUEST_MESSAGE => Some(Asked::Message),
+            MavCmd::GET_MESSAGE_INTERVAL => Some(Asked::Interval),
+            MavCmd::SET_MESSAGE_INTERVAL => None,
             _ => return None,
         };
-        if id != row.id && asked != Asked::OTHER {
+        if id != row.id && asked != Some(Asked::Other) {
             return None;
         }
         if !command.has_response_target() || !port.outbox.takes(row.id) {
             return Some(MavResult::DENIED);
         }
-        if asked != Asked::NOTHING {
-            self.asked |= asked.0;
+        if let Some(asked) = asked {
+            self.asked |= asked.bit();
             return Some(MavResult::ACCEPTED);
         }
         let micros = match num::saturated(second) {
@@ -103,26 +114,20 @@ impl Periodic {
         Some(MavResult::ACCEPTED)
     }
 
-    /// Returns whether anything was asked for.
-    pub(crate) const fn is_asked(&self) -> bool {
-        self.asked != 0
+    /// Returns what was asked for and is sent first.
+    #[inline(never)]
+    pub(crate) const fn asked(&self) -> Option<Asked> {
+        match self.asked.trailing_zeros() {
+            0 => Some(Asked::Message),
+            1 => Some(Asked::Interval),
+            2 => Some(Asked::Other),
+            _ => None,
+        }
     }
 
-    /// Returns whether the message itself was asked for.
-    pub(crate) const fn is_message_asked(&self) -> bool {
-        self.asked & Asked::MESSAGE.0 != 0
-    }
-
-    /// Returns what was asked for, one thing at a time, and forgets it.
-    pub(crate) const fn take_asked(&mut self) -> Asked {
-        let lowest = self.asked & self.asked.wrapping_neg();
-        self.asked ^= lowest;
-        Asked(lowest)
-    }
-
-    /// Forgets that the message was asked for, because it is sent now, or cannot be.
-    pub(crate) const fn forget(&mut self) {
-        self.asked &= !Asked::MESSAGE.0;
+    /// Forgets that this was asked for, because it is sent now, or cannot be.
+    pub(crate) const fn forget(&mut self, asked: Asked) {
+        self.asked &= !asked.bit();
     }
 
     /// Returns MESSAGE_INTERVAL. Off is −1: all bits are set.
@@ -135,11 +140,6 @@ impl Periodic {
     pub(crate) fn due(&self, row: Row, port: &Port, has_listener: impl FnOnce() -> bool) -> Instant {
         let is_on = self.interval(row, port) != OFF && port.outbox.takes(row.id) && has_listener();
         if is_on { self.at } else { Instant::NEVER }
-    }
-
-    /// Returns whether the message is due in its stream: mostly it is not, which takes little time.
-    pub(crate) fn is_due(&self, now: Instant, row: Row, port: &Port, has_listener: impl FnOnce() -> bool) -> bool {
-        self.at <= now && self.due(row, port, has_listener) <= now
     }
 
     /// Records that it is sent now, in its stream.

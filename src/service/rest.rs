@@ -3,10 +3,10 @@
 use heapless::Vec;
 
 use super::statustext::TextCursor;
-use super::{Cx, Shared};
+use super::{Cx, Service, Shared, Turn};
 use crate::dialect::{Common, Statustext};
 use crate::frame::{Decoder, Frame};
-use crate::link::Outbox;
+use crate::link::{Outbox, Port};
 use crate::message::Dialect;
 use crate::network::PeerInfo;
 use crate::time::Instant;
@@ -48,6 +48,20 @@ impl Rest {
             parameters,
             vehicle,
         }
+    }
+}
+
+/// Has a service send what is due in a turn, as the stack does. Returns false if nothing is.
+pub(crate) fn offer<F: Firmware, S: Service<F>>(
+    service: &mut S,
+    cx: &mut Cx<'_, F>,
+    port: &mut Port,
+    link: &mut S::Link,
+    turn: Turn,
+) -> bool {
+    match service.pending(&cx.view(), port, link, turn) {
+        Some((at, reply)) if at <= cx.now => service.send(cx, port, link, reply),
+        _ => false,
     }
 }
 

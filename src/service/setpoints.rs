@@ -10,18 +10,18 @@
 //! [`Setpoints`] shows which sender is followed, and for how long.
 
 use super::manual_control::ControlSource;
-use super::{Cx, Handled, Received, Service, increment};
+use super::{Cx, Handled, Received, Service, ShowCounters, StackEvent, increment};
 use crate::dialect::{
     AttitudeTargetTypemask, MavFrame, PositionTargetTypemask, SetAttitudeTarget, SetPositionTargetGlobalInt,
     SetPositionTargetLocalNed,
 };
 use crate::frame::Frame;
 use crate::link::Port;
-use crate::message::{Address, Message, SystemId};
+use crate::message::{Address, Message};
 use crate::network::Peers;
 use crate::time::{Duration, Instant};
 use crate::types::{
-    AttitudeSetpoint, Config, ControlInput, Firmware, LinkId, Peer, Place, PositionSetpoint, Setpoint, Target, Vehicle,
+    AttitudeSetpoint, ControlInput, Firmware, LinkId, Peer, Place, PositionSetpoint, Setpoint, Target, Vehicle,
 };
 
 counters! {
@@ -44,7 +44,7 @@ counters! {
     }
 }
 
-/// Setpoints: declared by `setpoints` in [`stack!`](crate::stack), and read through
+/// Setpoints: declared by `setpoints` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::setpoints`](crate::Stack::setpoints). A vehicle without it gets the messages in
 /// [`Vehicle::message`](crate::Vehicle::message), without any check of their sender or their age.
 ///
@@ -86,17 +86,17 @@ counters! {
 /// # impl Commands for Rover {
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
 /// # }
-/// mavstack::stack! {
-///     struct Mavlink for Rover { links: 1, setpoints }
-/// }
+/// #[derive(mavstack::Stack)]
+/// #[stack(vehicle: Rover, links: 1, setpoints)]
+/// struct Mavlink;
 ///
 /// /// Called once, before the loop: until then no sender is authorised. The companion computer is a component of our system.
-/// fn configure(stack: &mut Mavlink) {
+/// fn configure(stack: &mut StackOf<Mavlink>) {
 ///     stack.setpoints_mut().set_source(ControlSource::System(message::SystemId(1)));
 /// }
 ///
 /// /// Called in every pass of the flight loop, in the mode that flies setpoints. Returns the velocity to the north and to the east.
-/// fn velocity(stack: &Mavlink, now: Instant) -> Option<[f32; 2]> {
+/// fn velocity(stack: &StackOf<Mavlink>, now: Instant) -> Option<[f32; 2]> {
 ///     match stack.setpoints().current(now)?.target {
 ///         Target::Position(PositionSetpoint {
 ///             frame: dialect::MavFrame::LOCAL_NED,
@@ -366,30 +366,10 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Setpoints {
     };
     type Link = ();
     const VACANT: () = ();
+    type Reply = ();
 
-    fn begin(&mut self, _: &Config) {
-        self.timeout = Self::TIMEOUT;
-    }
-
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
-    }
-
-    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
-        if ![own, owner].contains(&self.from.address.system) {
-            self.until = Instant::ZERO;
-        }
-    }
-
-    /// All instants here are the firmware's.
-    fn on_clock_step(&mut self, _: Duration) {
-        self.until = Instant::ZERO;
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
@@ -406,6 +386,18 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Setpoints {
                 Handled::Yes
             }
             _ => Handled::No,
+        }
+    }
+
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Begun(_) => self.timeout = Self::TIMEOUT,
+            StackEvent::NewOwner { own, owner } if ![own, owner].contains(&self.from.address.system) => {
+                self.until = Instant::ZERO
+            }
+            // All instants here are the firmware's.
+            StackEvent::ClockSetBack(_) => self.until = Instant::ZERO,
+            _ => {}
         }
     }
 }

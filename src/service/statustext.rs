@@ -32,13 +32,16 @@ impl<F: Firmware> Service<F> for Texts {
     const NEW: Self = Self;
     type Link = TextCursor;
     const VACANT: TextCursor = TextCursor::new();
+    const TURNS: &'static [Turn] = &[Turn::Text];
+    type Reply = ();
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TextCursor, _: Turn) -> bool {
-        cx.texts.next(link, &mut port.outbox)
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, _: &TextCursor, _: Turn) -> Option<(Instant, ())> {
+        (F::HAS_TEXTS && view.texts.is_pending(LinkMask::of(port.id))).then_some((view.now, ()))
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, _: &TextCursor, _: Turn) -> Instant {
-        if view.texts.is_pending(LinkMask::of(port.id)) { view.now } else { Instant::NEVER }
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TextCursor, (): ()) -> bool {
+        cx.texts.next(link, &mut port.outbox)
     }
 }
 

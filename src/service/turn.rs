@@ -3,22 +3,21 @@
 //! [`turns!`] is the only list of that order. Sending, `next_deadline`, the table in `docs/architecture.md` and the
 //! test of D-4 derive from it. HEARTBEAT is first, so that nothing delays it (H-15), and high-latency links have no turn
 //! for it (H-7, L-3). The list of parameters has two turns, so that streams that fill a link leave it its share (P-11), and so has
-//! the bulk data of files, logs and log streaming, which high-latency links do not carry (F-8, F-11, LOG-8, LOG-14):
-//! `stack/bulk.rs`.
+//! the bulk data of files, logs and log streaming, which high-latency links do not carry (F-8, F-11, LOG-8, LOG-14).
 
 use crate::link::Pace;
 use crate::types::LinkClass;
 
 /// Passes the ordered list of turns to a macro. Each turn has its service, its pace, the class of link that has it, the
-/// messages that it sends, and a description of when it sends. The last line is the example's, which only unit tests
-/// compile.
+/// messages that it sends, and a description of when it sends.
 macro_rules! turns {
     ($callback:ident) => {
-        $crate::service::turns! {
-            $callback:
-            Heartbeat heartbeat Stalled Normal "HEARTBEAT" "at once; an extra one, after a change, while the link has room";
+        $callback! {
+            Heartbeat heartbeat Stalled Normal "HEARTBEAT" "at once";
+            ExtraHeartbeat heartbeat Room Normal "HEARTBEAT after a change of the state, or on request" "while the link has room";
             ComponentHeartbeat components AtOnce Normal "HEARTBEAT of the firmware's other components" "at once, after the autopilot's";
-            CommandAck command AtOnce Every "COMMAND_ACK" "at once; IN_PROGRESS while the link has room";
+            CommandAck command AtOnce Every "COMMAND_ACK" "at once";
+            CommandProgress command Room Normal "COMMAND_ACK with the progress of a running command" "while the link has room";
             MissionAck mission AtOnce Normal "MISSION_ACK" "at once";
             SigningText signing AtOnce Normal "STATUSTEXT that answers SETUP_SIGNING" "at once";
             Time time AtOnce Normal "PING, TIMESYNC" "at once: they measure time";
@@ -33,6 +32,7 @@ macro_rules! turns {
             OperatorControl operator_control Room Normal "COMMAND_LONG that tells the owner of a request, CONTROL_STATUS" "while the link has room";
             Gimbal gimbal_manager Room Normal "GIMBAL_MANAGER_INFORMATION; GIMBAL_MANAGER_STATUS after a change; GIMBAL_DEVICE_SET_ATTITUDE, AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, COMMAND_LONG to a gimbal device" "while the link has room";
             GimbalDevice gimbal_device Room Normal "GIMBAL_DEVICE_INFORMATION" "while the link has room";
+            Answer own Room Normal "what services of other crates answer" "while the link has room";
             CurrentMode mode Room Normal "CURRENT_MODE, AVAILABLE_MODES_MONITOR" "while the link has room";
             MissionProgress mission Room Normal "MISSION_ITEM_REACHED, MISSION_CURRENT" "while the link has room";
             ModeList mode Room Normal "AVAILABLE_MODES" "while the link has room";
@@ -46,18 +46,11 @@ macro_rules! turns {
             GimbalStatus gimbal_manager Idle Normal "GIMBAL_MANAGER_STATUS" "while the link is idle";
             GimbalAttitude gimbal_device Idle Normal "GIMBAL_DEVICE_ATTITUDE_STATUS" "while the link is idle";
             Stream stream Idle Normal "streams" "while the link is idle";
+            Report own Idle Normal "what services of other crates send by themselves" "while the link is idle";
             Forwarded forwarding Idle Every "forwarded frames" "while the link is idle";
             ParamList param Room Normal "the list of all parameters" "while the link has room, at 40 % of its rate";
             Bulk bulk Idle Normal "FILE_TRANSFER_PROTOCOL with data; LOG_ENTRY, LOG_DATA; LOGGING_DATA_ACKED, LOGGING_DATA" "while the link is idle";
-            #[cfg(test)]
-            Example example Room Normal "NAMED_VALUE_INT" "while the link has room";
         }
-    };
-    ($callback:ident: $($a:ident $b:ident $c:ident $d:ident $e:literal $f:literal;)* #[cfg(test)] $($example:tt)*) => {
-        #[cfg(not(test))]
-        $callback! { $($a $b $c $d $e $f;)* }
-        #[cfg(test)]
-        $callback! { $($a $b $c $d $e $f;)* $($example)* }
     };
 }
 pub(crate) use turns;
@@ -73,9 +66,30 @@ macro_rules! define {
         )* }
 
         impl Turn {
+            /// Returns a set of turns, a bit each.
+            pub(crate) const fn bits(turns: &[Self]) -> u64 {
+                let (mut bits, mut rest) = (0, turns);
+                while let [turn, others @ ..] = rest {
+                    bits |= turn.bit();
+                    rest = others;
+                }
+                bits
+            }
+
+            /// Returns the turn's bit in a set of turns.
+            #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called")]
+            pub(crate) const fn bit(self) -> u64 {
+                1_u64.wrapping_shl(self as u32)
+            }
+
             /// Returns how busy the link may be.
             pub(crate) const fn pace(self) -> Pace {
                 match self { $(Self::$turn => Pace::$pace,)* }
+            }
+
+            /// Whether it sends signs of life: they stop with the flight loop, and in a fault (H-5).
+            pub(crate) const fn is_sign_of_life(self) -> bool {
+                matches!(self, Self::Heartbeat | Self::ExtraHeartbeat | Self::ComponentHeartbeat | Self::HighLatency)
             }
 
             /// Whether a link of this class has this turn.
@@ -89,16 +103,10 @@ macro_rules! define {
             }
         }
 
-        /// The order as a table of text: turn, service, messages, when. `docs/architecture.md` shows it. The example is
-        /// left out.
+        /// The order as a table of text: turn, service, messages, when. `docs/architecture.md` shows it.
         #[cfg(test)]
-        pub(crate) const TABLE: &[(Turn, &str, &str, &str)] = {
-            let rows: &[_] = &[$((Turn::$turn, stringify!($service), $messages, $when)),*];
-            match rows {
-                [table @ .., (Turn::Example, ..)] => table,
-                _ => rows,
-            }
-        };
+        pub(crate) const TABLE: &[(Turn, &str, &str, &str)] =
+            &[$((Turn::$turn, stringify!($service), $messages, $when)),*];
     };
 }
 

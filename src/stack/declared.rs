@@ -1,4 +1,4 @@
-//! Types that `stack!` names: those that are made of several services, or that need a feature of the crate.
+//! Types that `#[stack]` names: those that are made of several services, or that need a feature of the crate.
 
 /// The list of the files of services: those of [virtual directories](crate::Files).
 #[doc(hidden)]
@@ -28,7 +28,9 @@ macro_rules! __signing {
 #[macro_export]
 macro_rules! __signing {
     ($n:expr) => {
-        ::core::compile_error!("`signing` in `stack!` needs the feature `signing` of mavstack: enable it in Cargo.toml")
+        ::core::compile_error!(
+            "`signing` in `#[stack]` needs the feature `signing` of mavstack: enable it in Cargo.toml"
+        )
     };
 }
 
@@ -47,6 +49,8 @@ macro_rules! __storage {
 #[macro_export]
 macro_rules! __storage {
     ($($n:expr)?) => {
-        ::core::compile_error!("`storage` in `stack!` needs the feature `storage` of mavstack: enable it in Cargo.toml")
+        ::core::compile_error!(
+            "`storage` in `#[stack]` needs the feature `storage` of mavstack: enable it in Cargo.toml"
+        )
     };
 }

@@ -1,4 +1,4 @@
-//! The memory of what all services share: `stack!` declares its sizes. The logic works on the unsized forms.
+//! The memory of what all services share: `#[stack]` declares its sizes. The logic works on the unsized forms.
 
 use crate::network::{PeerInfo, Peers};
 use crate::service::Absent;

@@ -175,16 +175,16 @@ impl<D: Declares<Vehicle: GimbalManager + Vehicle, GimbalManager = ManagerServic
     /// #     fn manager_flags(&self) -> GimbalManagerFlags { GimbalManagerFlags::EMPTY }
     /// #     fn point_gimbal(&mut self, _: &mut Context<'_>, _: &gimbal::GimbalSetpoint) -> MavResult { MavResult::ACCEPTED }
     /// # }
-    /// # stack! {
-    /// #     struct Mavlink for Rover { links: 1, gimbal_manager }
-    /// # }
+    /// # #[derive(Stack)]
+    /// # #[stack(vehicle: Rover, links: 1, gimbal_manager)]
+    /// # struct Mavlink;
     /// /// Called when an item of the mission becomes current. Returns whether the mission goes on at once.
-    /// fn begin_item(stack: &mut Mavlink, now: Instant, item: &Item, rover: &mut Rover) -> bool {
+    /// fn begin_item(stack: &mut StackOf<Mavlink>, now: Instant, item: &Item, rover: &mut Rover) -> bool {
     ///     // What the gimbal refuses does not stop the mission.
     ///     stack.point_gimbal(now, item, rover) != MavResult::UNSUPPORTED
     /// }
     ///
-    /// fn end_of_mission(stack: &mut Mavlink) {
+    /// fn end_of_mission(stack: &mut StackOf<Mavlink>) {
     ///     stack.release_gimbal();
     /// }
     /// ```
@@ -305,11 +305,11 @@ where
     ///     const STREAMS: &'static [Stream] = &[Stream::of::<HomePosition>()];
     /// #   fn fill(&mut self, _: u32, out: &mut Fill<'_>) -> bool { out.put(&HomePosition::default()) }
     /// }
-    /// stack! {
-    ///     struct Mavlink for Rover { links: 2, streams }
-    /// }
+    /// #[derive(Stack)]
+    /// #[stack(vehicle: Rover, links: 2, streams)]
+    /// struct Mavlink;
     ///
-    /// fn on_home_set(stack: &mut Mavlink) {
+    /// fn on_home_set(stack: &mut StackOf<Mavlink>) {
     ///     stack.announce::<HomePosition>();
     /// }
     /// ```

@@ -7,7 +7,7 @@ use crate::time::Instant;
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the peers that were heard, as they are at `now`, with their link quality: at most as many as `peers` in
-    /// [`stack!`](crate::stack) declares. [`PeerInfo`](PeerInfo#eviction-from-a-full-table) says which peer is evicted
+    /// [`#[stack]`](macro@crate::Stack) declares. [`PeerInfo`](PeerInfo#eviction-from-a-full-table) says which peer is evicted
     /// when the table is full.
     pub fn peers(&self, now: Instant) -> impl Iterator<Item = PeerInfo> {
         let (clock, timeout) = (self.shared.clock, self.config().peer_timeout);
@@ -40,11 +40,11 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// # impl Commands for Rover {
     /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
     /// # }
-    /// # stack! {
-    /// #     struct Mavlink for Rover { links: 2 }
-    /// # }
+    /// # #[derive(Stack)]
+    /// # #[stack(vehicle: Rover, links: 2)]
+    /// # struct Mavlink;
     /// /// Called in each pass of the loop.
-    /// fn failsafe(stack: &Mavlink, now: Instant, rover: &mut Rover) {
+    /// fn failsafe(stack: &StackOf<Mavlink>, now: Instant, rover: &mut Rover) {
     ///     if !stack.has_controller(now, ControlSource::System(SystemId(255))) {
     ///         rover.is_stopped = true;
     ///     }

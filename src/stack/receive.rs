@@ -8,7 +8,9 @@ use crate::frame::{Decoder, Frame};
 use crate::link::{Link, Port};
 use crate::message::{Address, Text};
 use crate::network::{self, Booking, Passage, Reception};
-use crate::service::command::{CommandMemory, CommandService};
+use crate::service::command::{self, CommandMemory, CommandService};
+use crate::service::mission;
+use crate::service::mode;
 use crate::service::{
     ControlGate, Cx, ForwardingGate, Handled, OwnCommands, Received, Request, SigningGate, SticksGate, Verdict,
     increment,
@@ -185,7 +187,9 @@ impl<D: Declares> Services<D> {
     /// Returns the command in a frame. Not inlined: the message is no longer needed when the command is executed.
     #[inline(never)]
     fn request(&self, now: Instant, port: &Port, frame: &Frame<'_>, target: Address) -> Option<Request> {
-        let request = Self::command_in(port, &self.received(now, port, frame, target))?;
+        let received = self.received(now, port, frame, target);
+        let in_mode = || if D::HAS_MODES { mode::command_in(port, &received) } else { None };
+        let request = command::command_in(port, &received).or_else(in_mode)?;
         Some(Request { signed_at: self.signing.signed_at(frame), ..request })
     }
 
@@ -200,9 +204,9 @@ impl<D: Declares> Services<D> {
         frame: &Frame<'_>,
         target: Address,
     ) -> bool {
-        let request = self.request(cx.now, port, frame, target);
+        let mut request = self.request(cx.now, port, frame, target);
         // By reference: it is large.
-        let Some(request) = &request else { return false };
+        let Some(request) = &mut request else { return false };
         if CommandService::<D::Commands>::has_room(port, &state.command) {
             // Before every hook, `is_in_control` included (O-5).
             let own = cx.shared.config.address.get().system;
@@ -289,7 +293,7 @@ fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Op
     let is_our_component = target.component.0 == 0
         || target.component == own.component
         || cx.shared.has_component::<D>(target.component)
-        || Services::<D>::handles_for(target.component, frame.id());
+        || mission::is_for_planner(target.component, frame.id());
     if (target.system.0 != 0 && target.system != own.system) || !is_our_component {
         increment(&mut port.counters.not_ours);
         return None;

@@ -1,217 +1,133 @@
-//! The list of the services. Frames and commands are offered to them in this order. [`Turn`](crate::service::Turn) has
-//! the order in which they send.
+//! The list of the services. [`Turn`](crate::service::Turn) has the order in which they send.
 
 use super::Declares;
-use super::bulk::{due, next};
+use super::fanout::Turns;
 use crate::dialect::MavProtocolCapability;
-use crate::link::{Pace, Port, Transport};
-use crate::message::{ComponentId, SystemId};
 use crate::service::command::CommandService;
-#[cfg(test)]
-use crate::service::example::Tunes;
 use crate::service::heartbeat::Heartbeats;
 use crate::service::identity::Identification;
 use crate::service::statustext::Texts;
-#[cfg(feature = "defmt")]
-use crate::service::sum;
-use crate::service::{Cx, Handled, Received, Request, Service, Share, Shared, Turn, Verdict, View, turns};
-use crate::time::{Duration, Instant};
-#[cfg(feature = "defmt")]
-use crate::types::LinkId;
-use crate::types::{Config, Peer};
+use crate::service::{About, Look, LookAll, Service, ServiceList, Share, Turn, Visit, VisitAll};
 
-/// Whether a service gets a frame or a command for this component, or for all. Always true in a firmware of one component.
-fn is_addressed<D: Declares, S: Service<D>>(component: ComponentId) -> bool {
-    D::COMPONENTS.is_empty() || component.0 == 0 || S::is_part_of(component)
+/// Whether a service with one of these lists of turns sends bulk data.
+const fn has_bulk(lists: &[&[Turn]]) -> bool {
+    let (mut has_bulk, mut lists) = (false, lists);
+    while let [turns, rest @ ..] = lists {
+        has_bulk |= Turn::bits(turns) & Turn::Bulk.bit() != 0;
+        lists = rest;
+    }
+    has_bulk
 }
 
-/// Whether a service is left out, because the firmware runs without its other components (K-10).
-pub(super) fn is_left_out<D: Declares, S: Service<D>>(_: &S, shared: &Shared) -> bool {
-    S::IS_OF_COMPONENTS && shared.leaves_out_components::<D>()
-}
-
-/// Defines the services, and what each call does for each of them, in the order of the list.
+/// Defines the list of services, and how each is visited.
 macro_rules! define {
     ($($name:ident: $service:ty,)*) => {
-        /// All services of a firmware, in the order of the list: the large queues of forwarding are last, so that the other
-        /// services are near the start of the stack, where it takes less code to reach them.
+        /// All services of a firmware: the large queues of forwarding are last, so that the other services are near the start of
+        /// the stack, where it takes less code to reach them.
         #[derive(Debug)]
         #[repr(C)]
         pub(crate) struct Services<D: Declares> {
             $(pub(crate) $name: $service,)*
+            /// The services of the firmware and of other crates.
+            pub(crate) own: D::Services,
         }
 
         /// The states of all services on one link.
         #[derive(Debug)]
         pub(crate) struct States<D: Declares> {
             /// The share of the link for bulk data.
-            pub(crate) bulk: Share,
-            /// The place of the service that sent bulk data last.
-            pub(crate) bulk_turn: u8,
+            pub(super) bulk: Share,
+            /// The number of the service that sent bulk data last.
+            pub(super) last_bulk: u8,
             $(pub(crate) $name: <$service as Service<D>>::Link,)*
+            pub(crate) own: <D::Services as ServiceList<D>>::Links,
         }
 
         impl<D: Declares> States<D> {
-            pub(crate) const VACANT: Self = Self { bulk: Share::NEW, bulk_turn: 0, $($name: <$service as Service<D>>::VACANT,)* };
+            pub(crate) const VACANT: Self = Self { bulk: Share::NEW, last_bulk: 0, $($name: <$service as Service<D>>::VACANT,)* own: <D::Services as ServiceList<D>>::VACANT };
         }
 
         impl<D: Declares> Services<D> {
-            pub(crate) const NEW: Self = Self { $($name: <$service as Service<D>>::NEW,)* };
+            pub(crate) const NEW: Self = Self { $($name: <$service as Service<D>>::NEW,)* own: <D::Services as ServiceList<D>>::NEW };
+
+            /// Whether a service sends bulk data.
+            pub(super) const HAS_BULK: bool = has_bulk(<D::Services as ServiceList<D>>::TURNS) $(|| Turns::<D, $service>::has(Turn::Bulk))*;
 
             /// The capabilities of all services, for AUTOPILOT_VERSION.
-            pub(crate) const CAPABILITIES: MavProtocolCapability =
-                MavProtocolCapability::EMPTY$(.with(<$service as Service<D>>::CAPABILITIES))*;
+            pub(crate) const CAPABILITIES: MavProtocolCapability = Self::capabilities(false);
 
             /// Those of the services that are left out with the other components.
-            pub(crate) const COMPONENT_CAPABILITIES: MavProtocolCapability =
-                MavProtocolCapability::EMPTY$(.with(match <$service as Service<D>>::IS_OF_COMPONENTS {
-                    true => <$service as Service<D>>::CAPABILITIES,
-                    false => MavProtocolCapability::EMPTY,
-                }))*;
+            pub(crate) const COMPONENT_CAPABILITIES: MavProtocolCapability = Self::capabilities(true);
 
-            pub(crate) fn begin(&mut self, config: &Config) {
-                $(Service::<D>::begin(&mut self.$name, config);)*
+            const fn capabilities(of_components: bool) -> MavProtocolCapability {
+                let library = About::capabilities(&[$(<$service as Service<D>>::ABOUT),*], of_components);
+                library.with(About::capabilities(<D::Services as ServiceList<D>>::ABOUT, of_components))
             }
 
-            pub(crate) fn poll(&mut self, cx: &mut Cx<'_, D>, states: &mut [States<D>]) {
-                $(if !is_left_out::<D, _>(&self.$name, cx.shared) {
-                    self.$name.poll(cx, states.iter_mut().map(|state| &mut state.$name));
-                })*
+            /// Visits the services until one ends it. Returns whether one did.
+            #[cfg(not(test))]
+            #[inline(always)]
+            pub(super) fn visit(&mut self, states: &mut States<D>, visit: &mut impl Visit<D>) -> bool {
+                false $(|| visit.visit(&mut self.$name, &mut states.$name))* || self.own.visit(&mut states.own, visit)
             }
 
-            pub(crate) fn deadline(&self) -> Instant {
-                Instant::NEVER$(.min(Service::<D>::deadline(&self.$name)))*
+            #[inline(always)]
+            pub(super) fn look(&self, states: &States<D>, look: &mut impl Look<D>) {
+                $(look.look(&self.$name, &states.$name);)*
+                self.own.look(&states.own, look);
             }
 
-            pub(crate) fn storage_deadline(&self) -> Instant {
-                Instant::NEVER$(.min(Service::<D>::storage_deadline(&self.$name)))*
+            #[cfg(not(test))]
+            #[inline(always)]
+            pub(super) fn visit_all(&mut self, states: &mut [States<D>], visit: &mut impl VisitAll<D>) {
+                $(visit.visit(&mut self.$name, states.iter_mut().map(|state| &mut state.$name));)*
+                self.own.visit_all(states, |state| &mut state.own, visit);
             }
 
-            pub(crate) fn handles_for(component: ComponentId, id: u32) -> bool {
-                false$(|| <$service as Service<D>>::handles_for(component, id))*
-            }
-
-            pub(crate) fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
-                $(
-                    let request = <$service as Service<D>>::command_in(port, received);
-                    if request.is_some() {
-                        return request;
-                    }
-                )*
-                None
-            }
-
-            pub(crate) fn on_frame(
-                &mut self,
-                cx: &mut Cx<'_, D>,
-                port: &mut Port,
-                state: &mut States<D>,
-                received: &Received<'_>,
-            ) -> Handled {
-                let component = received.target.component;
-                $(if is_addressed::<D, $service>(component) && !is_left_out::<D, _>(&self.$name, cx.shared) {
-                    let handled = self.$name.on_frame(cx, port, &mut state.$name, received);
-                    if handled != Handled::No {
-                        return handled;
-                    }
-                })*
-                Handled::No
-            }
-
-            #[inline(never)]
-            pub(crate) fn on_command(
-                &mut self,
-                cx: &mut Cx<'_, D>,
-                port: &mut Port,
-                state: &mut States<D>,
-                request: &Request,
-            ) -> Option<Verdict> {
-                let component = request.command.component;
-                // A scope for each: they share one place on the stack.
-                $(if is_addressed::<D, $service>(component) && !is_left_out::<D, _>(&self.$name, cx.shared) {
-                    let verdict = self.$name.on_command(cx, port, &mut state.$name, request);
-                    if verdict.is_some() {
-                        if let Some(component) = <$service as Service<D>>::COMPONENT {
-                            cx.shared.answerer = component;
+            /// The same in an order that a test chooses: it carries nothing.
+            #[cfg(test)]
+            pub(super) fn visit(&mut self, states: &mut States<D>, visit: &mut impl Visit<D>) -> bool {
+                for place in super::permuted::order() {
+                    let mut number = 0;
+                    $(
+                        if number == place && visit.visit(&mut self.$name, &mut states.$name) {
+                            return true;
                         }
-                        return verdict;
+                        number += 1;
+                    )*
+                    if number == place && self.own.visit(&mut states.own, visit) {
+                        return true;
                     }
-                })*
-                None
+                }
+                false
             }
 
-            /// Offers a command of the firmware itself to the services that are one of its other components.
-            #[inline(never)]
-            pub(crate) fn on_own_command(
-                &mut self,
-                cx: &mut Cx<'_, D>,
-                port: &mut Port,
-                state: &mut States<D>,
-                request: &Request,
-            ) -> Option<Verdict> {
-                $(if <$service as Service<D>>::COMPONENT == Some(request.command.component) {
-                    let verdict = self.$name.on_command(cx, port, &mut state.$name, request);
-                    if verdict.is_some() {
-                        return verdict;
+            #[cfg(test)]
+            pub(super) fn visit_all(&mut self, states: &mut [States<D>], visit: &mut impl VisitAll<D>) {
+                for place in super::permuted::order() {
+                    let mut number = 0;
+                    $(
+                        if number == place {
+                            visit.visit(&mut self.$name, states.iter_mut().map(|state| &mut state.$name));
+                        }
+                        number += 1;
+                    )*
+                    if number == place {
+                        self.own.visit_all(states, |state| &mut state.own, visit);
                     }
-                })*
-                None
+                }
             }
 
-            pub(crate) fn on_heard(&mut self, now: Instant, from: Peer) {
-                $(Service::<D>::on_heard(&mut self.$name, now, from);)*
-            }
-
-            pub(crate) fn on_owner(&mut self, own: SystemId, owner: SystemId) {
-                $(Service::<D>::on_owner(&mut self.$name, own, owner);)*
-            }
-
-            pub(crate) fn on_clock_step(&mut self, lead: Duration) {
-                $(Service::<D>::on_clock_step(&mut self.$name, lead);)*
-            }
-
-            pub(crate) fn on_sent(&mut self, port: &Port) {
-                $(Service::<D>::on_sent(&mut self.$name, port);)*
-            }
-
-            #[cfg(feature = "defmt")]
-            pub(crate) fn drops(&self) -> u32 {
-                sum([$(Service::<D>::drops(&self.$name)),*])
-            }
-
-            #[cfg(feature = "defmt")]
-            pub(crate) fn drops_on(&self, link: LinkId) -> u32 {
-                sum([$(Service::<D>::drops_on(&self.$name, link)),*])
-            }
-
-            #[cfg(feature = "defmt")]
-            pub(crate) fn log_drops(&self) {
-                $(Service::<D>::log_drops(&self.$name);)*
-            }
-
-            #[cfg(feature = "defmt")]
-            pub(crate) fn log_drops_on(&self, link: LinkId) {
-                $(Service::<D>::log_drops_on(&self.$name, link);)*
-            }
-
-            pub(crate) fn restart(&mut self, port: &Port, state: &mut States<D>) {
-                $(Service::<D>::restart(&mut self.$name, port, &mut state.$name);)*
+            #[inline(always)]
+            pub(super) fn look_all(&self, look: &mut impl LookAll<D>) {
+                $(look.look(&self.$name);)*
+                self.own.look_all(look);
             }
         }
     };
 }
 
-/// The last line is the example's, which only unit tests compile.
-macro_rules! services {
-    ($($name:ident: $service:ty,)* #[cfg(test)] $($example:tt)*) => {
-        #[cfg(not(test))]
-        define! { $($name: $service,)* }
-        #[cfg(test)]
-        define! { $($name: $service,)* $($example)* }
-    };
-}
-
-services! {
+define! {
     command: CommandService<D::Commands>,
     high_latency: D::HighLatency,
     mission: D::Mission,
@@ -244,67 +160,18 @@ services! {
     records: D::Records,
     // Polled last, after the hooks that send commands.
     client: D::Client,
-    #[cfg(test)]
-    example: Tunes,
 }
-
-macro_rules! send {
-    ($($turn:ident $service:ident $pace:ident $class:ident $messages:literal $when:literal;)*) => {
-        impl<D: Declares> Services<D> {
-            /// Puts the next frame into the link's empty outbox: the first turn with something to send sends it (D-4).
-            pub(crate) fn send(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) -> bool {
-                let class = port.config.class;
-                let pace = if port.is_held() { Pace::Stalled } else { port.bucket.pace() };
-                false $(|| (
-                    Turn::$turn.is_on(class)
-                        && Turn::$turn.pace() <= pace
-                        && next!($service, D, self, cx, port, state, Turn::$turn)
-                ))*
-            }
-
-            /// Returns when the link has something to send, as far as its transport accepts bytes.
-            pub(crate) fn due(&self, view: &View<'_>, port: &Port, state: &States<D>) -> Instant {
-                // Only the HEARTBEAT, which frames wait for (H-17).
-                let is_held = view.shared.holds(port);
-                let has_frame = !port.outbox.is_empty();
-                let is_stalled = match port.transport {
-                    // The rest of a frame waits for the next poll's budget, or for a transport that has failed.
-                    Transport::Ready if has_frame => return view.now.max(port.retry_at),
-                    // The transport must become ready first, which the stack cannot observe.
-                    Transport::Full | Transport::Unknown if has_frame => return Instant::NEVER,
-                    transport => transport == Transport::Full,
-                };
-                let (class, ready_at, idle_at) = (port.config.class, port.bucket.ready_at(), port.bucket.idle_at());
-                let mut due = match is_held {
-                    true => port.held_until(),
-                    // It was cut off, and is sent again.
-                    false if port.outbox.has_frame() => view.now,
-                    false => Instant::NEVER,
-                };
-                $(if Turn::$turn.is_on(class) && (!(is_stalled || is_held) || Turn::$turn.pace() == Pace::Stalled) {
-                    let at = due!($service, D, self, view, port, state, Turn::$turn);
-                    due = due.min(at.max(match Turn::$turn.pace() {
-                        Pace::Stalled | Pace::AtOnce => Instant::ZERO,
-                        Pace::Room => ready_at,
-                        Pace::Idle => idle_at,
-                    }));
-                })*
-                // What is due already waits for the transport.
-                if is_stalled && due <= view.now { Instant::NEVER } else { due.max(port.retry_at) }
-            }
-        }
-    };
-}
-
-turns!(send);
 
 #[cfg(test)]
 mod tests {
     use crate::dialect::{MavResult, NamedValueInt, PlayTune};
     use crate::frame::{Version, encode};
     use crate::message::{Address, Message};
+    use crate::service::example::Tunes;
     use crate::time::{Duration, Instant};
-    use crate::{Command, Commands, Config, Context, LinkConfig, LinkId, Outcome, Pulse, Vehicle, VehicleState};
+    use crate::{
+        Command, Commands, Config, Context, LinkConfig, LinkId, Outcome, Pulse, StackOf, Vehicle, VehicleState,
+    };
 
     /// A vehicle in a fault, so that nothing but the example sends.
     struct Rover;
@@ -321,8 +188,10 @@ mod tests {
         }
     }
 
-    crate::stack! {
-        struct Mavlink for Rover { links: 2 }
+    #[derive(crate::Stack)]
+    #[stack(vehicle: Rover, links: 2)]
+    struct Mavlink {
+        tunes: Tunes,
     }
 
     /// The recipe in CONTRIBUTING.md: the example's files work together.
@@ -330,7 +199,7 @@ mod tests {
     fn a_listed_service_gets_its_frames_and_sends_in_its_turn() {
         static PULSE: Pulse = Pulse::new();
         let config = Config::new(Address::new(1, 1), &PULSE);
-        let mut stack = Mavlink::new(config, [LinkConfig::unlimited(); 2]);
+        let mut stack = StackOf::<Mavlink>::new(config, [LinkConfig::unlimited(); 2]);
         let mut now = Instant::from_millis(1_000);
         stack.poll(now, &mut Rover);
         for wait in [500, 0] {
@@ -350,8 +219,7 @@ mod tests {
         }
         let other = encode(&NamedValueInt::default(), Version::V2, station, 2, &mut tune).unwrap();
         stack.receive(now, LinkId(1), &tune[..other], &mut Rover);
-        let tunes: &crate::Tunes = &stack.services.example;
-        assert_eq!(tunes.received(), 3);
+        assert_eq!(stack.tunes.received(), 3);
         assert_eq!(stack.next_deadline(now), now, "an answer is pending");
 
         now = now.after(Duration::from_millis(7));

@@ -105,10 +105,12 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     /// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
     /// #     }
     /// # }
-    /// # stack! { struct Mavlink for Rover { links: 1, storage } }
-    /// # struct Shared(RefCell<(Mavlink, Rover)>);
+    /// # #[derive(Stack)]
+    /// # #[stack(vehicle: Rover, links: 1, storage)]
+    /// # struct Mavlink;
+    /// # struct Shared(RefCell<(StackOf<Mavlink>, Rover)>);
     /// # impl Shared {
-    /// #     fn lock<T>(&self, call: impl FnOnce(&mut Mavlink, &mut Rover) -> T) -> T {
+    /// #     fn lock<T>(&self, call: impl FnOnce(&mut StackOf<Mavlink>, &mut Rover) -> T) -> T {
     /// #         let (stack, vehicle) = &mut *self.0.borrow_mut();
     /// #         call(stack, vehicle)
     /// #     }

@@ -44,23 +44,23 @@ use super::store::store;
 /// # static PULSE: Pulse = Pulse::new();
 /// # fn now() -> Instant { Instant::ZERO }
 /// # async fn sleep(_: Duration) {}
-/// # struct Shared(RefCell<(Mavlink, Rover)>);
+/// # struct Shared(RefCell<(StackOf<Mavlink>, Rover)>);
 /// # impl Shared {
-/// #     fn lock<T>(&self, call: impl FnOnce(&mut Mavlink, &mut Rover) -> T) -> T {
+/// #     fn lock<T>(&self, call: impl FnOnce(&mut StackOf<Mavlink>, &mut Rover) -> T) -> T {
 /// #         let (stack, vehicle) = &mut *self.0.borrow_mut();
 /// #         call(stack, vehicle)
 /// #     }
 /// # }
 /// use mavstack::storage::AsyncStore;
 ///
-/// stack! {
-///     struct Mavlink for Rover { links: 1, parameters: Tuning, storage }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Rover, links: 1, parameters: Tuning, storage)]
+/// struct Mavlink;
 ///
 /// const _: () = assert!(AsyncStore::<Flash>::region_len::<Mavlink>() <= 0x4000);
 ///
 /// /// Before the tasks start, nothing shares the stack.
-/// async fn start(stack: &mut Mavlink, rover: &mut Rover) -> AsyncStore<Flash> {
+/// async fn start(stack: &mut StackOf<Mavlink>, rover: &mut Rover) -> AsyncStore<Flash> {
 ///     let mut store = AsyncStore::new(Flash, 0x8000..0xC000);
 ///     if let Err(errors) = stack.restore_async(now(), &mut store, rover).await {
 ///         let _ = errors; // what could not be read; a text has reported it
@@ -79,7 +79,7 @@ use super::store::store;
 ///         }
 ///     }
 /// }
-/// # let mut stack = Mavlink::new(Config::new(Address::new(1, 1), &PULSE), [LinkConfig::uart(57_600)]);
+/// # let mut stack = StackOf::<Mavlink>::new(Config::new(Address::new(1, 1), &PULSE), [LinkConfig::uart(57_600)]);
 /// # let mut waker = core::task::Context::from_waker(core::task::Waker::noop());
 /// # let started = core::pin::pin!(start(&mut stack, &mut Rover)).as_mut().poll(&mut waker);
 /// # assert!(started.is_ready());

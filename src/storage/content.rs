@@ -5,6 +5,7 @@ use super::plans;
 use crate::dialect::{MavModeFlag, MavSeverity};
 use crate::service::mission::WithoutPlans;
 use crate::service::{Absent, Cx, Service, WithoutSigning};
+use crate::time::Instant;
 use crate::types::{Firmware, Vehicle};
 
 /// Why stored content was not restored, or not completely. A STATUSTEXT reports it, too.
@@ -67,7 +68,10 @@ impl RestoreErrors {
     /// first may be restored later:
     ///
     /// ```
-    /// # mavstack::stack! { struct Mavlink for Rover { links: 1, storage } }
+    /// # use mavstack::StackOf;
+    /// # #[derive(mavstack::Stack)]
+    /// # #[stack(vehicle: Rover, links: 1, storage)]
+    /// # struct Mavlink;
     /// # struct Rover { may_arm: bool }
     /// # impl mavstack::Vehicle for Rover { fn state(&self) -> Option<mavstack::VehicleState> { None } }
     /// # impl mavstack::Commands for Rover {
@@ -75,7 +79,7 @@ impl RestoreErrors {
     /// #         mavstack::dialect::MavResult::UNSUPPORTED.into()
     /// #     }
     /// # }
-    /// # fn pass(stack: &Mavlink, rover: &mut Rover) {
+    /// # fn pass(stack: &StackOf<Mavlink>, rover: &mut Rover) {
     /// rover.may_arm = !stack.is_restoring() && stack.restore_errors().is_empty();
     /// # }
     /// ```
@@ -167,6 +171,11 @@ pub trait Persistent<F: Firmware>: Service<F> {
 
     /// The texts that report its state.
     const TEXTS: Texts = Texts::NONE;
+
+    /// Returns when a write is due. It stays in the past until storage begins it.
+    fn write_deadline(&self) -> Instant {
+        Instant::NEVER
+    }
 
     /// Storage is attached. Nothing was read yet.
     fn attach(&mut self, cx: &mut Cx<'_, F>) {

@@ -10,6 +10,7 @@ use super::plans::Loading;
 use crate::crc32::Crc32;
 use crate::service::Cx;
 use crate::service::param::{ParamInfo, ParamService, ParamTable, Parameters, Stored};
+use crate::time::Instant;
 use crate::types::{Firmware, Vehicle};
 
 /// A row: the key of a parameter and its value, in little-endian order.
@@ -46,6 +47,10 @@ where
         damaged: "Stored parameters are damaged",
         readable: "Stored parameters can be read again",
     };
+
+    fn write_deadline(&self) -> Instant {
+        self.write_due()
+    }
 
     fn attach(&mut self, cx: &mut Cx<'_, F>) {
         let refill = cx.shared.config.storage_refill;

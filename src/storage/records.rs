@@ -43,9 +43,9 @@ pub const MAX_RECORD_LEN: usize = PAYLOAD;
 ///     }
 /// }
 ///
-/// stack! {
-///     struct Mavlink for Rover { links: 1, storage: { records: 1 } }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Rover, links: 1, storage: { records: 1 })]
+/// struct Mavlink;
 /// ```
 pub trait Records {
     /// Takes the stored content of a record when it is restored: exactly what was written.
@@ -111,6 +111,7 @@ impl<const N: usize> RecordService<N> {
 impl<F: Firmware, const N: usize> Service<F> for RecordService<N> {
     type Link = ();
     const VACANT: () = ();
+    type Reply = ();
     const NEW: Self = {
         assert!(N > 0 && N <= 8, "`records` of `storage` is 1 to 8; leave it out for none");
         Self { pending: 0, writing: 0, retry_at: Instant::ZERO }

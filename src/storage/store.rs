@@ -43,10 +43,10 @@ use super::slot::JobSlot;
 /// # static PULSE: Pulse = Pulse::new();
 /// # let now = Instant::ZERO;
 /// # let (mut rover, is_running) = (Rover, false);
-/// # let mut stack = Mavlink::new(Config::new(Address::new(1, 1), &PULSE), [LinkConfig::uart(57_600)]);
-/// stack! {
-///     struct Mavlink for Rover { links: 1, parameters: Tuning, storage }
-/// }
+/// # let mut stack = StackOf::<Mavlink>::new(Config::new(Address::new(1, 1), &PULSE), [LinkConfig::uart(57_600)]);
+/// #[derive(Stack)]
+/// #[stack(vehicle: Rover, links: 1, parameters: Tuning, storage)]
+/// struct Mavlink;
 ///
 /// const REGION: core::ops::Range<u32> = 0x8000..0xC000;
 /// const _: () = assert!(Store::<Flash>::region_len::<Mavlink>() <= REGION.end - REGION.start);

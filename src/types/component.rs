@@ -59,7 +59,7 @@ impl Component {
         assert!(
             Self::is_one(components, component.0),
             "a service has a `COMPONENT` that the firmware does not: add it to `COMPONENTS` of `impl Components`, and \
-             `components` to `stack!`"
+             `components` to `#[stack]`"
         );
     }
 }

@@ -176,7 +176,7 @@ pub enum Durability {
     Deferred,
 }
 
-/// The configuration of a [`Stack`](crate::Stack). Make it a `const`: then the compiler refuses invalid values.
+/// The configuration of a [`Stack`](struct@crate::Stack). Make it a `const`: then the compiler refuses invalid values.
 ///
 /// ```
 /// use mavstack::{Address, Config, Pulse, dialect::MavType};

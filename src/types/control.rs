@@ -14,11 +14,11 @@ pub(crate) const CHANNELS: usize = 32;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum ControlInput {
-    /// From MANUAL_CONTROL, with `manual_control` in [`stack!`](crate::stack).
+    /// From MANUAL_CONTROL, with `manual_control` in [`#[stack]`](macro@crate::Stack).
     Sticks(ManualControlInput),
-    /// The channels that are overridden now, with `manual_control` in [`stack!`](crate::stack).
+    /// The channels that are overridden now, with `manual_control` in [`#[stack]`](macro@crate::Stack).
     Channels(RcOverride),
-    /// With `setpoints` in [`stack!`](crate::stack).
+    /// With `setpoints` in [`#[stack]`](macro@crate::Stack).
     Setpoint(Setpoint),
 }
 

@@ -7,7 +7,7 @@ use super::plans::PlanMemory;
 use crate::dialect::MavResult;
 use crate::message::ComponentId;
 
-/// A firmware: its vehicle, and the data that several services use. [`stack!`](crate::stack) implements it.
+/// A firmware: its vehicle, and the data that several services use. [`#[stack]`](macro@crate::Stack) implements it.
 #[doc(hidden)]
 pub trait Firmware: Sized + 'static {
     /// The type that implements the hooks.

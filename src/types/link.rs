@@ -4,6 +4,7 @@
 use super::signing::{Accept, LinkSigning};
 use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, Heartbeat, HighLatency2};
 use crate::message::{Address, Message};
+use crate::time::Instant;
 
 /// The number of a link: its index in the stack's configuration, from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -62,7 +63,7 @@ impl LinkClass {
 
     /// Whether this is a high-latency link, where each byte costs money. Heartbeats, transfers, texts and streams are
     /// not sent there, and messages other than commands are not handled (L-4).
-    pub(crate) const fn is_high_latency(self) -> bool {
+    pub const fn is_high_latency(self) -> bool {
         matches!(self, Self::HighLatency)
     }
 }
@@ -92,7 +93,7 @@ pub struct LinkConfig {
     pub bytes_per_second: u32,
     /// The default streams on this link. A high-latency link has none.
     pub streams: StreamProfile,
-    /// Whether the link takes part in forwarding, if the stack declares `forwarding` in [`stack!`](crate::stack):
+    /// Whether the link takes part in forwarding, if the stack declares `forwarding` in [`#[stack]`](macro@crate::Stack):
     /// frames received on it are forwarded, and frames of other links are forwarded to it.
     pub forwards: bool,
     /// Whether this link also gets refused frames that it would accept itself; false by default. A frame is refused when
@@ -239,14 +240,14 @@ pub(crate) struct LinkFacts {
     /// Whether the last frame that was sent while the link was idle was the vehicle's own. The next one is then a
     /// forwarded frame, if there is one.
     pub(crate) own_was_last: bool,
-    /// Whether a client on the link is busy with a transfer that streams are slowed for (F-11).
-    pub(crate) is_transferring: bool,
+    /// Until when a client on the link is busy with a transfer that streams are slowed for (F-11).
+    pub(crate) transferring_until: Instant,
 }
 
 impl LinkFacts {
     /// All zero bits.
     pub(crate) const NONE: Self =
-        Self { is_sign_of_life_due: false, periods: 0, own_was_last: false, is_transferring: false };
+        Self { is_sign_of_life_due: false, periods: 0, own_was_last: false, transferring_until: Instant::ZERO };
 }
 
 /// The maximum number of links of a stack.

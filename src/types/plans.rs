@@ -81,7 +81,7 @@ impl<'a> PlanView<'a> {
 }
 
 /// Memory for three live plans, and for the staging area of `S` items, the largest of the three capacities. Declared by
-/// `plans` in [`stack!`](crate::stack). A plan of capacity 0 is not served: it is refused with UNSUPPORTED, and
+/// `plans` in [`#[stack]`](macro@crate::Stack). A plan of capacity 0 is not served: it is refused with UNSUPPORTED, and
 /// AUTOPILOT_VERSION does not announce it.
 ///
 /// [`plan_memory!`](crate::plan_memory) spells the type. It takes 32 bytes for each item, and at most 256 for the rest. `U` is a

@@ -96,7 +96,7 @@ pub enum PeerEvent {
 /// The hooks that every vehicle implements.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Vehicle`",
-    note = "a vehicle of `stack!` needs `impl Vehicle for {Self}`: its state, for the heartbeats"
+    note = "a vehicle of `#[stack]` needs `impl Vehicle for {Self}`: its state, for the heartbeats"
 )]
 pub trait Vehicle {
     /// The messages whose frames can be checked: all of common by default. A vehicle with messages of its own names a

@@ -34,17 +34,26 @@ impl Commands for Rover {
     fn command(&mut self, cx: &mut Context<'_>, _: &Command) -> Outcome { {command} MavResult::UNSUPPORTED.into() }
 }
 {hooks}
-stack! {
-    struct Mavlink for Rover { {entries} }
-}
+#[derive(Stack)]
+#[stack(vehicle: Rover, {entries})]
+struct Mavlink;
 fn main() {
-    let mut stack = Mavlink::new(CONFIG, std::array::from_fn(|_| UART));
+    let mut stack = StackOf::<Mavlink>::new(CONFIG, std::array::from_fn(|_| UART));
     stack.poll(Instant::ZERO, &mut Rover);
     stack.receive(Instant::ZERO, LinkId(0), &[0], &mut Rover);
     stack.transmit(Instant::ZERO, LinkId(0), &mut Rover);
     {main}
 }
 "#;
+
+/// The hooks that every vehicle has.
+const HOOKS: &str = "
+struct Rover;
+impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+impl Commands for Rover {
+    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { MavResult::UNSUPPORTED.into() }
+}
+";
 
 const PLANS: &str = "
 impl Plans for Rover {
@@ -341,7 +350,7 @@ fn invalid_configurations_do_not_compile() {
     let folder = package(&cases);
     let mut wrong = String::new();
     judge(&cases, &cargo(&folder, &["build", "--bins", "--keep-going"]), &mut wrong);
-    let unsigned = [("signs", signs(), "`signing` in `stack!` needs the feature `signing` of mavstack")];
+    let unsigned = [("signs", signs(), "`signing` in `#[stack]` needs the feature `signing` of mavstack")];
     judge(&unsigned, &cargo(&folder, &["check", "--no-default-features", "--bin", "signs"]), &mut wrong);
     assert!(wrong.is_empty(), "{wrong}");
 }

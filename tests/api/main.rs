@@ -5,6 +5,7 @@
 mod support;
 
 mod compile_fail;
+mod derived;
 mod errors;
 mod pages;
 mod readme;

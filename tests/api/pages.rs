@@ -183,7 +183,7 @@ fn repository_address_is_in_one_place() {
 #[test]
 fn every_file_and_test_that_a_page_names_exists() {
     const FOLDERS: [&str; 10] =
-        [".ci/", "benches/", "dialect/", "docs/", "examples/", "fuzz/", "snapshot/", "src/", "tests/", "xtask/"];
+        [".ci/", "benches/", "crates/", "dialect/", "docs/", "examples/", "fuzz/", "src/", "tests/", "xtask/"];
     let mut missing = Vec::new();
     for page in Page::all() {
         let name = page.name();

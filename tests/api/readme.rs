@@ -32,12 +32,12 @@ impl Errors {
 fn the_loop<U: Read + ReadReady + Write + WriteReady>(clock: Clock, mut uart: U, mut errors: Errors) -> ! {
     static PULSE: Pulse = Pulse::new();       // ticked by the flight loop, watched by the stack
     const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);
-    stack! {                                  // owns all memory; undeclared services are not linked
-        struct Mavlink for Quadrotor { links: 1, plans: { mission: 250 }, parameters: Tuning, streams }
-    }
+    #[derive(Stack)]                          // all memory
+    #[stack(vehicle: Quadrotor, links: 1, plans: { mission: 250 }, parameters: Tuning, streams, commands: { slots: 2 })]
+    struct Mavlink;
 
     let mut vehicle = Quadrotor::new();       // yours: implements Vehicle, Commands, Plans, Telemetry, Parameters
-    let mut stack = Mavlink::new(CONFIG, [LinkConfig::uart(57_600)]);
+    let mut stack = StackOf::<Mavlink>::new(CONFIG, [LinkConfig::uart(57_600)]);
     loop {
         let now = clock.now();                // µs since boot
         vehicle.control_step(now, stack.mission().items());

@@ -232,9 +232,9 @@ struct Simple {
     commands: Vec<MavCmd>,
 }
 
-mavstack::stack! {
-    struct Small for Simple { links: 1, camera }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Simple, links: 1, camera)]
+struct Small;
 
 impl Vehicle for Simple {
     fn state(&self) -> Option<VehicleState> {

@@ -23,9 +23,16 @@ struct Copter {
     replies: Vec<CommandReply>,
 }
 
-mavstack::stack! {
-    struct Flying for Copter { links: 2, camera: { images: 2 }, ext_parameters, components, command_client: { slots: 1 } }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: Copter,
+    links: 2,
+    camera: { images: 2 },
+    ext_parameters,
+    components,
+    command_client: { slots: 1 },
+)]
+struct Flying;
 
 impl Vehicle for Copter {
     fn state(&self) -> Option<VehicleState> {

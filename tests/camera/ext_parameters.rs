@@ -9,9 +9,9 @@ use mavstack::{
     VehicleState,
 };
 
-mavstack::stack! {
-    struct Settings for Camera { links: 4, ext_parameters }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Camera, links: 4, ext_parameters)]
+struct Settings;
 
 /// A camera with settings of every type.
 struct Camera {

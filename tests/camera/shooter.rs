@@ -10,12 +10,9 @@ use mavstack::{
 };
 use std::collections::VecDeque;
 
-mavstack::stack! {
-    pub struct Equipped for Shooter {
-        links: 4,
-        camera: { images: 8 },
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Shooter, links: 4, camera: { images: 8 })]
+pub struct Equipped;
 
 /// A camera that has everything.
 pub const FLAGS: CameraCapFlags = CameraCapFlags::CAPTURE_IMAGE

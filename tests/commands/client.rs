@@ -106,9 +106,9 @@ impl CommandClient for Carrier {
 
 impl Telemetry for Carrier {}
 
-mavstack::stack! {
-    pub(super) struct Carrying for Carrier { links: 3, messages, command_client: { slots: 2 } }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Carrier, links: 3, messages, command_client: { slots: 2 })]
+pub(super) struct Carrying;
 
 pub(super) type Sky = World<3, Carrying>;
 

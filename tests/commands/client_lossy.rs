@@ -101,9 +101,9 @@ impl Telemetry for Asker {
     }
 }
 
-mavstack::stack! {
-    struct Asking for Asker { links: 1, messages, command_client: { slots: 2 } }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Asker, links: 1, messages, command_client: { slots: 2 })]
+struct Asking;
 
 /// The two stacks and the line between them.
 struct Pair {

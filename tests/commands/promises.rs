@@ -12,15 +12,15 @@ use mavstack::{
 const CALIBRATE: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
 const WINCH: ComponentId = ComponentId(158);
 
-mavstack::stack! {
-    struct NoSlots for Hasty { links: 1 }
-}
-mavstack::stack! {
-    struct OneSlot for Hasty { links: 1, commands: { slots: 1 } }
-}
-mavstack::stack! {
-    struct Parts for Hasty { links: 1, components, command_client: { slots: 1 } }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Hasty, links: 1)]
+struct NoSlots;
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Hasty, links: 1, commands: { slots: 1 })]
+struct OneSlot;
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Hasty, links: 1, components, command_client: { slots: 1 })]
+struct Parts;
 
 /// Answers every command IN_PROGRESS, without [`Context::start`].
 #[derive(Default)]

@@ -174,9 +174,9 @@ fn report_is_no_longer_than_the_history() {
 /// EVT-7: without `checks` the command is the vehicle's.
 #[test]
 fn command_is_the_vehicles_without_checks() {
-    mavstack::stack! {
-        struct Unchecked for Rover { links: 1, events: { history: 4 } }
-    }
+    #[derive(mavstack::Stack)]
+    #[stack(vehicle: Rover, links: 1, events: { history: 4 })]
+    struct Unchecked;
     let mut world = World::<1, Unchecked>::of(Setup::new());
     world.gcs[0].command_long(MavCmd::RUN_PREARM_CHECKS, [0.0; 7]);
     assert_eq!(world.expect::<CommandAck>(0, millis(50)).result, MavResult::UNSUPPORTED);

@@ -112,9 +112,9 @@ fn sequence_is_sent_now_and_then() {
 /// the numbers start again, because what was sent had no receiver.
 #[test]
 fn sequence_is_sent_when_a_link_is_opened() {
-    mavstack::stack! {
-        struct Unchecked for Rover { links: 1, events: { history: 4 } }
-    }
+    #[derive(mavstack::Stack)]
+    #[stack(vehicle: Rover, links: 1, events: { history: 4 })]
+    struct Unchecked;
     let mut world = World::<1, Unchecked>::of(Setup::new());
     let now = world.now();
     world.stack.event(now, &Parked);

@@ -67,12 +67,9 @@ mavstack::events! {
     }
 }
 
-mavstack::stack! {
-    struct Reporting for Rover {
-        links: 2,
-        events: { history: 20, checks },
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Rover, links: 2, events: { history: 20, checks })]
+struct Reporting;
 
 /// A failing check.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -79,9 +79,9 @@ fn future_events_get_no_answer() {
 /// EVT-4: a request from before a reboot, while nothing has happened yet, is told the number of the next event.
 #[test]
 fn empty_history_says_what_comes_next() {
-    mavstack::stack! {
-        struct Quiet for Rover { links: 1, events: { history: 4 } }
-    }
+    #[derive(mavstack::Stack)]
+    #[stack(vehicle: Rover, links: 1, events: { history: 4 })]
+    struct Quiet;
     let mut world = World::<1, Quiet>::of(Setup::new());
     world.gcs[0].send(&request(40_000, 40_000));
     world.run_for(millis(100));

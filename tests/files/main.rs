@@ -18,16 +18,17 @@ use mavstack::{Address, LinkConfig, LinkId};
 use support::files::{Packet, request};
 use support::*;
 
-mavstack::stack! {
-    struct Filed for TestVehicle {
-        links: 2,
-        plans: { mission: 60, fence: 20, rally: 6 },
-        parameters: Tuning,
-        streams,
-        commands: { slots: 3 },
-        files: { sessions: 2, upload: 512 },
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 2,
+    plans: { mission: 60, fence: 20, rally: 6 },
+    parameters: Tuning,
+    streams,
+    commands: { slots: 3 },
+    files: { sessions: 2, upload: 512 },
+)]
+struct Filed;
 
 type Shelf = World<2, Filed>;
 

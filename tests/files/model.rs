@@ -8,13 +8,9 @@ use super::*;
 use mavstack::Instant;
 use std::collections::BTreeSet;
 
-mavstack::stack! {
-    struct Small for TestVehicle {
-        links: 1,
-        commands: { slots: 2 },
-        files: { sessions: 1 },
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: TestVehicle, links: 1, commands: { slots: 2 }, files: { sessions: 1 })]
+struct Small;
 
 /// What a client does, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -4,16 +4,17 @@ use super::*;
 use mavstack::dialect::MavCmd;
 use mavstack::operator_control::OperatorCounters;
 
-mavstack::stack! {
-    struct Controlled for TestVehicle {
-        links: 1,
-        plans: { mission: 5 },
-        parameters: Tuning,
-        commands: { slots: 3 },
-        operator_control,
-        files: { sessions: 2, upload: 512 },
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 1,
+    plans: { mission: 5 },
+    parameters: Tuning,
+    commands: { slots: 3 },
+    operator_control,
+    files: { sessions: 2, upload: 512 },
+)]
+struct Controlled;
 
 use MavFtpOpcode as Op;
 

@@ -409,9 +409,15 @@ fn upload_does_not_wait_for_a_checksum() {
 /// A vehicle without room for an upload has a file that can only be read.
 #[test]
 fn upload_needs_room() {
-    mavstack::stack! {
-        struct ReadOnly for TestVehicle { links: 1, parameters: Tuning, commands: { slots: 2 }, files: { sessions: 1 } }
-    }
+    #[derive(mavstack::Stack)]
+    #[stack(
+        vehicle: TestVehicle,
+        links: 1,
+        parameters: Tuning,
+        commands: { slots: 2 },
+        files: { sessions: 1 },
+    )]
+    struct ReadOnly;
     let mut world = World::<1, ReadOnly>::of(Setup::new());
     world.run_for(millis(10));
     world.gcs[0].send(&request(1, 0, MavFtpOpcode::CREATEFILE, FILE.len() as u8, 0, FILE.as_bytes()));
@@ -461,9 +467,9 @@ impl Files for Tuned {}
 /// As many parameters as large autopilots have.
 const MANY: usize = 1_000;
 
-mavstack::stack! {
-    struct Large for Tuned { links: 1, parameters: RuntimeTable<MANY>, files: { sessions: 1 } }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Tuned, links: 1, parameters: RuntimeTable<MANY>, files: { sessions: 1 })]
+struct Large;
 
 /// Downloads parameters over a radio of 57,600 baud: returns the times as a file and as a list (ms).
 fn file_and_list(count: usize, loss: f64) -> (u64, u64) {

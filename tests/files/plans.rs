@@ -399,11 +399,16 @@ fn parts_of_a_plan_are_taken_in_order() {
 /// F-20: without `upload` plans can only be read, and a plan without memory has no file.
 #[test]
 fn upload_of_plans_needs_room() {
-    mavstack::stack! {
-        struct ReadOnly for TestVehicle {
-            links: 1, plans: { mission: 3 }, parameters: Tuning, commands: { slots: 3 }, files: { sessions: 1 }
-        }
-    }
+    #[derive(mavstack::Stack)]
+    #[stack(
+        vehicle: TestVehicle,
+        links: 1,
+        plans: { mission: 3 },
+        parameters: Tuning,
+        commands: { slots: 3 },
+        files: { sessions: 1 },
+    )]
+    struct ReadOnly;
     let mut world = World::<1, ReadOnly>::of(Setup::new());
     world.run_for(millis(10));
     let requests = [

@@ -14,8 +14,8 @@ use mavstack::logs::{LogInfo, LogRead};
 use mavstack::message::Dialect;
 use mavstack::{
     Camera, Command, Commands, Context, CustomMode, ExtParameters, Fill, FlightMode, GimbalDevice, GimbalManager,
-    Instant, LinkConfig, LinkId, LogStreaming, Logs, Message, ModeRequest, Modes, Outcome, Peer, PlanType, Stream,
-    Telemetry, Vehicle, VehicleState,
+    Instant, LinkConfig, LinkId, LogStreaming, Logs, Message, ModeRequest, Modes, Outcome, Peer, PlanType, StackOf,
+    Stream, Telemetry, Vehicle, VehicleState,
 };
 
 /// A vehicle with every service: [`TestVehicle`], and modes.
@@ -169,53 +169,55 @@ impl Telemetry for Everything {
 }
 
 #[cfg(not(feature = "signing"))]
-mavstack::stack! {
-    struct Mavlink for Everything {
-        links: LINKS,
-        plans: { mission: 10, fence: 8, rally: 2 },
-        parameters: Tuning,
-        streams,
-        modes,
-        commands: { slots: 3 },
-        forwarding,
-        time,
-        manual_control,
-        setpoints,
-        operator_control,
-        camera,
-        ext_parameters,
-        gimbal_manager,
-        gimbal_device,
-        high_latency,
-        logs,
-        log_streaming,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: Everything,
+    links: LINKS,
+    plans: { mission: 10, fence: 8, rally: 2 },
+    parameters: Tuning,
+    streams,
+    modes,
+    commands: { slots: 3 },
+    forwarding,
+    time,
+    manual_control,
+    setpoints,
+    operator_control,
+    camera,
+    ext_parameters,
+    gimbal_manager,
+    gimbal_device,
+    high_latency,
+    logs,
+    log_streaming,
+)]
+struct Mavlink;
 
 #[cfg(feature = "signing")]
-mavstack::stack! {
-    struct Mavlink for Everything {
-        links: LINKS,
-        plans: { mission: 10, fence: 8, rally: 2 },
-        parameters: Tuning,
-        streams,
-        modes,
-        commands: { slots: 3 },
-        forwarding,
-        signing,
-        time,
-        manual_control,
-        setpoints,
-        operator_control,
-        camera,
-        ext_parameters,
-        gimbal_manager,
-        gimbal_device,
-        high_latency,
-        logs,
-        log_streaming,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: Everything,
+    links: LINKS,
+    plans: { mission: 10, fence: 8, rally: 2 },
+    parameters: Tuning,
+    streams,
+    modes,
+    commands: { slots: 3 },
+    forwarding,
+    signing,
+    time,
+    manual_control,
+    setpoints,
+    operator_control,
+    camera,
+    ext_parameters,
+    gimbal_manager,
+    gimbal_device,
+    high_latency,
+    logs,
+    log_streaming,
+)]
+struct Mavlink;
 
 const LINKS: usize = 4;
 const ALLOWED: [u32; 5] = [CommandLong::ID, CommandInt::ID, CommandAck::ID, CommandCancel::ID, HighLatency2::ID];
@@ -327,7 +329,7 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
         *link = link.with_signing(mavstack::signing::LinkSigning::OPEN.with_provisioning());
     }
     let is_satellite = |link: usize| setup.links[link].class == LinkClass::HighLatency;
-    let mut stack = Box::new(Mavlink::new(setup.config, setup.links));
+    let mut stack = Box::new(StackOf::<Mavlink>::new(setup.config, setup.links));
     let mut vehicle = Everything(TestVehicle::new());
     stack.manual_input_mut().set_source(mavstack::manual_control::ControlSource::GroundStation);
     vehicle.0.long.insert(MavCmd::DO_SET_SERVO.0);
@@ -446,9 +448,9 @@ fn only_allowed_messages_are_sent_in_a_million_events() {
 /// there is refused.
 #[test]
 fn high_latency_message_is_not_a_stream() {
-    mavstack::stack! {
-        struct Single for Everything { links: 1, streams, high_latency, commands: { slots: 1 } }
-    }
+    #[derive(mavstack::Stack)]
+    #[stack(vehicle: Everything, links: 1, streams, high_latency, commands: { slots: 1 })]
+    struct Single;
     let mut setup = Setup::<1>::new();
     setup.links = [LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard)];
     let mut world = World::<1, Single>::of(setup);

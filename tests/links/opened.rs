@@ -7,7 +7,7 @@ use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
 use mavstack::message::ComponentId;
 use mavstack::{
     Address, Command, Commands, Component, Components, Config, Context, Fill, Instant, LinkConfig, LinkId, Message,
-    Outcome, Pulse, Stream, Telemetry, Vehicle, VehicleState,
+    Outcome, Pulse, StackOf, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 /// A vehicle with something to send from the start: a stream, an event, a text, and another component.
@@ -46,9 +46,9 @@ mavstack::events! {
     }
 }
 
-mavstack::stack! {
-    struct Open for Talker { links: 3, streams, components, events: { history: 8 }, time, forwarding }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Talker, links: 3, streams, components, events: { history: 8 }, time, forwarding)]
+struct Open;
 
 const RADIO: LinkId = LinkId(0);
 const USB: LinkId = LinkId(1);
@@ -56,7 +56,7 @@ const SATELLITE: LinkId = LinkId(2);
 const HEARTBEAT: (u32, u8) = (Heartbeat::ID, 1);
 
 struct Lab {
-    stack: Box<Open>,
+    stack: Box<StackOf<Open>>,
     vehicle: Talker,
     pulse: &'static Pulse,
     now: Instant,
@@ -70,7 +70,7 @@ struct Lab {
 impl Lab {
     fn new() -> Self {
         let pulse: &Pulse = Box::leak(Box::new(Pulse::new()));
-        let mut stack = Box::new(Open::VACANT);
+        let mut stack = Box::new(StackOf::<Open>::VACANT);
         let link = LinkConfig::unlimited();
         stack.begin(Config::new(VEHICLE, pulse), [link, link, link.with_class(LinkClass::HighLatency)]);
         let now = Instant::from_millis(4_000);

@@ -155,7 +155,7 @@ fn only_the_stations_in_control_are_the_controller() {
         ControlSource::GroundStation,
         ControlSource::Nobody,
     ];
-    let controllers = |world: &World<2, _>| named.map(|source| world.stack.has_controller(world.now(), source));
+    let controllers = |world: &World<2>| named.map(|source| world.stack.has_controller(world.now(), source));
     assert!(
         !world.stack.has_ground_station(world.now()),
         "an antenna tracker beside a station that sends no heartbeats"

@@ -4,9 +4,9 @@ use super::*;
 use crate::support::files::{Packet, request};
 use mavstack::dialect::{FileTransferProtocol, MavFtpErr, MavFtpOpcode};
 
-mavstack::stack! {
-    struct Filed for TestVehicle { links: 2, streams, commands: { slots: 3 }, files: { sessions: 2 }, logs }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: TestVehicle, links: 2, streams, commands: { slots: 3 }, files: { sessions: 2 }, logs)]
+struct Filed;
 
 type Shelf = World<2, Filed>;
 

@@ -18,16 +18,17 @@ use mavstack::dialect::{LogData, LogEntry, LogErase, LogRequestData, LogRequestE
 use mavstack::{Address, LinkConfig, LinkId, Message};
 use support::*;
 
-mavstack::stack! {
-    struct Logged for TestVehicle {
-        links: 2,
-        streams,
-        commands: { slots: 3 },
-        operator_control,
-        logs,
-        log_streaming,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 2,
+    streams,
+    commands: { slots: 3 },
+    operator_control,
+    logs,
+    log_streaming,
+)]
+struct Logged;
 
 type Field = World<2, Logged>;
 

@@ -6,17 +6,18 @@ use mavstack::dialect::{
 };
 use mavstack::param::ParamTable;
 
-mavstack::stack! {
-    struct Loaded for TestVehicle {
-        links: 1,
-        parameters: Tuning,
-        streams,
-        commands: { slots: 3 },
-        files: { sessions: 2 },
-        logs,
-        log_streaming,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 1,
+    parameters: Tuning,
+    streams,
+    commands: { slots: 3 },
+    files: { sessions: 2 },
+    logs,
+    log_streaming,
+)]
+struct Loaded;
 
 /// A ground station that has everything transferred at once.
 struct Busy {

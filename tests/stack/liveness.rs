@@ -9,7 +9,7 @@ use mavstack::message::SystemId;
 use mavstack::network::LinkError;
 use mavstack::{
     Command, CommandRule, Commands, Context, FlightMode, Frame, Instant, Item, LinkId, ModeRequest, Modes, Outcome,
-    Parameters, PeerEvent, PlanChange, PlanType, Plans, Progress, Stream, Telemetry, Vehicle, VehicleState,
+    Parameters, PeerEvent, PlanChange, PlanType, Plans, Progress, StackOf, Stream, Telemetry, Vehicle, VehicleState,
 };
 
 const LINK: LinkId = LinkId(0);
@@ -79,12 +79,20 @@ mavstack::events! {
     }
 }
 
-mavstack::stack! {
-    struct Vacant for Untouched {
-        links: 1, plans: { mission: 8 }, parameters: Tuning, streams, modes, time, events: { history: 8 },
-        operator_control, manual_control,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: Untouched,
+    links: 1,
+    plans: { mission: 8 },
+    parameters: Tuning,
+    streams,
+    modes,
+    time,
+    events: { history: 8 },
+    operator_control,
+    manual_control,
+)]
+struct Vacant;
 
 /// A socket whose datagrams must not be taken.
 struct Full;
@@ -109,7 +117,7 @@ impl DatagramSocket for Full {
 /// woken.
 #[test]
 fn stack_that_was_not_begun_takes_and_sends_nothing() {
-    let mut stack = Box::new(Vacant::VACANT);
+    let mut stack = Box::new(StackOf::<Vacant>::VACANT);
     let mut vehicle = Untouched;
     let (mut uart, ground) = SimSerial::new(&Clock::default(), LineConfig::default(), 1).ends();
     let mut gcs = Gcs::new(ground);
@@ -237,7 +245,7 @@ fn sleeping_firmware_keeps_its_heartbeats() {
 /// H-18, O-5: the system in control is judged when the firmware asks, too.
 #[test]
 fn operator_is_judged_at_the_call() {
-    let mut stack: Box<Controlled> = Box::new(Controlled::VACANT);
+    let mut stack: Box<StackOf<Controlled>> = Box::new(StackOf::<Controlled>::VACANT);
     let pulse: &mavstack::Pulse = Box::leak(Box::new(mavstack::Pulse::new()));
     stack.begin(mavstack::Config::new(VEHICLE, pulse), [mavstack::LinkConfig::uart(57_600)]);
     let (mut vehicle, mut gcs) = (TestVehicle::new(), World::new(Setup::<1>::new()).gcs.remove(0));
@@ -256,6 +264,6 @@ fn operator_is_judged_at_the_call() {
     assert_eq!(stack.operator(now.after(secs(60))), owner, "control is kept");
 }
 
-mavstack::stack! {
-    struct Controlled for TestVehicle { links: 1, commands: { slots: 2 }, operator_control }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: TestVehicle, links: 1, commands: { slots: 2 }, operator_control)]
+struct Controlled;

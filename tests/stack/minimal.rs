@@ -6,21 +6,21 @@ use mavstack::command::CommandPolicy;
 use mavstack::dialect::*;
 use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
 use mavstack::{
-    Command, Commands, Context, FlightMode, Instant, LinkId, Message, ModeRequest, Modes, Outcome, Stream, Telemetry,
-    Vehicle, VehicleState,
+    Command, Commands, Context, FlightMode, Instant, LinkId, Message, ModeRequest, Modes, Outcome, StackOf, Stream,
+    Telemetry, Vehicle, VehicleState,
 };
 
-mavstack::stack! {
-    struct Least for Minimal { links: 1, streams, modes, commands: { slots: 2 } }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Minimal, links: 1, streams, modes, commands: { slots: 2 })]
+struct Least;
 
-mavstack::stack! {
-    struct Streamless for Minimal { links: 1 }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Minimal, links: 1)]
+struct Streamless;
 
-mavstack::stack! {
-    struct Silent for Minimal { links: 1, streams, modes, texts: 0 }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Minimal, links: 1, streams, modes, texts: 0)]
+struct Silent;
 
 /// Declares a command, a mode and a message, and otherwise uses the traits' defaults.
 #[derive(Default)]
@@ -222,7 +222,7 @@ fn item_of_no_plan_is_not_reported() {
 #[test]
 fn no_text_is_sent_without_room_for_texts() {
     let Setup { config, links, .. } = Setup::<1>::new();
-    let mut stack = Silent::new(config, links);
+    let mut stack = StackOf::<Silent>::new(config, links);
     let mut vehicle = Minimal;
     let mut gcs = Receiver::default();
     for step in 0..50 {

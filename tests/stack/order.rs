@@ -21,28 +21,29 @@ use std::collections::{BTreeMap, VecDeque};
 /// Another vehicle, behind the second link.
 const WINGMAN: Address = Address::new(2, 1);
 
-mavstack::stack! {
-    struct Full for Moded {
-        links: 2,
-        plans: { mission: 4 },
-        parameters: Tuning,
-        streams,
-        messages,
-        command_client: { slots: 1 },
-        operator_control,
-        camera,
-        ext_parameters,
-        logs,
-        log_streaming,
-        gimbal_manager,
-        gimbal_device,
-        modes,
-        commands: { slots: 3 },
-        forwarding,
-        files: { sessions: 1 },
-        time,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: Moded,
+    links: 2,
+    plans: { mission: 4 },
+    parameters: Tuning,
+    streams,
+    messages,
+    command_client: { slots: 1 },
+    operator_control,
+    camera,
+    ext_parameters,
+    logs,
+    log_streaming,
+    gimbal_manager,
+    gimbal_device,
+    modes,
+    commands: { slots: 3 },
+    forwarding,
+    files: { sessions: 1 },
+    time,
+)]
+struct Full;
 
 /// The vehicle of the tests, with flight modes.
 #[derive(Default)]
@@ -273,6 +274,9 @@ fn pending_frames_are_sent_in_order() {
     let own = |id| (id, false);
     let pending = [
         ("Heartbeat", vec![own(Heartbeat::ID)]),
+        // The scheduled one reports the change of the mode, and no command is running.
+        ("ExtraHeartbeat", vec![]),
+        ("CommandProgress", vec![]),
         // `vehicle/components` has firmwares of several components.
         ("ComponentHeartbeat", vec![]),
         ("CommandAck", vec![own(CommandAck::ID)]),
@@ -289,6 +293,9 @@ fn pending_frames_are_sent_in_order() {
         ("OperatorControl", vec![own(512)]),
         ("Gimbal", vec![own(GimbalManagerInformation::ID)]),
         ("GimbalDevice", vec![own(GimbalDeviceInformation::ID)]),
+        // This vehicle has no services of other crates.
+        ("Answer", vec![]),
+        ("Report", vec![]),
         ("CurrentMode", vec![own(CurrentMode::ID)]),
         ("MissionProgress", vec![own(MissionCurrent::ID)]),
         ("ModeList", vec![own(AvailableModes::ID)]),

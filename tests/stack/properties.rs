@@ -109,7 +109,7 @@ struct Bench {
 impl Bench {
     fn new() -> Self {
         let config = Setup::<3>::new().config;
-        let mut stack = Box::new(Stack::VACANT);
+        let mut stack: Box<Stack<Tested<NoPlans, 8, Timed>, 3>> = Box::new(Stack::VACANT);
         stack.begin(config, LINKS);
         let line = |config| Line {
             config,

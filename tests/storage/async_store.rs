@@ -13,15 +13,16 @@ use std::pin::{Pin, pin};
 use std::rc::Rc;
 use std::task::{Context, Poll, Waker};
 
-mavstack::stack! {
-    struct Mavlink for TestVehicle {
-        links: 1,
-        plans: { mission: 250, fence: 4, rally: 2 },
-        parameters: Tuning,
-        commands: { slots: 1 },
-        storage,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 1,
+    plans: { mission: 250, fence: 4, rally: 2 },
+    parameters: Tuning,
+    commands: { slots: 1 },
+    storage,
+)]
+struct Mavlink;
 
 type Inner = RamFlash<8, 16_384>;
 type AsyncWorld = World<1, Mavlink>;

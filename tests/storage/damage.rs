@@ -17,9 +17,15 @@ use mavstack::signing::{LinkSigning, SigningKey};
 use mavstack::storage::{RestoreError, Store};
 use mavstack::{LinkConfig, Text};
 
-mavstack::stack! {
-    struct OnlyPlans for TestVehicle { links: 1, plans: { mission: 12, fence: 4, rally: 2 }, commands: { slots: 1 }, storage }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 1,
+    plans: { mission: 12, fence: 4, rally: 2 },
+    commands: { slots: 1 },
+    storage,
+)]
+struct OnlyPlans;
 
 pub(crate) type Flash = RamFlash<8, 512>;
 pub(crate) type Keys<'a> = Store<&'a mut Flash>;

@@ -128,9 +128,9 @@ type Long = RuntimeTable<{ MANY as usize }>;
 type LongWorld = World<1, LongTable>;
 const LONG: u32 = Store::<Flash>::region_len::<LongTable>();
 
-mavstack::stack! {
-    struct LongTable for LongVehicle { links: 1, parameters: Long, commands: { slots: 1 }, storage }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: LongVehicle, links: 1, parameters: Long, commands: { slots: 1 }, storage)]
+struct LongTable;
 
 #[derive(Default)]
 struct LongVehicle(TestVehicle);

@@ -13,9 +13,15 @@ use mavstack::{Instant, Item, PlanType};
 use std::cell::RefCell;
 use std::rc::Rc;
 
-mavstack::stack! {
-    struct Mavlink for TestVehicle { links: 1, plans: { mission: 50, fence: 4, rally: 2 }, commands: { slots: 1 }, storage }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 1,
+    plans: { mission: 50, fence: 4, rally: 2 },
+    commands: { slots: 1 },
+    storage,
+)]
+struct Mavlink;
 
 fn status(status: u8) -> Bus {
     question(&[0x05], &[status])

@@ -9,9 +9,15 @@ use mavstack::plan::PlanView;
 use mavstack::storage::{RestoreError, Store};
 use mavstack::{Instant, Item, PlanType};
 
-mavstack::stack! {
-    struct Plans for TestVehicle { links: 1, plans: { mission: 6, fence: 2, rally: 2 }, commands: { slots: 1 }, storage }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 1,
+    plans: { mission: 6, fence: 2, rally: 2 },
+    commands: { slots: 1 },
+    storage,
+)]
+struct Plans;
 
 type Flash = RamFlash<4, 256>;
 

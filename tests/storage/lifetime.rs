@@ -6,15 +6,16 @@ use mavstack::dialect::MavCmd;
 use mavstack::storage::Store;
 use mavstack::{Config, Instant, Item, PlanType};
 
-mavstack::stack! {
-    struct Mavlink for TestVehicle {
-        links: 1,
-        plans: { mission: 20, fence: 4, rally: 2 },
-        parameters: Tuning,
-        commands: { slots: 1 },
-        storage,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 1,
+    plans: { mission: 20, fence: 4, rally: 2 },
+    parameters: Tuning,
+    commands: { slots: 1 },
+    storage,
+)]
+struct Mavlink;
 
 /// The pages of the content: 21 rows of a plan, and nine parameters.
 const PLAN: u32 = 3;

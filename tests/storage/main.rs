@@ -39,10 +39,10 @@ use mavstack::storage::{RestoreError, RestoreErrors, Store};
 use support::{Setup, Upload, World};
 
 #[cfg(feature = "signing")]
-mavstack::stack! {
-    /// A stack that stores the signing key and nothing else.
-    struct OnlyKey for support::TestVehicle { links: 1, signing, commands: { slots: 1 }, storage }
-}
+/// A stack that stores the signing key and nothing else.
+#[derive(mavstack::Stack)]
+#[stack(vehicle: support::TestVehicle, links: 1, signing, commands: { slots: 1 }, storage)]
+struct OnlyKey;
 
 /// Returns whether the key was restored.
 #[cfg(feature = "signing")]

@@ -56,15 +56,16 @@ impl<const ERASE: usize> NorFlash for Counting<ERASE> {
 }
 
 type Flash = Counting<1024>;
-mavstack::stack! {
-    struct Mavlink for Rover {
-        links: 2,
-        plans: { mission: 12, fence: 4, rally: 2 },
-        parameters: Tuning,
-        signing,
-        storage,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: Rover,
+    links: 2,
+    plans: { mission: 12, fence: 4, rally: 2 },
+    parameters: Tuning,
+    signing,
+    storage,
+)]
+struct Mavlink;
 
 type PaceWorld = World<2, Mavlink>;
 

@@ -8,9 +8,15 @@ use mavstack::storage::{Partition, PartitionError, Store};
 use mavstack::{Instant, Item, PlanType};
 use std::cell::RefCell;
 
-mavstack::stack! {
-    struct Mavlink for TestVehicle { links: 1, plans: { mission: 20, fence: 4, rally: 2 }, commands: { slots: 1 }, storage }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 1,
+    plans: { mission: 20, fence: 4, rally: 2 },
+    commands: { slots: 1 },
+    storage,
+)]
+struct Mavlink;
 
 type Flash = RamFlash<8, 1024>;
 

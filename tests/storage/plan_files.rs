@@ -14,15 +14,16 @@ use mavstack::{Config, Duration, PlanType};
 
 type Flash = RamFlash<8, 1024>;
 
-mavstack::stack! {
-    struct Filed for TestVehicle {
-        links: 1,
-        plans: { mission: 12, fence: 4, rally: 2 },
-        commands: { slots: 1 },
-        files: { sessions: 1, upload: 276 },
-        storage,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 1,
+    plans: { mission: 12, fence: 4, rally: 2 },
+    commands: { slots: 1 },
+    files: { sessions: 1, upload: 276 },
+    storage,
+)]
+struct Filed;
 
 type Shelf = World<1, Filed>;
 

@@ -13,13 +13,25 @@ use mavstack::plan::PlanView;
 use mavstack::storage::{Job, Page, Region, RestoreError};
 use mavstack::{Duration, Item};
 
-mavstack::stack! {
-    struct Large for TestVehicle { links: 1, plans: { mission: 250, fence: 64, rally: 16 }, commands: { slots: 1 }, storage }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 1,
+    plans: { mission: 250, fence: 64, rally: 16 },
+    commands: { slots: 1 },
+    storage,
+)]
+struct Large;
 
-mavstack::stack! {
-    struct Small for TestVehicle { links: 1, plans: { mission: 12, fence: 2, rally: 2 }, commands: { slots: 1 }, storage }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 1,
+    plans: { mission: 12, fence: 2, rally: 2 },
+    commands: { slots: 1 },
+    storage,
+)]
+struct Small;
 
 type TestWorld = World<1, Small>;
 type Flash = RamFlash<8, 512>;
@@ -68,7 +80,7 @@ fn live(world: &TestWorld) -> Live {
 
 /// Starts a vehicle with this flash.
 fn start(store: &mut Store<'_>, durability: Durability) -> TestWorld {
-    let mut world = World::of(setup(durability));
+    let mut world = TestWorld::of(setup(durability));
     of_plans(world.stack.restore(world.now(), store, &mut world.vehicle)).expect("flash that can be read");
     world
 }
@@ -83,7 +95,7 @@ fn restarted_from(flash: &Flash, is_wrong: bool) -> Live {
     let mut flash = flash.clone();
     flash.power_on();
     let mut store = mavstack::storage::Store::new(&mut flash, 0..REGION);
-    let mut world = World::of(Setup::new());
+    let mut world = TestWorld::of(Setup::new());
     let result = of_plans(world.stack.restore(world.now(), &mut store, &mut world.vehicle));
     if result == Err(RestoreError::Unreadable) {
         // The write of a page was cut off, and its ECC is wrong: after four attempts it does not count.

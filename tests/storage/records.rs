@@ -8,12 +8,12 @@ use mavstack::frame::Decoder;
 use mavstack::message::Dialect;
 use mavstack::storage::{MAX_RECORD_LEN, Records, RestoreError, RestoreErrors, Store, decode_record, encode_record};
 use mavstack::{
-    Command, Commands, Config, Context, Instant, LinkConfig, LinkId, Outcome, Pulse, Vehicle, VehicleState,
+    Command, Commands, Config, Context, Instant, LinkConfig, LinkId, Outcome, Pulse, StackOf, Vehicle, VehicleState,
 };
 
-mavstack::stack! {
-    struct Mavlink for Logger { links: 1, storage: { records: 3 } }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Logger, links: 1, storage: { records: 3 })]
+struct Mavlink;
 
 type Flash = RamFlash<8, 512>;
 
@@ -61,7 +61,7 @@ impl Records for Logger {
 
 /// A vehicle, its stack and its storage.
 struct Rig<'a> {
-    stack: Box<Mavlink>,
+    stack: Box<StackOf<Mavlink>>,
     vehicle: Logger,
     store: Store<&'a mut Flash>,
     now: Instant,
@@ -71,7 +71,7 @@ struct Rig<'a> {
 impl<'a> Rig<'a> {
     fn start(flash: &'a mut Flash) -> Self {
         let config = Config::new(VEHICLE, Box::leak(Box::new(Pulse::new())));
-        let mut stack = Box::new(Mavlink::new(config, [LinkConfig::unlimited()]));
+        let mut stack = Box::new(StackOf::<Mavlink>::new(config, [LinkConfig::unlimited()]));
         let mut store = Store::new(flash, 0..REGION);
         let (mut vehicle, now) = (Logger::default(), Instant::from_millis(1_000));
         let restored = stack.restore(now, &mut store, &mut vehicle);

@@ -9,15 +9,16 @@ use mavstack::plan::Durability;
 use mavstack::storage::{Job, JobSlot, Region, Store};
 use mavstack::{Config, Duration, Instant, Text};
 
-mavstack::stack! {
-    struct Mavlink for TestVehicle {
-        links: 1,
-        plans: { mission: 250, fence: 4, rally: 2 },
-        parameters: Tuning,
-        commands: { slots: 1 },
-        storage,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 1,
+    plans: { mission: 250, fence: 4, rally: 2 },
+    parameters: Tuning,
+    commands: { slots: 1 },
+    storage,
+)]
+struct Mavlink;
 
 type StallWorld = World<1, Mavlink>;
 

@@ -16,9 +16,9 @@ use mavstack::{Config, Instant, Item, PlanType};
 use std::cell::RefCell;
 use std::ops::Range;
 
-mavstack::stack! {
-    struct Mavlink for TestVehicle { links: 1, plans: { mission: 20 }, commands: { slots: 1 }, storage }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: TestVehicle, links: 1, plans: { mission: 20 }, commands: { slots: 1 }, storage)]
+struct Mavlink;
 
 /// A boot loader, the firmware, and the region: 16, 64 and 128 KiB.
 const SECTORS: [u32; 12] = [16, 16, 16, 16, 64, 128, 128, 128, 128, 128, 128, 128];

@@ -4,9 +4,9 @@ use crate::support::flash::{Fault, RamFlash, Worn};
 use crate::support::*;
 use mavstack::storage::Store;
 
-mavstack::stack! {
-    struct OnlyParams for TestVehicle { links: 1, parameters: Tuning, commands: { slots: 1 }, storage }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: TestVehicle, links: 1, parameters: Tuning, commands: { slots: 1 }, storage)]
+struct OnlyParams;
 
 type Flash = RamFlash<8, 1024>;
 type Vessel = World<1, OnlyParams>;

@@ -68,7 +68,7 @@ impl<const PEERS: usize> Network<PEERS> {
         let node = |system| {
             let pulse: &'static Pulse = Box::leak(Box::new(Pulse::new()));
             let link = LinkConfig { bytes_per_second, ..LinkConfig::unlimited() };
-            let mut stack = Box::new(Stack::VACANT);
+            let mut stack: Box<Stack<Tested<NoPlans, PEERS, Forwarded>, LINKS>> = Box::new(Stack::VACANT);
             stack.begin(Config::new(Address::new(system, 1), pulse), [link; LINKS]);
             Node { stack, vehicle: TestVehicle::new(), pulse, used: 0 }
         };

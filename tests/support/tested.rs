@@ -1,4 +1,4 @@
-//! The declaration of the tests' stacks: [`Tested`], composed of types. A firmware uses [`mavstack::stack!`].
+//! The declaration of the tests' stacks: [`Tested`], composed of types. A firmware uses [`mavstack::Stack`].
 
 use super::{TestVehicle, Tuning};
 use mavstack::__private::{
@@ -35,6 +35,7 @@ where
     O: Options<Self> + 'static,
     V: HookServices<Self> + 'static,
 {
+    type Services = ();
     type Peers = PeerTable<PEERS>;
     type Texts = TextQueue<4>;
     type Commands = CommandSlots<3>;
@@ -75,7 +76,7 @@ type Stored = Absent;
 
 /// Returns a stack that has begun.
 pub fn begun<D: Declares, const N: usize>(config: Config, links: [LinkConfig; N]) -> Box<Stack<D, N>> {
-    let mut stack = Box::new(Stack::VACANT);
+    let mut stack: Box<Stack<D, N>> = Box::new(Stack::VACANT);
     stack.begin(config, links);
     stack
 }

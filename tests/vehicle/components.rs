@@ -123,17 +123,18 @@ impl Telemetry for Copter {
     }
 }
 
-mavstack::stack! {
-    struct Manifold for Copter {
-        links: 2,
-        plans: { mission: 4 },
-        streams,
-        commands: { slots: 3 },
-        command_client: { slots: 12 },
-        components,
-        forwarding,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: Copter,
+    links: 2,
+    plans: { mission: 4 },
+    streams,
+    commands: { slots: 3 },
+    command_client: { slots: 12 },
+    components,
+    forwarding,
+)]
+struct Manifold;
 
 type Sky = World<2, Manifold>;
 

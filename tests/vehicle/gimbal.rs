@@ -73,9 +73,9 @@ impl GimbalManager for Carrier {
     }
 }
 
-mavstack::stack! {
-    pub struct Managed for Carrier { links: 3, gimbal_manager, operator_control }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Carrier, links: 3, gimbal_manager, operator_control)]
+pub struct Managed;
 
 pub type Carried = World<3, Managed>;
 

@@ -64,12 +64,12 @@ impl<const ID: u8> GimbalDevice for Gimbal<ID> {
     }
 }
 
-mavstack::stack! {
-    struct Device for Gimbal<0> { links: 3, gimbal_device }
-}
-mavstack::stack! {
-    struct Attached for Gimbal<1> { links: 3, gimbal_device }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Gimbal<0>, links: 3, gimbal_device)]
+struct Device;
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Gimbal<1>, links: 3, gimbal_device)]
+struct Attached;
 
 type Far = World<3, Device>;
 
@@ -288,9 +288,9 @@ impl GimbalDevice for Both {
     }
 }
 
-mavstack::stack! {
-    struct Whole for Both { links: 3, components, gimbal_manager, gimbal_device }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Both, links: 3, components, gimbal_manager, gimbal_device)]
+struct Whole;
 
 /// GIM-10, GIM-4, K-10: manager and device in one firmware. The device's messages and answers come from its own component, the manager's
 /// from the autopilot. A setpoint moves the gimbal, and leaves on no link.
@@ -406,9 +406,9 @@ impl GimbalManager for Autopilot {
     }
 }
 
-mavstack::stack! {
-    struct Managing for Autopilot { links: 3, gimbal_manager }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Autopilot, links: 3, gimbal_manager)]
+struct Managing;
 
 type Near = World<3, Managing>;
 

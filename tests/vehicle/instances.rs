@@ -47,9 +47,9 @@ impl Commands for Packs {
     }
 }
 
-mavstack::stack! {
-    struct OfPacks for Packs { links: 1, streams }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Packs, links: 1, streams)]
+struct OfPacks;
 
 fn world(streams: StreamProfile) -> World<1, OfPacks> {
     World::of(Setup { links: [LinkConfig::uart(115_200).with_streams(streams)], ..Setup::new() })

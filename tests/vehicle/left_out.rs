@@ -24,18 +24,19 @@ struct Copter {
     replies: Vec<CommandReply>,
 }
 
-mavstack::stack! {
-    struct Optional for Copter {
-        links: 2,
-        camera: { images: 2 },
-        ext_parameters,
-        gimbal_manager,
-        gimbal_device,
-        components,
-        command_client: { slots: 2 },
-        forwarding,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: Copter,
+    links: 2,
+    camera: { images: 2 },
+    ext_parameters,
+    gimbal_manager,
+    gimbal_device,
+    components,
+    command_client: { slots: 2 },
+    forwarding,
+)]
+struct Optional;
 
 impl Vehicle for Copter {
     fn state(&self) -> Option<VehicleState> {

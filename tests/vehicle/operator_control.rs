@@ -17,18 +17,19 @@ mavstack::message! {
     }
 }
 
-mavstack::stack! {
-    struct Controlled for TestVehicle {
-        links: 3,
-        plans: { mission: 4 },
-        parameters: Tuning,
-        streams,
-        commands: { slots: 3 },
-        manual_control,
-        setpoints,
-        operator_control,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 3,
+    plans: { mission: 4 },
+    parameters: Tuning,
+    streams,
+    commands: { slots: 3 },
+    manual_control,
+    setpoints,
+    operator_control,
+)]
+struct Controlled;
 
 type Shared = World<3, Controlled>;
 

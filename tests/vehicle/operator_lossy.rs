@@ -9,9 +9,9 @@ use mavstack::manual_control::ControlSource;
 use mavstack::message::SystemId;
 use mavstack::{Address, Instant, LinkConfig};
 
-mavstack::stack! {
-    struct Controlled for TestVehicle { links: 2, commands: { slots: 3 }, setpoints, operator_control }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: TestVehicle, links: 2, commands: { slots: 3 }, setpoints, operator_control)]
+struct Controlled;
 
 type Shared = World<2, Controlled>;
 

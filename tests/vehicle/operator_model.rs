@@ -27,15 +27,9 @@ mavstack::message! {
     }
 }
 
-mavstack::stack! {
-    struct Controlled for TestVehicle {
-        links: 2,
-        commands: { slots: 2 },
-        manual_control,
-        setpoints,
-        operator_control,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: TestVehicle, links: 2, commands: { slots: 2 }, manual_control, setpoints, operator_control)]
+struct Controlled;
 
 const REQUEST_OPERATOR_CONTROL: MavCmd = MavCmd(32_100);
 

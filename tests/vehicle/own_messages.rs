@@ -64,9 +64,9 @@ impl Telemetry for Carrier {
     }
 }
 
-mavstack::stack! {
-    struct Carrying for Carrier { links: 3, streams, messages, parameters: Tuning }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Carrier, links: 3, streams, messages, parameters: Tuning)]
+struct Carrying;
 
 impl mavstack::Parameters for Carrier {
     type Table = Tuning;

@@ -269,9 +269,9 @@ fn nothing_is_stored() {
 /// A backend that neither stores nor resets.
 struct Plain;
 
-mavstack::stack! {
-    struct OfPlain for Plain { links: 1, parameters: mavstack::param::ExternalParams<1> }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Plain, links: 1, parameters: mavstack::param::ExternalParams<1>)]
+struct OfPlain;
 
 impl mavstack::Vehicle for Plain {
     fn state(&self) -> Option<mavstack::VehicleState> {

@@ -8,16 +8,17 @@ use mavstack::message::SystemId;
 use mavstack::{Address, Instant, LinkId, Message, Peer};
 use proptest::prelude::*;
 
-mavstack::stack! {
-    struct Piloted for TestVehicle {
-        links: 2,
-        streams,
-        commands: { slots: 2 },
-        manual_control,
-        setpoints,
-        operator_control,
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 2,
+    streams,
+    commands: { slots: 2 },
+    manual_control,
+    setpoints,
+    operator_control,
+)]
+struct Piloted;
 
 /// QGroundControl's joystick on the first link, and receivers on the second.
 const JOYSTICK: Peer = Peer { address: STATION, link: LinkId(0) };
@@ -69,7 +70,7 @@ impl<R: Radio> Scene<R> {
     fn new(receiver: R, receivers: &[Peer], source: ControlSource) -> Self {
         let mut setup = Setup::new();
         setup.links[1] = mavstack::LinkConfig::uart(460_800);
-        let mut world = World::of(setup);
+        let mut world = World::<2, Piloted>::of(setup);
         world.stack.manual_input_mut().set_receivers(receivers);
         world.stack.manual_input_mut().set_source(source);
         let (has_station, has_joystick) = (false, false);

@@ -195,7 +195,7 @@ struct Pair {
 impl Pair {
     fn new(source: ControlSource, timeout: u64) -> Self {
         let setup = Setup::<2>::new();
-        let mut stack = Box::new(Stack::VACANT);
+        let mut stack: Box<Stack<Tested<NoPlans, 8, Steered>, 2>> = Box::new(Stack::VACANT);
         stack.begin(setup.config, setup.links);
         stack.setpoints_mut().set_source(source);
         stack.setpoints_mut().set_timeout(Duration::from_micros(timeout));

@@ -172,9 +172,9 @@ impl Commands for Mistaken {
     }
 }
 
-mavstack::stack! {
-    struct OfTheMistaken for Mistaken { links: 1, streams }
-}
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Mistaken, links: 1, streams)]
+struct OfTheMistaken;
 
 /// a message other than the requested one is not sent, neither as a stream nor on request; the request is refused.
 #[test]

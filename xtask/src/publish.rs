@@ -6,10 +6,11 @@ use std::process::Command;
 use crate::system::{Result, cargo, root, run};
 
 /// What is published, and where it is. A crate comes after those that it uses.
-const CRATES: [(&str, &str); 6] = [
+const CRATES: [(&str, &str); 7] = [
+    ("mavstack-macros", "crates/macros"),
     ("mavstack", "."),
     ("mavstack-dialect", "dialect"),
-    ("mavstack-snapshot", "snapshot"),
+    ("mavstack-snapshot", "crates/snapshot"),
     ("mavstack-demo", "examples/demo"),
     ("mavstack-console", "examples/console"),
     ("mavstack-sitl", "examples/sitl"),

@@ -12,7 +12,7 @@ use crate::system::{Result, root};
 
 const STATEMENT: &str = "docs/conformance.md";
 /// Where tests are: see [`tests_of`].
-const TESTS: [&str; 5] = ["tests", "src", "dialect", "examples", ".ci/integration"];
+const TESTS: [&str; 6] = ["tests", "src", "crates", "dialect", "examples", ".ci/integration"];
 /// Where rules are cited: see [`prose_of`].
 const CITED_IN: [&str; 16] = [
     "src",
@@ -23,7 +23,7 @@ const CITED_IN: [&str; 16] = [
     "xtask",
     "dialect",
     "docs",
-    "snapshot",
+    "crates",
     ".ci/integration",
     ".ci/run",
     ".github/workflows",

@@ -251,14 +251,14 @@ fn fields_of(format: &str) -> std::result::Result<Vec<Field>, String> {
 mod tests {
     use mavstack::dialect::{CommandLong, MavCmd};
     use mavstack::frame::{Version, encode};
-    use mavstack::{Address, Instant, Logs};
+    use mavstack::{Address, Instant, Logs, StackOf};
     use mavstack_demo::{App, COMPANION, LogMemory, Mavlink};
 
     use super::*;
 
     /// Returns the log of a flight of the demo vehicle that takes some seconds.
     fn flight() -> Vec<u8> {
-        let mut app = App::new(Box::new(Mavlink::VACANT));
+        let mut app = App::new(Box::new(StackOf::<Mavlink>::VACANT));
         app.keep_logs(Box::leak(Box::new(LogMemory::new())));
         for millis in 0..12_000 {
             let now = Instant::from_millis(millis);

@@ -9,7 +9,7 @@ use mavstack::dialect::MavProtocolCapability;
 use mavstack::network::LinkError;
 use mavstack::signing::LinkSigning;
 use mavstack::storage::{JobSlot, RestoreErrors, Store};
-use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Pulse, Vehicle};
+use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Pulse, StackOf, Vehicle};
 
 use crate::logs::LogMemory;
 use crate::status::Status;
@@ -41,39 +41,40 @@ pub const FENCE: usize = if cfg!(target_os = "none") { 64 } else { 256 };
 /// Maximum number of rally points.
 pub const RALLY: usize = if cfg!(target_os = "none") { 16 } else { 64 };
 
-mavstack::stack! {
-    /// The MAVLink services of the vehicle.
-    ///
-    /// It is too large for the call stack. A firmware keeps [`VACANT`](Self::VACANT) in a `static`, which takes no flash, and
-    /// [`App::new`] begins it there.
-    pub struct Mavlink for Quadrotor {
-        links: LINKS,
-        plans: { mission: MISSION, fence: FENCE, rally: RALLY },
-        parameters: Tuning,
-        streams,
-        messages,
-        command_client: { slots: 2 },
-        modes,
-        commands: { slots: 4 },
-        components,
-        camera: { images: 16 },
-        ext_parameters,
-        gimbal_manager,
-        gimbal_device,
-        files: { sessions: 2, upload: 1024 },
-        events: { history: 24, checks },
-        logs,
-        log_streaming,
-        forwarding: { bytes: 512, seen: 256 },
-        signing: { streams: 16 },
-        time,
-        manual_control,
-        setpoints,
-        operator_control,
-        high_latency,
-        storage,
-    }
-}
+/// The MAVLink services of the vehicle.
+///
+/// It is too large for the call stack. A firmware keeps [`VACANT`](mavstack::Stack::VACANT) in a `static`, which takes no flash, and
+/// [`App::new`] begins it there.
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: Quadrotor,
+    links: LINKS,
+    plans: { mission: MISSION, fence: FENCE, rally: RALLY },
+    parameters: Tuning,
+    streams,
+    messages,
+    command_client: { slots: 2 },
+    modes,
+    commands: { slots: 4 },
+    components,
+    camera: { images: 16 },
+    ext_parameters,
+    gimbal_manager,
+    gimbal_device,
+    files: { sessions: 2, upload: 1024 },
+    events: { history: 24, checks },
+    logs,
+    log_streaming,
+    forwarding: { bytes: 512, seen: 256 },
+    signing: { streams: 16 },
+    time,
+    manual_control,
+    setpoints,
+    operator_control,
+    high_latency,
+    storage,
+)]
+pub struct Mavlink;
 
 /// The flight loop of a firmware ticks it; heartbeats stop when the ticks stop.
 static PULSE: Pulse = Pulse::new();
@@ -125,7 +126,7 @@ const TELEMETRY_CONFIG: LinkConfig =
 
 /// The vehicle and its stack, to which `S` points.
 #[derive(Debug)]
-pub struct App<S = &'static mut Mavlink> {
+pub struct App<S = &'static mut StackOf<Mavlink>> {
     stack: S,
     vehicle: Quadrotor,
     /// The flight loop ticks it; heartbeats stop when the ticks stop.
@@ -146,7 +147,7 @@ enum Saving {
     Done,
 }
 
-impl<S: DerefMut<Target = Mavlink>> App<S> {
+impl<S: DerefMut<Target = StackOf<Mavlink>>> App<S> {
     /// Creates the vehicle of a firmware, which boots at [`Instant::ZERO`], with a stack that is not begun. Create one per
     /// program: it uses a pulse in a `static`.
     pub fn new(stack: S) -> Self {
@@ -343,7 +344,7 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
     }
 
     /// Returns the stack and the vehicle, for transports that need more than [`serve`](Self::serve).
-    pub fn parts(&mut self) -> (&mut Mavlink, &mut Quadrotor) {
+    pub fn parts(&mut self) -> (&mut StackOf<Mavlink>, &mut Quadrotor) {
         (&mut self.stack, &mut self.vehicle)
     }
 
@@ -353,7 +354,7 @@ impl<S: DerefMut<Target = Mavlink>> App<S> {
     }
 
     /// Returns the stack.
-    pub fn stack(&self) -> &Mavlink {
+    pub fn stack(&self) -> &StackOf<Mavlink> {
         &self.stack
     }
 

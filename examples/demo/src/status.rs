@@ -2,7 +2,7 @@
 //! it once a second.
 
 use mavstack::dialect::MissionState;
-use mavstack::{Instant, LinkId, Plans, Progress};
+use mavstack::{Instant, LinkId, Plans, Progress, StackOf};
 use serde::{Deserialize, Serialize};
 
 use crate::app::{LINKS, Mavlink, PORTS, SATELLITE, TELEMETRY};
@@ -97,7 +97,7 @@ pub const OTHER_DROPS: [&str; 6] =
     ["unsigned", "bad signature", "replayed", "signed too far ahead", "signing stream table full", "texts"];
 
 impl Status {
-    pub(crate) fn of(now: Instant, stack: &Mavlink, vehicle: &Quadrotor) -> Self {
+    pub(crate) fn of(now: Instant, stack: &StackOf<Mavlink>, vehicle: &Quadrotor) -> Self {
         let mut status = Self {
             // Only this display is affected when it wraps.
             time: now.time_boot_ms(),
@@ -186,7 +186,7 @@ fn shown(link: LinkId) -> LinkId {
 }
 
 impl Mission {
-    fn of(stack: &Mavlink, vehicle: &Quadrotor) -> Self {
+    fn of(stack: &StackOf<Mavlink>, vehicle: &Quadrotor) -> Self {
         // A plan has at most 65,535 items.
         let count = stack.mission().items().len() as u16;
         let Progress { current, state, .. } = vehicle.progress();

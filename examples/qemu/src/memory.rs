@@ -1,7 +1,7 @@
 //! The capacities of the vehicle, and its storage in flash.
 
-use mavstack::Instant;
 use mavstack::storage::Store;
+use mavstack::{Instant, StackOf};
 use mavstack_demo::{App, Mavlink};
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -9,7 +9,7 @@ use crate::board::{self, Board};
 use crate::flash::PsramFlash;
 
 /// The stack before it is begun. It is all zeros, so it is in `.bss`: it takes no flash, and no call stack at boot.
-pub static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
+pub static STACK: ConstStaticCell<StackOf<Mavlink>> = ConstStaticCell::new(StackOf::<Mavlink>::VACANT);
 
 /// Boots the vehicle. Call it once. Not inlined: the vehicle is built on the call stack and then copied to its place.
 #[inline(never)]

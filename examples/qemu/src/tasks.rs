@@ -13,7 +13,7 @@ use mavstack::dialect::{
     CommandLong, Heartbeat, MavCmd, MissionRequestList, ParamRequestList, ParamRequestRead, Timesync,
 };
 use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
-use mavstack::{Address, Instant, LinkId, Message, Text};
+use mavstack::{Address, Instant, LinkId, Message, StackOf, Text};
 use mavstack_tasks::{Between, Copter, Flight, LINKS, Mavlink};
 use semihosting::experimental::env;
 use semihosting::{println, process};
@@ -38,7 +38,7 @@ const PASSES: u32 = 10_000;
 const BAUDS: [u32; 2] = [TELEMETRY_BAUD, COMPANION_BAUD];
 
 static BETWEEN: ConstStaticCell<Between> = ConstStaticCell::new(Between::new());
-static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
+static STACK: ConstStaticCell<StackOf<Mavlink>> = ConstStaticCell::new(StackOf::<Mavlink>::VACANT);
 static RECEIVED: AtomicU32 = AtomicU32::new(0);
 static SENT: AtomicU32 = AtomicU32::new(0);
 
@@ -158,7 +158,7 @@ impl Clock {
 /// The MAVLink task.
 pub struct MavlinkTask {
     load: Load,
-    stack: &'static mut Mavlink,
+    stack: &'static mut StackOf<Mavlink>,
     copter: Copter,
     lines: [(Line<128>, Station); 2],
     clock: Clock,

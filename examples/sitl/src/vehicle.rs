@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time;
 
 use mavstack::network::LinkError;
-use mavstack::{Instant, LinkId, Pulse};
+use mavstack::{Instant, LinkId, Pulse, StackOf};
 use mavstack_console::{Console, Tlog};
 use mavstack_demo::{App, COMPANION, LogMemory, Mavlink, PORTS, SATELLITE, TELEMETRY};
 
@@ -16,7 +16,7 @@ use crate::udp::Datagrams;
 use crate::{Arguments, Log};
 
 /// The application. Its stack is boxed because it is large for a stack frame.
-pub type SitlApp = App<Box<Mavlink>>;
+pub type SitlApp = App<Box<StackOf<Mavlink>>>;
 
 type Store = mavstack::storage::Store<FileFlash>;
 
@@ -112,7 +112,7 @@ impl Device {
         system: Option<u8>,
         console: &Console,
     ) -> Result<Self, String> {
-        let app = App::in_fleet(Box::new(Mavlink::VACANT), kept.pulse, arguments.first() + index);
+        let app = App::in_fleet(Box::new(StackOf::<Mavlink>::VACANT), kept.pulse, arguments.first() + index);
         let mut device = Self { app, store: None, boot: time::Instant::now(), shown: Instant::ZERO };
         let app = &mut device.app;
         app.keep_logs(kept.logs);

@@ -14,22 +14,17 @@ use mavstack::dialect::{Attitude, MavCmd, MavResult, MavType, VfrHud};
 use mavstack::telemetry::Motion;
 use mavstack::{
     Address, Command, Commands, Config, Context, Duration, Fill, LinkConfig, Message, Outcome, Parameters, Pulse,
-    Stream, Telemetry, Vehicle, VehicleState, parameters, stack,
+    Stack, StackOf, Stream, Telemetry, Vehicle, VehicleState, parameters,
 };
 use mavstack_snapshot::{Reader, Snapshot, Writer};
 
 /// A telemetry radio, and a companion computer.
 pub const LINKS: [LinkConfig; 2] = [LinkConfig::uart(115_200), LinkConfig::uart(921_600)];
 
-stack! {
-    /// The stack.
-    pub struct Mavlink for Copter {
-        links: 2,
-        parameters: Tuning,
-        streams,
-        commands: { slots: 2 },
-    }
-}
+/// The stack.
+#[derive(Stack)]
+#[stack(vehicle: Copter, links: 2, parameters: Tuning, streams, commands: { slots: 2 })]
+pub struct Mavlink;
 
 parameters! {
     /// The parameters.
@@ -170,7 +165,7 @@ pub struct Copter {
 
 impl Copter {
     /// Reads the newest state, and ends the commands that flight has ended. Call it in each pass, before `Mavlink::poll`.
-    pub fn refresh(&mut self, stack: &mut Mavlink) {
+    pub fn refresh(&mut self, stack: &mut StackOf<Mavlink>) {
         self.state = self.reader.read();
         if self.state.takeoffs == self.takeoffs {
             let result = if self.state.took_off { MavResult::ACCEPTED } else { MavResult::FAILED };

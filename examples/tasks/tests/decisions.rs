@@ -3,7 +3,7 @@
 use mavstack::dialect::{CommandAck, CommandLong, Common, Heartbeat, MavCmd, MavModeFlag, MavResult};
 use mavstack::frame::{Decoder, MAX_FRAME_LEN, Version, encode};
 use mavstack::message::Dialect;
-use mavstack::{Address, Duration, Instant, LinkId, Message};
+use mavstack::{Address, Duration, Instant, LinkId, Message, StackOf};
 use mavstack_tasks::{Between, Copter, Flight, LINKS, Mavlink};
 
 const LINK: LinkId = LinkId(0);
@@ -12,7 +12,7 @@ const GCS: Address = Address::new(255, 190);
 struct Bench {
     flight: Flight,
     copter: Copter,
-    stack: Box<Mavlink>,
+    stack: Box<StackOf<Mavlink>>,
     decoder: Decoder,
     now: Instant,
     sequence: u8,
@@ -21,7 +21,7 @@ struct Bench {
 impl Bench {
     fn new() -> Self {
         let (flight, copter, config) = Box::leak(Box::new(Between::new())).split();
-        let stack = Box::new(Mavlink::new(config, LINKS));
+        let stack = Box::new(StackOf::<Mavlink>::new(config, LINKS));
         let now = Instant::from_millis(1);
         let mut bench = Self { flight, copter, stack, decoder: Decoder::default(), now, sequence: 0 };
         // Answers wait for the first HEARTBEAT of a link that opens (H-17).

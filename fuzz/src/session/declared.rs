@@ -28,25 +28,26 @@ pub trait Declared:
 
 macro_rules! declare {
     ($($name:ident: $($service:ident)*, $set_up:expr;)*) => { $(
-        mavstack::stack! {
-            pub struct $name for TestVehicle {
-                links: LINKS,
-                plans: { mission: 8, fence: 4, rally: 4 },
-                parameters: Tuning,
-                streams,
-                commands: { slots: 3 },
-                signing: { streams: 16 },
-                time,
-                manual_control,
-                setpoints,
-                peers: 6,
-                texts: 3,
-                logs,
-                log_streaming,
-                storage,
-                $($service,)*
-            }
-        }
+        #[derive(mavstack::Stack)]
+        #[stack(
+            vehicle: TestVehicle,
+            links: LINKS,
+            plans: { mission: 8, fence: 4, rally: 4 },
+            parameters: Tuning,
+            streams,
+            commands: { slots: 3 },
+            signing: { streams: 16 },
+            time,
+            manual_control,
+            setpoints,
+            peers: 6,
+            texts: 3,
+            logs,
+            log_streaming,
+            storage,
+            $($service,)*
+        )]
+        pub struct $name;
 
         impl Declared for $name {
             fn set_up(stack: &mut Stack<Self, LINKS>) {

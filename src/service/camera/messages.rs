@@ -45,41 +45,44 @@ pub(super) const fn counts(storages: u8, streams: u8) -> [u8; ROWS.len()] {
     [0, 0, storages, streams, streams, 0, 0]
 }
 
-/// A pending message.
+/// What the camera sends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum What {
-    /// By its row, and the id of the instance.
+pub enum CameraReply {
+    /// A message that was requested, by its row, and the id of the instance.
     Asked(usize, u8),
-    /// By its number.
+    /// CAMERA_IMAGE_CAPTURED, by the number of the image.
     Image(u32),
     /// CAMERA_CAPTURE_STATUS, when it is due.
-    Later,
+    Status,
 }
 
 impl CameraControl {
-    /// Returns the message that is pending on a link.
+    /// Returns the message that is pending on a link, and when it is due.
     #[inline(never)]
-    pub(super) fn pending(&self, port: &Port, link: &CameraLink) -> Option<What> {
+    pub(super) fn pending(&self, now: Instant, port: &Port, link: &CameraLink) -> Option<(Instant, CameraReply)> {
         if !can_send(port) {
             return None;
         }
         if let Some((row, bits)) = link.asked.iter().enumerate().find(|(_, bits)| **bits != 0) {
             let id = u8::try_from(bits.trailing_zeros()).unwrap_or(0).wrapping_add(1);
-            return Some(What::Asked(row, id));
+            return Some((now, CameraReply::Asked(row, id)));
         }
         if link.settings != self.settings {
-            return Some(What::Asked(SETTINGS, 0));
+            return Some((now, CameraReply::Asked(SETTINGS, 0)));
         }
         let requested = link.requested.iter().find(|entry| self.is_requested(**entry));
         let requested = requested.map(|entry| entry.wrapping_sub(1));
-        Some(requested.or(self.unreported(link).0).map_or(What::Later, What::Image))
+        Some(match requested.or(self.unreported(link).0) {
+            Some(number) => (now, CameraReply::Image(number)),
+            None => (self.status_due(now, link), CameraReply::Status),
+        })
     }
 
     /// Records that a message is being sent.
     #[inline(never)]
-    fn sent(&mut self, now: Instant, link: &mut CameraLink, what: What) {
-        match what {
-            What::Asked(row, _) => {
+    fn sent(&mut self, now: Instant, link: &mut CameraLink, reply: CameraReply) {
+        match reply {
+            CameraReply::Asked(row, _) => {
                 if let Some(bits) = link.asked.get_mut(row) {
                     *bits &= bits.wrapping_sub(1);
                 }
@@ -90,7 +93,7 @@ impl CameraControl {
                     return;
                 }
             }
-            What::Image(number) => {
+            CameraReply::Image(number) => {
                 let entry = number.wrapping_add(1);
                 for other in &mut link.requested {
                     *other = if *other == entry { 0 } else { *other };
@@ -102,32 +105,30 @@ impl CameraControl {
                 }
                 return;
             }
-            What::Later => {}
+            CameraReply::Status => {}
         }
         link.changes = self.changes;
         link.status_at = now.after(Duration::from_millis(u64::from(self.status_interval(link))));
     }
 }
 
-/// Sends a message that is pending. Returns false if there is none.
-pub(super) fn next<F: Firmware<Vehicle: Camera>>(
+/// Sends a message.
+pub(super) fn send<F: Firmware<Vehicle: Camera>>(
     control: &mut CameraControl,
     cx: &mut Cx<'_, F>,
     port: &mut Port,
     link: &mut CameraLink,
+    reply: CameraReply,
 ) -> bool {
-    let Some(what) = control.pending(port, link) else { return false };
-    if what == What::Later && control.status_due(cx.now, link) > cx.now {
-        return false;
-    }
-    control.sent(cx.now, link, what);
-    match what {
-        What::Asked(INFORMATION, _) => send_information(cx, port),
-        What::Asked(SETTINGS, _) => send_settings(cx, port),
-        What::Asked(STORAGE, id) if F::Vehicle::STORAGES > 0 => send_storage(cx, port, id),
-        What::Asked(STREAM, id) if F::Vehicle::VIDEO_STREAMS > 0 => send_stream(cx, port, id),
-        What::Asked(STREAM_STATE, id) if F::Vehicle::VIDEO_STREAMS > 0 => send_stream_state(cx, port, id),
-        What::Image(number) => send_image(control, cx, port, number),
+    control.sent(cx.now, link, reply);
+    match reply {
+        CameraReply::Asked(INFORMATION, _) => send_information(cx, port),
+        CameraReply::Asked(SETTINGS, _) => send_settings(cx, port),
+        CameraReply::Asked(STORAGE, id) if F::Vehicle::STORAGES > 0 => send_storage(cx, port, id),
+        CameraReply::Asked(STREAM, id) if F::Vehicle::VIDEO_STREAMS > 0 => send_stream(cx, port, id),
+        CameraReply::Asked(STREAM_STATE, id) if F::Vehicle::VIDEO_STREAMS > 0 => send_stream_state(cx, port, id),
+        CameraReply::Image(number) => send_image(control, cx, port, number),
+        // CAMERA_CAPTURE_STATUS was requested, or is due.
         _ => send_status(control, cx, port),
     }
 }

@@ -15,11 +15,11 @@ mod vehicle;
 pub use vehicle::{Camera, CameraOrder, Shot};
 
 use self::commands::Start;
-use self::messages::{ROWS, What};
-use super::{Cx, Request, Service, Turn, Verdict, View, increment};
+use self::messages::{CameraReply, ROWS};
+use super::{About, Cx, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment};
 use crate::dialect::{CameraInformation, MavResult};
 use crate::link::Port;
-use crate::message::{ComponentId, Message};
+use crate::message::Message;
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{Component, Firmware};
@@ -93,7 +93,7 @@ counters! {
     }
 }
 
-/// The state of a camera: declared by `camera` in [`stack!`](crate::stack), and used through [`Stack::camera`](crate::Stack::camera)
+/// The state of a camera: declared by `camera` in [`#[stack]`](macro@crate::Stack), and used through [`Stack::camera`](crate::Stack::camera)
 /// and [`Stack::camera_mut`](crate::Stack::camera_mut). The vehicle's part is [`Camera`].
 ///
 /// ```text
@@ -389,7 +389,7 @@ fn run<F: Firmware<Vehicle: Camera>>(control: &mut CameraControl, cx: &mut Cx<'_
 }
 
 impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<[Image; N]> {
-    const COMPONENT: Option<ComponentId> = F::Vehicle::COMPONENT;
+    const ABOUT: About = About::of(F::Vehicle::COMPONENT);
     const NEW: Self = {
         Component::check_service(F::COMPONENTS, F::Vehicle::COMPONENT);
         assert!(N > 0, "a camera remembers at least one image: `camera: {{ images: 16 }}`");
@@ -419,6 +419,8 @@ impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<
     };
     type Link = CameraLink;
     const VACANT: CameraLink = CameraLink::VACANT;
+    const TURNS: &'static [Turn] = &[Turn::Camera];
+    type Reply = CameraReply;
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut CameraLink>) {
         run(self, cx);
@@ -439,33 +441,30 @@ impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<
         commands::handle(self, cx, port, link, &request.command)
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut CameraLink, _: Turn) -> bool {
-        messages::next(self, cx, port, link)
-    }
-
-    fn due(&self, view: &View<'_>, port: &Port, link: &CameraLink, _: Turn) -> Instant {
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &CameraLink, _: Turn) -> Option<(Instant, CameraReply)> {
         let control: &CameraControl = self;
-        match control.pending(port, link) {
-            Some(What::Later) => control.status_due(view.now, link),
-            Some(_) => view.now,
-            None => Instant::NEVER,
+        control.pending(view.now, port, link)
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut CameraLink, reply: CameraReply) -> bool {
+        messages::send(self, cx, port, link, reply)
+    }
+
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
+    }
+
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        // The new peers need neither the answers nor the reports of images from before.
+        if let StackEvent::Opened(_, link) = event {
+            *link = CameraLink {
+                next_image: self.total,
+                changes: self.changes,
+                settings: self.settings,
+                ..CameraLink::VACANT
+            };
         }
-    }
-
-    /// The new peers need neither the answers nor the reports of images from before.
-    fn restart(&mut self, _: &Port, link: &mut CameraLink) {
-        *link =
-            CameraLink { next_image: self.total, changes: self.changes, settings: self.settings, ..CameraLink::VACANT };
-    }
-
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
     }
 }
 

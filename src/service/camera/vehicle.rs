@@ -43,7 +43,7 @@ pub enum CameraOrder {
     StopVideo,
 }
 
-/// A camera, for a vehicle that declares `camera` in [`stack!`](crate::stack). [`CameraControl`](super::CameraControl) shows which
+/// A camera, for a vehicle that declares `camera` in [`#[stack]`](macro@crate::Stack). [`CameraControl`](super::CameraControl) shows which
 /// part is the stack's.
 ///
 /// Only [`FLAGS`](Self::FLAGS), [`camera_information`](Self::camera_information) and [`take_image`](Self::take_image) are
@@ -61,9 +61,9 @@ pub enum CameraOrder {
 /// #[derive(Default)]
 /// struct Surveyor { position: [f32; 2], last_image: [f32; 2], distance: f32 }
 ///
-/// stack! {
-///     struct Mavlink for Surveyor { links: 2, camera: { images: 32 } }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Surveyor, links: 2, camera: { images: 32 })]
+/// struct Mavlink;
 ///
 /// impl Camera for Surveyor {
 ///     const FLAGS: CameraCapFlags = CameraCapFlags::CAPTURE_IMAGE;
@@ -94,7 +94,7 @@ pub enum CameraOrder {
 /// }
 ///
 /// /// Called in every pass of the flight loop. The next `poll` takes the image.
-/// fn survey(rover: &mut Surveyor, stack: &mut Mavlink) {
+/// fn survey(rover: &mut Surveyor, stack: &mut StackOf<Mavlink>) {
 ///     let [north, east] = [0, 1].map(|axis| rover.position[axis] - rover.last_image[axis]);
 ///     if rover.distance > 0.0 && north * north + east * east >= rover.distance * rover.distance {
 ///         rover.last_image = rover.position;
@@ -106,7 +106,7 @@ pub enum CameraOrder {
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Camera`",
-    note = "`camera` in `stack!` needs `impl Camera for {Self}`: write it, or leave `camera` out"
+    note = "`camera` in `#[stack]` needs `impl Camera for {Self}`: write it, or leave `camera` out"
 )]
 pub trait Camera {
     /// The component that the camera is, such as 100 (MAV_COMP_ID_CAMERA). `None` is a camera of the autopilot, with the camera id 1:

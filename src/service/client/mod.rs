@@ -118,7 +118,7 @@ pub enum CommandReply {
 }
 
 /// The vehicle sends commands to other components. For a vehicle that declares `command_client` in
-/// [`stack!`](crate::stack).
+/// [`#[stack]`](macro@crate::Stack).
 ///
 /// ```
 /// use mavstack::dialect::{MavCmd, MavResult, MavSeverity, MavType};
@@ -153,7 +153,7 @@ pub enum CommandReply {
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `CommandClient`",
-    note = "`command_client` in `stack!` needs `impl CommandClient for {Self}`: write it, or leave `command_client` out"
+    note = "`command_client` in `#[stack]` needs `impl CommandClient for {Self}`: write it, or leave `command_client` out"
 )]
 pub trait CommandClient {
     /// Returns the command that a token stands for: once, when a slot takes it up. Transmissions repeat it. `None` if there is
@@ -190,6 +190,9 @@ pub struct Client<const N: usize> {
 impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<N> {
     type Link = ();
     const VACANT: () = ();
+    const TURNS: &'static [Turn] = &[Turn::Client];
+    /// The number of the slot whose request is sent.
+    type Reply = usize;
     const NEW: Self = {
         assert!(N > 0, "a command needs a slot: `command_client: {{ slots: 2 }}`, or leave `command_client` out");
         Self { slots: [Slot::FREE; N] }
@@ -225,8 +228,13 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
         }
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), _: Turn) -> bool {
-        let Some(slot) = self.due_on(port).and_then(|number| self.slots.get_mut(number)) else { return false };
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, (): &(), _: Turn) -> Option<(Instant, usize)> {
+        due_on(&self.slots, port).map(|number| (view.now, number))
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), number: usize) -> bool {
+        let Some(slot) = self.slots.get_mut(number) else { return false };
         (slot.state, slot.at) = (State::Sent, cx.now.after(TIMEOUT));
         let confirmation = slot.sent;
         slot.sent = slot.sent.saturating_add(1);
@@ -234,10 +242,6 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
             What::Command(command) => slot.send_command(command, confirmation, port),
             What::Param(query) => F::Vehicle::READS_PARAMS && query.send(slot.to.address, port),
         }
-    }
-
-    fn due(&self, view: &View<'_>, port: &Port, (): &(), _: Turn) -> Instant {
-        if self.due_on(port).is_some() { view.now } else { Instant::NEVER }
     }
 }
 
@@ -281,13 +285,6 @@ fn take_own(slots: &mut [Slot], now: Instant, own: Address) -> Option<(Command, 
         confirmation: 0,
     };
     Some((command, slot.is_cancelled))
-}
-
-impl<const N: usize> Client<N> {
-    /// Returns the index of a slot whose transmission is pending on a link.
-    fn due_on(&self, port: &Port) -> Option<usize> {
-        due_on(&self.slots, port)
-    }
 }
 
 /// Returns the index of a slot whose transmission is pending on a link that can carry it: MAVLink 1 has no extended
@@ -463,7 +460,7 @@ impl Context<'_> {
     /// Sends a command to another component, and repeats it until it is answered: see [`CommandClient`]. The next
     /// [`poll`](crate::Stack::poll) takes it up, or a later one if all slots are taken. One that waits for that already, with the
     /// same recipient and token, is not queued twice, so both get one reply. Returns false, and sends nothing, if eight requests
-    /// wait, or if [`stack!`](crate::stack) does not declare `command_client`.
+    /// wait, or if [`#[stack]`](macro@crate::Stack) does not declare `command_client`.
     #[must_use = "it is not sent if too many commands wait"]
     pub fn send_command(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
         self.requests.request(Pending::Command { to: to.into(), token })

@@ -52,12 +52,12 @@ impl Acks {
     }
 
     /// Whether an IN_PROGRESS is pending.
-    pub(crate) fn has_progress(&mut self) -> bool {
+    pub(crate) fn has_progress(&self) -> bool {
         (0..self.count).any(|number| self.slot(number).is_some_and(|ack| ack.result == MavResult::IN_PROGRESS))
     }
 
-    fn slot(&mut self, number: u8) -> Option<&mut Ack> {
-        self.slots.get_mut(usize::from(self.first.wrapping_add(number)) % SLOTS)
+    fn slot(&self, number: u8) -> Option<&Ack> {
+        self.slots.get(usize::from(self.first.wrapping_add(number)) % SLOTS)
     }
 
     /// Queues the answer of a component to `to`. The caller checks [`is_full`](Self::is_full) before the command is carried
@@ -67,7 +67,8 @@ impl Acks {
         if self.is_full() {
             return;
         }
-        if let Some(slot) = self.slot(self.count) {
+        let end = usize::from(self.first.wrapping_add(self.count)) % SLOTS;
+        if let Some(slot) = self.slots.get_mut(end) {
             let Outcome { result, result_param2 } = outcome;
             *slot = Ack { to, from, command, result, result_param2: result_param2.to_ne_bytes() };
         }

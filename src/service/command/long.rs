@@ -1,7 +1,7 @@
 //! Slots for long-running commands, and for commands that must not be carried out twice.
 //!
 //! Rules C-10, C-12, C-20 to C-24 and SEC-13. One fixed table serves both. It is part of the stack only if `commands` in
-//! [`stack!`](crate::stack) declares it, so other firmwares pay nothing. [`LongCommands`] has the state diagram of a slot.
+//! [`#[stack]`](macro@crate::Stack) declares it, so other firmwares pay nothing. [`LongCommands`] has the state diagram of a slot.
 
 use core::ops::{Deref, DerefMut};
 
@@ -196,14 +196,9 @@ impl CommandSlot {
         self.state == State::Done && !self.is_long && self.pending.is_empty() && self.is_same(command)
     }
 
-    /// Whether an ACK is pending on `link` in this state; if so, clears that.
-    fn take_pending(&mut self, state: State, link: LinkId) -> bool {
-        let link = LinkMask::of(link);
-        let is_pending = self.state == state && self.pending.contains(link);
-        if is_pending {
-            self.pending = self.pending.without(link);
-        }
-        is_pending
+    /// Whether an ACK is pending on `link` in this state.
+    fn is_pending(&self, state: State, link: LinkId) -> bool {
+        self.state == state && self.pending.contains(LinkMask::of(link))
     }
 
     fn ack(&self, outcome: Outcome, progress: u8) -> CommandAck {
@@ -218,7 +213,7 @@ impl CommandSlot {
     }
 }
 
-/// Slots for long-running commands and for commands that must not be carried out twice. `commands` in [`stack!`](crate::stack)
+/// Slots for long-running commands and for commands that must not be carried out twice. `commands` in [`#[stack]`](macro@crate::Stack)
 /// declares their number. [`Stack::long_commands`](crate::Stack::long_commands) and
 /// [`Stack::long_commands_mut`](crate::Stack::long_commands_mut) give access.
 ///
@@ -227,11 +222,11 @@ impl CommandSlot {
 ///
 /// ```
 /// use mavstack::dialect::{MavCmd, MavResult};
-/// use mavstack::{Command, Commands, Context, Outcome, Peer, Vehicle, VehicleState};
+/// use mavstack::{Command, Commands, Context, Outcome, Peer, Vehicle, VehicleState, StackOf};
 ///
-/// mavstack::stack! {
-///     struct Mavlink for Copter { links: 1, commands: { slots: 2 } }
-/// }
+/// #[derive(mavstack::Stack)]
+/// #[stack(vehicle: Copter, links: 1, commands: { slots: 2 })]
+/// struct Mavlink;
 ///
 /// struct Copter { samples: u8 }
 ///
@@ -253,7 +248,7 @@ impl CommandSlot {
 /// # impl Vehicle for Copter { fn state(&self) -> Option<VehicleState> { None } }
 ///
 /// /// Called by the flight loop.
-/// fn calibrate(copter: &mut Copter, stack: &mut Mavlink) {
+/// fn calibrate(copter: &mut Copter, stack: &mut StackOf<Mavlink>) {
 ///     let commands = stack.long_commands_mut();
 ///     if !commands.is_running(MavCmd::PREFLIGHT_CALIBRATION) {
 ///         return;
@@ -504,11 +499,14 @@ impl LongCommands {
         self.slots.iter().any(|slot| slot.state == State::Done && slot.is_untimed && slot.links.is_empty())
     }
 
-    /// Returns when an ACK is due on this link: a final one at `now`, an IN_PROGRESS at `progress_at`.
-    pub(crate) fn due(&self, now: Instant, progress_at: Instant, link: LinkId) -> Instant {
-        let pending = self.slots.iter().filter(|slot| slot.pending.contains(LinkMask::of(link)));
-        let due = pending.map(|slot| if slot.state == State::Running { progress_at } else { now });
-        due.min().unwrap_or(Instant::NEVER)
+    /// Whether a final ACK is pending on this link.
+    pub(crate) fn has_final(&self, link: LinkId) -> bool {
+        self.slots.iter().any(|slot| slot.is_pending(State::Done, link))
+    }
+
+    /// Whether an IN_PROGRESS is pending on this link.
+    pub(crate) fn has_progress(&self, link: LinkId) -> bool {
+        self.slots.iter().any(|slot| slot.is_pending(State::Running, link))
     }
 
     /// Returns the component's answer to a command of the firmware itself: its result, or its progress if that is due now.
@@ -526,23 +524,22 @@ impl LongCommands {
         Some((slot.component, Answer { command, outcome, progress }))
     }
 
+    /// Returns the first slot with an ACK that is pending on `link` in this state. It is pending no longer.
+    fn take_pending(&mut self, state: State, link: LinkId) -> Option<&CommandSlot> {
+        let slot = self.slots.iter_mut().find(|slot| slot.is_pending(state, link))?;
+        slot.pending = slot.pending.without(LinkMask::of(link));
+        Some(slot)
+    }
+
     /// Sends a final ACK on this link (C-20). Returns false if none is pending.
-    pub(crate) fn next_final<F: Firmware>(&mut self, tx: &mut Outbox) -> bool {
-        let link = tx.link();
-        let Some(slot) = self.slots.iter_mut().find_map(|slot| slot.take_pending(State::Done, link).then_some(slot))
-        else {
-            return false;
-        };
+    pub(crate) fn send_final<F: Firmware>(&mut self, tx: &mut Outbox) -> bool {
+        let Some(slot) = self.take_pending(State::Done, tx.link()) else { return false };
         tx.send_from::<F, _>(Some(slot.component), &slot.ack(slot.outcome, NO_PROGRESS))
     }
 
     /// Sends an IN_PROGRESS on this link (C-20). Returns false if none is pending.
-    pub(crate) fn next_progress<F: Firmware>(&mut self, tx: &mut Outbox) -> bool {
-        let link = tx.link();
-        let Some(slot) = self.slots.iter_mut().find_map(|slot| slot.take_pending(State::Running, link).then_some(slot))
-        else {
-            return false;
-        };
+    pub(crate) fn send_progress<F: Firmware>(&mut self, tx: &mut Outbox) -> bool {
+        let Some(slot) = self.take_pending(State::Running, tx.link()) else { return false };
         tx.send_from::<F, _>(Some(slot.component), &slot.ack(MavResult::IN_PROGRESS.into(), slot.progress))
     }
 

@@ -19,7 +19,7 @@ pub use long::{CommandSlots, LongCommands};
 pub use policy::CommandPolicy;
 pub use vehicle::Commands;
 
-use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::{About, Cx, Handled, Part, Received, Request, Service, Turn, Verdict, View, increment};
 use crate::dialect::{
     CommandCancel, CommandInt, CommandLong, MavCmd, MavFrame, MavProtocolCapability, MavResult, MavSeverity,
 };
@@ -96,6 +96,17 @@ pub struct CommandLink {
     refusal: u16,
 }
 
+/// A COMMAND_ACK that is pending.
+#[derive(Clone, Copy, Debug)]
+pub enum Ack {
+    /// The answer to a received command.
+    Answer,
+    /// The final result of a long-running command.
+    Final,
+    /// The progress of a running command.
+    Progress,
+}
+
 /// Slots for the long-running commands of a vehicle, or none.
 pub trait CommandMemory: core::fmt::Debug {
     /// All zero bits.
@@ -108,7 +119,7 @@ pub trait CommandMemory: core::fmt::Debug {
     fn view(&self) -> Option<&LongCommands>;
 }
 
-/// The slots of a firmware whose [`stack!`](crate::stack) has no `commands`: none.
+/// The slots of a firmware whose [`#[stack]`](macro@crate::Stack) has no `commands`: none.
 #[derive(Clone, Copy, Debug)]
 pub struct NoSlots;
 
@@ -143,21 +154,26 @@ pub struct CommandService<S> {
     refusals: RefusalLog,
 }
 
+/// Returns the command in a COMMAND_LONG or COMMAND_INT.
+pub(crate) fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
+    let long = received.frame.decode::<CommandLong>().map(|message| from_long(&message, received.origin(port)));
+    let int = || received.frame.decode::<CommandInt>().map(|message| from_int(&message, received.origin(port)));
+    long.or_else(int).map(Request::from)
+}
+
 impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandService<S> {
     const NEW: Self = Self { slots: S::NEW, refusals: RefusalLog::NEW };
     type Link = CommandLink;
     const VACANT: CommandLink = CommandLink { acks: Acks::new(), refusal: 0 };
-    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMMAND_INT;
+    const TURNS: &'static [Turn] = &[Turn::CommandAck, Turn::CommandProgress];
+    type Reply = Ack;
+    const ABOUT: About =
+        About { capabilities: MavProtocolCapability::COMMAND_INT, part: Part::Every, ..About::AUTOPILOT };
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut CommandLink>) {
         if let Some(long) = self.slots.view_mut() {
             long.poll(cx.now);
         }
-    }
-
-    /// The commands of all components.
-    fn is_part_of(_: ComponentId) -> bool {
-        true
     }
 
     fn deadline(&self) -> Instant {
@@ -166,13 +182,6 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
             return Instant::ZERO;
         }
         long.deadline()
-    }
-
-    /// COMMAND_LONG and COMMAND_INT.
-    fn command_in(port: &Port, received: &Received<'_>) -> Option<Request> {
-        let long = received.frame.decode::<CommandLong>().map(|message| from_long(&message, received.origin(port)));
-        let int = || received.frame.decode::<CommandInt>().map(|message| from_int(&message, received.origin(port)));
-        long.or_else(int).map(Request::from)
     }
 
     /// COMMAND_CANCEL (C-23): without an answer of its own.
@@ -188,30 +197,30 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
         Handled::Yes
     }
 
-    /// Sends one COMMAND_ACK: the answer to a received command, the final result of a finished one, or the progress of a running
-    /// one. A final result precedes the answers, because the answer to what has ended a command has the same id (C-23); but not
-    /// the command's own IN_PROGRESS. Progress is limited to the link's byte rate, and is not sent on high-latency links.
-    fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut CommandLink, _: Turn) -> bool {
-        let is_first = !link.acks.has_progress();
-        if is_first && self.slots.view_mut().is_some_and(|long| long.next_final::<F>(&mut port.outbox)) {
-            return true;
-        }
-        let sent = link.acks.next::<F>(&mut port.outbox, |command| {
-            let long = self.slots.view_mut();
-            long.map_or(self::long::NO_PROGRESS, |long| long.progress_of(command))
-        });
-        sent || self.slots.view_mut().is_some_and(|long| {
-            let may_wait = !port.config.class.is_high_latency() && port.bucket.has_room();
-            long.next_final::<F>(&mut port.outbox) || (may_wait && long.next_progress::<F>(&mut port.outbox))
-        })
+    /// A final result precedes the answers, because the answer to what has ended a command has the same id (C-23); but not the
+    /// command's own IN_PROGRESS.
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &CommandLink, turn: Turn) -> Option<(Instant, Ack)> {
+        let long = self.slots.view();
+        let ack = match turn {
+            Turn::CommandProgress => long.filter(|long| long.has_progress(port.id)).map(|_| Ack::Progress),
+            _ if long.is_some_and(|long| long.has_final(port.id)) && !link.acks.has_progress() => Some(Ack::Final),
+            _ => (!link.acks.is_empty()).then_some(Ack::Answer),
+        };
+        Some((view.now, ack?))
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &CommandLink, _: Turn) -> Instant {
-        if !link.acks.is_empty() {
-            return view.now;
+    fn send(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut CommandLink, ack: Ack) -> bool {
+        let (long, tx) = (self.slots.view_mut(), &mut port.outbox);
+        match (ack, long) {
+            (Ack::Answer, long) => {
+                let progress = |command| long.map_or(self::long::NO_PROGRESS, |long| long.progress_of(command));
+                link.acks.next::<F>(tx, progress)
+            }
+            (Ack::Final, Some(long)) => long.send_final::<F>(tx),
+            (Ack::Progress, Some(long)) => long.send_progress::<F>(tx),
+            (Ack::Final | Ack::Progress, None) => false,
         }
-        let progress_at = if port.config.class.is_high_latency() { Instant::NEVER } else { port.bucket.ready_at() };
-        self.slots.view().map_or(Instant::NEVER, |long| long.due(view.now, progress_at, port.id))
     }
 }
 

@@ -100,7 +100,7 @@ impl CommandPolicy {
     ///   seconds after the first. After such a delay it may also be a new command. Unless that is ruled out, the answer is
     ///   `TEMPORARILY_REJECTED`, and a sender that means a new command sends it again.
     ///
-    /// The command needs one of the slots that `commands` in [`stack!`](crate::stack) declares; without the entry it does not
+    /// The command needs one of the slots that `commands` in [`#[stack]`](macro@crate::Stack) declares; without the entry it does not
     /// compile. It is `TEMPORARILY_REJECTED` while no slot is free.
     #[must_use]
     pub const fn once(self) -> Self {
@@ -124,7 +124,7 @@ impl CommandPolicy {
         while i < policies.len() {
             assert!(
                 !policies[i].has(ONCE),
-                "`once` and `once_per_press` need slots: add `commands: {{ slots: 2 }}` to `stack!`"
+                "`once` and `once_per_press` need slots: add `commands: {{ slots: 2 }}` to `#[stack]`"
             );
             i += 1;
         }

@@ -18,7 +18,7 @@ use crate::types::{Command, Context, Outcome, Peer};
 /// vehicle explains its refusals itself, with [`Context::text`].
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Commands`",
-    note = "a vehicle of `stack!` needs `impl Commands for {Self}`: it carries out commands, or refuses them"
+    note = "a vehicle of `#[stack]` needs `impl Commands for {Self}`: it carries out commands, or refuses them"
 )]
 pub trait Commands {
     /// Declares commands whose form, frame and parameters the stack checks (C-5), and commands that must not be carried out

@@ -32,7 +32,7 @@ const SOON: u32 = 2;
 /// The events of a report besides its checks.
 const SUMMARIES: usize = 2;
 
-/// The arming checks, for a vehicle that declares `events: { history: N, checks }` in [`stack!`](crate::stack).
+/// The arming checks, for a vehicle that declares `events: { history: N, checks }` in [`#[stack]`](macro@crate::Stack).
 ///
 /// The stack calls the hook twice a second. It reports the result as events when it has changed, and when a peer is heard
 /// on a link that was opened; at most every two seconds. It reports at once on MAV_CMD_RUN_PREARM_CHECKS, which
@@ -71,7 +71,7 @@ const SUMMARIES: usize = 2;
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `HealthChecks`",
-    note = "`checks` in `events` of `stack!` needs `impl HealthChecks for {Self}`: write it, or leave `checks` out"
+    note = "`checks` in `events` of `#[stack]` needs `impl HealthChecks for {Self}`: write it, or leave `checks` out"
 )]
 pub trait HealthChecks {
     /// The set of events that [`events!`](crate::events!) declared with `modes` and `components`.

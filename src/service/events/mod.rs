@@ -26,7 +26,7 @@ pub use declaration::{
 };
 
 use super::share::Share;
-use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
+use super::{Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View};
 use crate::dialect::{
     CurrentEventSequence, Event as EventMessage, MavEventCurrentSequenceFlags, MavEventErrorReason, RequestEvent,
     ResponseEventError,
@@ -56,7 +56,7 @@ counters! {
     }
 }
 
-/// Sends the events: declared by `events` in [`stack!`](crate::stack). Initially all zero bits.
+/// Sends the events: declared by `events` in [`#[stack]`](macro@crate::Stack). Initially all zero bits.
 #[derive(Debug)]
 pub struct EventService<C> {
     pub(crate) counters: EventCounters,
@@ -91,49 +91,53 @@ pub struct EventLink {
     requested: [Option<Requested>; 2],
 }
 
+/// What the events send.
+#[derive(Clone, Copy, Debug)]
+pub enum EventReply {
+    /// CURRENT_EVENT_SEQUENCE.
+    Sequence,
+    /// An event that a receiver has requested, or RESPONSE_EVENT_ERROR.
+    Requested,
+    /// The next event.
+    Next,
+}
+
 impl EventLink {
-    /// Returns when the link has something to send.
-    fn due(&self, log: &EventLog, now: Instant, port: &Port) -> Instant {
-        if !port.outbox.takes(EventMessage::ID) {
-            return Instant::NEVER;
-        }
-        let [requested, _] = &self.requested;
-        let is_pending = self.sent != log.newest() || requested.is_some();
-        let at = if is_pending { now } else { self.at };
-        at.max(self.share.due())
+    /// Sends CURRENT_EVENT_SEQUENCE.
+    fn send_sequence(&mut self, now: Instant, port: &mut Port) -> bool {
+        (self.at, self.told) = (now.after(SEQUENCE_INTERVAL), self.sent);
+        let flags =
+            if self.has_sent { MavEventCurrentSequenceFlags::EMPTY } else { MavEventCurrentSequenceFlags::RESET };
+        port.outbox.send(&CurrentEventSequence { sequence: self.sent, flags })
     }
 
-    /// Puts the next frame into the outbox: CURRENT_EVENT_SEQUENCE, a requested event, or the next one.
-    fn next(&mut self, counters: &mut EventCounters, log: &EventLog, now: Instant, port: &mut Port) -> bool {
-        if self.at <= now {
-            (self.at, self.told) = (now.after(SEQUENCE_INTERVAL), self.sent);
-            let flags =
-                if self.has_sent { MavEventCurrentSequenceFlags::EMPTY } else { MavEventCurrentSequenceFlags::RESET };
-            return port.outbox.send(&CurrentEventSequence { sequence: self.sent, flags });
-        }
+    /// Sends a requested event. What is not in the history is answered as a whole.
+    fn send_requested(&mut self, log: &EventLog, port: &mut Port) -> bool {
         let [pending, second] = &mut self.requested;
-        if let Some(requested) = pending {
-            let first = requested.first;
-            let event = log.get(first);
-            // What is not in the history is answered as a whole.
-            let next = if event.is_some() { first.wrapping_add(1) } else { log.oldest() };
-            let (done, all) = (next.wrapping_sub(first), requested.last.wrapping_sub(first));
-            requested.first = next;
-            let from = requested.from;
-            if done > all {
-                *pending = second.take();
-            }
-            return match event {
-                Some(event) => send(port, event, first),
-                None => port.outbox.send(&ResponseEventError {
-                    sequence: first,
-                    sequence_oldest_available: log.oldest(),
-                    target_system: from.system.0,
-                    target_component: from.component.0,
-                    reason: MavEventErrorReason::UNAVAILABLE,
-                }),
-            };
+        let Some(requested) = pending else { return false };
+        let first = requested.first;
+        let event = log.get(first);
+        let next = if event.is_some() { first.wrapping_add(1) } else { log.oldest() };
+        let (done, all) = (next.wrapping_sub(first), requested.last.wrapping_sub(first));
+        requested.first = next;
+        let from = requested.from;
+        if done > all {
+            *pending = second.take();
         }
+        match event {
+            Some(event) => send(port, event, first),
+            None => port.outbox.send(&ResponseEventError {
+                sequence: first,
+                sequence_oldest_available: log.oldest(),
+                target_system: from.system.0,
+                target_component: from.component.0,
+                reason: MavEventErrorReason::UNAVAILABLE,
+            }),
+        }
+    }
+
+    /// Sends the next event, or the oldest one that is left.
+    fn send_next(&mut self, counters: &mut EventCounters, log: &EventLog, port: &mut Port) -> bool {
         let mut sequence = self.sent.wrapping_add(1);
         let event = log.get(sequence).or_else(|| {
             let missed = log.oldest().wrapping_sub(sequence);
@@ -171,6 +175,8 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         share: Share::NEW,
         requested: [None; 2],
     };
+    const TURNS: &'static [Turn] = &[Turn::Event];
+    type Reply = EventReply;
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut EventLink>) {
         let unreported = self.checks.poll(cx);
@@ -226,44 +232,50 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         self.checks.on_command(cx, request.command.id).map(Verdict::done)
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut EventLink, _: Turn) -> bool {
-        if link.due(cx.events, cx.now, port) > cx.now {
-            return false;
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &EventLink, _: Turn) -> Option<(Instant, EventReply)> {
+        if !port.outbox.takes(EventMessage::ID) {
+            return None;
         }
-        let is_sent = link.next(&mut self.counters, cx.events, cx.now, port);
+        let [requested, _] = &link.requested;
+        let (at, reply) = match requested {
+            _ if link.at <= view.now => (link.at, EventReply::Sequence),
+            Some(_) => (view.now, EventReply::Requested),
+            None if link.sent != view.events.newest() => (view.now, EventReply::Next),
+            None => (link.at, EventReply::Sequence),
+        };
+        Some((at.max(link.share.due()), reply))
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut EventLink, reply: EventReply) -> bool {
+        let is_sent = match reply {
+            EventReply::Sequence => link.send_sequence(cx.now, port),
+            EventReply::Requested => link.send_requested(cx.events, port),
+            EventReply::Next => link.send_next(&mut self.counters, cx.events, port),
+        };
         let len = u32::try_from(port.outbox.len()).unwrap_or(0);
         link.share.spend(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
         is_sent
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &EventLink, _: Turn) -> Instant {
-        link.due(view.events, view.now, port)
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
-    }
-
-    /// New peers learn the link's last sequence number at once, and the checks soon after the first frame of one is accepted. If none
-    /// was heard before, nobody has received what was sent: a peer that remembers the vehicle before a reboot learns that the numbers
-    /// start again.
-    fn restart(&mut self, port: &Port, link: &mut EventLink) {
-        link.was_heard |= port.has_accepted;
-        link.has_sent &= link.was_heard;
-        link.at = Instant::ZERO;
-        link.requested = [None; 2];
-        self.opened = self.opened.with(LinkMask::of(port.id));
-    }
-
-    fn on_heard(&mut self, _: Instant, from: Peer) {
-        if !self.opened.is_empty() {
-            self.on_opened::<F>(from);
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            // New peers learn the link's last sequence number at once, and the checks soon after the first frame of one is accepted. If none
+            // was heard before, nobody has received what was sent: a peer that remembers the vehicle before a reboot learns that the numbers
+            // start again.
+            StackEvent::Opened(port, link) => {
+                link.was_heard |= port.has_accepted;
+                link.has_sent &= link.was_heard;
+                link.at = Instant::ZERO;
+                link.requested = [None; 2];
+                self.opened = self.opened.with(LinkMask::of(port.id));
+            }
+            StackEvent::Heard { from, .. } if !self.opened.is_empty() => self.on_opened::<F>(from),
+            _ => {}
         }
     }
 }
@@ -294,7 +306,7 @@ pub(crate) fn record<E: Event>(log: &mut EventLog, now: Instant, event: &E) {
 impl Context<'_> {
     /// Records an event that [`events!`](crate::events!) declared. Every normal link sends it when it has room, after
     /// the texts, and again on request while it is in the history (EVT-2). Without `events` in
-    /// [`stack!`](crate::stack), nothing is recorded.
+    /// [`#[stack]`](macro@crate::Stack), nothing is recorded.
     ///
     /// ```
     /// # use mavstack::Context;

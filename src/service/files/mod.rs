@@ -36,8 +36,9 @@ pub use vehicle::{FileAccess, FileChange, FileEntry, Files, OpenFile, StaticFile
 pub use virtual_files::{HasFiles, NoFile, OneOf, Part, VirtualFile, VirtualFiles};
 
 use self::requests::Stop;
+use self::session::State;
 use self::work::{Upload, Work};
-use super::{Cx, Handled, Received, Service, Turn, View};
+use super::{About, Cx, Handled, Received, Service, ShowCounters, StackEvent, Turn, View};
 use crate::dialect::{FileTransferProtocol, MavProtocolCapability};
 use crate::link::Port;
 use crate::message::Message;
@@ -65,7 +66,7 @@ counters! {
     }
 }
 
-/// The file service: declared by `files` in [`stack!`](crate::stack), and read through
+/// The file service: declared by `files` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::files`](crate::Stack::files).
 #[derive(Debug)]
 pub struct FileStatus {
@@ -100,6 +101,15 @@ pub struct FileServer<const OPEN: usize, const N: usize, const UPLOAD: usize, V>
     upload: [u8; UPLOAD],
 }
 
+/// What the service sends, by the number of the session.
+#[derive(Clone, Copy, Debug)]
+pub enum FileReply {
+    /// An answer without data.
+    Answer(usize),
+    /// Data of a file or a directory. If the file has none yet, another session sends.
+    Data(usize),
+}
+
 /// The state of the service on a link.
 #[derive(Debug)]
 pub struct FileLink {
@@ -126,7 +136,9 @@ where
 {
     type Link = FileLink;
     const VACANT: FileLink = FileLink { first: 0, retry_at: Instant::ZERO };
-    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::FTP;
+    const TURNS: &'static [Turn] = &[Turn::FileAnswer, Turn::LateBulk, Turn::Bulk];
+    type Reply = FileReply;
+    const ABOUT: About = About { capabilities: MavProtocolCapability::FTP, ..About::AUTOPILOT };
     const NEW: Self = {
         assert!(N == OPEN.saturating_add(OTHERS));
         assert!(OPEN > 0 && OPEN < 100, "a client needs a session: `files: {{ sessions: 2 }}`, or leave `files` out");
@@ -169,57 +181,58 @@ where
         }
     }
 
-    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut FileLink, received: &Received<'_>) -> Handled {
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, _: &mut FileLink, received: &Received<'_>) -> Handled {
         if received.frame.id() != FileTransferProtocol::ID {
             return Handled::No;
         }
         if received.target.system.0 == 0 {
             return Handled::OutOfPlace;
         }
-        self.server(cx).on_packet(received)
+        let handled = self.server(cx).on_packet(received);
+        self.slow_streams::<F>(cx.now, port);
+        handled
     }
 
-    #[inline(never)]
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut FileLink, turn: Turn) -> bool {
-        let is_used = self.status.is_used;
-        if F::SLOWS_STREAMS {
-            port.facts.is_transferring = is_used && session::is_transferring(&self.sessions, port.id, cx.now);
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &FileLink, turn: Turn) -> Option<(Instant, FileReply)> {
+        if !self.status.is_used {
+            return None;
         }
-        is_used && self.server(cx).send(port, link, turn)
-    }
-
-    fn has_bulk(&self) -> bool {
-        self.status.is_used
-    }
-
-    #[inline(never)]
-    fn due(&self, view: &View<'_>, port: &Port, link: &FileLink, turn: Turn) -> Instant {
-        match session::next(&self.sessions, port.id, link.first, send::state_of(turn)) {
-            _ if !self.status.is_used => Instant::NEVER,
-            None => Instant::NEVER,
-            Some(_) if turn == Turn::FileAnswer => view.now,
-            Some(_) => link.retry_at.max(view.now),
+        let next = |state| session::next(&self.sessions, port.id, link.first, state);
+        match turn {
+            Turn::FileAnswer => next(State::Pending).map(|place| (view.now, FileReply::Answer(place))),
+            _ => next(State::Data).map(|place| (link.retry_at, FileReply::Data(place))),
         }
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.status.counters.drops()
+    #[inline(never)]
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut FileLink, reply: FileReply) -> bool {
+        let is_sent = self.server(cx).send(port, link, reply);
+        self.slow_streams::<F>(cx.now, port);
+        is_sent
     }
 
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        defmt::warn!("files: {}", self.status.counters);
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.status.counters);
     }
 
-    /// The clients are gone. The next poll closes their files.
-    fn restart(&mut self, port: &Port, _: &mut FileLink) {
-        self.status.wake = Instant::ZERO;
-        self.sessions.iter_mut().for_each(|session| session.leave(port.id));
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        // The clients are gone. The next poll closes their files.
+        if let StackEvent::Opened(port, _) = event {
+            self.status.wake = Instant::ZERO;
+            self.sessions.iter_mut().for_each(|session| session.leave(port.id));
+        }
     }
 }
 
 impl<const OPEN: usize, const N: usize, const UPLOAD: usize, V> FileServer<OPEN, N, UPLOAD, V> {
+    /// Has streams slowed on a link while a client transfers a file there (F-11).
+    fn slow_streams<F: Firmware>(&self, now: Instant, port: &mut Port) {
+        if F::SLOWS_STREAMS {
+            port.facts.transferring_until = session::transferring_until(&self.sessions, port.id, now);
+        }
+    }
+
     fn server<'a, 'c, F: Firmware>(&'a mut self, cx: &'a mut Cx<'c, F>) -> Server<'a, 'c, F, V, N> {
         let Self { status, work, sessions, upload } = self;
         Server { cx, status, work, sessions, upload }

@@ -6,50 +6,45 @@ use super::packet;
 use super::requests::Stop;
 use super::session::{self, LONGEST_BURST, Session, State};
 use super::virtual_files::VirtualFiles;
-use super::{FileLink, Files, Server};
+use super::{FileLink, FileReply, Files, Server};
 use crate::dialect::{FileTransferProtocol, MavFtpOpcode};
 use crate::link::{Outbox, Port};
 use crate::message::Message;
+use crate::service::Cx;
 use crate::service::share::RETRY;
-use crate::service::{Cx, Turn};
 use crate::types::Firmware;
 
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
     /// Sends an answer with or without data. The link's sessions take turns to send data; reads and listings come
     /// before the packets of bursts. A session whose file has no data yet leaves its turn to the next one (LOG-9).
     #[inline(never)]
-    pub(super) fn send(&mut self, port: &mut Port, link: &mut FileLink, turn: Turn) -> bool {
-        let state = state_of(turn);
-        let now = self.cx.now;
-        let is_data = state == State::Data;
-        if is_data && now < link.retry_at {
-            return false;
-        }
-        let mut asked = None;
+    pub(super) fn send(&mut self, port: &mut Port, link: &mut FileLink, reply: FileReply) -> bool {
+        let (first, state) = match reply {
+            FileReply::Answer(place) => (place, State::Pending),
+            FileReply::Data(place) => (place, State::Data),
+        };
+        let mut place = first;
         // Without virtual directories no file has data later.
         for _ in 0..const { if V::COUNT == 0 { 1 } else { N } } {
-            let Some(place) = session::next(self.sessions, port.id, link.first, state) else { return false };
-            let Some(session) = self.sessions.get_mut(place).filter(|_| asked != Some(place)) else { break };
+            let Some(session) = self.sessions.get_mut(place) else { break };
             let is_sent = send(self.cx, &mut port.outbox, session, state);
-            if !is_data {
+            if state == State::Pending {
                 return is_sent;
             }
             link.first = place.wrapping_add(1);
             if is_sent {
                 return true;
             }
-            asked = asked.or(Some(place));
+            match session::next(self.sessions, port.id, link.first, state) {
+                Some(next) if next != first => place = next,
+                _ => break,
+            }
         }
         if V::COUNT > 0 {
-            link.retry_at = now.after(RETRY);
+            link.retry_at = self.cx.now.after(RETRY);
         }
         false
     }
-}
-
-/// Returns the state of the answers that a turn sends.
-pub(super) fn state_of(turn: Turn) -> State {
-    if turn == Turn::FileAnswer { State::Pending } else { State::Data }
 }
 
 /// Sends the oldest pending answer of a session, or the next packet of its burst (F-8).

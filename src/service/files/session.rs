@@ -3,7 +3,7 @@
 use super::packet::Head;
 use crate::dialect::MavFtpOpcode;
 use crate::message::Address;
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
 use crate::types::{LinkId, Peer};
 
 /// A session ends when its client was silent for ten seconds, no packet of a burst was sent to it, and no checksum
@@ -297,11 +297,14 @@ pub(super) fn next<V>(sessions: &[Session<V>], link: LinkId, first: usize, state
     None
 }
 
-/// Whether a client on a link has a file open, and was heard or sent a packet of a burst in the last three seconds (F-11).
-pub(super) fn is_transferring<V>(sessions: &[Session<V>], link: LinkId, now: Instant) -> bool {
-    let now = now.coarse();
-    let is_it = |session: &Session<V>| {
-        session.key.is_on(link) && session.is_open() && now.wrapping_sub(session.touched) < TAKEOVER
-    };
-    sessions.iter().any(is_it)
+/// Returns until when a client on a link counts as transferring (F-11): it has a file open, and was heard or sent a packet of a
+/// burst in the last three seconds.
+pub(super) fn transferring_until<V>(sessions: &[Session<V>], link: LinkId, now: Instant) -> Instant {
+    let mut longest = 0;
+    for session in sessions {
+        if session.key.is_on(link) && session.is_open() {
+            longest = longest.max(TAKEOVER.saturating_sub(now.coarse().wrapping_sub(session.touched)));
+        }
+    }
+    now.after(Duration::from_micros(u64::from(longest).wrapping_shl(10)))
 }

@@ -3,7 +3,7 @@
 use crate::dialect::MavFtpErr;
 use crate::types::{Context, Peer};
 
-/// The hooks of a vehicle with files, for a vehicle that declares `files` in [`stack!`](crate::stack).
+/// The hooks of a vehicle with files, for a vehicle that declares `files` in [`#[stack]`](macro@crate::Stack).
 ///
 /// Files that never change need no hook: the stack serves those in [`FILES`](Self::FILES). The parameters need no hook
 /// either: they are `@PARAM/param.pck`.
@@ -26,9 +26,9 @@ use crate::types::{Context, Peer};
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
 /// # }
 ///
-/// mavstack::stack! {
-///     struct Mavlink for Rover { links: 1, files: { sessions: 2 } }
-/// }
+/// #[derive(mavstack::Stack)]
+/// #[stack(vehicle: Rover, links: 1, files: { sessions: 2 })]
+/// struct Mavlink;
 /// ```
 ///
 /// Other files have numbers, which the vehicle chooses. [`open`](Self::open) turns a path into the number of an open
@@ -50,7 +50,7 @@ use crate::types::{Context, Peer};
 /// returns [`MavFtpErr::FAIL`].
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Files`",
-    note = "`files` in `stack!` needs `impl Files for {Self}`: write it, or leave `files` out"
+    note = "`files` in `#[stack]` needs `impl Files for {Self}`: write it, or leave `files` out"
 )]
 pub trait Files {
     /// Files that never change: at most 250, with different paths. They come before those of the hooks.

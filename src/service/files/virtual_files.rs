@@ -57,7 +57,7 @@ pub trait VirtualFile<F: Firmware>: Copy + Debug {
     /// 1970, UTC; 0 if unknown). `None` after the last file.
     fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)>;
 
-    /// The room that an upload needs: `upload` in [`stack!`](crate::stack).
+    /// The room that an upload needs: `upload` in [`#[stack]`](macro@crate::Stack).
     const UPLOAD_ROOM: usize = 1;
 
     /// Begins an upload, after [`open`](Self::open). `None` if that takes another call. After a refusal the file is closed.

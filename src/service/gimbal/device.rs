@@ -2,7 +2,7 @@
 
 use super::super::periodic::{Asked, Periodic, Row};
 use super::super::stream::has_listener;
-use super::super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::super::{About, Cx, Handled, Received, Request, Service, ShowCounters, Turn, Verdict, View, increment};
 use super::send;
 use super::setpoint::{Axes, attitude};
 use crate::dialect::{
@@ -54,7 +54,7 @@ impl DeviceSetpoint {
     }
 }
 
-/// A gimbal device, for a firmware that declares `gimbal_device` in [`stack!`](crate::stack): the firmware of a gimbal, or of an
+/// A gimbal device, for a firmware that declares `gimbal_device` in [`#[stack]`](macro@crate::Stack): the firmware of a gimbal, or of an
 /// autopilot that has one.
 ///
 /// | | [`COMPONENT`](Self::COMPONENT) | [`ID`](Self::ID) | [`MANAGER`](Self::MANAGER) |
@@ -96,7 +96,7 @@ impl DeviceSetpoint {
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `GimbalDevice`",
-    note = "`gimbal_device` in `stack!` needs `impl GimbalDevice for {Self}`: write it, or leave `gimbal_device` out"
+    note = "`gimbal_device` in `#[stack]` needs `impl GimbalDevice for {Self}`: write it, or leave `gimbal_device` out"
 )]
 pub trait GimbalDevice {
     /// The component that the gimbal is, besides the one of [`Config`](crate::Config); `None` if it is that one, or none at all.
@@ -123,7 +123,7 @@ pub trait GimbalDevice {
     }
 }
 
-/// The gimbal device: declared by `gimbal_device` in [`stack!`](crate::stack), and read through
+/// The gimbal device: declared by `gimbal_device` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::gimbal_device`](crate::Stack::gimbal_device). [`GimbalDevice`] has its hooks.
 ///
 /// GIMBAL_DEVICE_ATTITUDE_STATUS is sent ten times a second by default, or once on a link with
@@ -133,6 +133,15 @@ pub trait GimbalDevice {
 #[derive(Clone, Debug)]
 pub struct DeviceService {
     counters: DeviceCounters,
+}
+
+/// What the gimbal device sends.
+#[derive(Clone, Copy, Debug)]
+pub enum DeviceReply {
+    /// What a client has asked for: the status, its interval, or GIMBAL_DEVICE_INFORMATION.
+    Asked(Asked),
+    /// GIMBAL_DEVICE_ATTITUDE_STATUS, in its stream.
+    Stream,
 }
 
 impl DeviceService {
@@ -179,9 +188,11 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         }
         Self { counters: DeviceCounters::ZERO }
     };
-    const COMPONENT: Option<ComponentId> = F::Vehicle::COMPONENT;
+    const ABOUT: About = About::of(F::Vehicle::COMPONENT);
     type Link = Periodic;
     const VACANT: Periodic = Periodic::NEW;
+    const TURNS: &'static [Turn] = &[Turn::GimbalDevice, Turn::GimbalAttitude];
+    type Reply = DeviceReply;
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut Periodic, received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;
@@ -215,46 +226,50 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
     ) -> Option<Verdict> {
         let result = link.on_command(STATUS, port, &request.command)?;
         // A status that is not known yet is refused now; otherwise the client would wait for it (Q-1).
-        if link.is_message_asked() && cx.vehicle.device_status().is_none() {
-            link.forget();
+        if link.asked() == Some(Asked::Message) && cx.vehicle.device_status().is_none() {
+            link.forget(Asked::Message);
             return Some(Verdict::done(MavResult::DENIED));
         }
         Some(Verdict::done(result))
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Periodic, turn: Turn) -> bool {
-        if turn == Turn::GimbalDevice {
-            return match link.take_asked() {
-                Asked::OTHER => send_information::<F>(cx, port),
-                Asked::INTERVAL => send::<F, _>(port, F::Vehicle::COMPONENT, &link.told(STATUS, port)),
-                Asked::MESSAGE => send_status::<F>(cx, port),
-                _ => false,
-            };
-        }
-        if !link.is_due(cx.now, STATUS, port, || has_listener(cx.shared, cx.peers, port)) {
-            return false;
-        }
-        link.sent(cx.now, STATUS, port);
-        port.facts.own_was_last = true;
-        send_status::<F>(cx, port)
-    }
-
-    fn due(&self, view: &View<'_>, port: &Port, link: &Periodic, turn: Turn) -> Instant {
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &Periodic, turn: Turn) -> Option<(Instant, DeviceReply)> {
         match turn {
-            Turn::GimbalDevice if link.is_asked() => view.now,
-            Turn::GimbalDevice => Instant::NEVER,
-            _ => link.due(STATUS, port, || has_listener(view.shared, view.peers, port)),
+            Turn::GimbalDevice => link.asked().map(|asked| (view.now, DeviceReply::Asked(asked))),
+            _ => {
+                let at = link.due(STATUS, port, || has_listener(view.shared, view.peers, port));
+                Some((at, DeviceReply::Stream))
+            }
         }
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Periodic, reply: DeviceReply) -> bool {
+        let mut asked = match reply {
+            DeviceReply::Asked(asked) => Some(asked),
+            DeviceReply::Stream => {
+                link.sent(cx.now, STATUS, port);
+                port.facts.own_was_last = true;
+                return send_status::<F>(cx, port);
+            }
+        };
+        // The vehicle may not know its status any more: then what else was asked for is sent.
+        while let Some(first) = asked {
+            link.forget(first);
+            if match first {
+                Asked::Message => send_status::<F>(cx, port),
+                Asked::Interval => send::<F, _>(port, F::Vehicle::COMPONENT, &link.told(STATUS, port)),
+                Asked::Other => send_information::<F>(cx, port),
+            } {
+                return true;
+            }
+            asked = link.asked();
+        }
+        false
     }
 
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 }
 

@@ -2,7 +2,9 @@
 
 use super::super::periodic::{Asked, Periodic, Row};
 use super::super::stream::has_listener;
-use super::super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::super::{
+    About, Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment,
+};
 use super::send;
 use super::setpoint::{GimbalSetpoint, Order, Raw};
 use super::vehicle::{GimbalControl, GimbalManager};
@@ -66,7 +68,7 @@ counters! {
     }
 }
 
-/// The gimbal manager: declared by `gimbal_manager` in [`stack!`](crate::stack), and read through
+/// The gimbal manager: declared by `gimbal_manager` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::gimbal_manager`](crate::Stack::gimbal_manager). [`GimbalManager`] has its hooks.
 ///
 /// A component takes control by MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, which is never refused: senders are expected to look at
@@ -120,6 +122,19 @@ pub struct ManagerLink {
     status: Periodic,
     /// The changes that it has reported.
     changes: u8,
+}
+
+/// What the gimbal manager sends.
+#[derive(Clone, Copy, Debug)]
+pub enum ManagerReply {
+    /// What a client has asked for: the status, its interval, or GIMBAL_MANAGER_INFORMATION.
+    Asked(Asked),
+    /// GIMBAL_MANAGER_STATUS, after a change of control.
+    Change,
+    /// GIMBAL_MANAGER_STATUS, in its stream.
+    Stream,
+    /// To a remote device: a setpoint, the vehicle's state, or a question.
+    ForDevice,
 }
 
 /// Whether an order is for our device: 0 and NaN are every device.
@@ -287,24 +302,27 @@ impl ManagerService {
         found
     }
 
-    /// Sends what is due to a remote device.
-    #[inline(never)]
-    fn next_for_device<F: Firmware<Vehicle: GimbalManager>>(&mut self, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
-        let system = cx.shared.config.address.get().system;
-        if !is_on::<F>(cx.peers, system, port.id) {
-            return false;
-        }
-        let (target_system, target_component) = (system.0, F::Vehicle::DEVICE);
-        // MAVLink 1 has neither of the two (S-10).
+    /// Returns when a remote device gets its next setpoint, the vehicle's state, and a question. MAVLink 1 has neither of the first
+    /// two (S-10).
+    fn device_times(&self, port: &Port) -> [Instant; 3] {
         let is_v2 = port.outbox.takes(STATUS.id);
-        if is_v2 && self.setpoint_at <= cx.now {
+        let [setpoint_at, state_at] = if is_v2 { [self.setpoint_at, self.state_at] } else { [Instant::NEVER; 2] };
+        [setpoint_at, state_at, if self.is_known { Instant::NEVER } else { self.ask_at }]
+    }
+
+    /// Sends the first thing that is due to a remote device, and that the vehicle has.
+    #[inline(never)]
+    fn send_to_device<F: Firmware<Vehicle: GimbalManager>>(&mut self, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
+        let (target_system, target_component) = (cx.shared.config.address.get().system.0, F::Vehicle::DEVICE);
+        let [setpoint_at, state_at, ask_at] = self.device_times(port);
+        if setpoint_at <= cx.now {
             self.setpoint_at = cx.now.after(F::Vehicle::SETPOINT_INTERVAL);
             if let Some(setpoint) = cx.vehicle.device_setpoint(cx.shared.clock.shown(cx.now)) {
                 let setpoint = GimbalDeviceSetAttitude { target_system, target_component, ..setpoint };
                 return send::<F, _>(port, None, &setpoint);
             }
         }
-        if is_v2 && self.state_at <= cx.now {
+        if state_at <= cx.now {
             self.state_at = cx.now.after(F::Vehicle::STATE_INTERVAL);
             if let Some(state) = cx.vehicle.autopilot_state(cx.shared.clock.shown(cx.now)) {
                 let time_boot_us = cx.now.as_micros();
@@ -312,7 +330,7 @@ impl ManagerService {
                 return send::<F, _>(port, None, &state);
             }
         }
-        if self.is_known || self.ask_at > cx.now {
+        if ask_at > cx.now {
             return false;
         }
         self.ask_at = cx.now.after(ASK_PERIOD);
@@ -397,10 +415,15 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
         }
     };
     /// Without its device the manager has nothing to manage.
-    const IS_OF_COMPONENTS: bool = Component::is_one(F::COMPONENTS, F::Vehicle::DEVICE);
+    const ABOUT: About = About {
+        capabilities: MavProtocolCapability::COMPONENT_IMPLEMENTS_GIMBAL_MANAGER,
+        is_of_components: Component::is_one(F::COMPONENTS, F::Vehicle::DEVICE),
+        ..About::AUTOPILOT
+    };
     type Link = ManagerLink;
     const VACANT: ManagerLink = ManagerLink { status: Periodic::NEW, changes: 0 };
-    const CAPABILITIES: MavProtocolCapability = MavProtocolCapability::COMPONENT_IMPLEMENTS_GIMBAL_MANAGER;
+    const TURNS: &'static [Turn] = &[Turn::Gimbal, Turn::GimbalStatus];
+    type Reply = ManagerReply;
 
     /// Tells the vehicle of a change. A device that has timed out may be another one when it reappears.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ManagerLink>) {
@@ -453,60 +476,57 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
         })
     }
 
-    /// What others have sent ends.
-    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
-        let keep = |who: Who| if [own, owner].contains(&who.address().system) { who } else { NOBODY };
-        self.assign(keep(self.primary), keep(self.secondary));
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &ManagerLink, turn: Turn) -> Option<(Instant, ManagerReply)> {
+        let has_listener = || has_listener(view.shared, view.peers, port);
+        if turn == Turn::GimbalStatus {
+            return Some((link.status.due(STATUS, port, has_listener), ManagerReply::Stream));
+        }
+        if let Some(asked) = link.status.asked() {
+            return Some((view.now, ManagerReply::Asked(asked)));
+        }
+        if link.owes(self.changes, port) && has_listener() {
+            return Some((view.now, ManagerReply::Change));
+        }
+        if F::Vehicle::IS_REMOTE && is_on::<F>(view.peers, view.shared.config.address.get().system, port.id) {
+            let [setpoint_at, state_at, ask_at] = self.device_times(port);
+            return Some((setpoint_at.min(state_at).min(ask_at), ManagerReply::ForDevice));
+        }
+        None
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ManagerLink, turn: Turn) -> bool {
-        let has_listener = || has_listener(cx.shared, cx.peers, port);
-        if turn == Turn::Gimbal {
-            match link.status.take_asked() {
-                Asked::OTHER => return send_information::<F>(cx, port),
-                Asked::INTERVAL => return send::<F, _>(port, None, &link.status.told(STATUS, port)),
-                Asked::MESSAGE => {}
-                _ if link.owes(self.changes, port) && has_listener() => {}
-                _ => return F::Vehicle::IS_REMOTE && self.next_for_device(cx, port),
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut ManagerLink, reply: ManagerReply) -> bool {
+        match reply {
+            ManagerReply::Asked(Asked::Other) => {
+                link.status.forget(Asked::Other);
+                return send_information::<F>(cx, port);
             }
-        } else {
-            if !link.status.is_due(cx.now, STATUS, port, has_listener) {
-                return false;
+            ManagerReply::Asked(Asked::Interval) => {
+                link.status.forget(Asked::Interval);
+                return send::<F, _>(port, None, &link.status.told(STATUS, port));
             }
-            link.status.sent(cx.now, STATUS, port);
-            port.facts.own_was_last = true;
+            ManagerReply::ForDevice => return F::Vehicle::IS_REMOTE && self.send_to_device(cx, port),
+            ManagerReply::Stream => {
+                link.status.sent(cx.now, STATUS, port);
+                port.facts.own_was_last = true;
+            }
+            ManagerReply::Asked(Asked::Message) | ManagerReply::Change => {}
         }
         link.changes = self.changes;
-        link.status.forget();
+        link.status.forget(Asked::Message);
         self.send_status(cx, port)
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &ManagerLink, turn: Turn) -> Instant {
-        let has_listener = || has_listener(view.shared, view.peers, port);
-        if turn != Turn::Gimbal {
-            return link.status.due(STATUS, port, has_listener);
-        }
-        let is_new = link.owes(self.changes, port) && has_listener();
-        if is_new || link.status.is_asked() {
-            return view.now;
-        }
-        if !F::Vehicle::IS_REMOTE || !is_on::<F>(view.peers, view.shared.config.address.get().system, port.id) {
-            return Instant::NEVER;
-        }
-        let ask_at = if self.is_known { Instant::NEVER } else { self.ask_at };
-        let message_at =
-            if port.outbox.takes(STATUS.id) { self.setpoint_at.min(self.state_at) } else { Instant::NEVER };
-        message_at.min(ask_at)
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        // What others have sent ends.
+        if let StackEvent::NewOwner { own, owner } = event {
+            let keep = |who: Who| if [own, owner].contains(&who.address().system) { who } else { NOBODY };
+            self.assign(keep(self.primary), keep(self.secondary));
+        }
     }
 }
 

@@ -14,7 +14,7 @@ pub use sample::HighLatencySample;
 
 use self::order::{ORDERS, Order};
 use self::window::Window;
-use super::{Cx, RETRY, Request, Service, Turn, Verdict, View};
+use super::{Cx, RETRY, Request, Service, StackEvent, Turn, Verdict, View};
 use crate::dialect::{HighLatency2, MavCmd, MavResult};
 use crate::link::Port;
 use crate::message::Message;
@@ -122,7 +122,7 @@ enum Ground {
     LostSince(Instant),
 }
 
-/// The high-latency service: declared by `high_latency` in [`stack!`](crate::stack), and reached through
+/// The high-latency service: declared by `high_latency` in [`#[stack]`](macro@crate::Stack), and reached through
 /// [`Stack::high_latency`](crate::Stack::high_latency). Without it, high-latency links carry only commands, and
 /// MAV_CMD_CONTROL_HIGH_LATENCY reaches [`Commands::command`](crate::Commands::command) (L-12).
 ///
@@ -143,9 +143,9 @@ enum Ground {
 ///     ..HighLatencyConfig::DEFAULT
 /// };
 ///
-/// stack! {
-///     struct Mavlink for Copter { links: 2, high_latency }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Copter, links: 2, high_latency)]
+/// struct Mavlink;
 ///
 /// struct Copter { altitude: f32, is_armed: bool }
 ///
@@ -162,7 +162,7 @@ enum Ground {
 /// # impl Vehicle for Copter { fn state(&self) -> Option<VehicleState> { None } }
 ///
 /// /// Called about ten times a second by the flight loop.
-/// fn report(stack: &mut Mavlink, now: Instant, copter: &Copter) {
+/// fn report(stack: &mut StackOf<Mavlink>, now: Instant, copter: &Copter) {
 ///     stack.high_latency_mut().sample(now, &HighLatencySample {
 ///         altitude: copter.altitude,
 ///         wind_from_deg: 270.0,
@@ -446,12 +446,8 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
     /// When the next message is sent.
     type Link = Instant;
     const VACANT: Instant = Instant::ZERO;
-
-    fn begin(&mut self, _: &Config) {
-        self.config = HighLatencyConfig::DEFAULT;
-        self.last = HighLatencySample::UNKNOWN;
-        self.open = Window::new(Instant::ZERO);
-    }
+    const TURNS: &'static [Turn] = &[Turn::HighLatency];
+    type Reply = ();
 
     #[inline(never)]
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Instant>) {
@@ -498,13 +494,14 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         }
     }
 
-    /// Sends HIGH_LATENCY2 when it is due. Like a heartbeat, only while the flight loop is healthy (L-3, H-5).
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Instant, _: Turn) -> bool {
+    #[inline(always)]
+    fn pending(&self, _: &View<'_>, port: &Port, link: &Instant, _: Turn) -> Option<(Instant, ())> {
+        self.is_wanted(port).then(|| (self.due_on(port, *link), ()))
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Instant, (): ()) -> bool {
         let now = cx.now;
         self.take_over(port, link);
-        if !self.is_wanted(port) || now < *link || !cx.shared.is_beating(now) {
-            return false;
-        }
         let Some(state) = cx.vehicle.state() else {
             *link = now.after(RETRY);
             return false;
@@ -516,18 +513,22 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         sent
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &Instant, _: Turn) -> Instant {
-        if self.is_wanted(port) { view.shared.when_beating(view.now, self.due_on(port, *link)) } else { Instant::NEVER }
-    }
-
-    /// Counts the cost of a frame on a high-latency link.
-    fn on_sent(&mut self, port: &Port) {
-        if port.config.class.is_high_latency() {
-            let len = u32::try_from(port.outbox.pending().len()).unwrap_or(0);
-            let counters = &mut self.counters;
-            counters.messages = counters.messages.wrapping_add(1);
-            counters.bytes = counters.bytes.wrapping_add(len);
-            counters.credits = counters.credits.wrapping_add(len.div_ceil(CREDIT));
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Begun(_) => {
+                self.config = HighLatencyConfig::DEFAULT;
+                self.last = HighLatencySample::UNKNOWN;
+                self.open = Window::new(Instant::ZERO);
+            }
+            // Counts the cost of a frame on a high-latency link.
+            StackEvent::Sent(port, _) if port.config.class.is_high_latency() => {
+                let len = u32::try_from(port.outbox.pending().len()).unwrap_or(0);
+                let counters = &mut self.counters;
+                counters.messages = counters.messages.wrapping_add(1);
+                counters.bytes = counters.bytes.wrapping_add(len);
+                counters.credits = counters.credits.wrapping_add(len.div_ceil(CREDIT));
+            }
+            _ => {}
         }
     }
 }

@@ -26,7 +26,7 @@ mod vehicle;
 pub use vehicle::{LogInfo, LogRead, Logs};
 
 use super::share::RETRY;
-use super::{Cx, Handled, Received, Service, Shared, Turn, View, increment};
+use super::{Cx, Handled, Received, Service, Shared, ShowCounters, StackEvent, Turn, View, increment};
 use crate::dialect::{LogData, LogEntry, LogErase, LogRequestData, LogRequestEnd, LogRequestList, MavSeverity};
 use crate::link::Port;
 use crate::message::{Address, Message};
@@ -81,7 +81,16 @@ enum Work {
     End,
 }
 
-/// The state of log downloads: declared by `logs` in [`stack!`](crate::stack), and read through [`Stack::logs`](crate::Stack::logs).
+/// What log downloads send.
+#[derive(Clone, Copy, Debug)]
+pub enum LogReply {
+    /// LOG_ENTRY.
+    Entry,
+    /// LOG_DATA: bytes of a log, or its end.
+    Data,
+}
+
+/// The state of log downloads: declared by `logs` in [`#[stack]`](macro@crate::Stack), and read through [`Stack::logs`](crate::Stack::logs).
 /// The vehicle's part is [`Logs`].
 ///
 /// It serves one client at a time. Its LOG_ENTRY and LOG_DATA use the capacity that other traffic leaves. Together with
@@ -121,16 +130,13 @@ impl LogServer {
         shared.log_numbers = shared.log_numbers.wrapping_add(1);
         (self.listed, self.has_told) = (Some([NO_CLIENT; LISTED]), false);
     }
-
-    /// Whether something is pending for a client on this link.
-    fn is_pending(&self, port: &Port) -> bool {
-        self.work != Work::Nothing && self.client.link == port.id
-    }
 }
 
 impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
     type Link = ();
     const VACANT: () = ();
+    const TURNS: &'static [Turn] = &[Turn::LateBulk, Turn::Bulk];
+    type Reply = LogReply;
     const NEW: Self = Self {
         work: Work::Nothing,
         client: NO_CLIENT,
@@ -174,39 +180,34 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
         Handled::Yes
     }
 
-    fn on_heard(&mut self, now: Instant, from: Peer) {
-        if from == self.client {
-            self.heard = now;
+    #[inline(always)]
+    fn pending(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Option<(Instant, LogReply)> {
+        let reply = match self.work {
+            Work::Nothing => return None,
+            Work::List => LogReply::Entry,
+            Work::Data | Work::End => LogReply::Data,
+        };
+        (self.client.link == port.id).then_some((self.ready_at, reply))
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), reply: LogReply) -> bool {
+        match reply {
+            LogReply::Entry => send_entry(self, cx, port),
+            LogReply::Data => send_data(self, cx, port),
         }
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), _: Turn) -> bool {
-        self.is_pending(port) && cx.now >= self.ready_at && send(self, cx, port)
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 
-    fn due(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Instant {
-        if self.is_pending(port) { self.ready_at } else { Instant::NEVER }
-    }
-
-    fn has_bulk(&self) -> bool {
-        self.work != Work::Nothing
-    }
-
-    /// The client is gone.
-    fn restart(&mut self, port: &Port, (): &mut ()) {
-        if self.client.link == port.id {
-            self.work = Work::Nothing;
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            // The client is gone.
+            StackEvent::Opened(port, ()) if self.client.link == port.id => self.work = Work::Nothing,
+            StackEvent::Heard { now, from } if from == self.client => self.heard = now,
+            _ => {}
         }
-    }
-
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        defmt::warn!("logs: {}", self.counters);
     }
 }
 
@@ -312,16 +313,8 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
     };
 }
 
-/// Sends the next entry or the next bytes.
-#[inline(never)]
-fn send<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
-    match server.work {
-        Work::List => send_entry(server, cx, port),
-        _ => send_data(server, cx, port),
-    }
-}
-
 /// Sends a LOG_ENTRY.
+#[inline(never)]
 fn send_entry<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &Cx<'_, F>, port: &mut Port) -> bool {
     let LogServer { id, last: last_log_num, .. } = *server;
     let LogInfo { size, time_utc } = cx.vehicle.log_info(id).unwrap_or_default();
@@ -333,6 +326,7 @@ fn send_entry<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &Cx<'_, F>
 }
 
 /// Sends a LOG_DATA.
+#[inline(never)]
 fn send_data<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
     let LogServer { id, offset, left, .. } = *server;
     let len = usize::try_from(left).unwrap_or(BLOCK).min(BLOCK);

@@ -2,7 +2,7 @@
 
 use crate::types::{Context, Peer};
 
-/// The hooks of a vehicle with flight logs, for a vehicle that declares `logs` in [`stack!`](crate::stack).
+/// The hooks of a vehicle with flight logs, for a vehicle that declares `logs` in [`#[stack]`](macro@crate::Stack).
 ///
 /// Logs are numbered from 0, the oldest first, as in PX4. The numbers may change only while
 /// [`may_read_logs`](Self::may_read_logs) returns false, and in [`erase_logs`](Self::erase_logs). Afterwards clients
@@ -39,9 +39,9 @@ use crate::types::{Context, Peer};
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
 /// # }
 ///
-/// stack! {
-///     struct Mavlink for Rover { links: 1, logs }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Rover, links: 1, logs)]
+/// struct Mavlink;
 /// ```
 ///
 /// # Cost
@@ -51,7 +51,7 @@ use crate::types::{Context, Peer};
 /// another task; until that has data, the hook returns [`LogRead::Later`].
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Logs`",
-    note = "`logs` in `stack!` needs `impl Logs for {Self}`: write it, or leave `logs` out"
+    note = "`logs` in `#[stack]` needs `impl Logs for {Self}`: write it, or leave `logs` out"
 )]
 pub trait Logs {
     /// The file extension of the logs in the virtual directory `@MAV_LOG`, if the stack has `files` too: `log_0.ulg`,

@@ -17,16 +17,14 @@ mod receiver;
 use channels::{Given, OVERRIDES, of_override, of_radio};
 use receiver::{Heard, Radio, Receiver};
 
-use super::{Cx, Handled, Received, Service, SticksGate, increment};
+use super::{Cx, Handled, Received, Service, ShowCounters, StackEvent, SticksGate, increment};
 use crate::dialect::{ManualControl, MavSeverity, MavType, RadioRcChannels, RcChannelsOverride};
 use crate::frame::Frame;
 use crate::link::Port;
 use crate::message::{Message, SystemId, Text};
 use crate::network::{PeerInfo, Peers};
 use crate::time::{Duration, Instant};
-use crate::types::{
-    CHANNELS, Config, ControlInput, Firmware, MAX_TEXT_LEN, ManualControlInput, Peer, RcOverride, Vehicle,
-};
+use crate::types::{CHANNELS, ControlInput, Firmware, MAX_TEXT_LEN, ManualControlInput, Peer, RcOverride, Vehicle};
 
 /// The maximum number of receivers.
 const RECEIVERS: usize = 2;
@@ -99,7 +97,7 @@ counters! {
     }
 }
 
-/// Manual control: declared by `manual_control` in [`stack!`](crate::stack), and read through
+/// Manual control: declared by `manual_control` in [`#[stack]`](macro@crate::Stack), and read through
 /// [`Stack::manual_input`](crate::Stack::manual_input). A vehicle without it gets both messages in
 /// [`Vehicle::message`](crate::Vehicle::message).
 ///
@@ -146,12 +144,12 @@ counters! {
 /// # impl Commands for Rover {
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
 /// # }
-/// mavstack::stack! {
-///     struct Mavlink for Rover { links: 2, manual_control }
-/// }
+/// #[derive(mavstack::Stack)]
+/// #[stack(vehicle: Rover, links: 2, manual_control)]
+/// struct Mavlink;
 ///
 /// /// Called once, before the loop: until then no one may steer.
-/// fn configure(stack: &mut Mavlink) {
+/// fn configure(stack: &mut StackOf<Mavlink>) {
 ///     let input = stack.manual_input_mut();
 ///     // ExpressLRS in MAVLink mode, on the second UART. While it is silent, any ground station may steer.
 ///     input.set_receivers(&[Peer { address: Address::new(255, 68), link: LinkId(1) }]);
@@ -159,7 +157,7 @@ counters! {
 /// }
 ///
 /// /// Called in every pass of the flight loop.
-/// fn steering(stack: &Mavlink, now: Instant) -> Option<i16> {
+/// fn steering(stack: &StackOf<Mavlink>, now: Instant) -> Option<i16> {
 ///     let input = stack.manual_input();
 ///     if let Some(sticks) = input.manual_control(now) {
 ///         return sticks.y;
@@ -443,19 +441,10 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
     };
     type Link = ();
     const VACANT: () = ();
+    type Reply = ();
 
-    fn begin(&mut self, _: &Config) {
-        self.timeout = Self::TIMEOUT;
-    }
-
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 
     /// Reports a change of the holder.
@@ -478,21 +467,6 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
         }
     }
 
-    /// A receiver's rank is above operator control (J-11).
-    fn on_owner(&mut self, own: SystemId, owner: SystemId) {
-        let is_allowed = |(holder, _): (Peer, Instant)| [own, owner].contains(&holder.address.system);
-        if !self.holder.is_none_or(is_allowed) && !self.is_held_by_receiver() {
-            self.forget();
-        }
-    }
-
-    /// All instants here are the firmware's.
-    fn on_clock_step(&mut self, lead: Duration) {
-        self.lead = lead;
-        self.forget();
-        self.receivers.iter_mut().for_each(Receiver::forget);
-    }
-
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;
         if !matches!(frame.id(), ManualControl::ID | RcChannelsOverride::ID | RadioRcChannels::ID) {
@@ -506,6 +480,26 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
             vehicle.control_input(&mut context, &input);
         }
         Handled::Yes
+    }
+
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Begun(_) => self.timeout = Self::TIMEOUT,
+            // A receiver's rank is above operator control (J-11).
+            StackEvent::NewOwner { own, owner } => {
+                let is_allowed = |(holder, _): (Peer, Instant)| [own, owner].contains(&holder.address.system);
+                if !self.holder.is_none_or(is_allowed) && !self.is_held_by_receiver() {
+                    self.forget();
+                }
+            }
+            // All instants here are the firmware's.
+            StackEvent::ClockSetBack(lead) => {
+                self.lead = lead;
+                self.forget();
+                self.receivers.iter_mut().for_each(Receiver::forget);
+            }
+            _ => {}
+        }
     }
 }
 

@@ -71,11 +71,8 @@ impl Current {
         self.pending.contains(LinkMask::of(link))
     }
 
-    /// Sends MISSION_CURRENT if it is pending on this link.
+    /// Sends MISSION_CURRENT.
     pub(super) fn next(&mut self, plans: &PlansMut<'_>, progress: &Progress, tx: &mut Outbox) -> bool {
-        if !self.is_pending(tx.link()) {
-            return false;
-        }
         self.pending = self.pending.without(LinkMask::of(tx.link()));
         let count = plans.count(PlanType::Mission);
         let id = |plan| plans.live(plan).id();

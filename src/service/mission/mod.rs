@@ -5,8 +5,7 @@
 //!
 //! [`Plans`] has the state diagram of an upload.
 //!
-//! The engine does no I/O. Handlers change state. [`Replies::next_ack`], [`transfer`](Missions::transfer) and
-//! [`next_progress`](Missions::next_progress) write one message each when a link has room. A request is accepted only while its
+//! The engine does no I/O. Handlers change state. [`send`](Service::send) writes one message when a link has room. A request is accepted only while its
 //! link has a free slot for the answer. Otherwise it is dropped and counted, and nothing is executed: to its sender it looks
 //! like a lost frame.
 
@@ -47,19 +46,19 @@ use self::upload::{Done, Upload};
 use self::validate::Problem;
 use super::command::{Commands, is_allowed};
 use super::schedule::Schedule;
-use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View, increment};
+use super::{About, Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment};
 use crate::dialect::{
     MavComponent, MavMissionResult, MavMissionType, MavProtocolCapability, MavSeverity, MissionAck, MissionClearAll,
     MissionCount, MissionItem, MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList,
     MissionRequestPartialList, MissionSetCurrent, MissionWritePartialList,
 };
 use crate::frame::{Frame, Version};
-use crate::link::{Outbox, Port};
+use crate::link::Port;
 use crate::log::RefusalLog;
-use crate::message::{CommandRule, ComponentId, Message, Text};
+use crate::message::{ComponentId, Message, Text};
 use crate::time::Instant;
 use crate::types::{
-    Config, Context, Durability, EventLog, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanMemory, PlanType, PlansMut,
+    Context, Durability, EventLog, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanMemory, PlanType, PlansMut,
     Requests, StatusTexts, Values, Vehicle,
 };
 
@@ -195,6 +194,21 @@ fn can_name(version: Version, mission_type: MavMissionType) -> bool {
 /// frames end before that byte; they are about the mission (V-7).
 pub(crate) fn mission_type(frame: &Frame<'_>) -> MavMissionType {
     MavMissionType(frame.info().map_or(0, |info| frame.byte(info.base_len())))
+}
+
+/// A message that is pending.
+#[derive(Clone, Copy, Debug)]
+pub enum PlanReply {
+    /// MISSION_ACK.
+    Ack,
+    /// A request for the next item of an upload.
+    Request,
+    /// The count or an item of a live plan.
+    Part,
+    /// MISSION_ITEM_REACHED.
+    Reached,
+    /// MISSION_CURRENT.
+    Current,
 }
 
 /// The engine: the state of plan transfers. Its size does not depend on the plans' capacities.
@@ -349,34 +363,6 @@ impl Missions {
             replies.set_result(reply);
         }
     }
-
-    /// Whether a request for an item, or an answer to a download, is pending on a link.
-    fn has_transfer(&self, replies: &Replies, tx: &Outbox) -> bool {
-        replies.has_part() || self.upload.as_ref().is_some_and(|upload| upload.has_request_on(tx))
-    }
-
-    /// Whether MISSION_ITEM_REACHED or MISSION_CURRENT is pending on a link.
-    fn has_progress(&self, link: LinkId) -> bool {
-        self.reached.is_pending(LinkMask::of(link)) || self.current.is_pending(link)
-    }
-
-    /// Sends a request for an item, or an answer to a download. Returns false if neither is pending on this link.
-    /// `floats`: the rules of the mission's commands, if MISSION_REQUEST is answered by MISSION_ITEM
-    /// ([`Config::float_mission_items`](crate::Config::float_mission_items)).
-    pub(crate) fn transfer(
-        &mut self,
-        now: Instant,
-        replies: &mut Replies,
-        plans: &PlansMut<'_>,
-        progress: &Progress,
-        floats: Option<&'static [CommandRule]>,
-        tx: &mut Outbox,
-    ) -> bool {
-        if let Some(upload) = self.upload.as_mut().filter(|upload| upload.has_request_on(tx)) {
-            return upload.request(now, plans.staged(), tx);
-        }
-        replies.pop(false).is_some_and(|reply| self.sessions.answer(now, &reply, plans, progress, floats, tx))
-    }
 }
 
 /// Returns what a handler needs, and the vehicle; `None` for a firmware without plans.
@@ -398,11 +384,9 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
     const NEW: Self = Self::VACANT;
     type Link = Replies;
     const VACANT: Replies = Replies::new();
-    const CAPABILITIES: MavProtocolCapability = capabilities(&F::Plans::CAPACITIES);
-
-    fn begin(&mut self, _: &Config) {
-        self.reset();
-    }
+    const TURNS: &'static [Turn] = &[Turn::MissionAck, Turn::MissionTransfer, Turn::MissionProgress];
+    type Reply = PlanReply;
+    const ABOUT: About = About { capabilities: capabilities(&F::Plans::CAPACITIES), ..About::AUTOPILOT };
 
     /// Runs the timers, and queues MISSION_ITEM_REACHED for the items that the vehicle's hooks reported.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Replies>) {
@@ -421,10 +405,6 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         let upload = self.upload.as_ref().map_or(Instant::NEVER, Upload::deadline);
         let second_answer = self.second_answer.as_ref().map_or(Instant::NEVER, |(at, ..)| *at);
         upload.min(self.commit_deadline()).min(second_answer).min(self.current.deadline()).min(self.reached.deadline())
-    }
-
-    fn handles_for(component: ComponentId, id: u32) -> bool {
-        is_for_planner(component, id)
     }
 
     fn on_frame(
@@ -460,51 +440,49 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         })
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Replies, turn: Turn) -> bool {
-        if turn == Turn::MissionAck {
-            return link.next_ack(&mut port.outbox);
-        }
-        let is_pending = match turn {
-            Turn::MissionTransfer => self.has_transfer(link, &port.outbox),
-            _ => self.has_progress(port.id),
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &Replies, turn: Turn) -> Option<(Instant, PlanReply)> {
+        let has_request = || self.upload.as_ref().is_some_and(|upload| upload.has_request_on(port.id));
+        let reply = match turn {
+            Turn::MissionAck if link.has_ack() => PlanReply::Ack,
+            Turn::MissionTransfer if has_request() => PlanReply::Request,
+            Turn::MissionTransfer if link.has_part() => PlanReply::Part,
+            // In this order, so that an item is reported as reached before the next one is current (M-91).
+            Turn::MissionProgress if self.reached.is_pending(LinkMask::of(port.id)) => PlanReply::Reached,
+            Turn::MissionProgress if self.current.is_pending(port.id) => PlanReply::Current,
+            _ => return None,
         };
-        if !is_pending {
-            return false;
+        Some((view.now, reply))
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Replies, reply: PlanReply) -> bool {
+        let (Some(plans), tx) = (&cx.plans, &mut port.outbox) else { return false };
+        match reply {
+            PlanReply::Ack => link.next_ack(tx),
+            PlanReply::Request => self.upload.as_mut().is_some_and(|upload| upload.request(cx.now, plans.staged(), tx)),
+            PlanReply::Part => {
+                let Some(part) = link.pop(false) else { return false };
+                // The rules of the mission's commands, if MISSION_REQUEST is answered by MISSION_ITEM.
+                let floats = cx.shared.config.float_mission_items.then_some(F::Vehicle::MISSION_COMMANDS);
+                self.sessions.answer(cx.now, &part, plans, &cx.vehicle.progress(), floats, tx)
+            }
+            PlanReply::Reached => self.reached.next(tx),
+            PlanReply::Current => self.current.next(plans, &cx.vehicle.progress(), tx),
         }
-        let floats = cx.shared.config.float_mission_items.then_some(F::Vehicle::MISSION_COMMANDS);
-        let Some((work, vehicle)) = work(cx) else { return false };
-        let progress = vehicle.progress();
-        match turn {
-            Turn::MissionTransfer => self.transfer(work.now, link, work.plans, &progress, floats, &mut port.outbox),
-            _ => self.next_progress(work.plans, &progress, &mut port.outbox),
+    }
+
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
+    }
+
+    #[inline(always)]
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Begun(_) => self.reset(),
+            StackEvent::Opened(_, link) => link.restart(),
+            StackEvent::Heard { now, from } => self.heard(now, from),
+            _ => {}
         }
-    }
-
-    fn due(&self, view: &View<'_>, port: &Port, link: &Replies, turn: Turn) -> Instant {
-        let is_pending = match turn {
-            Turn::MissionAck => link.has_ack(),
-            Turn::MissionTransfer => self.has_transfer(link, &port.outbox),
-            _ => self.has_progress(port.id),
-        };
-        if is_pending { view.now } else { Instant::NEVER }
-    }
-
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
-    }
-
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
-    }
-
-    fn on_heard(&mut self, now: Instant, from: Peer) {
-        self.heard(now, from);
-    }
-
-    fn restart(&mut self, _: &Port, link: &mut Replies) {
-        link.restart();
     }
 }
 
@@ -524,7 +502,7 @@ const fn capabilities(capacities: &[u16; 3]) -> MavProtocolCapability {
 }
 
 /// Whether a message about plans is addressed to component 190, as old ground stations do (M-10).
-fn is_for_planner(component: ComponentId, id: u32) -> bool {
+pub(crate) fn is_for_planner(component: ComponentId, id: u32) -> bool {
     component.0 == MavComponent::MISSIONPLANNER.0 && Missions::handles(id)
 }
 
@@ -550,10 +528,8 @@ impl<F: Firmware> Service<F> for WithoutPlans {
     const NEW: Self = Self;
     type Link = Refusals;
     const VACANT: Refusals = Refusals::new();
-
-    fn handles_for(component: ComponentId, id: u32) -> bool {
-        is_for_planner(component, id)
-    }
+    const TURNS: &'static [Turn] = &[Turn::MissionAck];
+    type Reply = ();
 
     fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, link: &mut Refusals, received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;
@@ -565,11 +541,12 @@ impl<F: Firmware> Service<F> for WithoutPlans {
         }
     }
 
-    fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut Refusals, turn: Turn) -> bool {
-        turn == Turn::MissionAck && link.next(&mut port.outbox)
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, _: &Port, link: &Refusals, _: Turn) -> Option<(Instant, ())> {
+        (!link.is_empty()).then_some((view.now, ()))
     }
 
-    fn due(&self, view: &View<'_>, _: &Port, link: &Refusals, turn: Turn) -> Instant {
-        if turn == Turn::MissionAck && !link.is_empty() { view.now } else { Instant::NEVER }
+    fn send(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut Refusals, (): ()) -> bool {
+        link.next(&mut port.outbox)
     }
 }

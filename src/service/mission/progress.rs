@@ -12,8 +12,8 @@ use crate::list::take_first;
 use crate::message::{ComponentId, Message};
 use crate::num;
 use crate::time::{Duration, Instant};
+use crate::types::PlanType;
 use crate::types::{Command, CommandPosition, Context, LinkMask, Origin};
-use crate::types::{PlanType, PlansMut};
 
 /// Capacity of the queue of reached items that are not yet reported on every link.
 const PENDING: usize = 4;
@@ -75,7 +75,7 @@ impl Reached {
     }
 
     /// Sends the oldest report that is pending on this link.
-    fn next(&mut self, tx: &mut Outbox) -> bool {
+    pub(super) fn next(&mut self, tx: &mut Outbox) -> bool {
         let link = LinkMask::of(tx.link());
         let Some(entry) = self.0.iter_mut().find(|entry| entry.pending.contains(link)) else { return false };
         entry.pending = entry.pending.without(link);
@@ -89,12 +89,6 @@ impl Missions {
     /// Queues MISSION_ITEM_REACHED on `links`: the vehicle has reached item `seq` (M-91).
     pub(crate) fn reached(&mut self, now: Instant, seq: u16, links: LinkMask, repeats: u8) {
         self.reached.push(Entry { seq, pending: links, repeats: repeats.min(MAX_REPEATS), at: now.after(PERIOD) });
-    }
-
-    /// Sends MISSION_ITEM_REACHED or MISSION_CURRENT, in this order, so that an item is reported as reached before the next one
-    /// is current (M-91). Returns false if neither is pending on this link.
-    pub(crate) fn next_progress(&mut self, plans: &PlansMut<'_>, progress: &Progress, tx: &mut Outbox) -> bool {
-        self.reached.next(tx) || self.current.next(plans, progress, tx)
     }
 
     /// Handles MISSION_SET_CURRENT. It has no acknowledgement: MISSION_CURRENT shows success and failure, and a text reports a

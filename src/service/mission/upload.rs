@@ -128,8 +128,8 @@ impl Upload {
     }
 
     /// Whether a request is pending on this link.
-    pub(super) fn has_request_on(&self, tx: &Outbox) -> bool {
-        self.is_request_pending && self.client.link == tx.link()
+    pub(super) fn has_request_on(&self, link: LinkId) -> bool {
+        self.is_request_pending && self.client.link == link
     }
 
     /// When [`Missions::poll_upload`] is due.

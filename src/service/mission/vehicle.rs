@@ -80,7 +80,7 @@ impl From<MavMissionResult> for PlanFault {
 /// [`Durability`](crate::plan::Durability) describes that step with storage.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Plans`",
-    note = "`plans` in `stack!` needs `impl Plans for {Self}`: write it, or leave `plans` out"
+    note = "`plans` in `#[stack]` needs `impl Plans for {Self}`: write it, or leave `plans` out"
 )]
 pub trait Plans: Vehicle {
     /// The commands that a mission of this vehicle may contain, each with the rule for its frame, parameters and position. A

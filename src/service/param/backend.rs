@@ -14,13 +14,13 @@ use crate::types::{Context, Peer};
 /// it asks for a parameter when it sends it. It answers lists, reads, PARAM_SET and `_HASH_CHECK`, and it checks name, type and
 /// range of a PARAM_SET before the backend decides. The stack's own storage leaves these parameters out.
 ///
-/// Implemented for a vehicle whose [`stack!`](crate::stack) declares [`ExternalParams`](super::ExternalParams). For an object
+/// Implemented for a vehicle whose [`#[stack]`](macro@crate::Stack) declares [`ExternalParams`](super::ExternalParams). For an object
 /// of its own, the vehicle passes the calls on.
 ///
 /// ```
 /// use mavstack::dialect::{MavParamError, MavResult};
 /// use mavstack::param::{ExternalParams, ParamInfo, ParamType, ParamUpdate, ParamWrite};
-/// use mavstack::{Context, ParamBackend, stack};
+/// use mavstack::{Context, ParamBackend, Stack};
 /// # use mavstack::{Command, Commands, Outcome, Vehicle, VehicleState};
 ///
 /// /// What the firmware has: settings of one type, sorted by name.
@@ -66,9 +66,9 @@ use crate::types::{Context, Peer};
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { MavResult::UNSUPPORTED.into() }
 /// # }
 ///
-/// stack! {
-///     struct Mavlink for Rover { links: 1, parameters: ExternalParams<2> }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Rover, links: 1, parameters: ExternalParams<2>)]
+/// struct Mavlink;
 ///
 /// let setting = |name| Setting { name, value: 5.0, default: 5.0, max: 15.0 };
 /// let rover = Rover { settings: ["BRAKE", "CRUISE"].map(setting), own: None };
@@ -83,7 +83,7 @@ use crate::types::{Context, Peer};
 /// `param_info` and of [`param_bits`](Self::param_bits), and a step of the hash up to four of each.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `ParamBackend`",
-    note = "`parameters: ExternalParams<N>` in `stack!` needs `impl ParamBackend for {Self}`: write it, or declare a table"
+    note = "`parameters: ExternalParams<N>` in `#[stack]` needs `impl ParamBackend for {Self}`: write it, or declare a table"
 )]
 pub trait ParamBackend {
     /// Whether the names are in ASCII order. Otherwise, names are searched one by one, and there is no `_HASH_CHECK`, which a

@@ -7,12 +7,12 @@ use super::info::{MAX_PARAMS, ParamInfo};
 use super::state::State;
 use super::table::{ParamMemory, Rows, Table};
 use super::{Caller, Links, List, NOTHING, Options, ParamHash, Work, capability, handles, is_armed, storage_action};
-use crate::dialect::{MavCmd, MavProtocolCapability, MavResult};
+use crate::dialect::{MavCmd, MavResult};
 use crate::link::Port;
 use crate::service::token_bucket::TokenBucket;
-use crate::service::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
+use crate::service::{About, Cx, Handled, Received, Request, Service, StackEvent, Turn, Verdict, View};
 use crate::time::Instant;
-use crate::types::{Config, Firmware, LinkMask, Values, Vehicle};
+use crate::types::{Firmware, LinkMask, Values, Vehicle};
 
 /// Number of updates that a poll takes from the backend.
 const UPDATES: usize = 4;
@@ -127,14 +127,19 @@ impl ExternalService {
 
     /// Updates the cached state from the table.
     fn cache<B: ParamBackend>(&mut self, table: &Table<'_, Backed<'_, B>>) {
-        self.links.pending = table.state.pending_links();
+        self.links.cache(table);
     }
+}
 
-    /// When to send all values on the link; `None` if they are not pending, or a list is active.
-    fn relist_at(&self, port: &Port, list: &List) -> Option<Instant> {
-        let is_relisted = self.relisted.contains(LinkMask::of(port.id)) && !list.is_active();
-        is_relisted.then_some(list.begins_at())
-    }
+/// What the service sends.
+#[derive(Clone, Copy, Debug)]
+pub enum ExternalReply {
+    /// A refusal, the hash, or a value that was requested or has changed.
+    Answer,
+    /// The next value of the list.
+    Listed,
+    /// The first value of a list that no client has requested: all values may have changed.
+    First,
 }
 
 const fn options<B: ParamBackend>() -> Options {
@@ -149,11 +154,9 @@ where
     const NEW: Self = Self { links: Links::NEW, relisted: LinkMask::NONE, bucket: TokenBucket::NONE };
     type Link = List;
     const VACANT: List = List::new();
-    const CAPABILITIES: MavProtocolCapability = capability(F::Vehicle::PARAM_ENCODING);
-
-    fn begin(&mut self, config: &Config) {
-        self.bucket.set_refill(config.storage_refill);
-    }
+    const TURNS: &'static [Turn] = &[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList];
+    type Reply = ExternalReply;
+    const ABOUT: About = About { capabilities: capability(F::Vehicle::PARAM_ENCODING), ..About::AUTOPILOT };
 
     /// Takes what has changed in the backend (P-16).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut List>) {
@@ -168,6 +171,15 @@ where
             }
             self.cache(&table);
         }
+        if self.links.is_hashing {
+            let mut table = self.table(cx.parameters, cx.vehicle);
+            table.compute_hash();
+            self.cache(&table);
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        self.links.hash_deadline()
     }
 
     #[inline(never)]
@@ -224,40 +236,45 @@ where
         Some(Verdict::done(result))
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut List, turn: Turn) -> bool {
-        let options = options::<F::Vehicle>();
-        if turn == Turn::ParamAnswer {
-            if !self.links.is_pending(port.id) {
-                return false;
-            }
-            let mut table = self.table(cx.parameters, cx.vehicle);
-            let sent = table.next_answer(options, list, &mut port.outbox);
-            self.cache(&table);
-            return sent;
-        }
-        if turn == Turn::LateParamList && !list.is_late(cx.now) {
-            return false;
-        }
-        if self.relist_at(port, list).is_some_and(|at| at <= cx.now) {
-            self.relisted = self.relisted.without(LinkMask::of(port.id));
-            list.begin(cx.now);
-        }
-        let Some(index) = list.next_due(cx.now) else { return false };
-        self.table(cx.parameters, cx.vehicle).next_listed(options, cx.now, index, list, port)
-    }
-
-    fn due(&self, view: &View<'_>, port: &Port, list: &List, turn: Turn) -> Instant {
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, list: &List, turn: Turn) -> Option<(Instant, ExternalReply)> {
         match turn {
-            Turn::ParamAnswer if self.links.is_pending(port.id) => view.now,
-            Turn::ParamAnswer => Instant::NEVER,
-            Turn::LateParamList => list.late_at(),
-            _ => self.relist_at(port, list).unwrap_or(list.due()),
+            Turn::ParamAnswer => self.links.is_pending(port.id).then_some((view.now, ExternalReply::Answer)),
+            _ if self.links.is_list_held(port.id) => None,
+            Turn::LateParamList => Some((list.late_at(), ExternalReply::Listed)),
+            _ if list.is_active() => Some((list.due(), ExternalReply::Listed)),
+            _ if self.relisted.contains(LinkMask::of(port.id)) => Some((list.begins_at(), ExternalReply::First)),
+            _ => None,
         }
     }
 
-    fn restart(&mut self, port: &Port, list: &mut List) {
-        list.end();
-        self.links.restart(port.id);
-        self.relisted = self.relisted.without(LinkMask::of(port.id));
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut List, reply: ExternalReply) -> bool {
+        let options = options::<F::Vehicle>();
+        match reply {
+            ExternalReply::Answer => {
+                let mut table = self.table(cx.parameters, cx.vehicle);
+                let is_sent = table.send_answer(options, list, &mut port.outbox);
+                self.cache(&table);
+                return is_sent;
+            }
+            ExternalReply::First => {
+                self.relisted = self.relisted.without(LinkMask::of(port.id));
+                list.begin(cx.now);
+            }
+            ExternalReply::Listed => {}
+        }
+        self.table(cx.parameters, cx.vehicle).send_listed(options, cx.now, list, port)
+    }
+
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Begun(config) => self.bucket.set_refill(config.storage_refill),
+            StackEvent::Opened(port, list) => {
+                list.end();
+                self.links.restart(port.id);
+                self.relisted = self.relisted.without(LinkMask::of(port.id));
+            }
+            _ => {}
+        }
     }
 }

@@ -27,12 +27,14 @@ impl Hash {
         Self { crc: Crc32::ZERO, done: 0 }
     }
 
-    /// Adds the next parameters. Returns the hash after the last step; the next step then starts again. A value that changes
-    /// between two steps is included as it is in its step; the change itself is sent to the client anyway (P-16).
-    pub(super) fn step<R: Rows>(&mut self, rows: &R) -> Option<u32> {
-        if self.done >= rows.count() {
-            *self = Self::new();
-        }
+    /// Whether only the last step is left.
+    pub(super) fn is_ready<R: Rows>(&self, rows: &R) -> bool {
+        usize::from(self.done).saturating_add(STEP) >= usize::from(rows.count())
+    }
+
+    /// Adds the next parameters. A value that changes between two steps is included as it is in its step; the change itself is sent to
+    /// the client anyway (P-16).
+    pub(super) fn step<R: Rows>(&mut self, rows: &R) {
         for _ in 0..STEP {
             let Some((info, bits)) = rows.get(self.done) else { break };
             let info: &ParamInfo = info.borrow();
@@ -43,6 +45,12 @@ impl Hash {
                 self.crc.add(bits.to_le_bytes().get(..size).unwrap_or_default());
             }
         }
-        (self.done >= rows.count()).then_some(!self.crc.sum())
+    }
+
+    /// Returns the hash, which [is ready](Self::is_ready): it takes the last step, so that other links can have it too.
+    pub(super) fn sum<R: Rows>(&self, rows: &R) -> u32 {
+        let mut hash = *self;
+        hash.step(rows);
+        !hash.crc.sum()
     }
 }

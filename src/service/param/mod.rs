@@ -45,7 +45,7 @@ pub use vehicle::{ParamHash, Parameters};
 use core::borrow::Borrow;
 use core::marker::PhantomData;
 
-use super::{Cx, Handled, Received, Request, Service, Turn, Verdict, View};
+use super::{About, Cx, Handled, Received, Request, Service, StackEvent, Turn, Verdict, View};
 use crate::dialect::{
     MavCmd, MavModeFlag, MavParamError, MavParamType, MavProtocolCapability, MavResult, MavSeverity, ParamRequestList,
     ParamRequestRead, ParamSet, ParamValue,
@@ -54,9 +54,10 @@ use crate::frame::Version;
 use crate::link::{Outbox, Port};
 use crate::message::{Message, Text};
 use crate::time::{Duration, Instant};
-use crate::types::{Config, Firmware, LinkId, LinkMask, Peer, Refusal, StatusTexts, Vehicle, Why};
+use crate::types::{Firmware, LinkId, LinkMask, Peer, Refusal, StatusTexts, Vehicle, Why};
 use info::HASH_NAME;
 use saving::Saving;
+use state::State;
 use table::{Rows, Table};
 
 /// `param_index` of a value that is not in the table.
@@ -115,17 +116,31 @@ impl Options {
     }
 }
 
+/// What the service sends.
+#[derive(Clone, Copy, Debug)]
+pub enum ParamReply {
+    /// A refusal, the hash, or a value that was requested or has changed.
+    Answer,
+    /// The next value of the list.
+    Listed,
+}
+
 /// What must be known of the links without access to the table.
 #[derive(Debug)]
 struct Links {
-    /// The links on which an answer is pending.
+    /// The links on which an answer is pending, and can be sent now.
     pending: LinkMask,
+    /// The links on which the hash is pending.
+    hash: LinkMask,
+    /// The hash takes more polls.
+    is_hashing: bool,
     /// The links that were reopened since the last access to the table.
     restarted: LinkMask,
 }
 
 impl Links {
-    const NEW: Self = Self { pending: LinkMask::NONE, restarted: LinkMask::NONE };
+    const NEW: Self =
+        Self { pending: LinkMask::NONE, hash: LinkMask::NONE, is_hashing: false, restarted: LinkMask::NONE };
 
     /// Updates the table for reopened links. Not inlined, because it is the same for every table.
     #[inline(never)]
@@ -135,15 +150,38 @@ impl Links {
         }
     }
 
+    /// Updates what is known from the table.
+    fn cache<R: Rows>(&mut self, table: &Table<'_, R>) {
+        let State { pending, hash_pending, hash, refusals, .. } = &*table.state;
+        (self.pending, self.hash, self.is_hashing) = (pending.with(refusals.links()), *hash_pending, false);
+        if !hash_pending.is_empty() {
+            self.is_hashing = !hash.is_ready(&table.rows);
+            if !self.is_hashing {
+                self.pending = self.pending.with(*hash_pending);
+            }
+        }
+    }
+
+    /// Returns when the next step of the hash is due.
+    fn hash_deadline(&self) -> Instant {
+        if self.is_hashing { Instant::ZERO } else { Instant::NEVER }
+    }
+
     /// Whether an answer is pending on a link.
     const fn is_pending(&self, link: LinkId) -> bool {
         self.pending.contains(LinkMask::of(link))
+    }
+
+    /// Whether the list of a link waits for the hash, which is sent first.
+    const fn is_list_held(&self, link: LinkId) -> bool {
+        self.hash.contains(LinkMask::of(link))
     }
 
     fn restart(&mut self, link: LinkId) {
         let link = LinkMask::of(link);
         self.restarted = self.restarted.with(link);
         self.pending = self.pending.without(link);
+        self.hash = self.hash.without(link);
     }
 }
 
@@ -189,8 +227,14 @@ impl ParamService {
 
     /// Updates the cached state from the table.
     fn cache(&mut self, table: &TableMut<'_>) {
-        self.links.pending = table.state.pending_links();
+        self.links.cache(table);
         self.write_due = table.state.kept.saving.deadline();
+    }
+
+    /// Returns when a write to storage is due.
+    #[cfg(any(test, feature = "storage"))]
+    pub(crate) const fn write_due(&self) -> Instant {
+        self.write_due
     }
 
     /// Makes a write of all changes due now.
@@ -218,20 +262,19 @@ where
     const NEW: Self = Self { links: Links::NEW, write_due: Instant::ZERO };
     type Link = List;
     const VACANT: List = List::new();
-    const CAPABILITIES: MavProtocolCapability = if F::Parameters::INFO.is_empty() {
-        MavProtocolCapability::EMPTY
+    const TURNS: &'static [Turn] = &[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList];
+    type Reply = ParamReply;
+    const ABOUT: About = if F::Parameters::INFO.is_empty() {
+        About::AUTOPILOT
     } else {
-        capability(F::Vehicle::PARAM_ENCODING)
+        About { capabilities: capability(F::Vehicle::PARAM_ENCODING), ..About::AUTOPILOT }
     };
-
-    fn begin(&mut self, _: &Config) {
-        self.write_due = Instant::NEVER;
-    }
 
     /// Notices what the vehicle has set since the last call (P-16).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut List>) {
         let mut table = self.table(cx.parameters);
         table.notice(cx.now);
+        table.compute_hash();
         self.cache(&table);
         if cx.shared.is_storage_busy || !cx.vehicle.may_persist() {
             // Nothing may be written, so no poll is needed for it.
@@ -239,8 +282,8 @@ where
         }
     }
 
-    fn storage_deadline(&self) -> Instant {
-        self.write_due
+    fn deadline(&self) -> Instant {
+        self.links.hash_deadline()
     }
 
     #[inline(never)]
@@ -311,59 +354,46 @@ where
         Some(Verdict::done(MavResult::ACCEPTED))
     }
 
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut List, turn: Turn) -> bool {
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, list: &List, turn: Turn) -> Option<(Instant, ParamReply)> {
+        match turn {
+            Turn::ParamAnswer => self.links.is_pending(port.id).then_some((view.now, ParamReply::Answer)),
+            _ if self.links.is_list_held(port.id) => None,
+            Turn::LateParamList => Some((list.late_at(), ParamReply::Listed)),
+            _ => Some((list.due(), ParamReply::Listed)),
+        }
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut List, reply: ParamReply) -> bool {
         let options = Options::of::<F::Vehicle>();
-        match turn {
-            Turn::ParamAnswer => self.next_answer(options, cx.parameters, list, &mut port.outbox),
-            Turn::LateParamList if !list.is_late(cx.now) => false,
-            _ => self.next_listed(options, cx.now, cx.parameters, list, port),
+        match reply {
+            ParamReply::Answer => {
+                let mut table = self.table(cx.parameters);
+                let is_sent = table.send_answer(options, list, &mut port.outbox);
+                self.cache(&table);
+                is_sent
+            }
+            ParamReply::Listed => self.table(cx.parameters).send_listed(options, cx.now, list, port),
         }
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, list: &List, turn: Turn) -> Instant {
-        match turn {
-            Turn::ParamAnswer if self.links.is_pending(port.id) => view.now,
-            Turn::ParamAnswer => Instant::NEVER,
-            Turn::LateParamList => list.late_at(),
-            _ => list.due(),
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        match event {
+            StackEvent::Begun(_) => self.write_due = Instant::NEVER,
+            StackEvent::Opened(port, list) => {
+                list.end();
+                self.links.restart(port.id);
+            }
+            _ => {}
         }
-    }
-
-    fn restart(&mut self, port: &Port, list: &mut List) {
-        list.end();
-        self.links.restart(port.id);
     }
 }
 
+#[cfg(test)]
 impl ParamService {
-    /// Sends an answer: a refusal, the hash, or a value that was requested or has changed. Returns false if none is ready.
-    fn next_answer<T: ParamTable>(
-        &mut self,
-        options: Options,
-        table: &mut T,
-        list: &mut List,
-        tx: &mut Outbox,
-    ) -> bool {
-        if !self.links.is_pending(tx.link()) {
-            return false;
-        }
-        let mut table = self.table(table);
-        let sent = table.next_answer(options, list, tx);
-        self.cache(&table);
-        sent
-    }
-
-    /// Sends the next value of the list if it is due (P-11). Returns false if it is not.
-    fn next_listed<T: ParamTable>(
-        &mut self,
-        options: Options,
-        now: Instant,
-        table: &mut T,
-        list: &mut List,
-        port: &mut Port,
-    ) -> bool {
-        let Some(index) = list.next_due(now) else { return false };
-        self.table(table).next_listed(options, now, index, list, port)
+    /// Whether a poll has something to compute.
+    pub(crate) const fn is_working(&self) -> bool {
+        self.links.is_hashing
     }
 }
 
@@ -490,21 +520,27 @@ impl TableMut<'_> {
 }
 
 impl<R: Rows> Table<'_, R> {
+    /// Takes the next step of the hash, if it is pending and takes more than one.
+    fn compute_hash(&mut self) {
+        if !self.state.hash_pending.is_empty() && !self.state.hash.is_ready(&self.rows) {
+            self.state.hash.step(&self.rows);
+        }
+    }
+
     /// Sends a refusal, the hash or a pending value. Returns false if none is ready.
-    fn next_answer(&mut self, options: Options, list: &mut List, tx: &mut Outbox) -> bool {
+    fn send_answer(&mut self, options: Options, list: &mut List, tx: &mut Outbox) -> bool {
         // The refusal is sent before the value: MAVSDK gives up after a PARAM_ERROR, but retries after the old value.
         if options.has_errors && self.state.refusals.next(tx) {
             return true;
         }
         let link = LinkMask::of(tx.link());
-        if options.hash != ParamHash::Never && self.state.hash_pending.contains(link) {
-            let mut hash = self.state.hash;
-            let sum = hash.step(&self.rows);
-            self.state.hash = hash;
-            if let Some(sum) = sum {
-                self.state.hash_pending = self.state.hash_pending.without(link);
-                return self.send_as(NO_INDEX, &HASH_NAME, MavParamType::UINT32, f32::from_bits(sum), tx);
-            }
+        if options.hash != ParamHash::Never
+            && self.state.hash_pending.contains(link)
+            && self.state.hash.is_ready(&self.rows)
+        {
+            let sum = self.state.hash.sum(&self.rows);
+            self.state.hash_pending = self.state.hash_pending.without(link);
+            return self.send_as(NO_INDEX, &HASH_NAME, MavParamType::UINT32, f32::from_bits(sum), tx);
         }
         if !self.state.pending.contains(link) {
             return false;
@@ -521,12 +557,9 @@ impl<R: Rows> Table<'_, R> {
         sent
     }
 
-    /// Sends the value of the list that is due. Returns false if it is not sent now.
-    fn next_listed(&mut self, options: Options, now: Instant, index: u16, list: &mut List, port: &mut Port) -> bool {
-        // The hash is sent first.
-        if self.state.hash_pending.contains(LinkMask::of(port.id)) {
-            return false;
-        }
+    /// Sends the next value of the list (P-11).
+    fn send_listed(&mut self, options: Options, now: Instant, list: &mut List, port: &mut Port) -> bool {
+        let index = list.next();
         list.advance(now, self.count(), port.config.bytes_per_second);
         self.send_value(options, index, &mut port.outbox)
     }

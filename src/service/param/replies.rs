@@ -136,14 +136,9 @@ impl List {
         self.share.due()
     }
 
-    /// Returns the index of the list's next value if it is due.
-    pub(super) fn next_due(&self, now: Instant) -> Option<u16> {
-        (self.is_active && now >= self.share.due()).then_some(self.next)
-    }
-
-    /// Whether the list is behind its share of the link.
-    pub(crate) fn is_late(&self, now: Instant) -> bool {
-        self.is_active && now >= self.share.due().after(MAX_LATENESS)
+    /// Returns the index of the list's next value.
+    pub(super) const fn next(&self) -> u16 {
+        self.next
     }
 
     /// Returns when the list falls behind its share unless the next value is sent; [`Instant::NEVER`] without a list.

@@ -2,6 +2,7 @@
 
 use core::borrow::Borrow;
 
+use super::hash::Hash;
 use super::replies::Refusal;
 use super::table::{Rows, Table};
 use super::{Caller, Handled, Options, ParamEncoding, ParamHash, ParamInfo, TEXT_PAUSE, Work, value};
@@ -119,8 +120,12 @@ impl<R: Rows> Table<'_, R> {
         self.mark_pending(index, cx.normal);
     }
 
-    /// Marks the hash as pending on the caller's link.
+    /// Marks the hash as pending on the caller's link, and computes it again: a client must not get a hash from before, when a link
+    /// that takes nothing still waits for it. A computation that a link waits for goes on.
     fn queue_hash(&mut self, caller: &Caller<'_>) {
+        if self.state.hash_pending.is_empty() || self.state.hash.is_ready(&self.rows) {
+            self.state.hash = Hash::new();
+        }
         self.state.hash_pending = self.state.hash_pending.with(LinkMask::of(caller.from.link));
     }
 

@@ -22,9 +22,9 @@ use crate::types::Values;
 /// # }
 /// type Tuning = RuntimeTable<16>;
 ///
-/// stack! {
-///     struct Mavlink for Rover { links: 1, parameters: Tuning }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Rover, links: 1, parameters: Tuning)]
+/// struct Mavlink;
 ///
 /// struct Rover { cruise: Option<Param<Tuning, f32>> }
 ///
@@ -45,7 +45,7 @@ use crate::types::Values;
 ///
 /// # static PULSE: Pulse = Pulse::new();
 /// # let config = Config::new(Address::new(1, 1), &PULSE);
-/// let mut stack = Mavlink::new(config, [LinkConfig::uart(57_600)]);
+/// let mut stack = StackOf::<Mavlink>::new(config, [LinkConfig::uart(57_600)]);
 /// add_speeds(stack.parameters_mut())?;
 /// // Then `stack.restore(…)`, if there is storage.
 /// let cruise = stack.parameters_mut().param::<f32>("CRUISE");
@@ -71,7 +71,7 @@ pub struct RuntimeTable<const N: usize> {
 }
 
 impl<const N: usize> RuntimeTable<N> {
-    /// Returns an empty table. A [`stack!`](crate::stack) has its own: see [`Stack::parameters_mut`](crate::Stack).
+    /// Returns an empty table. A [`#[stack]`](macro@crate::Stack) has its own: see [`Stack::parameters_mut`](struct@crate::Stack).
     pub const fn new() -> Self {
         const {
             assert!(

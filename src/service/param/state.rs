@@ -51,11 +51,6 @@ impl<K> State<K> {
         }
     }
 
-    /// Returns the links on which an answer is pending.
-    pub(super) fn pending_links(&self) -> LinkMask {
-        self.pending.with(self.hash_pending).with(self.refusals.links())
-    }
-
     /// Drops the pending answers of these links, which were reopened: the clients are gone. Not inlined, because it is rare and
     /// every entry point of the service calls it.
     #[inline(never)]

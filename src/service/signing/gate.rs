@@ -7,9 +7,9 @@ use crate::frame::{Decoder, Frame, Version, signature_cost};
 use crate::link::Port;
 use crate::message::{Message, Text};
 use crate::num;
-use crate::service::{Cx, Handled, Received, Service, SigningGate, Turn, View};
+use crate::service::{Cx, Handled, Received, Service, ShowCounters, SigningGate, StackEvent, Turn, View};
 use crate::time::{Duration, Instant};
-use crate::types::{Accept, Config, Firmware, ONE_FRAME, SignedAt, Vehicle};
+use crate::types::{Accept, Firmware, ONE_FRAME, SignedAt, Vehicle};
 
 /// The minimum time between two texts about a clock that is too far ahead.
 const TEXT_PAUSE: Duration = Duration::from_secs(10);
@@ -18,10 +18,8 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing
     const NEW: Self = Self::new();
     type Link = SigningLink;
     const VACANT: SigningLink = SigningLink { setup: Answer::None, hint_from: Instant::ZERO };
-
-    fn begin(&mut self, config: &Config) {
-        self.most_ahead = num::quotient(config.max_signing_lead.as_micros(), TEN);
-    }
+    const TURNS: &'static [Turn] = &[Turn::SigningText];
+    type Reply = Answer;
 
     /// Reports a system whose clock is too far ahead: it cannot read the text, but others can (G-17).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut SigningLink>) {
@@ -54,22 +52,24 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing
         setup::receive(self, cx.now, port, link, received.frame, is_ours, is_disarmed)
     }
 
-    #[cfg(feature = "defmt")]
-    fn drops(&self) -> u32 {
-        self.counters.drops()
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
     }
 
-    #[cfg(feature = "defmt")]
-    fn log_drops(&self) {
-        event!("{}", self.counters);
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, _: &Port, link: &SigningLink, _: Turn) -> Option<(Instant, Answer)> {
+        (link.setup != Answer::None).then_some((view.now, link.setup))
     }
 
-    fn next(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut SigningLink, _: Turn) -> bool {
-        setup::send(port, link)
+    fn send(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut SigningLink, answer: Answer) -> bool {
+        link.setup = Answer::None;
+        answer.send(port)
     }
 
-    fn due(&self, view: &View<'_>, _: &Port, link: &SigningLink, _: Turn) -> Instant {
-        if link.setup == Answer::None { Instant::NEVER } else { view.now }
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        if let StackEvent::Begun(config) = event {
+            self.most_ahead = num::quotient(config.max_signing_lead.as_micros(), TEN);
+        }
     }
 }
 

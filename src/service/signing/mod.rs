@@ -62,7 +62,7 @@ counters! {
     }
 }
 
-/// Signing: the key, the time, and the timestamps of each sender. Declared by `signing` in [`stack!`](crate::stack),
+/// Signing: the key, the time, and the timestamps of each sender. Declared by `signing` in [`#[stack]`](macro@crate::Stack),
 /// and reached through [`Stack::signing`](crate::Stack::signing). [`LinkSigning`](crate::signing::LinkSigning) configures each
 /// link. Without a key, nothing is signed or verified.
 ///
@@ -77,11 +77,11 @@ counters! {
 /// # impl Commands for Rover {
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
 /// # }
-/// stack! {
-///     struct Mavlink for Rover { links: 2, signing: { streams: 16 } }
-/// }
+/// #[derive(Stack)]
+/// #[stack(vehicle: Rover, links: 2, signing: { streams: 16 })]
+/// struct Mavlink;
 ///
-/// fn configure(stack: &mut Mavlink) {
+/// fn configure(stack: &mut StackOf<Mavlink>) {
 ///     // At startup, unless the key is stored:
 ///     stack.signing_mut().set_key(Instant::ZERO, SigningKey::new([0x42; 32]), 0);
 ///     // On the ground, when the GNSS receiver knows the time:
@@ -119,7 +119,7 @@ counters! {
 ///   newer than the one before. A new stream may begin a minute behind the time that the vehicle set, or behind our time
 ///   until it has set one. So a peer with a wrong clock shuts out no right one, even if it was heard first. A frame from beyond the
 ///   bound on the future begins a stream at most a minute behind our time. A full table evicts a stream that was
-///   silent for more than a minute (G-8). So `streams` in [`stack!`](crate::stack) bounds how many streams are accepted
+///   silent for more than a minute (G-8). So `streams` in [`#[stack]`](macro@crate::Stack) bounds how many streams are accepted
 ///   at a time, and a holder of the key shuts nobody out for longer than that.
 /// - **The same key again** moves the time forward to the timestamp that comes with it, never back. Streams stay as they are.
 /// - **Another key** starts with the timestamp that comes with it, and without streams. So a new key repairs a time

@@ -25,7 +25,7 @@ const HINT_PAUSE: Duration = Duration::from_secs(10);
 /// The pending text about SETUP_SIGNING on a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub(super) enum Answer {
+pub enum Answer {
     /// No text is pending; zero bits.
     None,
     Set,
@@ -61,6 +61,16 @@ impl Answer {
             Self::WrongKey => "Wrong signing key: set it again on this link",
             Self::LostKey => "Signing key lost: set it again on this link",
         }
+    }
+
+    /// Sends the text.
+    pub(super) fn send(self, port: &mut Port) -> bool {
+        let severity = if self.is_refusal() { MavSeverity::WARNING } else { MavSeverity::INFO };
+        if self.is_refusal() {
+            // Unsigned, so that a station with another key accepts it too.
+            port.outbox.set_signs(false);
+        }
+        port.outbox.send(&Statustext { severity, text: Text::new(self.text()), ..Statustext::default() })
     }
 }
 
@@ -124,18 +134,4 @@ pub(super) fn hint(now: Instant, port: &Port, link: &mut SigningLink, answer: An
         link.setup = answer;
         link.hint_from = now.after(HINT_PAUSE);
     }
-}
-
-/// Sends the text that is pending on this link. Returns false when none is.
-pub(super) fn send(port: &mut Port, link: &mut SigningLink) -> bool {
-    let answer = core::mem::replace(&mut link.setup, Answer::None);
-    if answer == Answer::None {
-        return false;
-    }
-    let severity = if answer.is_refusal() { MavSeverity::WARNING } else { MavSeverity::INFO };
-    if answer.is_refusal() {
-        // Unsigned, so that a station with another key accepts it too.
-        port.outbox.set_signs(false);
-    }
-    port.outbox.send(&Statustext { severity, text: Text::new(answer.text()), ..Statustext::default() })
 }

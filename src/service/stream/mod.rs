@@ -20,7 +20,7 @@ pub use vehicle::Telemetry;
 
 use self::requests::Fixed;
 use self::schedule::Streams;
-use super::{Cx, Handled, Received, Request, Service, Shared, Turn, Verdict, View};
+use super::{About, Cx, Handled, Part, Received, Request, Service, Shared, Turn, Verdict, View};
 use crate::dialect::{
     AutopilotVersion, AvailableModes, AvailableModesMonitor, Heartbeat, MavDataStream, MessageInterval, MissionCurrent,
     ProtocolVersion,
@@ -260,6 +260,17 @@ impl<'a> Fill<'a> {
     }
 }
 
+/// A message that is pending.
+#[derive(Clone, Copy, Debug)]
+pub enum StreamReply {
+    /// MESSAGE_INTERVAL.
+    Interval,
+    /// The vehicle's message, on request.
+    Asked,
+    /// The vehicle's message, in its stream.
+    Stream,
+}
+
 /// The state of the service on a link: `S` is an array of slots, one for each row of the vehicle's streams.
 #[derive(Debug)]
 pub struct StreamLink<S> {
@@ -277,17 +288,13 @@ impl<const N: usize> StreamService<N> {
         Fixed { heartbeat: cx.shared.config.heartbeat_period, has_missions: missions > 0, has_modes: F::HAS_MODES }
     }
 
-    /// Sends a stream that is due.
+    /// Sends the next stream that is due, and that the vehicle can fill.
     fn stream<F: Firmware<Vehicle: Telemetry>>(
         cx: &mut Cx<'_, F>,
         port: &mut Port,
         link: &mut StreamLink<[Slot; N]>,
     ) -> bool {
-        if !has_listener(cx.shared, cx.peers, port) {
-            link.streams.pause();
-            return false;
-        }
-        let (profile, is_slowed) = (port.config.streams, F::SLOWS_STREAMS && port.facts.is_transferring);
+        let (profile, is_slowed) = (port.config.streams, F::SLOWS_STREAMS && cx.now < port.facts.transferring_until);
         while let Some(number) = link.streams.next_due(cx.now, F::Vehicle::STREAMS, &mut link.slots, profile, is_slowed)
         {
             let Some(stream) = F::Vehicle::STREAMS.get(number) else { continue };
@@ -312,31 +319,43 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         Self
     };
     type Link = StreamLink<[Slot; N]>;
+    const ABOUT: About = About { part: Part::Every, ..About::AUTOPILOT };
     const VACANT: Self::Link = StreamLink { streams: Streams::new(), slots: [Slot::NEW; N] };
+    const TURNS: &'static [Turn] = &[Turn::Request, Turn::Stream];
+    type Reply = StreamReply;
 
-    /// The component of any row.
-    fn is_part_of(component: ComponentId) -> bool {
-        !F::is_component(component) || F::Vehicle::STREAMS.iter().any(|stream| stream.component == component)
-    }
-
-    /// Takes up the messages that hooks have announced.
+    /// Takes up the messages that hooks have announced, and pauses the streams that no peer hears.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) {
         let announced = core::mem::take(&mut cx.requests.announced);
-        if announced != 0 {
-            links.for_each(|link| link.streams.ask_all(announced));
+        for (id, link) in (0..=u8::MAX).map(LinkId).zip(links) {
+            link.streams.ask_all(announced);
+            if !is_heard(cx.shared, cx.peers, id) {
+                link.streams.pause();
+            }
         }
     }
 
     fn on_frame(
         &mut self,
         cx: &mut Cx<'_, F>,
-        _: &mut Port,
+        port: &mut Port,
         link: &mut Self::Link,
         received: &Received<'_>,
     ) -> Handled {
+        if !has_part::<F>(received.target.component) {
+            return Handled::No;
+        }
         let StreamLink { streams, slots } = link;
         let of = part::<F>(received.target.component);
-        let is_handled = requests::handle_frame(cx.now, streams, F::Vehicle::STREAMS, of, slots, received.frame);
+        let is_handled = requests::handle_frame(
+            cx.now,
+            port.config.streams,
+            streams,
+            F::Vehicle::STREAMS,
+            of,
+            slots,
+            received.frame,
+        );
         if is_handled { Handled::Yes } else { Handled::No }
     }
 
@@ -348,30 +367,38 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         link: &mut Self::Link,
         request: &Request,
     ) -> Option<Verdict> {
-        let fixed = Self::fixed(cx);
-        let StreamLink { streams, slots } = link;
-        requests::handle_command::<F>(cx.now, fixed, port, streams, slots, cx.vehicle, &request.command)
-            .map(Verdict::done)
-    }
-
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Self::Link, turn: Turn) -> bool {
-        if turn == Turn::Stream {
-            return Self::stream(cx, port, link);
+        if !has_part::<F>(request.command.component) {
+            return None;
         }
         let fixed = Self::fixed(cx);
         let StreamLink { streams, slots } = link;
-        requests::next_interval::<F>(cx.now, fixed, port, streams, F::Vehicle::STREAMS, slots)
-            || requests::next_asked::<F>(cx.now, streams, &mut port.outbox, cx.vehicle)
+        requests::handle_command::<F>(cx.now, fixed, port, streams, slots, cx.vehicle, request).map(Verdict::done)
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &Self::Link, turn: Turn) -> Instant {
-        if turn == Turn::Stream {
-            if !has_listener(view.shared, view.peers, port) {
-                return Instant::NEVER;
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &Self::Link, turn: Turn) -> Option<(Instant, StreamReply)> {
+        let StreamLink { streams, slots } = link;
+        match turn {
+            Turn::Request if streams.has_interval_request() => Some((view.now, StreamReply::Interval)),
+            Turn::Request if streams.is_asked() => Some((view.now, StreamReply::Asked)),
+            Turn::Stream if has_listener(view.shared, view.peers, port) => {
+                let at = streams.deadline(view.now, F::Vehicle::STREAMS, slots, port.config.streams);
+                Some((at, StreamReply::Stream))
             }
-            return link.streams.deadline(view.now, F::Vehicle::STREAMS, &link.slots, port.config.streams);
+            _ => None,
         }
-        if link.streams.is_asked() { view.now } else { Instant::NEVER }
+    }
+
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Self::Link, reply: StreamReply) -> bool {
+        let StreamLink { streams, slots } = link;
+        match reply {
+            StreamReply::Interval => {
+                let fixed = Self::fixed(cx);
+                requests::send_interval::<F>(cx.now, fixed, port, streams, F::Vehicle::STREAMS, slots)
+            }
+            StreamReply::Asked => requests::send_asked::<F>(cx.now, streams, &mut port.outbox, cx.vehicle),
+            StreamReply::Stream => Self::stream(cx, port, link),
+        }
     }
 }
 
@@ -386,6 +413,13 @@ const fn are_autopilots(table: &[Stream]) -> bool {
     are_autopilots
 }
 
+/// Whether requests to this component are about streams: it is the autopilot, or has a row.
+fn has_part<F: Firmware<Vehicle: Telemetry>>(component: ComponentId) -> bool {
+    F::COMPONENTS.is_empty()
+        || !F::is_component(component)
+        || F::Vehicle::STREAMS.iter().any(|stream| stream.component == component)
+}
+
 /// Returns the rows that a request to this component is about: 0 is the autopilot's, and `None` is all.
 fn part<F: Firmware>(component: ComponentId) -> Option<ComponentId> {
     match F::COMPONENTS.is_empty() || component.0 == 0 {
@@ -396,7 +430,11 @@ fn part<F: Firmware>(component: ComponentId) -> Option<ComponentId> {
 
 /// Whether streams are sent on the link: to a peer that is alive there, or to any that may be there (H-8).
 pub(crate) fn has_listener(shared: &Shared, peers: &[PeerInfo], port: &Port) -> bool {
-    !shared.config.streams_wait_for_peer || peers.iter().any(|info| info.is_alive && info.peer.link == port.id)
+    is_heard(shared, peers, port.id)
+}
+
+fn is_heard(shared: &Shared, peers: &[PeerInfo], link: LinkId) -> bool {
+    !shared.config.streams_wait_for_peer || peers.iter().any(|info| info.is_alive && info.peer.link == link)
 }
 
 impl Context<'_> {

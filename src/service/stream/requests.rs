@@ -10,8 +10,9 @@ use crate::frame::Frame;
 use crate::link::{Outbox, Port};
 use crate::message::{ComponentId, Message};
 use crate::num;
+use crate::service::Request;
 use crate::time::{Duration, Instant};
-use crate::types::{Command, Firmware, LinkClass};
+use crate::types::{Command, Firmware, LinkClass, StreamProfile};
 
 /// Interval of the MISSION_CURRENT that the stack sends by itself (µs).
 const MISSION_CURRENT_INTERVAL: u32 = 1_000_000;
@@ -51,16 +52,21 @@ pub(super) fn handle_command<F: Firmware<Vehicle: Telemetry>>(
     streams: &mut Streams,
     slots: &mut [Slot],
     vehicle: &mut F::Vehicle,
-    command: &Command,
+    Request { command, is_unclaimed, .. }: &Request,
 ) -> Option<MavResult> {
     let request = Asked::of(command)?;
     let (table, of) = (F::Vehicle::STREAMS, part::<F>(command.component));
+    // A message of another service is answered by that.
+    let is_known = |id| rows(table, of, id, 0) != 0 || fixed.interval(id).is_some();
+    if !is_unclaimed && !request.subject().is_some_and(is_known) {
+        return None;
+    }
     if port.config.class == LinkClass::HighLatency || !request.is_valid {
         return Some(MavResult::DENIED);
     }
     let is_interval = matches!(command.id, MavCmd::SET_MESSAGE_INTERVAL | MavCmd::GET_MESSAGE_INTERVAL);
     if is_interval || request.id == Some(MessageInterval::ID) {
-        return Some(on_interval(now, fixed, port, streams, (table, of, slots), command, request));
+        return Some(on_interval(fixed, port, streams, (table, of, slots), command, request));
     }
     let id = request.id?;
     let all = rows(table, of, id, 0);
@@ -94,6 +100,11 @@ struct Asked {
 }
 
 impl Asked {
+    /// Returns the id of the message that the command is about: with MESSAGE_INTERVAL, the one whose interval is asked for.
+    fn subject(self) -> Option<u32> {
+        if self.id == Some(MessageInterval::ID) { self.index.map(u32::from) } else { self.id }
+    }
+
     #[inline(never)]
     fn of(command: &Command) -> Option<Self> {
         match command.id {
@@ -118,7 +129,6 @@ fn index_of(param: f32) -> Option<u16> {
 /// Handles a command about intervals. Not generic, so that it is compiled once.
 #[inline(never)]
 fn on_interval(
-    now: Instant,
     fixed: Fixed,
     port: &Port,
     streams: &mut Streams,
@@ -157,12 +167,13 @@ fn on_interval(
     let interval = if micros == 0.0 { 0 } else { clamped(u64::from(num::saturated(micros))) };
     let mut rows = rows(table, of, id, instance);
     let result = if rows == 0 { MavResult::DENIED } else { MavResult::ACCEPTED };
-    for slot in slots {
+    for slot in &mut *slots {
         if rows & 1 != 0 {
-            streams.set_interval(now, slot, (!is_off).then_some(interval));
+            slot.set_interval((!is_off).then_some(interval));
         }
         rows = rows.wrapping_shr(1);
     }
+    streams.refresh(table, slots, port.config.streams);
     result
 }
 
@@ -170,6 +181,7 @@ fn on_interval(
 #[inline(never)]
 pub(super) fn handle_frame(
     now: Instant,
+    profile: StreamProfile,
     streams: &mut Streams,
     table: &[Stream],
     of: Option<ComponentId>,
@@ -189,20 +201,21 @@ pub(super) fn handle_frame(
     };
     let interval = micros.map(|micros| clamped(u64::from(micros)));
     let group = request.req_stream_id;
-    for (stream, slot) in table.iter().zip(slots) {
+    for (stream, slot) in table.iter().zip(&mut *slots) {
         if stream.group != MavDataStream::ALL
             && stream.is_of(of)
             && (group == MavDataStream::ALL || group == stream.group)
         {
-            streams.set_interval(now, slot, interval);
+            slot.set_interval(interval);
         }
     }
+    streams.refresh(table, slots, profile);
     true
 }
 
 /// Sends a pending MESSAGE_INTERVAL: the current interval, including the delay that a radio's full buffer adds; of several
-/// instances, the shortest. Returns false if none is pending.
-pub(super) fn next_interval<F: Firmware>(
+/// instances, the shortest.
+pub(super) fn send_interval<F: Firmware>(
     now: Instant,
     fixed: Fixed,
     port: &mut Port,
@@ -247,8 +260,8 @@ fn row_of(table: &[Stream], component: ComponentId, id: u16) -> Option<u16> {
     Some(ROWS.saturating_add(u16::try_from(row).ok()?))
 }
 
-/// Asks the vehicle for the next requested message. Returns false if none is pending, or none can be filled.
-pub(super) fn next_asked<F: Firmware<Vehicle: Telemetry>>(
+/// Sends the next requested message that the vehicle can fill. Returns false if it can fill none.
+pub(super) fn send_asked<F: Firmware<Vehicle: Telemetry>>(
     now: Instant,
     streams: &mut Streams,
     outbox: &mut Outbox,

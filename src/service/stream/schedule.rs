@@ -33,6 +33,9 @@ const DUE: u16 = 1_563;
 /// The value of [`Slot::left`] of a stream that becomes due with the next sweep.
 const FRESH: u16 = u16::MAX;
 
+/// Instead of the units until a stream is due: there is none.
+const NONE: u16 = u16::MAX;
+
 /// The time after which a RADIO_STATUS is ignored: five seconds, in units of 1,024 µs.
 const RADIO_STALE: u32 = 4_883;
 
@@ -64,6 +67,17 @@ pub struct Slot {
 impl Slot {
     /// The default interval, due at once. All zero bits.
     pub(super) const NEW: Self = Self { interval: 0, left: 0 };
+
+    /// Sets the interval of the stream (µs); 0 is its default, `None` stops it. [`Streams::refresh`] takes it up.
+    #[inline(never)]
+    pub(super) fn set_interval(&mut self, interval: Option<u32>) {
+        self.interval = match interval {
+            None => OFF,
+            Some(0) => 0,
+            Some(interval) => code_of(interval),
+        };
+        self.left = FRESH;
+    }
 
     /// Returns the interval (µs) of `stream`, to which this slot belongs; `None` if it is off.
     pub(super) fn interval(&self, stream: &Stream, profile: StreamProfile) -> Option<u32> {
@@ -123,13 +137,13 @@ pub(super) struct Streams {
     index: u16,
     /// Ids of messages whose MESSAGE_INTERVAL is pending.
     interval_requests: Vec<u16, INTERVAL_REQUESTS, u8>,
-    /// The sweep's position in the table plus 1; 0 between sweeps. And when the last sweep began.
+    /// The number in the table of the stream that the sweep sends next, plus 1; 0 between sweeps. And when the last sweep began.
     cursor: u8,
     swept: Instant,
     /// Added before an interval is rounded to units, in 256ths of a unit. It changes with each sweep, so that the
     /// rounding errors average out (dithering).
     dither: u8,
-    /// When the next sweep has something to send; zero before the first.
+    /// When the next sweep has something to send; zero before the first. Of no use within a sweep.
     wake: Instant,
     /// The delay that a radio's full buffer adds to each interval, in [steps](STEP), and when the last RADIO_STATUS was
     /// received, in [`coarse`](Instant::coarse) time. Each sweep forgets a status that is too old.
@@ -151,18 +165,6 @@ impl Streams {
             slowdown: 0,
             radio: 0,
         }
-    }
-
-    /// Sets the interval of a stream (µs); 0 is its default, `None` stops it.
-    #[inline(never)]
-    pub(super) fn set_interval(&mut self, now: Instant, slot: &mut Slot, interval: Option<u32>) {
-        slot.interval = match interval {
-            None => OFF,
-            Some(0) => 0,
-            Some(interval) => code_of(interval),
-        };
-        slot.left = FRESH;
-        self.wake = now;
     }
 
     /// Schedules each of `rows` once; without any, the message of the rows `all` with this index. Returns false if there is
@@ -208,9 +210,14 @@ impl Streams {
         take_first(&mut self.interval_requests, |_| true)
     }
 
-    /// Whether an answer is pending.
+    /// Whether a MESSAGE_INTERVAL is pending.
+    pub(super) fn has_interval_request(&self) -> bool {
+        !self.interval_requests.is_empty()
+    }
+
+    /// Whether a requested message is pending.
     pub(super) fn is_asked(&self) -> bool {
-        self.asked != 0 || self.indexed != 0 || !self.interval_requests.is_empty()
+        self.asked != 0 || self.indexed != 0
     }
 
     /// Handles a RADIO_STATUS: `free` is the free part of the radio's transmit buffer, in percent. Ignored
@@ -253,82 +260,82 @@ impl Streams {
         profile: StreamProfile,
         is_slowed: bool,
     ) -> Option<usize> {
-        // The rest of a sweep that found no room before, then a new one.
-        for _ in 0..2 {
-            if self.cursor == 0 && !self.begin_sweep(now, table, slots, profile) {
+        if self.cursor == 0 {
+            if now < self.wake {
                 return None;
             }
-            if let Some(number) = self.sweep(table, slots, profile, is_slowed) {
-                return Some(number);
-            }
-            self.cursor = 0;
+            self.begin_sweep(now, table, slots, profile);
         }
-        None
+        let number = usize::from(self.cursor).checked_sub(1)?;
+        let (stream, slot) = table.get(number).zip(slots.get_mut(number))?;
+        self.schedule(slot, slot.interval(stream, profile)?, is_slowed);
+        self.cursor = self.cursor.saturating_add(1);
+        self.refresh(table, slots, profile);
+        Some(number)
     }
 
-    /// Begins a sweep. Returns false if it is too early.
-    fn begin_sweep(&mut self, now: Instant, table: &[Stream], slots: &mut [Slot], profile: StreamProfile) -> bool {
-        if self.wake == Instant::ZERO {
-            // The first sweep, or the first since a [pause](Self::pause).
-            slots.iter_mut().for_each(|slot| slot.left = DUE);
-        } else if now < self.wake || now == self.swept {
-            return false;
-        } else {
-            let (fine, coarse) = (units(self.swept, now, shift_of(0)), units(self.swept, now, shift_of(SLOW)));
-            for (stream, slot) in table.iter().zip(slots) {
-                let interval = slot.interval(stream, profile).unwrap_or(0);
-                slot.left = match slot.left {
-                    FRESH => DUE,
-                    left => left.saturating_sub(if interval < SLOW { fine } else { coarse }),
-                };
-            }
+    fn begin_sweep(&mut self, now: Instant, table: &[Stream], slots: &mut [Slot], profile: StreamProfile) {
+        let (fine, coarse) = (units(self.swept, now, shift_of(0)), units(self.swept, now, shift_of(SLOW)));
+        for (stream, slot) in table.iter().zip(&mut *slots) {
+            let elapsed = if slot.interval(stream, profile).unwrap_or(0) < SLOW { fine } else { coarse };
+            slot.left = match slot.left {
+                FRESH => DUE,
+                // The first sweep, or the first since a [pause](Self::pause).
+                _ if self.wake == Instant::ZERO => DUE,
+                left => left.saturating_sub(elapsed),
+            };
         }
         self.forget_radio(now);
         self.cursor = 1;
         self.swept = now;
         self.dither = self.dither.wrapping_add(157);
-        self.wake = Instant::NEVER;
-        true
+        self.refresh(table, slots, profile);
     }
 
-    /// Continues through the table to the next stream that is due.
-    fn sweep(
-        &mut self,
-        table: &[Stream],
-        slots: &mut [Slot],
-        profile: StreamProfile,
-        is_slowed: bool,
-    ) -> Option<usize> {
+    /// Finds the stream that the sweep sends next; without one, ends the sweep, and schedules the next. Called after anything has
+    /// changed.
+    pub(super) fn refresh(&mut self, table: &[Stream], slots: &[Slot], profile: StreamProfile) {
+        let reached = if self.cursor == 0 { u8::MAX } else { self.cursor };
+        let (mut fast, mut slow) = (NONE, NONE);
+        let mut number = 0u8;
+        for (stream, slot) in table.iter().zip(slots) {
+            number = number.saturating_add(1);
+            let Some(interval) = slot.interval(stream, profile) else { continue };
+            if slot.left <= DUE && number >= reached {
+                self.cursor = number;
+                return;
+            }
+            let ahead = if slot.left == FRESH { 0 } else { slot.left.saturating_sub(DUE) };
+            let soonest = if interval < SLOW { &mut fast } else { &mut slow };
+            *soonest = ahead.min(*soonest);
+        }
+        self.cursor = 0;
+        // Each stream is sent once in a sweep, and there is one sweep at a time.
+        let next_sweep = self.swept.after(Duration::from_micros(1));
+        self.wake = self.due(fast, shift_of(0)).min(self.due(slow, shift_of(SLOW))).max(next_sweep);
+    }
+
+    /// Schedules a stream that is sent now: the interval (µs) after it was due.
+    fn schedule(&self, slot: &mut Slot, interval: u32, is_slowed: bool) {
+        let shift = shift_of(interval);
         // The delay at the beginning of the sweep.
         let slowdown = u32::from(self.slowdown).wrapping_mul(STEP);
-        loop {
-            let number = usize::from(self.cursor.saturating_sub(1));
-            let (stream, slot) = table.get(number).zip(slots.get_mut(number))?;
-            self.cursor = self.cursor.saturating_add(1);
-            let Some(interval) = slot.interval(stream, profile) else { continue };
-            let shift = shift_of(interval);
-            let is_due = slot.left <= DUE;
-            if is_due {
-                let dither = u32::from(self.dither).wrapping_shl(shift).wrapping_shr(8);
-                let mut pause = interval.saturating_add(slowdown);
-                if is_slowed {
-                    let longest = if interval < SLOW { LONGEST_FAST } else { MAX_INTERVAL };
-                    pause = pause.max(interval.saturating_mul(SLOWED).min(longest));
-                }
-                let next = pause.saturating_add(dither).wrapping_shr(shift);
-                slot.left = slot.left.saturating_add(u16::try_from(next).unwrap_or(0));
-            }
-            self.wake = self.wake.min(self.due(slot, shift));
-            if is_due {
-                return Some(number);
-            }
+        let dither = u32::from(self.dither).wrapping_shl(shift).wrapping_shr(8);
+        let mut pause = interval.saturating_add(slowdown);
+        if is_slowed {
+            let longest = if interval < SLOW { LONGEST_FAST } else { MAX_INTERVAL };
+            pause = pause.max(interval.saturating_mul(SLOWED).min(longest));
         }
+        let next = pause.saturating_add(dither).wrapping_shr(shift);
+        slot.left = slot.left.saturating_add(u16::try_from(next).unwrap_or(0));
     }
 
-    /// Returns when the stream of a slot is due, as of the last sweep. `shift` selects the slot's units.
-    fn due(&self, slot: &Slot, shift: u32) -> Instant {
-        let ahead = u64::from(slot.left.saturating_sub(DUE));
-        let due = self.swept.as_micros().wrapping_shr(shift).saturating_add(ahead).wrapping_shl(shift);
+    /// Returns when a stream is due that was this many units `ahead` of the last sweep. `shift` selects the units.
+    fn due(&self, ahead: u16, shift: u32) -> Instant {
+        if ahead == NONE {
+            return Instant::NEVER;
+        }
+        let due = self.swept.as_micros().wrapping_shr(shift).saturating_add(ahead.into()).wrapping_shl(shift);
         Instant::from_micros(due)
     }
 
@@ -338,28 +345,13 @@ impl Streams {
         self.wake = Instant::ZERO;
     }
 
-    /// Returns when a stream is due. It scans the slots only when one may be due. `wake` is the earliest time: streams may have
-    /// been stopped since, and a sweep may be unfinished.
+    /// Returns when a stream is due.
     pub(super) fn deadline(&self, now: Instant, table: &[Stream], slots: &[Slot], profile: StreamProfile) -> Instant {
-        if self.cursor == 0 && self.wake > now {
-            return self.wake;
+        if self.cursor != 0 {
+            return now;
         }
-        // The slots that the sweep has passed.
-        let mut passed = if self.cursor == 0 { usize::MAX } else { usize::from(self.cursor).saturating_sub(1) };
-        // Each stream is sent once in a sweep, and there is one sweep at a time.
-        let next_sweep = if self.wake == Instant::ZERO { now } else { self.swept.after(Duration::from_micros(1)) };
-        let mut deadline = Instant::NEVER;
-        for (stream, slot) in table.iter().zip(slots) {
-            let is_passed = passed > 0;
-            passed = passed.saturating_sub(1);
-            let Some(interval) = slot.interval(stream, profile) else { continue };
-            if !is_passed && slot.left <= DUE {
-                return now;
-            }
-            let is_new = self.wake == Instant::ZERO || slot.left == FRESH;
-            let due = if is_new { next_sweep } else { self.due(slot, shift_of(interval)).max(next_sweep) };
-            deadline = deadline.min(due);
-        }
-        deadline
+        // Before the first sweep, all streams are due.
+        let has_stream = || table.iter().zip(slots).any(|(stream, slot)| slot.interval(stream, profile).is_some());
+        if self.wake == Instant::ZERO && !has_stream() { Instant::NEVER } else { self.wake }
     }
 }

@@ -25,8 +25,9 @@ impl Line {
         self.0.next_due(now, TABLE, &mut self.1, profile, false)
     }
 
-    fn set_interval(&mut self, now: Instant, number: usize, micros: u32) {
-        self.0.set_interval(now, &mut self.1[number], Some(micros));
+    fn set_interval(&mut self, profile: StreamProfile, number: usize, micros: u32) {
+        self.1[number].set_interval(Some(micros));
+        self.0.refresh(TABLE, &self.1, profile);
     }
 }
 
@@ -44,7 +45,7 @@ fn a_link_streams_at_once_after_a_long_stall() {
         while is_swept && line.next_due(stop, StreamProfile::Onboard).is_some() {}
         let start = stop.as_micros() + hole * 1_000_000;
         if is_asked {
-            line.set_interval(Instant::from_micros(start), 1, 50_000);
+            line.set_interval(StreamProfile::Onboard, 1, 50_000);
         }
         let [fast, slow, _] = counts(&mut line, start, 1, StreamProfile::Onboard, &[1_000]);
         assert!((50..=56).contains(&fast) && (20..=23).contains(&slow), "{hole} s: {fast} {slow}");
@@ -70,7 +71,7 @@ fn counts(streams: &mut Line, start: u64, seconds: u64, profile: StreamProfile, 
 fn common_intervals_are_exact() {
     let kept = |interval| {
         let mut line = Line::new();
-        line.set_interval(Instant::ZERO, 2, interval);
+        line.set_interval(StreamProfile::Off, 2, interval);
         line.1[2].interval(&TABLE[2], StreamProfile::Off).unwrap()
     };
     for rate in 1..=1_000 {
@@ -88,7 +89,7 @@ fn common_intervals_are_exact() {
 fn whole_rates_are_exact() {
     for rate in [1, 3, 7, 30, 400] {
         let mut line = Line::new();
-        line.set_interval(Instant::from_millis(5_000), 2, 1_000_000 / rate);
+        line.set_interval(StreamProfile::Radio, 2, 1_000_000 / rate);
         let seconds = 1_000;
         let [.., count] = counts(&mut line, 5_000_000, seconds, StreamProfile::Radio, &[1_000]);
         let wanted = rate * u32::try_from(seconds).unwrap();
@@ -111,7 +112,8 @@ fn transfers_slow_streams() {
     ] {
         let Line(mut streams, mut slots) = Line::new();
         let start = Instant::from_millis(5_000);
-        streams.set_interval(start, &mut slots[2], Some(interval));
+        slots[2].set_interval(Some(interval));
+        streams.refresh(TABLE, &slots, StreamProfile::Off);
         let mut at = start;
         let mut next = |is_slowed: bool| {
             let before = at;
@@ -183,7 +185,7 @@ fn no_burst_follows_a_stall() {
 #[test]
 fn a_slow_link_starves_no_stream() {
     let mut streams = Line::new();
-    streams.set_interval(Instant::ZERO, 2, 1_000);
+    streams.set_interval(StreamProfile::Radio, 2, 1_000);
     let mut counts = [0u32; 3];
     for at in (0..10_000).step_by(40).map(Instant::from_millis) {
         if let Some(number) = streams.next_due(at, StreamProfile::Radio) {
@@ -235,7 +237,7 @@ proptest! {
         // A fifth of slack for late polls; at least 1 ms.
         let interval = (mean as u32 * 6 / 5).saturating_mul(stretch).max(1_000);
         let mut streams = Line::new();
-        streams.set_interval(Instant::from_micros(start), 2, interval);
+        streams.set_interval(StreamProfile::Off, 2, interval);
         let count = f64::from(counts(&mut streams, start, 100, StreamProfile::Off, &gaps)[2]);
         let wanted = 100e6 / f64::from(interval);
         prop_assert!((count - wanted).abs() <= wanted * 0.01 + 1.0, "{count}, not {wanted}");
@@ -246,7 +248,7 @@ proptest! {
     fn deadline_is_when_the_next_is_due(interval in 1_000u32..60_000_000, start in 1u64..1 << 40) {
         let mut streams = Line::new();
         let at = Instant::from_micros(start);
-        streams.set_interval(at, 2, interval);
+        streams.set_interval(StreamProfile::Off, 2, interval);
         while streams.next_due(at, StreamProfile::Off).is_some() {}
         let told = streams.1[2].interval(&TABLE[2], StreamProfile::Off).unwrap();
         prop_assert!(told >= interval && told - interval <= interval / 1_000);

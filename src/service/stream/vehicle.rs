@@ -3,7 +3,7 @@
 use super::{Fill, Stream};
 
 /// Telemetry: the messages that the vehicle fills, on request and in streams. For a vehicle that declares `streams` in
-/// [`stack!`](crate::stack).
+/// [`#[stack]`](macro@crate::Stack).
 ///
 /// Start from a message's constant `UNKNOWN` if you fill only a part of it. In most fields zero is a measured value,
 /// such as an empty battery, and MAVLink has another value for "unknown". `Default` is zero in every field. The module
@@ -36,7 +36,7 @@ use super::{Fill, Stream};
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Telemetry`",
-    note = "`streams` in `stack!` needs `impl Telemetry for {Self}`: write it, or leave `streams` out"
+    note = "`streams` in `#[stack]` needs `impl Telemetry for {Self}`: write it, or leave `streams` out"
 )]
 pub trait Telemetry {
     /// The messages that the vehicle can fill, with their default intervals: at most

@@ -32,12 +32,12 @@ const MAX_ROUND_TRIP: u64 = 60_000_000_000;
 ///
 /// ```
 /// use mavstack::clock::ClockFilter;
-/// use mavstack::{Address, Duration, Instant, LinkId, Peer};
+/// use mavstack::{Address, Duration, Instant, LinkId, Peer, StackOf};
 /// # use mavstack::{Command, Commands, Config, Context, LinkConfig, Outcome, Pulse, Vehicle, VehicleState};
 ///
-/// mavstack::stack! {
-///     struct Mavlink for Rover { links: 1, time }
-/// }
+/// #[derive(mavstack::Stack)]
+/// #[stack(vehicle: Rover, links: 1, time)]
+/// struct Mavlink;
 ///
 /// const CAMERA: Peer = Peer { address: Address::new(1, 100), link: LinkId(0) };
 ///
@@ -50,7 +50,7 @@ const MAX_ROUND_TRIP: u64 = 60_000_000_000;
 ///     }
 ///
 ///     /// Called once a second by the loop.
-///     fn compare_clocks(&mut self, stack: &mut Mavlink) {
+///     fn compare_clocks(&mut self, stack: &mut StackOf<Mavlink>) {
 ///         if let Some(sample) = stack.take_time_sample().filter(|sample| sample.from == CAMERA) {
 ///             self.camera.add(&sample);
 ///         }
@@ -70,7 +70,7 @@ const MAX_ROUND_TRIP: u64 = 60_000_000_000;
 /// # }
 /// # static PULSE: Pulse = Pulse::new();
 /// # let mut rover = Rover::new();
-/// # rover.compare_clocks(&mut Mavlink::new(Config::new(Address::new(1, 1), &PULSE), [LinkConfig::uart(57_600)]));
+/// # rover.compare_clocks(&mut StackOf::<Mavlink>::new(Config::new(Address::new(1, 1), &PULSE), [LinkConfig::uart(57_600)]));
 /// # assert_eq!(rover.on_picture(5), None);
 /// ```
 #[derive(Clone, Debug)]

@@ -49,6 +49,15 @@ enum Kind {
     Timesync,
 }
 
+/// A message that is pending.
+#[derive(Clone, Copy, Debug)]
+pub enum TimeReply {
+    /// The answer to a peer's request.
+    Answer,
+    /// The vehicle's own request.
+    Request,
+}
+
 /// A measurement of a peer's clock against ours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -64,7 +73,7 @@ pub struct TimeSample {
     pub round_trip_ns: i64,
 }
 
-/// Answers PING and TIMESYNC, and measures peers' clocks. Declared by `time` in [`stack!`](crate::stack). A vehicle
+/// Answers PING and TIMESYNC, and measures peers' clocks. Declared by `time` in [`#[stack]`](macro@crate::Stack). A vehicle
 /// without it gets both messages in [`Vehicle::message`](crate::Vehicle::message).
 ///
 /// Each link has room for two requests. Further requests that are received meanwhile are dropped and counted
@@ -77,12 +86,12 @@ pub struct TimeSample {
 /// # impl Commands for Rover {
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
 /// # }
-/// mavstack::stack! {
-///     struct Mavlink for Rover { links: 2, time }
-/// }
+/// #[derive(mavstack::Stack)]
+/// #[stack(vehicle: Rover, links: 2, time)]
+/// struct Mavlink;
 ///
 /// /// Called about once a second by the flight loop.
-/// fn ask(stack: &mut Mavlink) {
+/// fn ask(stack: &mut StackOf<Mavlink>) {
 ///     stack.ask_time(LinkId(1));
 ///     if let Some(sample) = stack.take_time_sample() {
 ///         let _ = (sample.offset_ns, sample.round_trip_ns);
@@ -151,23 +160,35 @@ impl Time {
     }
 
     #[inline(never)]
-    fn send(&mut self, now: Instant, link: &mut TimeLink, tx: &mut Outbox) -> bool {
-        if let Some(request) = link.requests.iter_mut().find(|request| request.kind != Kind::None) {
-            let TimeRequest { kind, from, seq, time } = *request;
-            request.kind = Kind::None;
-            let (target_system, target_component) = (from.system.0, from.component.0);
-            return match kind {
-                Kind::Ping => tx.send(&Ping { time_usec: time, seq, target_system, target_component }),
-                _ => tx.send(&Timesync { tc1: nanos(now), ts1: time.cast_signed(), target_system, target_component }),
-            };
+    fn send(&mut self, now: Instant, link: &mut TimeLink, tx: &mut Outbox, reply: TimeReply) -> bool {
+        match reply {
+            TimeReply::Answer => link.answer(now, tx),
+            TimeReply::Request => {
+                self.asks = self.asks.without(LinkMask::of(tx.link()));
+                link.asked = nanos(now);
+                tx.send(&Timesync { tc1: 0, ts1: link.asked, target_system: 0, target_component: 0 })
+            }
         }
-        let mask = LinkMask::of(tx.link());
-        if !self.asks.contains(mask) {
-            return false;
+    }
+}
+
+impl TimeLink {
+    /// Whether a peer's request is pending.
+    fn has_request(&self) -> bool {
+        self.requests.iter().any(|request| request.kind != Kind::None)
+    }
+
+    /// Answers a peer's request.
+    fn answer(&mut self, now: Instant, tx: &mut Outbox) -> bool {
+        let pending = self.requests.iter_mut().find(|request| request.kind != Kind::None);
+        let Some(request) = pending else { return false };
+        let TimeRequest { kind, from, seq, time } = *request;
+        request.kind = Kind::None;
+        let (target_system, target_component) = (from.system.0, from.component.0);
+        match kind {
+            Kind::Ping => tx.send(&Ping { time_usec: time, seq, target_system, target_component }),
+            _ => tx.send(&Timesync { tc1: nanos(now), ts1: time.cast_signed(), target_system, target_component }),
         }
-        self.asks = self.asks.without(mask);
-        link.asked = nanos(now);
-        tx.send(&Timesync { tc1: 0, ts1: link.asked, target_system: 0, target_component: 0 })
     }
 }
 
@@ -183,19 +204,27 @@ impl<F: Firmware> Service<F> for Time {
         requests: [TimeRequest { kind: Kind::None, from: Address::new(0, 0), seq: 0, time: 0 }; REQUESTS],
         asked: 0,
     };
+    const TURNS: &'static [Turn] = &[Turn::Time];
+    type Reply = TimeReply;
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, link: &mut TimeLink, received: &Received<'_>) -> Handled {
         self.receive(cx.shared.clock.shown(cx.now), link, received.from, received.frame)
     }
 
-    /// Sends an answer, or a request of the vehicle's own: at once, because it measures time.
-    fn next(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TimeLink, _: Turn) -> bool {
-        self.send(cx.shared.clock.shown(cx.now), link, &mut port.outbox)
+    /// Answers, and the vehicle's own requests, are sent at once, because they measure time.
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, port: &Port, link: &TimeLink, _: Turn) -> Option<(Instant, TimeReply)> {
+        let reply = if link.has_request() {
+            TimeReply::Answer
+        } else if self.asks.contains(LinkMask::of(port.id)) {
+            TimeReply::Request
+        } else {
+            return None;
+        };
+        Some((view.now, reply))
     }
 
-    fn due(&self, view: &View<'_>, port: &Port, link: &TimeLink, _: Turn) -> Instant {
-        let is_pending =
-            self.asks.contains(LinkMask::of(port.id)) || link.requests.iter().any(|request| request.kind != Kind::None);
-        if is_pending { view.now } else { Instant::NEVER }
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TimeLink, reply: TimeReply) -> bool {
+        Time::send(self, cx.shared.clock.shown(cx.now), link, &mut port.outbox, reply)
     }
 }

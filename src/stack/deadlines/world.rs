@@ -1,5 +1,6 @@
 //! Random traffic for the vehicle: what its peers send, what the firmware does, and when it wakes.
 
+use crate::StackOf;
 use std::boxed::Box;
 use std::vec::Vec;
 
@@ -181,6 +182,7 @@ fn requests() -> Vec<Request> {
     pool.push(of(MissionAck { target_system, target_component, ..Default::default() }));
     pool.push(of(MissionSetCurrent { seq: 1, target_system, target_component }));
 
+    pool.push(of(PlayTune::default()));
     pool.push(of(Ping { seq: 3, ..Default::default() }));
     pool.push(of(Timesync { ts1: 5, ..Default::default() }));
     pool.push(of(Timesync { ts1: 5, tc1: 9, ..Default::default() }));
@@ -217,7 +219,7 @@ fn requests() -> Vec<Request> {
 }
 
 #[derive(Clone, Debug)]
-pub(super) enum Event {
+pub(in super::super) enum Event {
     /// A link receives a request of the pool.
     Request { link: u8, from: Address, is_v1: bool, number: prop::sample::Index },
     /// A link receives the item that was asked for there last.
@@ -234,7 +236,7 @@ pub(super) enum Event {
     Turns(Option<Turn>),
 }
 
-pub(super) fn event() -> impl Strategy<Value = Event> {
+pub(in super::super) fn event() -> impl Strategy<Value = Event> {
     let link = 0..3u8;
     let from = prop_oneof![6 => Just(STATION), 1 => Just(COMPANION), 2 => Just(WINGMAN)];
     let request = (link.clone(), from, any::<bool>(), any::<prop::sample::Index>());
@@ -258,8 +260,8 @@ pub(super) fn event() -> impl Strategy<Value = Event> {
 /// So many things the firmware may do of itself.
 const FIRMWARE: u8 = 30;
 
-pub(super) struct World {
-    stack: Everything,
+pub(in super::super) struct World {
+    stack: StackOf<Everything>,
     rover: Rover,
     pulse: &'static Pulse,
     is_standing: bool,
@@ -270,10 +272,12 @@ pub(super) struct World {
     asked: [Option<MissionRequestInt>; LINKS],
     /// Turns that sent something.
     pub(super) seen: Vec<Turn>,
+    /// What was sent: link, id and payload.
+    sent: Vec<(usize, u32, Vec<u8>)>,
 }
 
 impl World {
-    pub(super) fn new(streams_wait_for_peer: bool) -> Self {
+    pub(in super::super) fn new(streams_wait_for_peer: bool) -> Self {
         let pulse: &'static Pulse = Box::leak(Box::new(Pulse::new()));
         let config =
             Config { streams_wait_for_peer, item_reached_repeats: 2, ..Config::new(Address::new(1, 1), pulse) };
@@ -281,8 +285,10 @@ impl World {
         #[cfg(feature = "signing")]
         let onboard = onboard.with_signing(crate::signing::LinkSigning::OPEN.with_provisioning());
         let satellite = LinkConfig::unlimited().with_class(LinkClass::HighLatency);
-        let mut stack =
-            Everything::new(config, [onboard, LinkConfig::uart(115_200).with_version(TxVersion::Auto), satellite]);
+        let mut stack = StackOf::<Everything>::new(
+            config,
+            [onboard, LinkConfig::uart(115_200).with_version(TxVersion::Auto), satellite],
+        );
         stack.manual_input_mut().set_receivers(&[Peer { address: COMPANION, link: LinkId(0) }]);
         stack.manual_input_mut().set_source(ControlSource::System(STATION.system));
         stack.high_latency_mut().set_config(HighLatencyConfig {
@@ -305,6 +311,7 @@ impl World {
             pool: requests(),
             asked: [const { None }; LINKS],
             seen: Vec::new(),
+            sent: Vec::new(),
         }
     }
 
@@ -318,7 +325,7 @@ impl World {
         self.seq = self.seq.wrapping_add(1);
     }
 
-    pub(super) fn on(&mut self, event: &Event) {
+    pub(in super::super) fn on(&mut self, event: &Event) {
         match event {
             Event::Request { link, from, is_v1, number } => {
                 let version = if *is_v1 { Version::V1 } else { Version::V2 };
@@ -422,6 +429,13 @@ impl World {
         }
     }
 
+    /// Takes what was sent since the last time, in an order of its own.
+    pub(in super::super) fn sent(&mut self) -> Vec<(usize, u32, Vec<u8>)> {
+        let mut sent = core::mem::take(&mut self.sent);
+        sent.sort();
+        sent
+    }
+
     fn poll(&mut self) {
         if !self.is_standing {
             self.pulse.tick();
@@ -439,6 +453,7 @@ impl World {
             [0xFE, _, _, _, _, id, ..] => (u32::from(id), &frame[6..frame.len() - 2]),
             _ => return false,
         };
+        self.sent.push((link, id, payload.to_vec()));
         if id == MissionRequestInt::ID || id == MissionRequest::ID {
             self.asked[link] = Some(MissionRequestInt::decode(payload));
         }
@@ -458,10 +473,10 @@ impl World {
     }
 
     /// Wakes and sends as long as there is something to send.
-    pub(super) fn wake(&mut self) {
+    pub(in super::super) fn wake(&mut self) {
         self.poll();
         // What takes several polls is due, and sends nothing.
-        while self.stack.services.files.is_working() {
+        while self.stack.services.files.is_working() || self.stack.services.param.is_working() {
             self.poll();
         }
         for _ in 0..1_000 {

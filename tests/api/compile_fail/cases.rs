@@ -9,8 +9,7 @@ pub fn cases() -> Vec<Case> {
     };
     let address = "a system id is 1 to 254 (255: ground stations), a component id 1 to 255";
     let links = "a stack has 1 to 16 links";
-    let form = "write stack! { pub struct Mavlink for Rover { links: 1 } }";
-    let once = "`once` and `once_per_press` need slots: add `commands: { slots: 2 }` to `stack!`";
+    let once = "`once` and `once_per_press` need slots: add `commands: { slots: 2 }` to `#[stack]`";
     let streams = |list: &str| implements(&telemetry(list), "links: 1, streams");
     let announces = |command, main| {
         let hooks = &telemetry("Stream::of::<Attitude>()");
@@ -33,26 +32,44 @@ pub fn cases() -> Vec<Case> {
             constant("const BUDGET: PollBudget = PollBudget::for_line(3_000_000, Duration::from_secs(600));"),
             "poll the link more often",
         ),
-        ("no_vehicle", constant("stack! { struct Mavlink { links: 1 } }"), form),
-        ("no_struct", constant("struct Rover; stack! { Mavlink for Rover: links: 1 }"), form),
+        (
+            "no_vehicle",
+            constant("#[derive(Stack)] #[stack(links: 1)] struct Mavlink;"),
+            "`#[stack(vehicle: Rover, links: 1)]` is missing: say it above the struct",
+        ),
+        (
+            "no_struct",
+            constant("struct Rover; #[derive(Stack)] #[stack(vehicle: Rover, links: 1)] enum Mavlink {}"),
+            "`Stack` is derived for a struct: its fields are the services",
+        ),
+        (
+            "tuple_struct",
+            constant("struct Rover; #[derive(Stack)] #[stack(vehicle: Rover, links: 1)] struct Mavlink(u8);"),
+            "`Mavlink` must have named fields and no parameters",
+        ),
+        (
+            "field_is_no_service",
+            constant(&(HOOKS.to_owned() + "#[derive(Stack)] #[stack(vehicle: Rover, links: 1)] struct Mavlink { depth: u8 }")),
+            "`u8` is no service of this vehicle",
+        ),
         (
             "entry_unknown",
             declares("links: 1, telemetry"),
-            "`telemetry` is no entry of a stack, or not written like this",
+            "`telemetry` is no entry of a stack. These are: `vehicle`, `links`",
         ),
         (
             "entry_form",
             declares("links: 1, commands: 2"),
-            "`commands` is no entry of a stack, or not written like this",
+            "write `commands: { slots: 2 }`",
         ),
-        ("entry_twice", declares("links: 1, peers: 4, links: 2"), "`links` is given twice in `stack!`: remove one"),
-        ("flag_twice", declares("links: 1, time, texts: 2, time"), "`time` is given twice in `stack!`: remove one"),
+        ("entry_twice", declares("links: 1, peers: 4, links: 2"), "`links` is given twice: remove one"),
+        ("flag_twice", declares("links: 1, time, texts: 2, time"), "`time` is given twice: remove one"),
         (
             "entry_twice_in_two_forms",
             declares("links: 1, forwarding, forwarding: { bytes: 512 }"),
-            "`forwarding` is given twice in `stack!`: remove one",
+            "`forwarding` is given twice: remove one",
         ),
-        ("links_missing", declares("peers: 8"), "say how many links the vehicle has: `links: 1`"),
+        ("links_missing", declares("peers: 8"), "`#[stack(vehicle: Rover, links: 1)]` is missing"),
         ("links_0", declares("links: 0"), links),
         ("links_17", declares("links: 17"), links),
         ("peers_0", declares("links: 1, peers: 0"), "a stack needs room for a peer: `peers: 8` will do for most"),
@@ -62,7 +79,7 @@ pub fn cases() -> Vec<Case> {
             implements(PLANS, "links: 1, plans: { mission: 0 }"),
             "plan memory without room for an item: leave `plans` out",
         ),
-        ("items_order", implements(PLANS, "links: 1, plans: { rally: 16 }"), "fence and rally may be left out"),
+        ("items_order", implements(PLANS, "links: 1, plans: { rally: 16 }"), "write `plans: { mission: 100, fence: 64, rally: 16 }`"),
         (
             "staging",
             constant("const PLANS: PlanBuffers<9, 0, 0, 8> = PlanBuffers::new();"),
@@ -186,7 +203,7 @@ pub fn cases() -> Vec<Case> {
         (
             "files_twice",
             implements(FILES, "files: { sessions: 1 }, links: 1, files: { sessions: 1 }"),
-            "`files` is given twice in `stack!`",
+            "`files` is given twice",
         ),
         ("components", components(&[154, 100]), ""),
         ("components_0", components(&[0]), "give each of `COMPONENTS` an id of its own"),
@@ -230,42 +247,42 @@ pub fn cases() -> Vec<Case> {
         ("param_default", parameters("A: u8 = 2, 0..=1, \"\";"), "a parameter's default lies within its range"),
         (
             "hook_vehicle",
-            constant("struct Rover; stack! { struct Mavlink for Rover { links: 1 } }"),
-            "a vehicle of `stack!` needs `impl Vehicle for Rover`",
+            constant("struct Rover; #[derive(Stack)] #[stack(vehicle: Rover, links: 1)] struct Mavlink;"),
+            "a vehicle of `#[stack]` needs `impl Vehicle for Rover`",
         ),
         (
             "hook_commands",
             constant(
                 "struct Rover;
                  impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
-                 stack! { struct Mavlink for Rover { links: 1 } }",
+                 #[derive(Stack)] #[stack(vehicle: Rover, links: 1)] struct Mavlink;",
             ),
-            "a vehicle of `stack!` needs `impl Commands for Rover`",
+            "a vehicle of `#[stack]` needs `impl Commands for Rover`",
         ),
         (
             "hook_plans",
             declares("links: 1, plans: { mission: 9 }"),
-            "`plans` in `stack!` needs `impl Plans for Rover`: write it, or leave `plans` out",
+            "`plans` in `#[stack]` needs `impl Plans for Rover`: write it, or leave `plans` out",
         ),
         (
             "hook_streams",
             declares("links: 1, streams"),
-            "`streams` in `stack!` needs `impl Telemetry for Rover`: write it, or leave `streams` out",
+            "`streams` in `#[stack]` needs `impl Telemetry for Rover`: write it, or leave `streams` out",
         ),
         (
             "hook_modes",
             declares("links: 1, modes"),
-            "`modes` in `stack!` needs `impl Modes for Rover`: write it, or leave `modes` out",
+            "`modes` in `#[stack]` needs `impl Modes for Rover`: write it, or leave `modes` out",
         ),
         (
             "hook_gimbal_manager",
             declares("links: 1, gimbal_manager"),
-            "`gimbal_manager` in `stack!` needs `impl GimbalManager for Rover`: write it, or leave `gimbal_manager` out",
+            "`gimbal_manager` in `#[stack]` needs `impl GimbalManager for Rover`: write it, or leave `gimbal_manager` out",
         ),
         (
             "hook_gimbal_device",
             declares("links: 1, gimbal_device"),
-            "`gimbal_device` in `stack!` needs `impl GimbalDevice for Rover`: write it, or leave `gimbal_device` out",
+            "`gimbal_device` in `#[stack]` needs `impl GimbalDevice for Rover`: write it, or leave `gimbal_device` out",
         ),
         (
             "manager_of_no_device",
@@ -308,12 +325,12 @@ pub fn cases() -> Vec<Case> {
         (
             "hook_parameters",
             implements("parameters! { struct Tuning { A: u8 = 0, 0..=1, \"\"; } }", "links: 1, parameters: Tuning"),
-            "`parameters` in `stack!` needs `impl Parameters for Rover`: write it, or leave `parameters` out",
+            "`parameters` in `#[stack]` needs `impl Parameters for Rover`: write it, or leave `parameters` out",
         ),
         (
             "hook_checks",
             declares("links: 1, events: { history: 16, checks }"),
-            "`checks` in `events` of `stack!` needs `impl HealthChecks for Rover`: write it, or leave `checks` out",
+            "`checks` in `events` of `#[stack]` needs `impl HealthChecks for Rover`: write it, or leave `checks` out",
         ),
         (
             "events_without_history",
@@ -388,22 +405,22 @@ pub fn cases() -> Vec<Case> {
         (
             "hook_camera",
             declares("links: 1, camera"),
-            "`camera` in `stack!` needs `impl Camera for Rover`: write it, or leave `camera` out",
+            "`camera` in `#[stack]` needs `impl Camera for Rover`: write it, or leave `camera` out",
         ),
         (
             "hook_ext_parameters",
             declares("links: 1, ext_parameters"),
-            "`ext_parameters` in `stack!` needs `impl ExtParameters for Rover`: write it, or leave `ext_parameters` out",
+            "`ext_parameters` in `#[stack]` needs `impl ExtParameters for Rover`: write it, or leave `ext_parameters` out",
         ),
         (
             "hook_logs",
             declares("links: 1, logs"),
-            "`logs` in `stack!` needs `impl Logs for Rover`: write it, or leave `logs` out",
+            "`logs` in `#[stack]` needs `impl Logs for Rover`: write it, or leave `logs` out",
         ),
         (
             "hook_log_streaming",
             declares("links: 1, log_streaming"),
-            "`log_streaming` in `stack!` needs `impl LogStreaming for Rover`: write it, or leave `log_streaming` out",
+            "`log_streaming` in `#[stack]` needs `impl LogStreaming for Rover`: write it, or leave `log_streaming` out",
         ),
         (
             "camera_without_images",
@@ -426,12 +443,12 @@ pub fn cases() -> Vec<Case> {
         (
             "hook_backend",
             implements("", "links: 1, parameters: mavstack::param::ExternalParams<9>"),
-            "`parameters: ExternalParams<N>` in `stack!` needs `impl ParamBackend for Rover`",
+            "`parameters: ExternalParams<N>` in `#[stack]` needs `impl ParamBackend for Rover`",
         ),
         (
             "hook_run_time_table",
             implements("", "links: 1, parameters: mavstack::param::RuntimeTable<9>"),
-            "`parameters` in `stack!` needs `impl Parameters for Rover`: write it, or leave `parameters` out",
+            "`parameters` in `#[stack]` needs `impl Parameters for Rover`: write it, or leave `parameters` out",
         ),
         (
             "run_time_table_without_room",

@@ -18,7 +18,7 @@ use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, Config as Uar
 use embassy_stm32::{bind_interrupts, peripherals};
 use mavstack::io::queue_len;
 use mavstack::storage::Store;
-use mavstack::{LinkConfig, LinkId};
+use mavstack::{LinkConfig, LinkId, StackOf};
 use mavstack_rover::{CONFIG, Mavlink, Rover};
 use mavstack_rover_embassy::{PERIOD, Shared, now};
 // Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
@@ -40,7 +40,7 @@ const _: () = assert!(Store::<Flash<'_, Blocking>>::region_len::<Mavlink>() <= R
 const BUFFER: usize = queue_len(BAUD, mavstack::Duration::from_micros(PERIOD.as_micros()));
 
 /// Static because it is too large for the task. It is all zero bits until it is begun, so it takes no flash.
-static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
+static STACK: ConstStaticCell<StackOf<Mavlink>> = ConstStaticCell::new(StackOf::<Mavlink>::VACANT);
 static RECEIVED: ConstStaticCell<[u8; BUFFER]> = ConstStaticCell::new([0; BUFFER]);
 static TO_SEND: ConstStaticCell<[u8; BUFFER]> = ConstStaticCell::new([0; BUFFER]);
 

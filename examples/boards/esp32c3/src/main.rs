@@ -19,7 +19,7 @@
 use esp_hal::uart::{Config as UartConfig, Uart};
 use esp_storage::FlashStorage;
 use mavstack::storage::Store;
-use mavstack::{Instant, LinkConfig, LinkId};
+use mavstack::{Instant, LinkConfig, LinkId, StackOf};
 use mavstack_rover::{CONFIG, Mavlink, Rover};
 // Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
 use panic_halt as _;
@@ -36,7 +36,7 @@ const REGION: core::ops::Range<u32> = 0x9000..0xF000;
 const _: () = assert!(Store::<FlashStorage<'_>>::region_len::<Mavlink>() <= REGION.end - REGION.start);
 
 /// Static because it is too large for the call stack. It is all zero bits until it is begun, so it takes no flash.
-static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
+static STACK: ConstStaticCell<StackOf<Mavlink>> = ConstStaticCell::new(StackOf::<Mavlink>::VACANT);
 
 #[esp_hal::main]
 fn main() -> ! {

@@ -17,7 +17,7 @@ use embedded_storage::nor_flash::NorFlash;
 use mavstack::io::{AsyncReceiver, AsyncTransmitter};
 use mavstack::network::LinkError;
 use mavstack::storage::Store;
-use mavstack::{Instant, LinkId};
+use mavstack::{Instant, LinkId, StackOf};
 use mavstack_rover::{LINKS, Mavlink, Rover};
 
 /// Period of the driving loop. Received bytes wait no longer than this, unless a pass erases flash or writes a page.
@@ -33,14 +33,14 @@ pub fn now() -> Instant {
 
 /// The state that the futures share.
 pub struct Shared {
-    vehicle: RefCell<(&'static mut Mavlink, Rover)>,
+    vehicle: RefCell<(&'static mut StackOf<Mavlink>, Rover)>,
     /// For each link, signals that there may be something to send.
     wakes: [Signal<NoopRawMutex, ()>; LINKS],
 }
 
 impl Shared {
     /// Returns the shared state. `stack` must be begun and restored.
-    pub fn new(stack: &'static mut Mavlink, rover: Rover) -> Self {
+    pub fn new(stack: &'static mut StackOf<Mavlink>, rover: Rover) -> Self {
         Self { vehicle: RefCell::new((stack, rover)), wakes: [const { Signal::new() }; LINKS] }
     }
 

@@ -35,18 +35,19 @@ pub const CONFIG: Config = Config {
 /// The number of links: your board has one, or two.
 pub const LINKS: usize = if cfg!(feature = "two-links") { 2 } else { 1 };
 
-stack! {
-    /// A mission item takes 32 bytes, and uploads need a second copy.
-    pub struct Mavlink for Rover {
-        links: LINKS,
-        plans: { mission: if cfg!(feature = "small") { 32 } else { 100 } },
-        parameters: Tuning,
-        streams,
-        modes,
-        manual_control,
-        storage,
-    }
-}
+/// A mission item takes 32 bytes, and uploads need a second copy.
+#[derive(Stack)]
+#[stack(
+    vehicle: Rover,
+    links: LINKS,
+    plans: { mission: if cfg!(feature = "small") { 32 } else { 100 } },
+    parameters: Tuning,
+    streams,
+    modes,
+    manual_control,
+    storage,
+)]
+pub struct Mavlink;
 
 parameters! {
     /// The parameters, in ASCII order.
@@ -119,7 +120,7 @@ impl Default for Rover {
 
 impl Rover {
     /// Runs one pass of the driving loop, and ticks the pulse.
-    pub fn drive(&mut self, now: Instant, stack: &mut Stack<Mavlink, LINKS>) {
+    pub fn drive(&mut self, now: Instant, stack: &mut StackOf<Mavlink>) {
         let (minimum, voltage) = (stack.parameters().get(Tuning::BAT_V_LOW), self.battery.total_voltage());
         // An unknown voltage is not a sufficient one, and an unreadable plan is not an empty one.
         self.is_battery_low = minimum > 0.0 && !(voltage.is_finite() && voltage >= minimum);
@@ -139,7 +140,7 @@ impl Rover {
     }
 
     /// Reads the sticks of the pilot's receiver, or of a joystick while it is silent. Without either the rover holds.
-    fn read_sticks(&mut self, now: Instant, stack: &mut Stack<Mavlink, LINKS>) {
+    fn read_sticks(&mut self, now: Instant, stack: &mut StackOf<Mavlink>) {
         let input = stack.manual_input_mut();
         input.set_receivers(&RECEIVERS);
         input.set_source(ControlSource::GroundStation);
@@ -157,13 +158,13 @@ impl Rover {
     }
 
     /// Returns the mission item to drive to; `None` to stop.
-    pub fn target<'a>(&self, stack: &'a Stack<Mavlink, LINKS>) -> Option<&'a Item> {
+    pub fn target<'a>(&self, stack: &'a StackOf<Mavlink>) -> Option<&'a Item> {
         let is_driving = self.armed && self.mode == MISSION && !self.is_station_lost;
         stack.mission().items().get(usize::from(self.current)).filter(|_| is_driving)
     }
 
     /// Reports that the current item is reached, and continues with the next. After the last one the rover holds.
-    pub fn reached(&mut self, now: Instant, stack: &mut Stack<Mavlink, LINKS>) {
+    pub fn reached(&mut self, now: Instant, stack: &mut StackOf<Mavlink>) {
         stack.mission_item_reached(now, self.current);
         if usize::from(self.current) + 1 < stack.mission().items().len() {
             self.current += 1;

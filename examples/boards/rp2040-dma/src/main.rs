@@ -22,7 +22,7 @@ mod flash;
 
 use board::Board;
 use mavstack::storage::Store;
-use mavstack::{Duration, LinkConfig, LinkId};
+use mavstack::{Duration, LinkConfig, LinkId, StackOf};
 use mavstack_rover::{CONFIG, Mavlink, Rover};
 // Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
 use panic_halt as _;
@@ -38,7 +38,7 @@ const ERASE: Duration = Duration::from_millis(400);
 const _: () = assert!(Store::<flash::Sectors>::region_len::<Mavlink>() <= flash::REGION.end - flash::REGION.start);
 
 /// Static because it is too large for the call stack. It is all zero bits until it is begun, so it takes no flash.
-static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
+static STACK: ConstStaticCell<StackOf<Mavlink>> = ConstStaticCell::new(StackOf::<Mavlink>::VACANT);
 
 #[rp2040_hal::entry]
 fn main() -> ! {

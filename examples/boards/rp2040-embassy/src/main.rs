@@ -21,7 +21,7 @@ use embassy_usb::{Builder, Config as UsbConfig};
 use mavstack::config::PollBudget;
 use mavstack::io::queue_len;
 use mavstack::storage::Store;
-use mavstack::{Config, Duration, LinkConfig, LinkId};
+use mavstack::{Config, Duration, LinkConfig, LinkId, StackOf};
 use mavstack_rover::{CONFIG, Mavlink, Rover};
 use mavstack_rover_embassy::{PERIOD, Shared, now};
 // Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
@@ -54,7 +54,7 @@ const PACKET: u16 = 64;
 const PIECE: usize = PACKET as usize - 1;
 
 /// Static because it is too large for the task. It is all zero bits until it is begun, so it takes no flash.
-static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
+static STACK: ConstStaticCell<StackOf<Mavlink>> = ConstStaticCell::new(StackOf::<Mavlink>::VACANT);
 static RECEIVED: ConstStaticCell<[u8; BUFFER]> = ConstStaticCell::new([0; BUFFER]);
 static TO_SEND: ConstStaticCell<[u8; BUFFER]> = ConstStaticCell::new([0; BUFFER]);
 /// The buffers of the USB: its descriptors, and control requests.

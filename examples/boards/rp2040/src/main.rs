@@ -21,7 +21,7 @@ use board::Board;
 use cortex_m::peripheral::NVIC;
 use mavstack::io::Io06;
 use mavstack::storage::Store;
-use mavstack::{LinkConfig, LinkId};
+use mavstack::{LinkConfig, LinkId, StackOf};
 use mavstack_rover::{CONFIG, Mavlink, Rover};
 // Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
 use panic_halt as _;
@@ -42,7 +42,7 @@ const PERIOD_MS: u32 = 1;
 const _: () = assert!(Store::<flash::Sectors>::region_len::<Mavlink>() <= flash::REGION.end - flash::REGION.start);
 
 /// Static because it is too large for the call stack. It is all zero bits until it is begun, so it takes no flash.
-static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
+static STACK: ConstStaticCell<StackOf<Mavlink>> = ConstStaticCell::new(StackOf::<Mavlink>::VACANT);
 
 #[rp2040_hal::entry]
 fn main() -> ! {

@@ -17,7 +17,7 @@ use cortex_m::peripheral::{NVIC, SYST};
 use cortex_m_rt::{entry, exception};
 use critical_section::Mutex;
 use mavstack::io::{SerialQueues, queue_len};
-use mavstack::{Duration, Instant, LinkConfig, LinkId};
+use mavstack::{Duration, Instant, LinkConfig, LinkId, StackOf};
 use mavstack_rover::{CONFIG, Mavlink, Rover};
 // Halts on a panic. The stack does not panic. A real vehicle would stop its motors and let the watchdog reset it.
 use panic_halt as _;
@@ -40,7 +40,7 @@ const QUEUE: usize = queue_len(BAUD, Duration::from_millis(4));
 static UART: Mutex<RefCell<Option<Serial<USART1>>>> = Mutex::new(RefCell::new(None));
 
 /// Static because it is too large for the call stack. It is all zero bits until it is begun, so it takes no flash.
-static STACK: ConstStaticCell<Mavlink> = ConstStaticCell::new(Mavlink::VACANT);
+static STACK: ConstStaticCell<StackOf<Mavlink>> = ConstStaticCell::new(StackOf::<Mavlink>::VACANT);
 
 #[entry]
 fn main() -> ! {

@@ -10,7 +10,7 @@ use mavstack::dialect::{
 };
 use mavstack::ext_parameters::ExtValue;
 use mavstack::message::ComponentId;
-use mavstack::{Camera, Context, Duration, ExtParameters, Instant, Item, Text};
+use mavstack::{Camera, Context, Duration, ExtParameters, Instant, Item, StackOf, Text};
 
 use super::{Mode, Quadrotor};
 use crate::app::Mavlink;
@@ -158,7 +158,7 @@ impl Quadrotor {
 
 impl Quadrotor {
     /// Tells ground stations of changed settings.
-    pub(crate) fn report_camera(&mut self, stack: &mut Mavlink) {
+    pub(crate) fn report_camera(&mut self, stack: &mut StackOf<Mavlink>) {
         if core::mem::take(&mut self.camera.is_changed) {
             stack.camera_mut().settings_changed();
         }

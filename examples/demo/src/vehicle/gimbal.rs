@@ -10,7 +10,7 @@ use mavstack::dialect::{
 };
 use mavstack::gimbal::{GimbalSetpoint, GimbalTarget};
 use mavstack::message::ComponentId;
-use mavstack::{Context, GimbalDevice, GimbalManager, Instant, Item, Text};
+use mavstack::{Context, GimbalDevice, GimbalManager, Instant, Item, StackOf, Text};
 
 use super::{DT, Quadrotor};
 use crate::angle::{cos, sin};
@@ -140,7 +140,7 @@ impl Quadrotor {
     /// Executes an item of the mission through the gimbal manager. What the gimbal refuses does not stop the mission.
     // Not inlined: the flight loop has the deepest call stack.
     #[inline(never)]
-    pub(crate) fn carry_out_gimbal_item(&mut self, now: Instant, stack: &mut Mavlink) {
+    pub(crate) fn carry_out_gimbal_item(&mut self, now: Instant, stack: &mut StackOf<Mavlink>) {
         if let Some(item) = self.gimbal.order.take() {
             let _ = stack.point_gimbal(now, &item, self);
         }

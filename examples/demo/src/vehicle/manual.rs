@@ -8,7 +8,7 @@
 use mavstack::dialect::{MavResult, MavSeverity, RcChannels};
 use mavstack::manual_control::{ControlSource, ManualControlInput, ManualInput, RcOverride};
 use mavstack::message::SystemId;
-use mavstack::{Address, Context, ControlInput, Duration, Instant, Peer};
+use mavstack::{Address, Context, ControlInput, Duration, Instant, Peer, StackOf};
 
 use super::commands::refuse;
 use super::{Mode, Quadrotor};
@@ -29,7 +29,7 @@ const RECEIVERS: [Peer; 2] =
 impl Quadrotor {
     /// Configures the accepted source and the timeout of manual control from the parameters, and reads the current input.
     #[inline(never)]
-    pub(crate) fn take_sticks(&mut self, now: Instant, stack: &mut Mavlink) {
+    pub(crate) fn take_sticks(&mut self, now: Instant, stack: &mut StackOf<Mavlink>) {
         let tuning = stack.parameters();
         let system = tuning.get(Tuning::MAV_GCS_SYSID);
         let timeout = tuning.get(Tuning::COM_RC_LOSS_T);

@@ -8,7 +8,7 @@
 use libm::sqrtf;
 use mavstack::dialect::{MavFrame, MavResult, MavSeverity};
 use mavstack::setpoints::{Place, PositionSetpoint, Target};
-use mavstack::{Context, Instant};
+use mavstack::{Context, Instant, StackOf};
 
 use super::commands::{MAX_SPEED, refuse};
 use super::manual::source;
@@ -53,7 +53,7 @@ enum Turn {
 impl Quadrotor {
     /// Configures the source of setpoints from the parameters, and reads the current one.
     #[inline(never)]
-    pub(crate) fn take_setpoint(&mut self, now: Instant, stack: &mut Mavlink) {
+    pub(crate) fn take_setpoint(&mut self, now: Instant, stack: &mut StackOf<Mavlink>) {
         let system = stack.parameters().get(Tuning::MAV_GCS_SYSID);
         let setpoints = stack.setpoints_mut();
         setpoints.set_source(source(system));

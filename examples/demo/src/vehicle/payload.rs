@@ -10,7 +10,7 @@ use mavstack::dialect::{
     MavType,
 };
 use mavstack::network::PeerInfo;
-use mavstack::{Command, Context, Fill, Frame, Instant, ParamAnswer, Peer, Text};
+use mavstack::{Command, Context, Fill, Frame, Instant, ParamAnswer, Peer, StackOf, Text};
 
 use super::Quadrotor;
 use super::commands::refuse;
@@ -42,7 +42,7 @@ impl Payload {
 impl Quadrotor {
     /// Finds the gimbal and the camera of our system among the peers, and asks them about themselves.
     #[inline(never)]
-    pub(crate) fn watch_payload(&mut self, now: Instant, stack: &mut Mavlink) {
+    pub(crate) fn watch_payload(&mut self, now: Instant, stack: &mut StackOf<Mavlink>) {
         let system = stack.address().system;
         self.system = system.0;
         let find = |r#type: MavType| {

@@ -4,7 +4,7 @@
 
 use mavstack::dialect::MavResult;
 use mavstack::logs::{LogInfo, LogRead};
-use mavstack::{Context, Duration, Instant, LogStreaming, Logs, Peer};
+use mavstack::{Context, Duration, Instant, LogStreaming, Logs, Peer, StackOf};
 
 use super::{Mode, Quadrotor};
 use crate::angle::{cos, sin};
@@ -171,7 +171,7 @@ impl Quadrotor {
 
     /// Records the present state. Call it in each pass of the flight loop.
     #[inline(never)]
-    pub(crate) fn record(&mut self, now: Instant, stack: &Mavlink) {
+    pub(crate) fn record(&mut self, now: Instant, stack: &StackOf<Mavlink>) {
         self.recorder.now = now;
         if self.armed && !self.recorder.is_on {
             self.recorder.begin(now, self.calendar.unix_usec(now).unwrap_or(0));
@@ -190,7 +190,7 @@ impl Quadrotor {
     }
 
     #[inline(never)]
-    fn record_texts(&mut self, now: Instant, stack: &Mavlink) {
+    fn record_texts(&mut self, now: Instant, stack: &StackOf<Mavlink>) {
         while let Some((number, severity, text)) = stack.text_after(self.recorder.text) {
             self.recorder.text = number;
             self.recorder.record.make_text(now.as_micros(), severity.0, text);

@@ -4,7 +4,7 @@ use libm::atan2f;
 use mavstack::config::LinkClass;
 use mavstack::high_latency::{HighLatencyConfig, HighLatencyMode, HighLatencySample};
 use mavstack::message::LatLon;
-use mavstack::{Context, Duration};
+use mavstack::{Context, Duration, StackOf};
 
 use super::{Mode, Quadrotor};
 use crate::app::Mavlink;
@@ -32,7 +32,7 @@ impl Quadrotor {
 
     /// Samples the values for HIGH_LATENCY2, and updates the parameters that count the cost of the link.
     #[inline(never)]
-    pub(crate) fn watch_satellite(&mut self, stack: &mut Mavlink) {
+    pub(crate) fn watch_satellite(&mut self, stack: &mut StackOf<Mavlink>) {
         if self.time.since(self.sampled) < SAMPLING {
             return;
         }

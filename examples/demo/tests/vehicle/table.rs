@@ -7,23 +7,24 @@ use mavstack::dialect::{
 };
 use mavstack::frame::{Decoder, Version, encode};
 use mavstack::message::Dialect;
-use mavstack::{Address, Config, Duration, Instant, Item, LinkConfig, LinkId, Message, Pulse};
+use mavstack::{Address, Config, Duration, Instant, Item, LinkConfig, LinkId, Message, Pulse, StackOf};
 use mavstack_demo::{Quadrotor, Tuning};
 
-mavstack::stack! {
-    struct Mavlink for Quadrotor {
-        links: 1,
-        plans: { mission: 20, fence: 8, rally: 2 },
-        parameters: Tuning,
-        commands: { slots: 1 },
-    }
-}
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: Quadrotor,
+    links: 1,
+    plans: { mission: 20, fence: 8, rally: 2 },
+    parameters: Tuning,
+    commands: { slots: 1 },
+)]
+struct Mavlink;
 
 const LINK: LinkId = LinkId(0);
 
 /// A vehicle, its stack, and a client that uploads plans over a lossless link.
 struct Upload {
-    stack: Box<Mavlink>,
+    stack: Box<StackOf<Mavlink>>,
     vehicle: Quadrotor,
     decoder: Decoder,
     millis: u64,
@@ -33,7 +34,7 @@ impl Upload {
     fn new() -> Self {
         let config = Config::new(Address::new(1, 1), Box::leak(Box::new(Pulse::new())));
         Self {
-            stack: Box::new(Mavlink::new(config, [LinkConfig::uart(921_600)])),
+            stack: Box::new(StackOf::<Mavlink>::new(config, [LinkConfig::uart(921_600)])),
             vehicle: Quadrotor::new(),
             decoder: Decoder::new(Duration::from_secs(1)),
             millis: 0,

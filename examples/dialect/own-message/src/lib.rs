@@ -56,10 +56,10 @@ mavstack::dialect! {
     pub struct Known: [CraneReport, CraneControl] + Common;
 }
 
-mavstack::stack! {
-    /// What the crane has of MAVLink: one link, and streams.
-    pub struct Mavlink for Crane { links: 1, streams }
-}
+/// What the crane has of MAVLink: one link, and streams.
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Crane, links: 1, streams)]
+pub struct Mavlink;
 
 /// A crane.
 #[derive(Debug, Default)]

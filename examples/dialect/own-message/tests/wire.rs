@@ -4,13 +4,13 @@ use example_own_message::{Crane, CraneControl, CraneHook, CraneReport, Known, Ma
 use mavstack::dialect::{CommandAck, CommandLong, MavCmd, MavResult};
 use mavstack::frame::{Decoder, MAX_FRAME_LEN, Version, encode};
 use mavstack::message::Dialect;
-use mavstack::{Address, Config, Instant, LinkConfig, LinkId, Message, Pulse};
+use mavstack::{Address, Config, Instant, LinkConfig, LinkId, Message, Pulse, StackOf};
 
 const LINK: LinkId = LinkId(0);
 const GCS: Address = Address::new(255, 190);
 
 struct Bench {
-    stack: Mavlink,
+    stack: StackOf<Mavlink>,
     crane: Crane,
     decoder: Decoder,
     now: Instant,
@@ -20,7 +20,7 @@ impl Bench {
     fn new() -> Self {
         let config = Config::new(Address::new(7, 1), Box::leak(Box::new(Pulse::new())));
         Self {
-            stack: Mavlink::new(config, [LinkConfig::uart(57_600)]),
+            stack: StackOf::<Mavlink>::new(config, [LinkConfig::uart(57_600)]),
             crane: Crane::default(),
             decoder: Decoder::default(),
             now: Instant::from_millis(1),

@@ -19,10 +19,10 @@ use mavstack::{
     Progress, Stream, Telemetry, Vehicle, VehicleState,
 };
 
-mavstack::stack! {
-    /// What the vessel has of MAVLink: one link, streams, and missions.
-    pub struct Mavlink for Vessel { links: 1, plans: { mission: 20 }, streams }
-}
+/// What the vessel has of MAVLink: one link, streams, and missions.
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Vessel, links: 1, plans: { mission: 20 }, streams)]
+pub struct Mavlink;
 
 /// A vessel with a crane.
 #[derive(Debug, Default)]

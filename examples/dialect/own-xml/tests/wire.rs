@@ -7,7 +7,7 @@ mod pymavlink;
 use example_own_xml::crane::{CraneControl, CraneHook, CraneReport, commands};
 use example_own_xml::{Mavlink, Vessel};
 use mavstack::dialect::{CommandAck, MavResult};
-use mavstack::{Address, Config, Instant, LinkConfig, LinkId, Message, Pulse};
+use mavstack::{Address, Config, Instant, LinkConfig, LinkId, Message, Pulse, StackOf};
 use std::path::Path;
 use std::process::Command;
 
@@ -18,7 +18,7 @@ const CONTROL: &str = "fd06000000ffbe09cf00000000bf070141e6";
 const COMMAND: &str = "fd20000000ffbe4c00000000803f0000004000000000000000000000000000000000000000007c7907011ebc";
 
 struct Bench {
-    stack: Mavlink,
+    stack: StackOf<Mavlink>,
     pulse: &'static Pulse,
     vessel: Vessel,
     now: Instant,
@@ -27,7 +27,7 @@ struct Bench {
 impl Bench {
     fn new() -> Self {
         let pulse = Box::leak(Box::new(Pulse::new()));
-        let stack = Mavlink::new(Config::new(Address::new(7, 1), pulse), [LinkConfig::uart(57_600)]);
+        let stack = StackOf::<Mavlink>::new(Config::new(Address::new(7, 1), pulse), [LinkConfig::uart(57_600)]);
         Self { stack, pulse, vessel: Vessel::default(), now: Instant::from_millis(1) }
     }
 

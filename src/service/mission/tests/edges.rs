@@ -5,16 +5,18 @@ use crate::dialect::MissionItemReached;
 
 impl Bench {
     /// Whether anything is pending on a link.
-    fn is_pending(&self, link: usize) -> bool {
-        let (missions, replies, tx) = (&self.missions, &self.replies[link], &self.boxes[link]);
-        replies.has_ack() || missions.has_transfer(replies, tx) || missions.has_progress(tx.link())
+    fn is_pending(&mut self, link: usize) -> bool {
+        let turns = [Turn::MissionAck, Turn::MissionTransfer, Turn::MissionProgress];
+        self.with_link(link, |missions, cx, port, replies| {
+            let view = cx.view();
+            turns.iter().any(|&turn| Service::<Board>::pending(missions, &view, port, replies, turn).is_some())
+        })
     }
 
     /// Returns the next MISSION_ITEM_REACHED of a link, if that is the next message.
     fn next_reached(&mut self, link: usize) -> Option<u16> {
-        let tx = &mut self.boxes[link];
-        let plans = self.memory.view().expect("there are plans");
-        let sent = self.missions.next_progress(&plans, &self.vehicle.progress, tx);
+        let sent = self.offer(link, Turn::MissionProgress);
+        let tx = &mut self.ports[link].outbox;
         sent.then(|| with_frame(&take(tx), |frame| frame.decode::<MissionItemReached>().map(|message| message.seq)))?
     }
 

@@ -17,9 +17,10 @@ use super::number::Number;
 use super::*;
 use crate::dialect::{MavCmd, MavFrame, MavResult, MissionCurrent, MissionState, rules};
 use crate::frame::{MAX_FRAME_LEN, encode};
+use crate::link::Link;
 use crate::message::{Address, CommandRule, Item};
 use crate::service::param::NoParams;
-use crate::service::rest::{sent_texts, take, with_frame};
+use crate::service::rest::{Rest, offer, sent_texts, take, with_frame};
 use crate::time::Duration;
 use crate::types::{Command, Durability, Outcome, TextEntry};
 
@@ -145,7 +146,7 @@ struct Bench {
     /// The sequence number of received frames: constant, unless a test sets it.
     number: u8,
     replies: [Replies; 2],
-    boxes: [Outbox; 2],
+    ports: [Port; 2],
 }
 
 impl Bench {
@@ -174,7 +175,7 @@ impl Bench {
             now: Instant::from_millis(60_000),
             number: 0,
             replies: [const { Replies::new() }; 2],
-            boxes: [0, 1].map(|link| outbox(LinkId(link), version)),
+            ports: [0, 1].map(|link| port(LinkId(link), version)),
         }
     }
 
@@ -189,7 +190,7 @@ impl Bench {
         with_frame(&bytes[..len], |frame| {
             assert!(Missions::handles(frame.id()));
             let link = usize::from(from.link.0);
-            let version = self.boxes[link].version();
+            let version = self.ports[link].outbox.version();
             self.with(|missions, cx, vehicle, replies| {
                 let mut caller = Caller { from, version, replies: &mut replies[link] };
                 missions.receive(cx, vehicle, &mut caller, frame);
@@ -282,17 +283,44 @@ impl Bench {
         core::iter::from_fn(|| self.next(link)).collect()
     }
 
+    /// Calls `act` with the engine and everything it needs to send on a link.
+    fn with_link<R>(
+        &mut self,
+        link: usize,
+        act: impl FnOnce(&mut Missions, &mut Cx<'_, Board>, &mut Port, &mut Replies) -> R,
+    ) -> R {
+        let mut rest = Rest::new();
+        rest.shared.config.float_mission_items = self.float_form;
+        let mut cx = Cx {
+            now: self.now,
+            shared: &mut rest.shared,
+            peers: rest.peers.as_mut_view(),
+            texts: &mut self.texts,
+            requests: &mut rest.requests,
+            events: &mut rest.events,
+            plans: self.memory.view(),
+            parameters: &mut NoParams,
+            vehicle: &mut self.vehicle,
+        };
+        act(&mut self.missions, &mut cx, &mut self.ports[link], &mut self.replies[link])
+    }
+
+    /// Has a link send what is pending in a turn. Returns false if nothing is.
+    fn offer(&mut self, link: usize, turn: Turn) -> bool {
+        self.with_link(link, |missions, cx, port, replies| {
+            let is_pending = Service::<Board>::pending(missions, &cx.view(), port, replies, turn).is_some();
+            let is_sent = offer(missions, cx, port, replies, turn);
+            assert_eq!(is_pending, is_sent, "what is pending is sent");
+            is_sent
+        })
+    }
+
     /// Returns the next frame that a link sends, except MISSION_CURRENT.
     fn next(&mut self, link: usize) -> Option<Sent> {
-        let (replies, tx) = (&mut self.replies[link], &mut self.boxes[link]);
-        let plans = self.memory.view().expect("there are plans");
-        let is_pending = replies.has_ack();
-        let sent = replies.next_ack(tx);
-        assert_eq!(is_pending, sent, "what is pending is sent");
-        let floats = self.float_form.then_some(Vehicle::MISSION_COMMANDS);
-        if !sent && !self.missions.transfer(self.now, replies, &plans, &self.vehicle.progress, floats, tx) {
+        if !self.offer(link, Turn::MissionAck) && !self.offer(link, Turn::MissionTransfer) {
             return None;
         }
+        let tx = &mut self.ports[link].outbox;
         Some(with_frame(&take(tx), |frame| {
             let (system, component, mission_type, out) = if let Some(m) = frame.decode::<MissionRequestInt>() {
                 (m.target_system, m.target_component, m.mission_type, Ask(m.seq))
@@ -316,15 +344,14 @@ impl Bench {
 
     /// Returns the MISSION_CURRENT that a link sends next.
     fn next_current(&mut self, link: usize) -> Option<MissionCurrent> {
-        let tx = &mut self.boxes[link];
-        let plans = self.memory.view().expect("there are plans");
-        let sent = self.missions.next_progress(&plans, &self.vehicle.progress, tx);
-        sent.then(|| with_frame(&take(tx), |frame| frame.decode().expect("MISSION_CURRENT")))
+        let is_sent = self.offer(link, Turn::MissionProgress);
+        let tx = &mut self.ports[link].outbox;
+        is_sent.then(|| with_frame(&take(tx), |frame| frame.decode().expect("MISSION_CURRENT")))
     }
 
     /// Returns the texts that are sent.
     fn texts(&mut self) -> Vec<std::string::String> {
-        sent_texts(&mut self.texts, &mut self.boxes[0])
+        sent_texts(&mut self.texts, &mut self.ports[0].outbox)
     }
 
     /// Returns the number of items in the staging area.
@@ -351,10 +378,11 @@ impl Bench {
     }
 }
 
-fn outbox(link: LinkId, version: Version) -> Outbox {
-    let mut outbox = Outbox::VACANT;
-    outbox.configure(link, VEHICLE, version);
-    outbox
+fn port(link: LinkId, version: Version) -> Port {
+    let mut port = Link::VACANT.port;
+    port.id = link;
+    port.outbox.configure(link, VEHICLE, version);
+    port
 }
 
 fn both_links() -> LinkMask {

@@ -101,12 +101,12 @@ impl Bench {
     /// Lets a link send in this turn. Returns whether it did.
     fn take(&mut self, link: usize, turn: Turn) -> bool {
         let (port, list) = (&mut self.ports[link], &mut self.lists[link]);
-        let Rest { shared, peers, texts, requests, events } = &self.rest;
-        let view = View { now: self.now, shared, peers, texts, requests, events };
-        let due = Service::<Board>::due(&self.params, &view, port, list, turn);
         let mut cx = self.rest.cx::<Board>(self.now, &mut self.marks, &mut self.rover);
-        let sends = self.params.next(&mut cx, port, list, turn);
-        assert_eq!(sends, due <= self.now, "{turn:?} is due at {due:?}, and it is {:?}", self.now);
+        let pending = Service::<Board>::pending(&self.params, &cx.view(), port, list, turn);
+        let pending = pending.filter(|(at, _)| *at <= cx.now);
+        let is_due = pending.is_some();
+        let sends = pending.is_some_and(|(_, reply)| self.params.send(&mut cx, port, list, reply));
+        assert_eq!(sends, is_due, "what is due in {turn:?} is sent");
         if sends {
             with_frame(&take(&mut port.outbox), |frame| {
                 if let Some(value) = frame.decode::<ParamValue>() {
@@ -178,7 +178,8 @@ proptest! {
                 }
                 Event::Restart(link) => {
                     bench.poll();
-                    Service::<Board>::restart(&mut bench.params, &bench.ports[link], &mut bench.lists[link]);
+                    let opened = StackEvent::Opened(&bench.ports[link], &mut bench.lists[link]);
+                    Service::<Board>::on_event(&mut bench.params, opened);
                     // Marks of single values stay; a list does not.
                     (told[link], bench.sent[link]) = ([false; COUNT as usize], [None; COUNT as usize]);
                 }

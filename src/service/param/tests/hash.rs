@@ -117,6 +117,27 @@ fn a_change_during_the_computation_is_in_the_next_hash() {
     assert_eq!(bench.ask(A, &read(-1, "_HASH_CHECK"))[0], [expected]);
 }
 
+/// P-20: neither a link that takes nothing nor a client that is gone leaves old values in the next hash.
+#[test]
+fn the_hash_has_no_values_from_before_the_request() {
+    for is_gone in [false, true] {
+        let mut bench = new();
+        bench.send(A, &read(-1, "_HASH_CHECK"));
+        for _ in 0..COUNT {
+            bench.poll();
+        }
+        if is_gone {
+            bench.restart(0);
+        }
+        bench.table.set(Table::BYTE, 9);
+        bench.poll();
+        let expected = hash(reference(&mut bench));
+        bench.send(B, &read(-1, "_HASH_CHECK"));
+        assert!(bench.drain_link(1).contains(&expected));
+        assert_eq!(bench.drain_link(0).contains(&expected), !is_gone);
+    }
+}
+
 /// A cast would lose bits of the hash.
 #[test]
 fn casts_have_no_hash() {

@@ -162,9 +162,14 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
 
     fn drain_link(&mut self, link: usize) -> Vec<Out> {
         let mut sent = Vec::new();
-        // Some steps of the hash send nothing.
-        while self.params.links.is_pending(LinkId(link as u8)) {
+        loop {
             sent.extend(self.next(link));
+            // The hash takes some polls.
+            match self.params.links.is_pending(LinkId(link as u8)) {
+                true => {}
+                false if self.params.links.is_hashing => self.poll(),
+                false => break,
+            }
         }
         assert_eq!(self.next(link), None, "only pending answers are sent");
         sent
@@ -184,7 +189,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
     fn take(&mut self, link: usize, turn: Turn) -> Option<Out> {
         let (params, mut cx, mut links) = self.parts();
         let (port, list) = &mut links[link];
-        params.next(&mut cx, port, list, turn).then(|| decoded(&mut port.outbox))
+        offer(params, &mut cx, port, list, turn).then(|| decoded(&mut port.outbox))
     }
 
     fn poll(&mut self) {
@@ -194,12 +199,13 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
 
     /// When the service's next timer is due.
     fn deadline(&self) -> Instant {
-        Service::<Board<CAST, HASH, ERRORS>>::storage_deadline(&self.params)
+        self.params.write_due()
     }
 
     /// Reopens a link.
     fn restart(&mut self, link: usize) {
-        Service::<Board<CAST, HASH, ERRORS>>::restart(&mut self.params, &self.ports[link], &mut self.lists[link]);
+        let opened = StackEvent::Opened(&self.ports[link], &mut self.lists[link]);
+        Service::<Board<CAST, HASH, ERRORS>>::on_event(&mut self.params, opened);
     }
 
     fn wait(&mut self, millis: u64) {
@@ -267,6 +273,18 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
     fn bits(&mut self, index: u16) -> u32 {
         self.table.table_mut().get(index).expect("exists").1
     }
+}
+
+/// Sends what is due in a turn of a link. Returns whether anything was.
+fn offer<F: Firmware, S: Service<F>>(
+    service: &mut S,
+    cx: &mut Cx<'_, F>,
+    port: &mut Port,
+    link: &mut S::Link,
+    turn: Turn,
+) -> bool {
+    let pending = service.pending(&cx.view(), port, link, turn).filter(|(at, _)| *at <= cx.now);
+    pending.is_some_and(|(_, reply)| service.send(cx, port, link, reply))
 }
 
 fn decoded(tx: &mut Outbox) -> Out {

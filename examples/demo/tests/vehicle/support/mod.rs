@@ -12,7 +12,7 @@ use mavstack::message::{ComponentId, Dialect};
 use mavstack::plan::PlanFault;
 use mavstack::{
     Address, Command, Commands, Config, Context, Duration, Instant, Item, LinkConfig, LinkId, ModeRequest, Modes, Peer,
-    PlanChange, PlanType, Plans, Pulse,
+    PlanChange, PlanType, Plans, Pulse, StackOf,
 };
 use mavstack_demo::{Mode, Quadrotor, Tuning, Vector};
 
@@ -22,22 +22,23 @@ pub const STATION: Peer = Peer { address: Address::new(255, 190), link: LINK };
 
 pub const HOME: (i32, i32) = (473_977_420, 85_455_940);
 
-mavstack::stack! {
-    /// The declaration of the test vehicle: plans, parameters, and a lossless link.
-    pub struct Bench for Quadrotor {
-        links: 1,
-        plans: { mission: 100, fence: 100, rally: 10 },
-        parameters: Tuning,
-        commands: { slots: 4 },
-        texts: TEXTS,
-    }
-}
+/// The declaration of the test vehicle: plans, parameters, and a lossless link.
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: Quadrotor,
+    links: 1,
+    plans: { mission: 100, fence: 100, rally: 10 },
+    parameters: Tuning,
+    commands: { slots: 4 },
+    texts: TEXTS,
+)]
+pub struct Bench;
 
 const TEXTS: usize = 4;
 
 pub struct Flight {
     pub vehicle: Quadrotor,
-    pub stack: Box<Bench>,
+    pub stack: Box<StackOf<Bench>>,
     pub millis: u64,
     decoder: Decoder,
     /// Items reached since the last [`reached`](Self::reached).
@@ -51,7 +52,7 @@ impl Flight {
         let config = Config::new(Address::new(1, 1), Box::leak(Box::new(Pulse::new())));
         Self {
             vehicle: Quadrotor::new(),
-            stack: Box::new(Bench::new(config, [LinkConfig::uart(921_600)])),
+            stack: Box::new(StackOf::<Bench>::new(config, [LinkConfig::uart(921_600)])),
             millis: 0,
             decoder: Decoder::new(Duration::from_secs(1)),
             reached: Vec::new(),

@@ -11,7 +11,7 @@ use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::*;
 use mavstack::frame::{Decoder, Version, encode};
 use mavstack::message::Dialect;
-use mavstack::{Address, Duration, Instant, Item, LinkId, Message, Pulse};
+use mavstack::{Address, Duration, Instant, Item, LinkId, Message, Pulse, StackOf};
 use mavstack_demo::{App, COMPANION, LINKS, Mavlink, Quadrotor, TELEMETRY};
 pub use rng::Rng;
 
@@ -97,7 +97,7 @@ impl Received {
 
 /// The vehicle, its lines and the simulated time.
 pub struct Wire {
-    pub app: App<Box<Mavlink>>,
+    pub app: App<Box<StackOf<Mavlink>>>,
     pub millis: u64,
     /// The time from one pass of the flight loop to the next (ms).
     pub pass: u64,
@@ -116,7 +116,7 @@ pub struct Wire {
 impl Wire {
     pub fn new() -> Self {
         Self {
-            app: App::in_fleet(Box::new(Mavlink::VACANT), Box::leak(Box::new(Pulse::new())), 1),
+            app: App::in_fleet(Box::new(StackOf::<Mavlink>::VACANT), Box::leak(Box::new(Pulse::new())), 1),
             millis: 0,
             pass: 1,
             lines: Default::default(),

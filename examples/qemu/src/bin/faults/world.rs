@@ -5,7 +5,7 @@ use mavstack::frame::{Decoder, Version, encode, encode_signed};
 use mavstack::message::Dialect;
 use mavstack::signing::SigningKey;
 use mavstack::storage::Store;
-use mavstack::{Address, Duration, Instant, LinkId, Message};
+use mavstack::{Address, Duration, Instant, LinkId, Message, StackOf};
 use mavstack_demo::{App, LINKS, Mavlink};
 
 use crate::flash::{self, Flash};
@@ -20,7 +20,7 @@ const REGION: u32 = Store::<Flash>::region_len::<Mavlink>();
 
 /// The resources of a scenario: memory for the vehicle's stack and its lines, and the flash.
 pub struct Parts {
-    pub stack: &'static mut Mavlink,
+    pub stack: &'static mut StackOf<Mavlink>,
     pub lines: &'static mut [Line; LINKS],
     pub flash: Flash,
 }
@@ -142,7 +142,7 @@ impl World {
     /// Boots the vehicle at `now`, with the contents of its flash.
     pub fn start(parts: Parts, now: Instant) -> Self {
         let Parts { stack, lines, flash } = parts;
-        *stack = Mavlink::VACANT;
+        *stack = StackOf::<Mavlink>::VACANT;
         *lines = LINES;
         let mut world = Self {
             app: App::new(stack),

@@ -17,7 +17,7 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::entry;
 use mavstack::config::{LinkClass, PollBudget, StreamProfile};
 use mavstack::signing::{LinkSigning, SigningKey};
-use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Pulse};
+use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Pulse, StackOf};
 use mavstack_demo::{Mavlink, Quadrotor};
 use mavstack_qemu::board::{Board, Uart};
 use mavstack_qemu::line;
@@ -105,7 +105,7 @@ type Line = line::Line<128>;
 
 /// A vehicle under measurement.
 struct Bench<'a> {
-    stack: &'a mut Mavlink,
+    stack: &'a mut StackOf<Mavlink>,
     vehicle: Quadrotor,
     now: Instant,
     line: Line,
@@ -125,7 +125,7 @@ fn count(work: impl FnOnce()) -> u32 {
 
 impl<'a> Bench<'a> {
     #[inline(never)]
-    fn new(stack: &'a mut Mavlink, budget: PollBudget, scene: Scene) -> Self {
+    fn new(stack: &'a mut StackOf<Mavlink>, budget: PollBudget, scene: Scene) -> Self {
         let config = Config { budget, ..Config::new(ADDRESS, &PULSE) };
         let link = match scene {
             Scene::Unlimited => LinkConfig::unlimited().with_streams(StreamProfile::Onboard),
@@ -133,7 +133,7 @@ impl<'a> Bench<'a> {
             Scene::Signed => LinkConfig::uart(921_600).with_signing(LinkSigning::SIGNED),
             _ => LinkConfig::uart(921_600),
         };
-        *stack = Mavlink::VACANT;
+        *stack = StackOf::<Mavlink>::VACANT;
         stack.begin(config, [link, LinkConfig::uart(921_600), LinkConfig::uart(921_600)]);
         let mut bench = Self {
             stack,

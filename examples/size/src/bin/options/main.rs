@@ -60,65 +60,35 @@ const BYTES: usize = if cfg!(feature = "forwarding-1024") { 1024 } else { 512 };
 const SEEN: usize = if cfg!(feature = "forwarding-seen-512") { 512 } else { 256 };
 const SENDERS: usize = if cfg!(feature = "signing-32") { 32 } else { 16 };
 
-/// Defines a macro that adds an entry to the declaration of the stack, if a feature is enabled, and continues with the next macro.
-/// `$d` is a dollar sign.
-macro_rules! entry {
-    ($d:tt $feature:literal $name:ident $next:ident [$($entry:tt)*]) => {
-        #[cfg(feature = $feature)]
-        macro_rules! $name {
-            ($d($d declared:tt)*) => { $next! { $d($d declared)* $($entry)*, } };
-        }
-        #[cfg(not(feature = $feature))]
-        macro_rules! $name {
-            ($d($d declared:tt)*) => { $next! { $d($d declared)* } };
-        }
-    };
-}
-
-entry!($ "mission" with_plans with_parameters [plans: { mission: MISSION, fence: FENCE, rally: RALLY }]);
-entry!($ "parameters" with_parameters with_streams [parameters: Tuning]);
-entry!($ "streams" with_streams with_messages [streams]);
-entry!($ "messages" with_messages with_modes [messages]);
-entry!($ "modes" with_modes with_commands [modes]);
-entry!($ "commands-long" with_commands with_client [commands: { slots: SLOTS }]);
-entry!($ "client" with_client with_components [command_client: { slots: if cfg!(feature = "client-4") { 4 } else { 2 } }]);
-entry!($ "components" with_components with_camera [components]);
-entry!($ "camera" with_camera with_ext_parameters [camera: { images: if cfg!(feature = "camera-64") { 64 } else { 16 } }]);
-entry!($ "ext-parameters" with_ext_parameters with_files [ext_parameters]);
-entry!($ "events" with_files with_checks [events: { history: if cfg!(feature = "events-32") { 32 } else { 16 } }]);
-entry!($ "events-checks" with_checks with_served [events: { history: 16, checks }]);
-entry!($ "files" with_served with_logs [files: {
-    sessions: if cfg!(feature = "files-4") { 4 } else { 2 },
-    upload: if cfg!(feature = "files-upload") {
-        512
-    } else if cfg!(feature = "files-plans-upload") {
-        276
-    } else {
-        0
-    },
-}]);
-entry!($ "logs" with_logs with_log_streaming [logs]);
-entry!($ "log-streaming" with_log_streaming with_forwarding [log_streaming]);
-entry!($ "forwarding" with_forwarding with_signing [forwarding: { bytes: BYTES, seen: SEEN }]);
-entry!($ "signing" with_signing with_time [signing: { streams: SENDERS }]);
-entry!($ "time" with_time with_manual [time]);
-entry!($ "manual" with_manual with_setpoints [manual_control]);
-entry!($ "setpoints" with_setpoints with_operator [setpoints]);
-entry!($ "operator-control" with_operator with_manager [operator_control]);
-entry!($ "gimbal-manager" with_manager with_device [gimbal_manager]);
-entry!($ "gimbal-device" with_device with_high_latency [gimbal_device]);
-entry!($ "high-latency" with_high_latency with_storage [high_latency]);
-entry!($ "storage" with_storage declare [storage]);
-
-macro_rules! declare {
-    ($($entries:tt)*) => {
-        stack! {
-            struct Mavlink for Rover { $($entries)* }
-        }
-    };
-}
-
-with_plans! { links: LINKS, peers: PEERS, texts: TEXTS, }
+/// Each option is an entry.
+#[derive(Stack)]
+#[stack(vehicle: Rover, links: LINKS, peers: PEERS, texts: TEXTS)]
+#[cfg_attr(feature = "mission", stack(plans: { mission: MISSION, fence: FENCE, rally: RALLY }))]
+#[cfg_attr(feature = "parameters", stack(parameters: Tuning))]
+#[cfg_attr(feature = "streams", stack(streams))]
+#[cfg_attr(feature = "messages", stack(messages))]
+#[cfg_attr(feature = "modes", stack(modes))]
+#[cfg_attr(feature = "commands-long", stack(commands: { slots: SLOTS }))]
+#[cfg_attr(feature = "client", stack(command_client: { slots: if cfg!(feature = "client-4") { 4 } else { 2 } }))]
+#[cfg_attr(feature = "components", stack(components))]
+#[cfg_attr(feature = "camera", stack(camera: { images: if cfg!(feature = "camera-64") { 64 } else { 16 } }))]
+#[cfg_attr(feature = "ext-parameters", stack(ext_parameters))]
+#[cfg_attr(feature = "events", stack(events: { history: if cfg!(feature = "events-32") { 32 } else { 16 } }))]
+#[cfg_attr(feature = "events-checks", stack(events: { history: 16, checks }))]
+#[cfg_attr(feature = "files", stack(files: { sessions: if cfg!(feature = "files-4") { 4 } else { 2 }, upload: if cfg!(feature = "files-upload") { 512 } else if cfg!(feature = "files-plans-upload") { 276 } else { 0 }, }))]
+#[cfg_attr(feature = "logs", stack(logs))]
+#[cfg_attr(feature = "log-streaming", stack(log_streaming))]
+#[cfg_attr(feature = "forwarding", stack(forwarding: { bytes: BYTES, seen: SEEN }))]
+#[cfg_attr(feature = "signing", stack(signing: { streams: SENDERS }))]
+#[cfg_attr(feature = "time", stack(time))]
+#[cfg_attr(feature = "manual", stack(manual_control))]
+#[cfg_attr(feature = "setpoints", stack(setpoints))]
+#[cfg_attr(feature = "operator-control", stack(operator_control))]
+#[cfg_attr(feature = "gimbal-manager", stack(gimbal_manager))]
+#[cfg_attr(feature = "gimbal-device", stack(gimbal_device))]
+#[cfg_attr(feature = "high-latency", stack(high_latency))]
+#[cfg_attr(feature = "storage", stack(storage))]
+struct Mavlink;
 
 #[cfg(feature = "parameters-run-time")]
 type Tuning = RuntimeTable<{ if cfg!(feature = "parameters-run-time-16") { 16 } else { 8 } }>;
@@ -471,7 +441,7 @@ fn SysTick() {
 
 #[entry]
 fn main() -> ! {
-    static STACK: Vacant<Mavlink> = Vacant::new(Mavlink::VACANT);
+    static STACK: Vacant<StackOf<Mavlink>> = Vacant::new(StackOf::<Mavlink>::VACANT);
     static ROVER: Place<Rover> = Place::new();
 
     #[cfg(not(feature = "signing"))]

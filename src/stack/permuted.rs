@@ -1,0 +1,49 @@
+//! The order of the services carries nothing: in any order of the list, the same traffic has the same answers.
+//!
+//! Compared is what each link sends until nothing is pending, without sequence numbers: services with bulk data share the link in the
+//! order of the list.
+
+use core::cell::RefCell;
+use proptest::prelude::*;
+use std::vec::Vec;
+
+use super::deadlines::world::{World, event};
+
+/// At least the number of services and of lists.
+const PLACES: u8 = 32;
+
+std::thread_local! {
+    static ORDER: RefCell<Vec<u8>> = RefCell::new((0..PLACES).collect());
+}
+
+/// The order in which this thread visits the services.
+pub(super) fn order() -> Vec<u8> {
+    ORDER.with(|order| order.borrow().clone())
+}
+
+fn set_order(order: Vec<u8>) {
+    ORDER.with(|place| *place.borrow_mut() = order);
+}
+
+proptest! {
+    #[test]
+    fn answers_do_not_depend_on_the_order_of_the_services(
+        order in Just((0..PLACES).collect::<Vec<_>>()).prop_shuffle(),
+        events in prop::collection::vec(event(), 1..60),
+    ) {
+        let mut sent = [(); 2].map(|()| Vec::new());
+        for (order, sent) in [(0..PLACES).collect(), order].into_iter().zip(&mut sent) {
+            set_order(order);
+            let mut world = World::new(false);
+            for event in &events {
+                world.on(event);
+                world.wake();
+                sent.push(world.sent());
+            }
+        }
+        set_order((0..PLACES).collect());
+        for (number, (first, second)) in sent[0].iter().zip(&sent[1]).enumerate() {
+            prop_assert_eq!(first, second, "after event {}: {:?}", number, events[number]);
+        }
+    }
+}
