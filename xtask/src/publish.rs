@@ -6,9 +6,10 @@ use std::process::Command;
 use crate::system::{Result, cargo, root, run};
 
 /// What is published, and where it is. A crate comes after those that it uses.
-const CRATES: [(&str, &str); 7] = [
+const CRATES: [(&str, &str); 8] = [
     ("mavstack-macros", "crates/macros"),
     ("mavstack", "."),
+    ("mavstack-traffic", "crates/traffic"),
     ("mavstack-dialect", "dialect"),
     ("mavstack-snapshot", "crates/snapshot"),
     ("mavstack-demo", "examples/demo"),
