@@ -10,6 +10,7 @@ use mavstack::network::LinkError;
 use mavstack::signing::LinkSigning;
 use mavstack::storage::{JobSlot, RestoreErrors, Store};
 use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Pulse, StackOf, Vehicle};
+use mavstack_traffic::Traffic;
 
 use crate::logs::LogMemory;
 use crate::status::Status;
@@ -74,7 +75,10 @@ pub const RALLY: usize = if cfg!(target_os = "none") { 16 } else { 64 };
     high_latency,
     storage,
 )]
-pub struct Mavlink;
+pub struct Mavlink {
+    /// The aircraft around the vehicle.
+    pub traffic: Traffic<8>,
+}
 
 /// The flight loop of a firmware ticks it; heartbeats stop when the ticks stop.
 static PULSE: Pulse = Pulse::new();

@@ -17,6 +17,7 @@ mod payload;
 mod plans;
 mod recorder;
 mod satellite;
+mod traffic;
 
 use mavstack::clock::WallClock;
 use mavstack::dialect::{HomePosition, MavModeFlag, MavSeverity, MavState, MavType, SystemTime};
