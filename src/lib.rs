@@ -104,15 +104,15 @@
 //! | [`Modes`] | with `modes` | switches to another flight mode |
 //! | [`Parameters`] | with `parameters` | decides which parameter may be set |
 //! | [`Components`] | with `components` | names the other components of the firmware, and carries out their commands |
-//! | [`GimbalManager`] | with `gimbal_manager` | points the gimbal |
-//! | [`GimbalDevice`] | with `gimbal_device` | is the gimbal |
+//! | [`GimbalManager`] | with [`gimbal::ManagerService`] | points the gimbal |
+//! | [`GimbalDevice`] | with [`gimbal::DeviceService`] | is the gimbal |
 //! | [`Files`] | with `files` | serves files |
 //! | [`Logs`] | with `logs` | has the flight logs |
-//! | [`LogStreaming`] | with `log_streaming` | streams the running log |
+//! | [`LogStreaming`] | with [`logs::LogStreamer`] | streams the running log |
 //! | [`CommandClient`] | with `command_client` | makes its own commands to other components |
-//! | [`Camera`] | with `camera` | takes images, records video |
+//! | [`Camera`] | with [`camera::CameraControl`] | takes images, records video |
 //! | [`HealthChecks`] | with `checks` in `events` | what prevents arming |
-//! | [`ExtParameters`] | with `ext_parameters` | has the extended parameters |
+//! | [`ExtParameters`] | with [`ext_parameters::ExtParamServer`] | has the extended parameters |
 //! | [`ParamBackend`] | instead of `Parameters`, if they live elsewhere | has the parameters |
 //!
 //! [`#[stack]`](macro@Stack) lists all entries of a declaration. What a firmware does not declare takes neither flash nor RAM. Hooks get a
@@ -242,13 +242,14 @@ pub use frame::Frame;
 ///     streams,
 ///     commands: { slots: 2 },
 ///     forwarding: { bytes: 512, seen: 256 },
-///     time,
 ///     manual_control,
-///     setpoints,
 ///     operator_control,
-///     high_latency,
 /// )]
-/// pub struct Mavlink;
+/// pub struct Mavlink {
+///     pub time: clock::Time,
+///     pub setpoints: setpoints::Setpoints,
+///     pub high_latency: high_latency::HighLatency,
+/// }
 ///
 /// static PULSE: Pulse = Pulse::new();
 /// let mut stack = StackOf::<Mavlink>::new(Config::new(Address::new(1, 1), &PULSE), [LinkConfig::uart(57_600); 2]);
@@ -258,8 +259,9 @@ pub use frame::Frame;
 /// The stack itself is [`StackOf<Mavlink>`](StackOf), which has the methods. What is not declared is not linked and takes no memory, and
 /// its hook need not be implemented.
 ///
-/// The fields of the struct are services of other crates and of the firmware itself, each by its type with its sizes:
-/// `pub traffic: Traffic<16>`. A stack derefs to the struct, so `stack.traffic` is the service. See [`service`].
+/// The attribute names the parts of the stack that other parts rely on. The fields of the struct are its other services: those of the
+/// library that are listed below, those of other crates (`traffic: Traffic<16>`), and the firmware's own; see [`service`]. A stack derefs
+/// to the struct, so `stack.setpoints` is the service.
 ///
 /// The vehicle must be as visible as the struct: a `pub struct Mavlink` needs a `pub struct Rover`, or the compiler reports a private
 /// type in a public interface (E0446). A mistake is reported at its entry or field, also by `cargo check`.
@@ -277,26 +279,29 @@ pub use frame::Frame;
 /// | `commands: { slots: N }` | slots for long-running [commands](crate::command::LongCommands), and for those that must not run twice | none | |
 /// | `command_client: { slots: N }` | [requests of the vehicle](crate::CommandClient) to other components, commands and parameters, `N` at a time | none | [`CommandClient`] |
 /// | `components` | other [components](crate::Components) of the firmware: a gimbal, a camera | none | [`Components`] |
-/// | `camera: { images: N }` | a [camera](crate::Camera) that remembers the last `N` images (48 bytes each); `camera` alone is 16 | none | [`Camera`] |
-/// | `ext_parameters` | [extended parameters](crate::ExtParameters), such as a camera's settings | none | [`ExtParameters`] |
 /// | `events: { history: N }` | [events](mod@crate::events) that ground stations receive without a gap, the last `N` of them kept (36 bytes each) | none | |
 /// | `events: { history: N, checks }` | also the checks before arming, reported as events; `N` is at least 8 | none | [`HealthChecks`] |
-/// | `time` | [PING and TIMESYNC](crate::clock::Time) | none | |
 /// | `manual_control` | [manual control](crate::manual_control::ManualInput) | none | |
-/// | `setpoints` | [setpoints](crate::setpoints::Setpoints) of a companion computer | none | |
 /// | `operator_control` | [operator control](crate::operator_control::OperatorControl): which ground station is in control | none | |
-/// | `gimbal_manager` | a [gimbal manager](crate::gimbal::ManagerService): who points the gimbal, and where | none | [`GimbalManager`] |
-/// | `gimbal_device` | a [gimbal device](crate::gimbal::DeviceService): the gimbal itself | none | [`GimbalDevice`] |
-/// | `high_latency` | [HIGH_LATENCY2](crate::high_latency::HighLatency) | none | |
 /// | `files: { sessions: N, upload: N }` | [files](crate::Files) by FTP, all parameters in one, and plans as files: files open at a time, and bytes of the largest upload of parameters, at least 276 with plans; without `upload` parameters and plans are not written that way | none | [`Files`] |
 /// | `logs` | downloads of [flight logs](crate::Logs) | none | [`Logs`] |
-/// | `log_streaming` | the running log, [streamed](crate::LogStreaming) in flight | none | [`LogStreaming`] |
 /// | `forwarding: { bytes: N, seen: N }` | [forwarding](crate::network::ForwardQueues): bytes of each link's queue, frames remembered for duplicate detection; `forwarding` alone is 512 and 256 | none | |
 /// | `signing: { streams: N }` | message signing (feature `signing`): streams of signed frames that are followed at a time; `signing` alone is 16 | none | |
 /// | `storage: { records: N }` | storage for all of this (feature `storage`), and for up to 8 small records of the firmware's own; `storage` alone has none | none | `Records`, if there are any |
 /// | `peers: N` | entries of the table of [peers](crate::network::PeerInfo) | 8 | |
 /// | `texts: N` | pending texts; 0 for no texts at all | 4 | |
 /// | `crate: path` | the path of this crate, if the firmware has renamed it | `::mavstack` | |
+///
+/// | type of a field | what it is | hook |
+/// |---|---|---|
+/// | [`clock::Time`] | PING and TIMESYNC | |
+/// | [`setpoints::Setpoints`] | setpoints of a companion computer | |
+/// | [`camera::CameraControl`]`<[Image; N]>` | a camera that remembers the last `N` images (48 bytes each) | [`Camera`] |
+/// | [`ext_parameters::ExtParamServer`] | extended parameters, such as a camera's settings | [`ExtParameters`] |
+/// | [`gimbal::ManagerService`] | a gimbal manager: who points the gimbal, and where | [`GimbalManager`] |
+/// | [`gimbal::DeviceService`] | a gimbal device: the gimbal itself | [`GimbalDevice`] |
+/// | [`high_latency::HighLatency`] | HIGH_LATENCY2 on a satellite link | |
+/// | [`logs::LogStreamer`] | the running log, streamed in flight | [`LogStreaming`] |
 ///
 /// # In a static
 ///
@@ -467,11 +472,7 @@ pub use defmt as __defmt;
 /// The names that the crate's macros expand to.
 #[doc(hidden)]
 pub mod __private {
-    pub use crate::clock::Time;
-    pub use crate::ext_parameters::ExtParamServer;
-    pub use crate::gimbal::{DeviceService, ManagerService};
-    pub use crate::high_latency::HighLatency;
-    pub use crate::logs::{LogServer, LogStreamer};
+    pub use crate::logs::LogServer;
     pub use crate::manual_control::ManualInput;
     pub use crate::message::FieldWriter;
     pub use crate::network::PeerInfo;
@@ -491,10 +492,7 @@ pub mod __private {
     pub use crate::service::{
         Absent, ControlGate, ForwardingGate, OwnCommands, Service, SigningGate, SticksGate, WithoutSigning,
     };
-    pub use crate::setpoints::Setpoints;
     pub use crate::stack::{Declaration, Declares, Persistent};
-    /// A camera that remembers `N` images.
-    pub type CameraImages<const N: usize> = crate::camera::CameraControl<[crate::camera::Image; N]>;
     #[cfg(feature = "storage")]
     pub use crate::storage::{RecordService, Storage};
     pub use crate::types::{

@@ -552,6 +552,19 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         })
     }
 
+    /// Calls `work` with the services of the declaration's struct, and with what they need to call the vehicle's hooks, at the time
+    /// `now`: for a service whose methods take a [`Cx`], such as [`ManagerService::point`](crate::gimbal::ManagerService::point). The
+    /// next [`poll`](Self::poll) takes up what they leave pending.
+    pub fn with_services<R>(
+        &mut self,
+        now: Instant,
+        vehicle: &mut D::Vehicle,
+        work: impl FnOnce(&mut D::Services, &mut Cx<'_, D>) -> R,
+    ) -> R {
+        let (mut cx, services, ..) = split!(&mut *self, now, vehicle);
+        work(&mut services.own, &mut cx)
+    }
+
     /// Returns the counters of a link's sent and dropped frames; `None` if there is no such link.
     pub fn link_counters(&self, link: LinkId) -> Option<LinkCounters> {
         self.links.get(usize::from(link.0)).map(|link| link.port.counters)

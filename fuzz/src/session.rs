@@ -275,7 +275,6 @@ fn stack<D: Declared>(setup: [u8; 2]) -> Box<Stack<D, LINKS>> {
     let manual = stack.manual_input_mut();
     manual.set_source(ControlSource::Systems { first: SystemId(1), last: SystemId(255) });
     manual.set_timeout(Duration::from_secs(1));
-    stack.setpoints_mut().set_source(ControlSource::Systems { first: SystemId(1), last: SystemId(255) });
     D::set_up(&mut stack);
     stack
 }

@@ -81,6 +81,8 @@ pub(crate) struct Outbox {
     sent: u16,
     /// The start of a frame that was cut off, which is sent again behind the HEARTBEAT of a link that opens; 0 if there is none.
     later: u16,
+    /// The sequence number of that HEARTBEAT: the one before the next frame's, which the new peer would otherwise count as lost.
+    first_seq: u8,
     #[cfg(feature = "signing")]
     later_signature: Signature,
 }
@@ -126,6 +128,7 @@ impl Outbox {
         end: 0,
         sent: 0,
         later: 0,
+        first_seq: 0,
         #[cfg(feature = "signing")]
         later_signature: Signature::None,
     };
@@ -308,8 +311,9 @@ impl Outbox {
         let flags = if self.signs && version == Version::V2 { INCOMPAT_SIGNED } else { 0 };
         #[cfg(not(feature = "signing"))]
         let flags = 0;
-        let before = self.seq_before_later();
-        let seq = before.unwrap_or(self.seq);
+        // Only a HEARTBEAT is sent while a frame is set aside.
+        let is_first = self.later != 0;
+        let seq = if is_first { self.first_seq } else { self.seq };
         let Ok(frame) = wrap(info, version, flags, self.source, seq, &mut self.bytes, PAYLOAD_AT) else {
             return false;
         };
@@ -319,7 +323,7 @@ impl Outbox {
         }
         let checksum = self.bytes.get(frame.end.wrapping_sub(2)).copied().unwrap_or(0);
         self.fingerprints.note(seq, checksum);
-        if before.is_none() {
+        if !is_first {
             self.seq = self.seq.wrapping_add(1);
             self.has_wrapped |= self.seq == 0;
         }
@@ -327,14 +331,6 @@ impl Outbox {
         self.sent = self.start;
         self.end = short(frame.end);
         true
-    }
-
-    /// Returns the sequence number before that of the frame that was set aside, if the source has sent that frame. The HEARTBEAT
-    /// that precedes it has this number: the peer, which is new, would otherwise count lost frames.
-    fn seq_before_later(&self) -> Option<u8> {
-        let later = self.bytes.get(usize::from(self.later)..).filter(|_| self.later != 0)?;
-        let Header { source, seq, .. } = Header::parse(later)?;
-        (source == self.source).then(|| seq.wrapping_sub(1))
     }
 
     /// Sends another component's frame unchanged, with its own sequence number and signature. Returns false, and
@@ -438,9 +434,12 @@ impl Outbox {
             self.signature = Signature::Due;
         }
         let frame = self.bytes.get(usize::from(self.start)..usize::from(self.end)).unwrap_or_default();
-        let is_heartbeat = Header::parse(frame).is_some_and(|header| header.id == Heartbeat::ID);
+        let Some(Header { id, source, seq, .. }) = Header::parse(frame) else { return };
+        let is_heartbeat = id == Heartbeat::ID;
         self.sent = if is_heartbeat { self.end } else { self.start };
         if is_held && !is_heartbeat {
+            let next = if source == self.source { seq } else { self.seq };
+            self.first_seq = next.wrapping_sub(1);
             self.set_aside();
         }
     }

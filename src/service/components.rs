@@ -110,10 +110,10 @@ pub struct ComponentService;
 
 impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
     const NEW: Self = Self;
-    const ABOUT: About = About { part: Part::Every, is_of_components: true, ..About::AUTOPILOT };
+    const ABOUT: About =
+        About { turns: &[Turn::ComponentHeartbeat], part: Part::Every, is_of_components: true, ..About::AUTOPILOT };
     type Link = ComponentLink;
     const VACANT: ComponentLink = ComponentLink { period: 0, left: 0 };
-    const TURNS: &'static [Turn] = &[Turn::ComponentHeartbeat];
     type Reply = ();
 
     /// Handles a request for a component's HEARTBEAT.

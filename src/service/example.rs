@@ -4,7 +4,7 @@
 //! played. It is counted, and the link on which it was received sends the count in a NAMED_VALUE_INT. Tunes that are received
 //! before the link has room share one answer.
 
-use super::{Cx, Handled, Received, Service, Turn, View, increment};
+use super::{About, Cx, Handled, Received, Service, Turn, View, increment};
 use crate::dialect::{NamedValueInt, PlayTune};
 use crate::link::Port;
 use crate::message::{Message, Text};
@@ -34,7 +34,7 @@ impl<F: Firmware> Service<F> for Tunes {
     const NEW: Self = Self { received: 0 };
     type Link = TuneLink;
     const VACANT: TuneLink = TuneLink { is_answer_pending: false };
-    const TURNS: &'static [Turn] = &[Turn::Answer];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Answer]);
     type Reply = ();
 
     /// Receiving changes state and sends nothing.

@@ -126,7 +126,7 @@ impl<'a> ExtValue<'a> {
     }
 }
 
-/// Extended parameters, for a vehicle that declares `ext_parameters` in [`#[stack]`](macro@crate::Stack).
+/// Extended parameters, for a vehicle that has [`ExtParamServer`] in the struct of its [stack](macro@crate::Stack).
 ///
 /// ```
 /// use mavstack::dialect::{MavResult, ParamAck};
@@ -137,8 +137,10 @@ impl<'a> ExtValue<'a> {
 /// struct Surveyor { iso: u32, owner: [u8; 16] }
 ///
 /// #[derive(Stack)]
-/// #[stack(vehicle: Surveyor, links: 1, ext_parameters)]
-/// struct Mavlink;
+/// #[stack(vehicle: Surveyor, links: 1)]
+/// struct Mavlink {
+///     ext_parameters: mavstack::ext_parameters::ExtParamServer,
+/// }
 ///
 /// impl ExtParameters for Surveyor {
 ///     fn ext_param_count(&self) -> u16 {
@@ -171,7 +173,7 @@ impl<'a> ExtValue<'a> {
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `ExtParameters`",
-    note = "`ext_parameters` in `#[stack]` needs `impl ExtParameters for {Self}`: write it, or leave `ext_parameters` out"
+    note = "`ExtParamServer` in the struct of a stack needs `impl ExtParameters for {Self}`: write it, or leave the field out"
 )]
 pub trait ExtParameters {
     /// The component that has the parameters, such as the camera with id 100. `None` is the autopilot.
@@ -208,8 +210,7 @@ impl Answer {
         Self { links: LinkMask::NONE, index: 0, name: [0; 16], kind: MavParamExtType(0), result: ParamAck::ACCEPTED };
 }
 
-/// The server of extended parameters: declared by `ext_parameters` in [`#[stack]`](macro@crate::Stack), and used through
-/// [`Stack::ext_parameters_mut`](crate::Stack::ext_parameters_mut).
+/// The server of extended parameters: `ext_parameters: ExtParamServer` in the struct of a [stack](macro@crate::Stack).
 ///
 /// Each PARAM_EXT_SET is answered by a PARAM_EXT_ACK on every normal link that carries MAVLink 2, so that all ground stations learn of
 /// it. It has the resulting value. At most three answers can be pending: a link that takes none loses those to the requests of
@@ -407,14 +408,11 @@ fn send_answer<F: Firmware<Vehicle: ExtParameters>>(cx: &Cx<'_, F>, port: &mut P
 }
 
 impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
-    const NEW: Self = {
-        Component::check_service(F::COMPONENTS, F::Vehicle::COMPONENT);
-        Self { answers: [Answer::NONE; SLOTS] }
-    };
-    const ABOUT: About = About::of(F::Vehicle::COMPONENT);
+    const CHECK: () = Component::check_service(F::COMPONENTS, F::Vehicle::COMPONENT);
+    const NEW: Self = Self { answers: [Answer::NONE; SLOTS] };
+    const ABOUT: About = About::of(F::Vehicle::COMPONENT).in_turns(&[Turn::ExtParam]);
     type Link = ExtParamLink;
     const VACANT: ExtParamLink = ExtParamLink::VACANT;
-    const TURNS: &'static [Turn] = &[Turn::ExtParam];
     type Reply = ExtParamReply;
 
     /// Answers for links that carry none are not pending.

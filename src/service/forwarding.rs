@@ -3,7 +3,7 @@
 //! The queues, and the memory for duplicate detection, are in `network`: see [`ForwardQueues`].
 
 use super::gate::ForwardingGate;
-use super::{Cx, Service, ShowCounters, Turn, View};
+use super::{About, Cx, Service, ShowCounters, Turn, View};
 use crate::frame::Frame;
 use crate::link::Port;
 use crate::network::{self, Booking, ForwardQueues, Passage};
@@ -24,7 +24,7 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
     const NEW: Self = Self { queues: ForwardQueues::new(), queued: LinkMask::NONE };
     type Link = ();
     const VACANT: () = ();
-    const TURNS: &'static [Turn] = &[Turn::ForwardedFirst, Turn::Forwarded];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::ForwardedFirst, Turn::Forwarded]);
     type Reply = ();
 
     #[inline(always)]

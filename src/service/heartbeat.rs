@@ -3,7 +3,7 @@
 //! Implements <https://mavlink.io/en/services/heartbeat.html>, rules H-1 to H-7 and H-16. The states are drawn at
 //! [`Pulse`](crate::Pulse).
 
-use super::{Cx, Handled, RETRY, Received, Request, Service, Turn, Verdict, View};
+use super::{About, Cx, Handled, RETRY, Received, Request, Service, Turn, Verdict, View};
 use crate::dialect::{Heartbeat, MavCmd, MavResult};
 use crate::link::Port;
 use crate::message::Message;
@@ -73,7 +73,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
     const NEW: Self = Self { extra: LinkMask::NONE };
     type Link = Schedule;
     const VACANT: Schedule = Schedule::new();
-    const TURNS: &'static [Turn] = &[Turn::Heartbeat, Turn::ExtraHeartbeat];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Heartbeat, Turn::ExtraHeartbeat]);
     type Reply = Beat;
 
     /// The peer table has recorded the heartbeat before.

@@ -31,9 +31,9 @@ impl<F: Firmware> Service<F> for Identification {
     const NEW: Self = Self;
     type Link = Asked;
     const VACANT: Asked = Asked { autopilot_version: false, protocol_version: false };
-    const TURNS: &'static [Turn] = &[Turn::Identity];
     type Reply = IdentityReply;
-    const ABOUT: About = About { capabilities: MavProtocolCapability::MAVLINK2, ..About::AUTOPILOT };
+    const ABOUT: About =
+        About { turns: &[Turn::Identity], capabilities: MavProtocolCapability::MAVLINK2, ..About::AUTOPILOT };
 
     /// MAV_CMD_REQUEST_MESSAGE for one of the two, and the commands that it replaced.
     #[inline(never)]

@@ -1,6 +1,6 @@
 //! Lists of services, and what the stack does with each of a list.
 
-use super::{About, Service, Turn};
+use super::{About, Service};
 use crate::types::Firmware;
 
 /// What the stack does with each service of a list, by turns.
@@ -43,9 +43,6 @@ pub trait ServiceList<F: Firmware>: Sized {
     /// What the stack must know about each.
     const ABOUT: &'static [About];
 
-    /// The turns of each.
-    const TURNS: &'static [&'static [Turn]];
-
     /// Visits the services until one ends it. Returns whether one did.
     fn visit(&mut self, links: &mut Self::Links, visit: &mut impl Visit<F>) -> bool;
 
@@ -70,7 +67,6 @@ impl<F: Firmware> ServiceList<F> for () {
     const NEW: Self = ();
     const VACANT: () = ();
     const ABOUT: &'static [About] = &[];
-    const TURNS: &'static [&'static [Turn]] = &[];
 
     fn visit(&mut self, (): &mut (), _: &mut impl Visit<F>) -> bool {
         false

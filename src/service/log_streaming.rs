@@ -6,7 +6,7 @@
 //!
 //! Left out: more than one client at a time, and other formats, which MAVLink does not define.
 
-use super::{Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment};
+use super::{About, Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment};
 use crate::dialect::{LoggingAck, LoggingData, LoggingDataAcked, MavCmd, MavResult};
 use crate::link::Port;
 use crate::message::{Address, Message};
@@ -33,14 +33,14 @@ const NO_MESSAGE: u8 = u8::MAX;
 /// The length of the header of a ULog file.
 const HEADER: u32 = 16;
 
-/// The hooks of a vehicle that streams its log, for a vehicle that declares `log_streaming` in [`#[stack]`](macro@crate::Stack).
+/// The hooks of a vehicle that streams its log, for a vehicle that has [`LogStreamer`] in the struct of its [stack](macro@crate::Stack).
 ///
 /// The log is in the [ULog](https://docs.px4.io/main/en/dev_log/ulog_file_format.html) format: a header and
 /// definitions, which are the same for the whole log, then data, which is streamed as it is recorded. The stack finds
 /// the message boundaries.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `LogStreaming`",
-    note = "`log_streaming` in `#[stack]` needs `impl LogStreaming for {Self}`: write it, or leave `log_streaming` out"
+    note = "`LogStreamer` in the struct of a stack needs `impl LogStreaming for {Self}`: write it, or leave the field out"
 )]
 pub trait LogStreaming {
     /// Starts a stream of the data that is recorded from now on. Returns ACCEPTED or a refusal. A previous stream has
@@ -94,8 +94,7 @@ pub enum StreamingReply {
     Data,
 }
 
-/// The state of log streaming: declared by `log_streaming` in [`#[stack]`](macro@crate::Stack), and read through
-/// [`Stack::log_streaming`](crate::Stack::log_streaming). The vehicle's part is [`LogStreaming`].
+/// The state of log streaming: `log_streaming: LogStreamer` in the struct of a [stack](macro@crate::Stack). The vehicle's part is [`LogStreaming`].
 ///
 /// ```text
 ///        LOGGING_START            all definitions are acknowledged
@@ -182,7 +181,7 @@ impl LogStreamer {
 impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
     type Link = ();
     const VACANT: () = ();
-    const TURNS: &'static [Turn] = &[Turn::LateBulk, Turn::Bulk];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::LateBulk, Turn::Bulk]);
     type Reply = StreamingReply;
     const NEW: Self = Self {
         phase: Phase::Off,

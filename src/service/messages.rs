@@ -13,7 +13,7 @@
 
 use super::share::Share;
 use super::stream::{Fill, Telemetry, fill, is_own};
-use super::{Cx, Service, Turn, View};
+use super::{About, Cx, Service, Turn, View};
 use crate::link::Port;
 use crate::message::Message;
 use crate::time::{Duration, Instant};
@@ -53,7 +53,7 @@ impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
     const NEW: Self = Self;
     type Link = MessageLink;
     const VACANT: MessageLink = MessageLink { share: Share::NEW, frames: 0, at: Instant::ZERO };
-    const TURNS: &'static [Turn] = &[Turn::Message];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Message]);
     type Reply = ();
 
     #[inline(always)]

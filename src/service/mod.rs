@@ -130,9 +130,6 @@ pub trait Service<F: Firmware>: Sized {
         None
     }
 
-    /// The places of the service in the sending order of a link.
-    const TURNS: &'static [Turn] = &[];
-
     /// What the service has to send: an enum with a name for each kind of frame.
     type Reply;
 
@@ -163,6 +160,8 @@ pub trait Service<F: Firmware>: Sized {
 /// What the stack must know about a service at compile time.
 #[derive(Clone, Copy, Debug)]
 pub struct About {
+    /// The places of the service in the sending order of a link.
+    pub turns: &'static [Turn],
     /// The capabilities that the service adds to AUTOPILOT_VERSION.
     pub capabilities: MavProtocolCapability,
     /// The component whose frames and commands the service gets, besides those for all components.
@@ -172,9 +171,14 @@ pub struct About {
 }
 
 impl About {
-    /// A service that is a part of the autopilot, without a capability.
+    /// A service that is a part of the autopilot, without a capability, and that sends nothing.
     pub const AUTOPILOT: Self =
-        Self { capabilities: MavProtocolCapability::EMPTY, part: Part::Autopilot, is_of_components: false };
+        Self { turns: &[], capabilities: MavProtocolCapability::EMPTY, part: Part::Autopilot, is_of_components: false };
+
+    /// The same, in these places of the sending order.
+    pub const fn in_turns(self, turns: &'static [Turn]) -> Self {
+        Self { turns, ..self }
+    }
 
     /// Returns the capabilities of all, or only of those that are left out with the other components.
     pub(crate) const fn capabilities(all: &[Self], of_components: bool) -> MavProtocolCapability {

@@ -8,7 +8,7 @@
 //! High-latency links get nothing but answers. Links that send MAVLink 1 get none of these messages, because MAVLink 1
 //! has no room for their ids (S-10). The table cannot change, so AVAILABLE_MODES_MONITOR is only sent on request.
 
-use super::{Cx, Received, Request, Service, Shared, StackEvent, Turn, Verdict, View, increment};
+use super::{About, Cx, Received, Request, Service, Shared, StackEvent, Turn, Verdict, View, increment};
 use crate::dialect::{
     AvailableModes, AvailableModesMonitor, CurrentMode, MavCmd, MavModeFlag, MavModeProperty, MavResult, MavSeverity,
     MavStandardMode, SetMode,
@@ -308,7 +308,7 @@ impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
     const NEW: Self = Self { mode: 0, changes: 0, accepted: 0, report_until: Instant::ZERO };
     type Link = ModeLink;
     const VACANT: ModeLink = ModeLink { listed: 0, current: false, monitor: false, changes: 0, pairs: 0 };
-    const TURNS: &'static [Turn] = &[Turn::CurrentMode, Turn::ModeList];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::CurrentMode, Turn::ModeList]);
     type Reply = ModeReply;
 
     /// Sends CURRENT_MODE when the mode differs from the last reported one.

@@ -378,10 +378,12 @@ impl<F: Firmware> Service<F> for OperatorControl {
     };
     type Link = OperatorLink;
     const VACANT: OperatorLink = OperatorLink { at: Instant::ZERO, changes: 0 };
-    const TURNS: &'static [Turn] = &[Turn::OperatorControl];
     type Reply = OperatorReply;
-    const ABOUT: About =
-        About { capabilities: MavProtocolCapability::COMPONENT_ACCEPTS_GCS_CONTROL, ..About::AUTOPILOT };
+    const ABOUT: About = About {
+        turns: &[Turn::OperatorControl],
+        capabilities: MavProtocolCapability::COMPONENT_ACCEPTS_GCS_CONTROL,
+        ..About::AUTOPILOT
+    };
 
     /// Releases control when the owner is lost.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut OperatorLink>) {

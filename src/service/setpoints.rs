@@ -44,8 +44,7 @@ counters! {
     }
 }
 
-/// Setpoints: declared by `setpoints` in [`#[stack]`](macro@crate::Stack), and read through
-/// [`Stack::setpoints`](crate::Stack::setpoints). A vehicle without it gets the messages in
+/// Setpoints: `setpoints: Setpoints` in the struct of a [stack](macro@crate::Stack). A vehicle without it gets the messages in
 /// [`Vehicle::message`](crate::Vehicle::message), without any check of their sender or their age.
 ///
 /// ```text
@@ -87,17 +86,19 @@ counters! {
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
 /// # }
 /// #[derive(mavstack::Stack)]
-/// #[stack(vehicle: Rover, links: 1, setpoints)]
-/// struct Mavlink;
+/// #[stack(vehicle: Rover, links: 1)]
+/// struct Mavlink {
+///     setpoints: mavstack::setpoints::Setpoints,
+/// }
 ///
 /// /// Called once, before the loop: until then no sender is authorised. The companion computer is a component of our system.
 /// fn configure(stack: &mut StackOf<Mavlink>) {
-///     stack.setpoints_mut().set_source(ControlSource::System(message::SystemId(1)));
+///     stack.setpoints.set_source(ControlSource::System(message::SystemId(1)));
 /// }
 ///
 /// /// Called in every pass of the flight loop, in the mode that flies setpoints. Returns the velocity to the north and to the east.
 /// fn velocity(stack: &StackOf<Mavlink>, now: Instant) -> Option<[f32; 2]> {
-///     match stack.setpoints().current(now)?.target {
+///     match stack.setpoints.current(now)?.target {
 ///         Target::Position(PositionSetpoint {
 ///             frame: dialect::MavFrame::LOCAL_NED,
 ///             place: Place::Local([None, None, _]),

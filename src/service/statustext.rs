@@ -7,7 +7,7 @@
 //! Texts wait in a queue of fixed size. Each link sends them at its own pace, in order of arrival. A full queue evicts
 //! the least severe text, the oldest of those first, and counts it.
 
-use super::{Cx, Service, Turn, View};
+use super::{About, Cx, Service, Turn, View};
 use crate::dialect::Statustext;
 use crate::frame::Version;
 use crate::link::{Outbox, Port};
@@ -32,7 +32,7 @@ impl<F: Firmware> Service<F> for Texts {
     const NEW: Self = Self;
     type Link = TextCursor;
     const VACANT: TextCursor = TextCursor::new();
-    const TURNS: &'static [Turn] = &[Turn::Text];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Text]);
     type Reply = ();
 
     #[inline(always)]

@@ -71,21 +71,21 @@ crate::parameters! {
     commands: { slots: 2 },
     components,
     forwarding: { bytes: 512, seen: 16 },
-    time,
     manual_control,
     operator_control,
-    camera: { images: 3 },
-    ext_parameters,
-    gimbal_manager,
-    gimbal_device,
-    high_latency,
     files: { sessions: 2, upload: 276 },
     events: { history: 8, checks },
     logs,
-    log_streaming,
 )]
 #[cfg_attr(feature = "signing", stack(signing))]
 struct Everything {
+    time: crate::clock::Time,
+    gimbal_manager: crate::gimbal::ManagerService,
+    gimbal_device: crate::gimbal::DeviceService,
+    high_latency: crate::high_latency::HighLatency,
+    log_streaming: crate::logs::LogStreamer,
+    camera: crate::camera::CameraControl<[crate::camera::Image; 3]>,
+    ext_parameters: crate::ext_parameters::ExtParamServer,
     tunes: Tunes,
 }
 

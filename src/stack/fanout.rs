@@ -25,7 +25,7 @@ fn bulk_due(share: &Share, turn: Turn) -> Instant {
 pub(super) struct Turns<F, S>(F, S);
 
 impl<F: Firmware, S: Service<F>> Turns<F, S> {
-    const BITS: u64 = Turn::bits(S::TURNS);
+    const BITS: u64 = Turn::bits(S::ABOUT.turns);
 
     pub(super) const fn has(turn: Turn) -> bool {
         Self::BITS & turn.bit() != 0

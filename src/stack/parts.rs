@@ -1,32 +1,23 @@
 //! The methods of single services. Each exists only if its service is declared.
 
-use super::{Declares, EventMemory, RequestMemory, Stack, split};
-use crate::dialect::MavResult;
-use crate::message::{Item, Message, SystemId};
+use super::{Declares, EventMemory, RequestMemory, Stack};
+use crate::message::{Message, SystemId};
 use crate::network::ForwardCounters;
-use crate::service::Cx;
-use crate::service::camera::{CameraControl, Image};
 use crate::service::client::{Client, CommandClient, check};
 use crate::service::command::{CommandSlots, LongCommands};
 use crate::service::events::{Event, EventCounters, EventService, record};
-use crate::service::ext_parameters::ExtParamServer;
 use crate::service::files::{FileServer, FileStatus};
 use crate::service::forwarding::Forwarding;
-use crate::service::gimbal::{DeviceService, GimbalManager, ManagerService, Order, Who};
-use crate::service::high_latency::HighLatency;
-use crate::service::log_streaming::LogStreamer;
 use crate::service::logs::LogServer;
 use crate::service::manual_control::ManualInput;
 use crate::service::messages::{Messages, id_of};
 use crate::service::operator_control::OperatorControl;
 use crate::service::param::ParamTable;
-use crate::service::setpoints::Setpoints;
 #[cfg(feature = "signing")]
 use crate::service::signing::{Signing, SigningStream};
 use crate::service::stream::{Stream, StreamService, Telemetry};
-use crate::service::time::{Time, TimeSample};
 use crate::time::Instant;
-use crate::types::{Destination, LinkId, Pending, Recipient, Vehicle};
+use crate::types::{Destination, LinkId, Pending, Recipient};
 
 /// With `commands: { slots: N }`.
 impl<D: Declares<Commands = CommandSlots<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
@@ -54,21 +45,6 @@ impl<D: Declares<Parameters: ParamTable>, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// With `time`.
-impl<D: Declares<Time = Time>, const LINKS: usize> Stack<D, LINKS> {
-    /// Sends a TIMESYNC request on `link`, which every peer there may answer. High-latency links send none (T-2, T-3).
-    pub fn ask_time(&mut self, link: LinkId) {
-        self.services.time.ask(link);
-    }
-
-    /// Takes the newest answer to [`ask_time`](Self::ask_time). A [`ClockFilter`](crate::clock::ClockFilter) estimates the peer's clock
-    /// from many.
-    #[must_use = "the sample is taken out"]
-    pub fn take_time_sample(&mut self) -> Option<TimeSample> {
-        self.services.time.take_sample()
-    }
-}
-
 /// With `manual_control`.
 impl<D: Declares<ManualControl = ManualInput>, const LINKS: usize> Stack<D, LINKS> {
     /// Returns manual control: the sticks and channels of a pilot on the ground.
@@ -79,19 +55,6 @@ impl<D: Declares<ManualControl = ManualInput>, const LINKS: usize> Stack<D, LINK
     /// Returns manual control, to set who may steer.
     pub fn manual_input_mut(&mut self) -> &mut ManualInput {
         &mut self.services.manual_control
-    }
-}
-
-/// With `setpoints`.
-impl<D: Declares<Setpoints = Setpoints>, const LINKS: usize> Stack<D, LINKS> {
-    /// Returns the setpoints of a companion computer or a ground station.
-    pub fn setpoints(&self) -> &Setpoints {
-        &self.services.setpoints
-    }
-
-    /// Returns the setpoints, to set which sender is authorised.
-    pub fn setpoints_mut(&mut self) -> &mut Setpoints {
-        &mut self.services.setpoints
     }
 }
 
@@ -120,115 +83,6 @@ impl<D: Declares<OperatorControl = OperatorControl>, const LINKS: usize> Stack<D
     }
 }
 
-/// With `camera`.
-impl<D: Declares<Camera = CameraControl<[Image; N]>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
-    /// Returns the state of the camera.
-    pub fn camera(&self) -> &CameraControl {
-        &self.services.camera
-    }
-
-    /// Returns the state of the camera, to have it take images, and to report images that were taken.
-    pub fn camera_mut(&mut self) -> &mut CameraControl {
-        &mut self.services.camera
-    }
-}
-
-/// With `ext_parameters`.
-impl<D: Declares<ExtParameters = ExtParamServer>, const LINKS: usize> Stack<D, LINKS> {
-    /// Returns the server of extended parameters, to end a change that was in progress.
-    pub fn ext_parameters_mut(&mut self) -> &mut ExtParamServer {
-        &mut self.services.ext_parameters
-    }
-}
-
-/// With `gimbal_manager` (GIM-7).
-impl<D: Declares<Vehicle: GimbalManager + Vehicle, GimbalManager = ManagerService>, const LINKS: usize>
-    Stack<D, LINKS>
-{
-    /// Returns the gimbal manager: who is in control of the gimbal.
-    pub fn gimbal_manager(&self) -> &ManagerService {
-        &self.services.gimbal_manager
-    }
-
-    /// Points the gimbal for the vehicle itself: carries out an item of its mission, or one that it makes. These are the commands that
-    /// peers may send too: MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW and _CONFIGURE, MAV_CMD_DO_SET_ROI_* and MAV_CMD_DO_MOUNT_*.
-    ///
-    /// An accepted item that points takes primary control from the component that has it, as PX4's missions do; see
-    /// [`release_gimbal`](Self::release_gimbal). A vehicle that does not want to take it looks at
-    /// [`ManagerService::control`](crate::gimbal::ManagerService::control) first.
-    ///
-    /// Returns the result of [`GimbalManager::point_gimbal`](crate::GimbalManager::point_gimbal). DENIED: a parameter is out of range, or the
-    /// stack was not begun.
-    /// UNSUPPORTED: the item is about no gimbal.
-    ///
-    /// ```
-    /// # use mavstack::dialect::*;
-    /// # use mavstack::*;
-    /// # struct Rover;
-    /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
-    /// # impl Commands for Rover {
-    /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { MavResult::UNSUPPORTED.into() }
-    /// # }
-    /// # impl GimbalManager for Rover {
-    /// #     const DEVICE: u8 = 1;
-    /// #     fn manager_information(&self) -> GimbalManagerInformation { Default::default() }
-    /// #     fn manager_flags(&self) -> GimbalManagerFlags { GimbalManagerFlags::EMPTY }
-    /// #     fn point_gimbal(&mut self, _: &mut Context<'_>, _: &gimbal::GimbalSetpoint) -> MavResult { MavResult::ACCEPTED }
-    /// # }
-    /// # #[derive(Stack)]
-    /// # #[stack(vehicle: Rover, links: 1, gimbal_manager)]
-    /// # struct Mavlink;
-    /// /// Called when an item of the mission becomes current. Returns whether the mission goes on at once.
-    /// fn begin_item(stack: &mut StackOf<Mavlink>, now: Instant, item: &Item, rover: &mut Rover) -> bool {
-    ///     // What the gimbal refuses does not stop the mission.
-    ///     stack.point_gimbal(now, item, rover) != MavResult::UNSUPPORTED
-    /// }
-    ///
-    /// fn end_of_mission(stack: &mut StackOf<Mavlink>) {
-    ///     stack.release_gimbal();
-    /// }
-    /// ```
-    pub fn point_gimbal(&mut self, now: Instant, item: &Item, vehicle: &mut D::Vehicle) -> MavResult {
-        let order = Order::of_item(item);
-        if !order.is_about_gimbal() {
-            return MavResult::UNSUPPORTED;
-        }
-        if !self.shared.is_begun() {
-            return MavResult::DENIED;
-        }
-        let (mut cx, services, ..) = split!(&mut *self, now, vehicle);
-        let own = Who::new(cx.shared.config.address.get());
-        services.gimbal_manager.carry_out(&mut cx, own, &order).unwrap_or_else(|refusal| refusal)
-    }
-
-    /// Ends the vehicle's own control of the gimbal, if it has it: at the end of a mission that pointed it, so that ground stations need
-    /// not ask their pilot before they take it.
-    pub fn release_gimbal(&mut self) {
-        self.services.gimbal_manager.release(Who::new(self.shared.config.address.get()));
-    }
-}
-
-/// With `gimbal_device`.
-impl<D: Declares<GimbalDevice = DeviceService>, const LINKS: usize> Stack<D, LINKS> {
-    /// Returns the gimbal device, to read its counters.
-    pub fn gimbal_device(&self) -> &DeviceService {
-        &self.services.gimbal_device
-    }
-}
-
-/// With `high_latency`.
-impl<D: Declares<HighLatency = HighLatency>, const LINKS: usize> Stack<D, LINKS> {
-    /// Returns the high-latency service.
-    pub fn high_latency(&self) -> &HighLatency {
-        &self.services.high_latency
-    }
-
-    /// Returns the high-latency service, to give it samples, and to start and stop it.
-    pub fn high_latency_mut(&mut self) -> &mut HighLatency {
-        &mut self.services.high_latency
-    }
-}
-
 /// With `files: { sessions: N, upload: N }`.
 impl<D, const LINKS: usize, const OPEN: usize, const N: usize, const UPLOAD: usize, V> Stack<D, LINKS>
 where
@@ -245,14 +99,6 @@ impl<D: Declares<Logs = LogServer>, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the state of log downloads: its counters.
     pub fn logs(&self) -> &LogServer {
         &self.services.logs
-    }
-}
-
-/// With `log_streaming`.
-impl<D: Declares<LogStreaming = LogStreamer>, const LINKS: usize> Stack<D, LINKS> {
-    /// Returns the state of log streaming: whether it runs, and its counters.
-    pub fn log_streaming(&self) -> &LogStreamer {
-        &self.services.log_streaming
     }
 }
 

@@ -8,8 +8,10 @@ use proptest::prelude::*;
 use std::vec::Vec;
 
 use super::deadlines::world::{World, event};
+use crate::service::{Service, Visit, VisitAll};
+use crate::types::Firmware;
 
-/// At least the number of services and of lists.
+/// At least the number of services, those of the library and the fields of the declaration.
 const PLACES: u8 = 32;
 
 std::thread_local! {
@@ -19,6 +21,38 @@ std::thread_local! {
 /// The order in which this thread visits the services.
 pub(super) fn order() -> Vec<u8> {
     ORDER.with(|order| order.borrow().clone())
+}
+
+/// Visits only one of the fields of a declaration.
+pub(super) struct Nth<'a, V> {
+    /// How many come before it.
+    pub(super) nth: u8,
+    pub(super) visit: &'a mut V,
+}
+
+impl<V> Nth<'_, V> {
+    fn is_it(&mut self) -> bool {
+        let nth = self.nth;
+        self.nth = nth.wrapping_sub(1);
+        nth == 0
+    }
+}
+
+impl<F: Firmware, V: Visit<F>> Visit<F> for Nth<'_, V> {
+    fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool {
+        self.is_it() && self.visit.visit(service, link)
+    }
+}
+
+impl<F: Firmware, V: VisitAll<F>> VisitAll<F> for Nth<'_, V> {
+    fn visit<'l, S: Service<F>>(&mut self, service: &mut S, links: impl Iterator<Item = &'l mut S::Link>)
+    where
+        S::Link: 'l,
+    {
+        if self.is_it() {
+            self.visit.visit(service, links);
+        }
+    }
 }
 
 fn set_order(order: Vec<u8>) {

@@ -1,7 +1,6 @@
 //! The list of the services. [`Turn`](crate::service::Turn) has the order in which they send.
 
 use super::Declares;
-use super::fanout::Turns;
 use crate::dialect::MavProtocolCapability;
 use crate::service::command::CommandService;
 use crate::service::heartbeat::Heartbeats;
@@ -9,12 +8,12 @@ use crate::service::identity::Identification;
 use crate::service::statustext::Texts;
 use crate::service::{About, Look, LookAll, Service, ServiceList, Share, Turn, Visit, VisitAll};
 
-/// Whether a service with one of these lists of turns sends bulk data.
-const fn has_bulk(lists: &[&[Turn]]) -> bool {
-    let (mut has_bulk, mut lists) = (false, lists);
-    while let [turns, rest @ ..] = lists {
-        has_bulk |= Turn::bits(turns) & Turn::Bulk.bit() != 0;
-        lists = rest;
+/// Whether one of these services sends bulk data.
+const fn has_bulk(services: &[About]) -> bool {
+    let (mut has_bulk, mut services) = (false, services);
+    while let [about, rest @ ..] = services {
+        has_bulk |= Turn::bits(about.turns) & Turn::Bulk.bit() != 0;
+        services = rest;
     }
     has_bulk
 }
@@ -27,9 +26,9 @@ macro_rules! define {
         #[derive(Debug)]
         #[repr(C)]
         pub(crate) struct Services<D: Declares> {
-            $(pub(crate) $name: $service,)*
-            /// The services of the firmware and of other crates.
+            /// The fields of the declaration's struct.
             pub(crate) own: D::Services,
+            $(pub(crate) $name: $service,)*
         }
 
         /// The states of all services on one link.
@@ -48,10 +47,10 @@ macro_rules! define {
         }
 
         impl<D: Declares> Services<D> {
-            pub(crate) const NEW: Self = Self { $($name: <$service as Service<D>>::NEW,)* own: <D::Services as ServiceList<D>>::NEW };
+            pub(crate) const NEW: Self = Self { own: <D::Services as ServiceList<D>>::NEW, $($name: <$service as Service<D>>::NEW,)* };
 
             /// Whether a service sends bulk data.
-            pub(super) const HAS_BULK: bool = has_bulk(<D::Services as ServiceList<D>>::TURNS) $(|| Turns::<D, $service>::has(Turn::Bulk))*;
+            pub(super) const HAS_BULK: bool = has_bulk(<D::Services as ServiceList<D>>::ABOUT) || has_bulk(&[$(<$service as Service<D>>::ABOUT),*]);
 
             /// The capabilities of all services, for AUTOPILOT_VERSION.
             pub(crate) const CAPABILITIES: MavProtocolCapability = Self::capabilities(false);
@@ -95,7 +94,8 @@ macro_rules! define {
                         }
                         number += 1;
                     )*
-                    if number == place && self.own.visit(&mut states.own, visit) {
+                    let nth = place.wrapping_sub(number);
+                    if self.own.visit(&mut states.own, &mut super::permuted::Nth { nth, visit }) {
                         return true;
                     }
                 }
@@ -112,9 +112,8 @@ macro_rules! define {
                         }
                         number += 1;
                     )*
-                    if number == place {
-                        self.own.visit_all(states, |state| &mut state.own, visit);
-                    }
+                    let nth = place.wrapping_sub(number);
+                    self.own.visit_all(states, |state| &mut state.own, &mut super::permuted::Nth { nth, visit });
                 }
             }
 
@@ -129,36 +128,23 @@ macro_rules! define {
 
 define! {
     command: CommandService<D::Commands>,
-    high_latency: D::HighLatency,
     mission: D::Mission,
-    // Before the parameters, whose poll takes up what it sets.
     files: D::Files,
     param: D::Param,
-    ext_parameters: D::ExtParameters,
     logs: D::Logs,
-    log_streaming: D::LogStreaming,
     heartbeat: Heartbeats,
-    // Before the two that refuse requests for messages that they do not know.
-    camera: D::Camera,
-    // Before the components and the streams, which refuse the intervals of all other messages.
-    gimbal_manager: D::GimbalManager,
-    gimbal_device: D::GimbalDevice,
     components: D::Components,
     stream: D::Stream,
     messages: D::Messages,
-    time: D::Time,
     signing: D::Signing,
     manual_control: D::ManualControl,
-    setpoints: D::Setpoints,
     operator_control: D::OperatorControl,
-    // Before the vehicle, which would have to carry out the checks.
     events: D::Events,
     mode: D::Mode,
     identity: Identification,
     statustext: Texts,
     forwarding: D::Forwarding,
     records: D::Records,
-    // Polled last, after the hooks that send commands.
     client: D::Client,
 }
 

@@ -18,7 +18,7 @@ pub enum ControlInput {
     Sticks(ManualControlInput),
     /// The channels that are overridden now, with `manual_control` in [`#[stack]`](macro@crate::Stack).
     Channels(RcOverride),
-    /// With `setpoints` in [`#[stack]`](macro@crate::Stack).
+    /// With [`Setpoints`](crate::setpoints::Setpoints).
     Setpoint(Setpoint),
 }
 

@@ -36,8 +36,7 @@ pub enum LinkClass {
     /// component that was heard there.
     Private,
     /// A satellite modem, where every byte costs money. No heartbeats are sent there: only commands, their answers, and
-    /// HIGH_LATENCY2 while it is wanted, if the stack declares `high_latency` (L-2 to L-4). See
-    /// [`HighLatency`](crate::high_latency::HighLatency).
+    /// HIGH_LATENCY2 while it is wanted, if the stack has [`HighLatency`](crate::high_latency::HighLatency) (L-2 to L-4).
     HighLatency,
 }
 

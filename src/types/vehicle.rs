@@ -181,7 +181,7 @@ pub trait Vehicle {
     /// signatures are not verified. Frames from a high-latency link are never passed on (L-4), nor is SETUP_SIGNING,
     /// which contains a key (G-11).
     ///
-    /// A vehicle that does not declare `setpoints` gets these here too (SET_POSITION_TARGET_LOCAL_NED,
+    /// A vehicle without [`Setpoints`](crate::setpoints::Setpoints) gets these here too (SET_POSITION_TARGET_LOCAL_NED,
     /// SET_POSITION_TARGET_GLOBAL_INT, SET_ATTITUDE_TARGET), and one without `manual_control` gets sticks and channels. The stack
     /// then checks neither their sender nor their age.
     fn message(&mut self, cx: &mut Context<'_>, frame: &Frame<'_>, link: LinkId) -> bool {

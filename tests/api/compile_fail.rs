@@ -36,7 +36,7 @@ impl Commands for Rover {
 {hooks}
 #[derive(Stack)]
 #[stack(vehicle: Rover, {entries})]
-struct Mavlink;
+struct Mavlink {{fields}}
 fn main() {
     let mut stack = StackOf::<Mavlink>::new(CONFIG, std::array::from_fn(|_| UART));
     stack.poll(Instant::ZERO, &mut Rover);
@@ -173,15 +173,16 @@ struct Firmware<'a> {
     command: &'a str,
     hooks: &'a str,
     entries: &'a str,
+    fields: &'a str,
     main: &'a str,
 }
 
 impl Firmware<'_> {
     fn text(self) -> String {
-        let Self { vehicle, policies, command, hooks, entries, main } = self;
+        let Self { vehicle, policies, command, hooks, entries, fields, main } = self;
         let text = FIRMWARE.replace("{vehicle}", vehicle).replace("{policies}", policies);
         let text = text.replace("{command}", command).replace("{hooks}", hooks);
-        format!("{FRONT}{}", text.replace("{entries}", entries).replace("{main}", main))
+        format!("{FRONT}{}", text.replace("{entries}", entries).replace("{fields}", fields).replace("{main}", main))
     }
 }
 
@@ -198,6 +199,11 @@ fn declares(entries: &str) -> String {
 /// Returns a firmware with these traits that declares `entries`.
 fn implements(hooks: &str, entries: &str) -> String {
     Firmware { hooks, entries, ..Firmware::default() }.text()
+}
+
+/// Returns a firmware with these traits whose stack has this field.
+fn has(hooks: &str, field: &str) -> String {
+    Firmware { hooks, entries: "links: 1", fields: field, ..Firmware::default() }.text()
 }
 
 /// Returns a firmware with a single link that makes these calls.
@@ -307,9 +313,12 @@ fn judge(cases: &[Case], lines: &[String], wrong: &mut String) {
 fn invalid_configurations_do_not_compile() {
     let everything =
         "links: 2, plans: { mission: 9 }, parameters: Tuning, streams, modes, commands: { slots: 1 }, forwarding,
-                      signing, time, manual_control, setpoints, operator_control, camera, ext_parameters, gimbal_manager,
-                      gimbal_device, high_latency, logs, log_streaming,
-                      peers: 1, texts: 0";
+                      signing, manual_control, operator_control, logs, peers: 1, texts: 0";
+    let fields =
+        "time: clock::Time, setpoints: setpoints::Setpoints, camera: camera::CameraControl<[camera::Image; 1]>,
+                  ext_parameters: ext_parameters::ExtParamServer, gimbal_manager: gimbal::ManagerService,
+                  gimbal_device: gimbal::DeviceService, high_latency: high_latency::HighLatency,
+                  log_streaming: logs::LogStreamer";
     let gimbal = gimbal("const DEVICE: u8 = 1;", "const ID: u8 = 1;");
     let hooks = [
         PLANS,
@@ -323,15 +332,16 @@ fn invalid_configurations_do_not_compile() {
         &gimbal,
     ]
     .concat();
-    let main = "stack.announce::<Attitude>(); stack.ask_time(LinkId(1)); stack.forward_counters(LinkId(1));
-                stack.long_commands_mut(); stack.parameters_mut(); stack.manual_input_mut(); stack.setpoints_mut();
-                stack.operator_control_mut(); stack.camera_mut(); stack.ext_parameters_mut();
-                stack.gimbal_manager(); stack.gimbal_device(); stack.release_gimbal();
-                stack.point_gimbal(Instant::ZERO, &Item::default(), &mut Rover);
-                stack.high_latency_mut(); stack.logs(); stack.log_streaming();
+    let main = "stack.announce::<Attitude>(); stack.time.ask(LinkId(1)); stack.forward_counters(LinkId(1));
+                stack.long_commands_mut(); stack.parameters_mut(); stack.manual_input_mut(); stack.setpoints.counters();
+                stack.operator_control_mut(); stack.camera.image_count(); stack.gimbal_device.counters();
+                stack.with_services(Instant::ZERO, &mut Rover, |services, cx| {
+                    services.gimbal_manager.point(cx, &Item::default())
+                });
+                stack.high_latency.counters(); stack.logs(); stack.log_streaming.counters();
                 stack.signing_mut(); stack.mission_item_reached(Instant::ZERO, 0);";
     let once = &policies(".once()");
-    let right = Firmware { policies: once, hooks: &hooks, entries: everything, main, ..Firmware::default() };
+    let right = Firmware { policies: once, hooks: &hooks, entries: everything, fields, main, ..Firmware::default() };
     let signs = || declares("links: 1, signing");
     let calls = |main| Firmware { entries: "links: 1", main, ..Firmware::default() }.text();
     let mut cases = cases();

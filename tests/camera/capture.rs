@@ -78,7 +78,7 @@ fn images_are_taken_at_the_interval() {
         assert!((planned..=planned + 2).contains(time), "{times:?}");
     }
     assert_eq!(reported(&site, 0), [0, 1, 2, 3, 4]);
-    assert!(!site.stack.camera().is_capturing());
+    assert!(!site.stack.camera.is_capturing());
     assert_eq!(status(&site).image_status, 0);
 }
 
@@ -123,9 +123,9 @@ fn failed_images_are_reported_too() {
     site.vehicle.shutter = Shutter::Slow;
     assert_eq!(command(&mut site, START, &[0.0, 0.0, 1.0]), MavResult::ACCEPTED);
     site.run_for(millis(1_950));
-    assert!(site.stack.camera().is_capturing());
+    assert!(site.stack.camera.is_capturing());
     site.run_for(millis(200));
-    assert!(!site.stack.camera().is_capturing());
+    assert!(!site.stack.camera.is_capturing());
     site.vehicle.shutter = Shutter::Instant;
     control(&mut site).take_image();
     site.run_for(millis(50));
@@ -133,7 +133,7 @@ fn failed_images_are_reported_too() {
     let images: Vec<_> = images.iter().map(|(_, image)| (image.image_index, image.capture_result)).collect();
     assert_eq!(images, [(0, 0), (1, 0), (2, 1)]);
     let counters = counted::<CameraCounters>(|counters| (counters.failed, counters.timed_out) = (2, 1));
-    assert_eq!(site.stack.camera().counters(), counters);
+    assert_eq!(site.stack.camera.counters(), counters);
 }
 
 /// CAM-2: an image that the camera has taken by itself is counted and reported like all others.
@@ -232,5 +232,5 @@ fn vehicle_takes_images_itself() {
     control(&mut site).image_captured(taken);
     site.run_for(millis(50));
     assert_eq!(site.vehicle.exposures.len(), 13);
-    assert_eq!(site.stack.camera().counters().ignored, 1);
+    assert_eq!(site.stack.camera.counters().ignored, 1);
 }

@@ -27,7 +27,7 @@ fn video_is_recorded() {
     let state = status(&site);
     assert_eq!((state.video_status, state.image_status), (1, 0));
     assert!((1_990..=2_100).contains(&state.recording_time_ms), "{}", state.recording_time_ms);
-    assert!(site.stack.camera().is_recording());
+    assert!(site.stack.camera.is_recording());
     for _ in 0..2 {
         assert_eq!(command(&mut site, MavCmd::VIDEO_STOP_CAPTURE, &[1.0]), MavResult::ACCEPTED);
     }
@@ -65,14 +65,14 @@ fn vehicle_decides_over_video() {
     site.vehicle.mode = CameraMode::VIDEO;
     site.vehicle.result = MavResult::FAILED;
     assert_eq!(command(&mut site, MavCmd::VIDEO_START_CAPTURE, &[2.0, 0.0]), MavResult::FAILED);
-    assert!(!site.stack.camera().is_recording());
+    assert!(!site.stack.camera.is_recording());
     site.vehicle.result = MavResult::ACCEPTED;
     site.vehicle.orders.push_back(CameraOrder::StartVideo);
     site.run_for(millis(10));
-    assert!(site.stack.camera().is_recording());
+    assert!(site.stack.camera.is_recording());
     site.vehicle.orders.push_back(CameraOrder::StopVideo);
     site.run_for(millis(10));
-    assert!(!site.stack.camera().is_recording());
+    assert!(!site.stack.camera.is_recording());
     assert_eq!(site.vehicle.calls, [Hook::Record(2, true), Hook::Record(0, true), Hook::Record(0, false)]);
 }
 
@@ -157,11 +157,11 @@ fn storage_is_formatted() {
     site.run_for(millis(20));
     let storages = site.gcs[0].all::<StorageInformation>();
     assert_eq!(storages.iter().map(|(_, storage)| storage.storage_id).collect::<Vec<_>>(), [2], "its new state");
-    assert_eq!(site.stack.camera().image_count(), 1);
+    assert_eq!(site.stack.camera.image_count(), 1);
 
     assert_eq!(format(&mut site, [1.0, 1.0, 1.0]), MavResult::ACCEPTED);
     site.run_for(millis(20));
-    assert_eq!((site.stack.camera().image_count(), status(&site).image_count), (0, 0));
+    assert_eq!((site.stack.camera.image_count(), status(&site).image_count), (0, 0));
     assert_eq!(request::<CameraImageCaptured>(&mut site, 0.0), MavResult::DENIED, "forgotten");
     control(&mut site).take_image();
     site.run_for(millis(50));
@@ -172,7 +172,7 @@ fn storage_is_formatted() {
     }
     site.vehicle.result = MavResult::FAILED;
     assert_eq!(format(&mut site, [1.0, 1.0, 1.0]), MavResult::FAILED);
-    assert_eq!(site.stack.camera().image_count(), 1, "it keeps its images");
+    assert_eq!(site.stack.camera.image_count(), 1, "it keeps its images");
     assert_eq!(site.vehicle.calls, [Hook::Format(2), Hook::Format(1), Hook::Format(1)]);
     site.vehicle.result = MavResult::ACCEPTED;
     command(&mut site, MavCmd::IMAGE_START_CAPTURE, &[0.0, 1.0, 0.0]);
@@ -233,8 +233,10 @@ struct Simple {
 }
 
 #[derive(mavstack::Stack)]
-#[stack(vehicle: Simple, links: 1, camera)]
-struct Small;
+#[stack(vehicle: Simple, links: 1)]
+struct Small {
+    camera: mavstack::camera::CameraControl<[mavstack::camera::Image; 16]>,
+}
 
 impl Vehicle for Simple {
     fn state(&self) -> Option<VehicleState> {

@@ -27,12 +27,13 @@ struct Copter {
 #[stack(
     vehicle: Copter,
     links: 2,
-    camera: { images: 2 },
-    ext_parameters,
     components,
     command_client: { slots: 1 },
 )]
-struct Flying;
+struct Flying {
+    camera: mavstack::camera::CameraControl<[mavstack::camera::Image; 2]>,
+    ext_parameters: mavstack::ext_parameters::ExtParamServer,
+}
 
 impl Vehicle for Copter {
     fn state(&self) -> Option<VehicleState> {
@@ -176,7 +177,7 @@ fn commands_are_told_apart() {
     assert_eq!((ack.result, by), (MavResult::UNSUPPORTED, 100));
     assert_eq!(site.vehicle.own, [MavCmd::IMAGE_START_CAPTURE]);
     assert_eq!(site.vehicle.other, [MavCmd::CAMERA_TRACK_POINT]);
-    assert_eq!(site.stack.camera().image_count(), 0);
+    assert_eq!(site.stack.camera.image_count(), 0);
 }
 
 /// P-40 to P-42, K-10: the camera's parameters are those of its component.
@@ -203,6 +204,6 @@ fn firmware_commands_its_camera() {
     assert!(site.stack.send_command(Recipient::Type(MavType::CAMERA), 1));
     site.run_for(millis(50));
     assert_eq!(site.vehicle.replies, [CommandReply::Done { result: MavResult::ACCEPTED, result_param2: 0 }]);
-    assert_eq!((site.stack.camera().image_count(), senders::<CommandLong>(&site)), (1, vec![]));
+    assert_eq!((site.stack.camera.image_count(), senders::<CommandLong>(&site)), (1, vec![]));
     assert_eq!(site.stack.link_counters(LinkId(0)).unwrap().unhandled, 0);
 }

@@ -10,8 +10,10 @@ use mavstack::{
 };
 
 #[derive(mavstack::Stack)]
-#[stack(vehicle: Camera, links: 4, ext_parameters)]
-struct Settings;
+#[stack(vehicle: Camera, links: 4)]
+struct Settings {
+    ext_parameters: mavstack::ext_parameters::ExtParamServer,
+}
 
 /// A camera with settings of every type.
 struct Camera {
@@ -304,7 +306,7 @@ fn long_change_is_answered_twice() {
     site.gcs[1].forget();
     site.vehicle.iso = 800;
     for _ in 0..5 {
-        site.stack.ext_parameters_mut().finish(0, ParamAck::ACCEPTED);
+        site.stack.ext_parameters.finish(0, ParamAck::ACCEPTED);
         for link in [0, 1] {
             let ack = ack(&mut site, link);
             assert_eq!((ack.param_result, ack.param_value), (ParamAck::ACCEPTED, bytes(&800u32.to_le_bytes())));

@@ -110,7 +110,7 @@ fn image_is_reported_on_every_normal_link() {
     let sent = |link: usize| site.gcs[link].received.iter().any(|frame| (256..300).contains(&frame.header.id));
     assert!(!sent(OLD), "S-10");
     assert!(site.gcs[SATELLITE].received.is_empty(), "L-2: {:?}", site.gcs[SATELLITE].received);
-    assert_eq!(site.stack.camera().image_count(), 1);
+    assert_eq!(site.stack.camera.image_count(), 1);
 }
 
 /// CAM-3: a lost report is sent again on request, only on that link, in both forms. MAVSDK's request has no index: it is DENIED,
@@ -192,7 +192,7 @@ fn stalled_link_reports_later() {
         site.run_for(secs(4));
         assert_eq!(reported(&site, 0), expected.collect::<Vec<i32>>());
         let counted = counted::<CameraCounters>(|counters| counters.unsent = unsent);
-        assert_eq!(site.stack.camera().counters(), counted);
+        assert_eq!(site.stack.camera.counters(), counted);
     }
 }
 

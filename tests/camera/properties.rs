@@ -62,10 +62,10 @@ proptest! {
                 Event::Captured => {
                     // Of an image that has begun, it is the end; otherwise the camera was not asked.
                     let begun = site.vehicle.exposures.len() + by_itself;
-                    if begun == site.stack.camera().image_count() as usize {
+                    if begun == site.stack.camera.image_count() as usize {
                         by_itself += 1;
                     }
-                    let taken = image(site.now(), site.stack.camera().image_count());
+                    let taken = image(site.now(), site.stack.camera.image_count());
                     control(&mut site).image_captured(taken);
                 }
                 Event::Shutter(number) => {
@@ -77,7 +77,7 @@ proptest! {
                 }
                 Event::Wait(time) => site.run_for(millis(time)),
             }
-            let count = site.stack.camera().image_count() as usize;
+            let count = site.stack.camera.image_count() as usize;
             let ended = count - by_itself;
             prop_assert!(site.vehicle.exposures.len() - ended <= 1, "two at a time");
         }
@@ -86,9 +86,9 @@ proptest! {
         control(&mut site).stop_capture();
         // Every image has ended then, and every link has sent its reports.
         site.run_for(secs(4));
-        let count = site.stack.camera().image_count();
+        let count = site.stack.camera.image_count();
         prop_assert_eq!(count as usize, site.vehicle.exposures.len() + by_itself);
-        prop_assert_eq!(site.stack.camera().counters().unsent, 0, "the stalls are shorter than the memory is long");
+        prop_assert_eq!(site.stack.camera.counters().unsent, 0, "the stalls are shorter than the memory is long");
         let expected: Vec<i32> = (0..count as i32).collect();
         prop_assert_eq!(reported(&site, 0), expected.clone());
         prop_assert_eq!(reported(&site, 1), expected);

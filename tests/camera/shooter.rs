@@ -11,8 +11,10 @@ use mavstack::{
 use std::collections::VecDeque;
 
 #[derive(mavstack::Stack)]
-#[stack(vehicle: Shooter, links: 4, camera: { images: 8 })]
-pub struct Equipped;
+#[stack(vehicle: Shooter, links: 4)]
+pub struct Equipped {
+    pub camera: mavstack::camera::CameraControl<[mavstack::camera::Image; 8]>,
+}
 
 /// A camera that has everything.
 pub const FLAGS: CameraCapFlags = CameraCapFlags::CAPTURE_IMAGE
@@ -252,5 +254,5 @@ pub fn status(site: &Site) -> CameraCaptureStatus {
 }
 
 pub fn control(site: &mut Site) -> &mut CameraControl {
-    site.stack.camera_mut()
+    &mut site.stack.camera
 }

@@ -179,19 +179,20 @@ impl Telemetry for Everything {
     modes,
     commands: { slots: 3 },
     forwarding,
-    time,
     manual_control,
-    setpoints,
     operator_control,
-    camera,
-    ext_parameters,
-    gimbal_manager,
-    gimbal_device,
-    high_latency,
     logs,
-    log_streaming,
 )]
-struct Mavlink;
+struct Mavlink {
+    time: mavstack::clock::Time,
+    setpoints: mavstack::setpoints::Setpoints,
+    gimbal_manager: mavstack::gimbal::ManagerService,
+    gimbal_device: mavstack::gimbal::DeviceService,
+    high_latency: mavstack::high_latency::HighLatency,
+    log_streaming: mavstack::logs::LogStreamer,
+    camera: mavstack::camera::CameraControl<[mavstack::camera::Image; 16]>,
+    ext_parameters: mavstack::ext_parameters::ExtParamServer,
+}
 
 #[cfg(feature = "signing")]
 #[derive(mavstack::Stack)]
@@ -205,19 +206,20 @@ struct Mavlink;
     commands: { slots: 3 },
     forwarding,
     signing,
-    time,
     manual_control,
-    setpoints,
     operator_control,
-    camera,
-    ext_parameters,
-    gimbal_manager,
-    gimbal_device,
-    high_latency,
     logs,
-    log_streaming,
 )]
-struct Mavlink;
+struct Mavlink {
+    time: mavstack::clock::Time,
+    setpoints: mavstack::setpoints::Setpoints,
+    gimbal_manager: mavstack::gimbal::ManagerService,
+    gimbal_device: mavstack::gimbal::DeviceService,
+    high_latency: mavstack::high_latency::HighLatency,
+    log_streaming: mavstack::logs::LogStreamer,
+    camera: mavstack::camera::CameraControl<[mavstack::camera::Image; 16]>,
+    ext_parameters: mavstack::ext_parameters::ExtParamServer,
+}
 
 const LINKS: usize = 4;
 const ALLOWED: [u32; 5] = [CommandLong::ID, CommandInt::ID, CommandAck::ID, CommandCancel::ID, HighLatency2::ID];
@@ -334,13 +336,13 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
     stack.manual_input_mut().set_source(mavstack::manual_control::ControlSource::GroundStation);
     vehicle.0.long.insert(MavCmd::DO_SET_SERVO.0);
     let config = HighLatencyConfig { period: secs(5), on_link_loss_after: Some(secs(2)), ..HighLatencyConfig::DEFAULT };
-    stack.high_latency_mut().set_config(config);
+    stack.high_latency.set_config(config);
     let state = vehicle.0.state;
     let (mut now, mut lines) = (Instant::ZERO, [const { None }; LINKS].map(|_: Option<Line>| Line::default()));
     for event in 0..events {
         let link = rng.below(LINKS as u64) as usize;
         let id = LinkId(link as u8);
-        let is_on = stack.high_latency().is_on();
+        let is_on = stack.high_latency.is_on();
         match rng.below(100) {
             0..35 => {
                 let frame = &frames[rng.below(4_000) as usize];
@@ -398,7 +400,7 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
             }
             #[cfg(feature = "storage")]
             90 => stack.save_parameters(now),
-            91 => stack.ask_time(id),
+            91 => stack.time.ask(id),
             92 => {
                 stack.long_commands_mut().progress(MavCmd::DO_SET_SERVO, rng.byte());
                 stack.long_commands_mut().finish(MavCmd::DO_SET_SERVO, MavResult::ACCEPTED);
@@ -413,7 +415,7 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
                 stack.receive(now, id, &noise, &mut vehicle);
             }
             _ => {
-                let satellite = stack.high_latency_mut();
+                let satellite = &mut stack.high_latency;
                 match rng.below(4) {
                     0 => satellite.start(),
                     1 => satellite.stop(),
@@ -449,8 +451,10 @@ fn only_allowed_messages_are_sent_in_a_million_events() {
 #[test]
 fn high_latency_message_is_not_a_stream() {
     #[derive(mavstack::Stack)]
-    #[stack(vehicle: Everything, links: 1, streams, high_latency, commands: { slots: 1 })]
-    struct Single;
+    #[stack(vehicle: Everything, links: 1, streams, commands: { slots: 1 })]
+    struct Single {
+        high_latency: mavstack::high_latency::HighLatency,
+    }
     let mut setup = Setup::<1>::new();
     setup.links = [LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard)];
     let mut world = World::<1, Single>::of(setup);

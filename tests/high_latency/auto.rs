@@ -18,7 +18,7 @@ const CONFIG: HighLatencyConfig =
 fn world(config: HighLatencyConfig) -> World<2> {
     let links = [LinkConfig::uart(57_600), LinkConfig::uart(9_600).with_class(LinkClass::HighLatency)];
     let mut world = World::of(Setup { links, ..Setup::new() });
-    world.stack.high_latency_mut().set_config(config);
+    world.stack.high_latency.set_config(config);
     world.gcs[TELEM].heartbeat_period = Some(secs(1));
     world
 }

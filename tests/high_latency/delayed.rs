@@ -26,7 +26,7 @@ pub(super) const LINKS: [LinkConfig; 2] =
 /// A telemetry radio and a satellite modem; one ground station uses both.
 fn world() -> World<2> {
     let mut world = World::of(Setup { links: LINKS, ..Setup::new() });
-    world.stack.high_latency_mut().set_config(HighLatencyConfig::DEFAULT);
+    world.stack.high_latency.set_config(HighLatencyConfig::DEFAULT);
     world.vehicle.long.insert(CALIBRATE.0);
     world.vehicle.outcomes.insert(ONCE.0, Outcome { result: DONE, result_param2: 7 });
     run(&mut world, secs(1));

@@ -20,7 +20,7 @@ type Rig<const N: usize = 2> = crate::support::signer::Rig<N, SignedSatellite>;
 fn rig() -> Rig {
     let mut rig = Rig::new(LINKS.map(|link| link.with_signing(LinkSigning::REQUIRED)));
     rig.set_key(KEY);
-    rig.stack.high_latency_mut().set_config(HighLatencyConfig::DEFAULT);
+    rig.stack.high_latency.set_config(HighLatencyConfig::DEFAULT);
     rig.vehicle.outcomes.insert(ONCE.0, DONE.into());
     rig
 }
@@ -56,7 +56,7 @@ fn answer(rig: &mut Rig, link: usize, frame: &[u8]) -> (MavResult, bool) {
     rig.receive(link, frame);
     let acks = rig.sent::<CommandAck>(link);
     assert_eq!(acks.len(), 1);
-    (acks[0].decode::<CommandAck>().unwrap().result, rig.stack.high_latency().is_on())
+    (acks[0].decode::<CommandAck>().unwrap().result, rig.stack.high_latency.is_on())
 }
 
 /// Runs until the vehicle's clock reads `at` since its key was set.
@@ -206,7 +206,7 @@ fn duplicate_on_another_radio_is_received_within_3_s() {
         let [radio, satellite] = LINKS.map(|link| link.with_signing(LinkSigning::REQUIRED));
         let mut rig = Rig::new([radio, satellite, radio]);
         rig.set_key(KEY);
-        rig.stack.high_latency_mut().set_config(HighLatencyConfig::DEFAULT);
+        rig.stack.high_latency.set_config(HighLatencyConfig::DEFAULT);
         rig.run_for(secs(10));
         rig.receive(RADIO, &sent(RADIO, secs(10), MavCmd::CONTROL_HIGH_LATENCY, START));
         assert_eq!(rig.sent::<HighLatency2>(SAT).len(), 1);

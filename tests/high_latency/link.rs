@@ -23,7 +23,7 @@ fn world(config: HighLatencyConfig) -> World<2> {
 
 fn with_links<const N: usize>(links: [LinkConfig; N], config: HighLatencyConfig) -> World<N> {
     let mut world = World::of(Setup { links, ..Setup::new() });
-    world.stack.high_latency_mut().set_config(config);
+    world.stack.high_latency.set_config(config);
     world
 }
 
@@ -313,7 +313,7 @@ fn message_has_identity_and_mode() {
         setup.config.autopilot = MavAutopilot::PX4;
         let mut world = World::of(setup);
         world.vehicle.state.as_mut().unwrap().custom_mode = 0x0304_0102;
-        world.stack.high_latency_mut().set_config(HighLatencyConfig { custom_mode, ..CONFIG });
+        world.stack.high_latency.set_config(HighLatencyConfig { custom_mode, ..CONFIG });
         satellite(&mut world).start();
         world.run_for(millis(5));
         let told = reports(&mut world, 0)[0].1;
@@ -411,7 +411,7 @@ fn interrupted_message_is_sent_again() {
     let down = Wire { bytes_per_second: 1_000, tx_fifo: 4, ..Wire::default() };
     let lines = [LineConfig { down, ..LineConfig::default() }];
     let mut world = World::of(Setup { links: [SATELLITE], lines, ..Setup::<1>::new() });
-    world.stack.high_latency_mut().set_config(CONFIG);
+    world.stack.high_latency.set_config(CONFIG);
     satellite(&mut world).start();
     world.run_for(millis(20));
     world.uarts[0].set_closed(true);

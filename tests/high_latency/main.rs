@@ -17,7 +17,7 @@ use mavstack::high_latency::HighLatency;
 type World<const N: usize> = support::World<N, support::Tested<mavstack::__private::NoPlans, 8, support::Satellite>>;
 
 fn satellite<const N: usize>(world: &mut World<N>) -> &mut HighLatency {
-    world.stack.high_latency_mut()
+    &mut world.stack.high_latency
 }
 
 /// Runs for `duration`, and sleeps whenever the stack permits.

@@ -47,8 +47,10 @@ mavstack::events! {
 }
 
 #[derive(mavstack::Stack)]
-#[stack(vehicle: Talker, links: 3, streams, components, events: { history: 8 }, time, forwarding)]
-struct Open;
+#[stack(vehicle: Talker, links: 3, streams, components, events: { history: 8 }, forwarding)]
+struct Open {
+    time: mavstack::clock::Time,
+}
 
 const RADIO: LinkId = LinkId(0);
 const USB: LinkId = LinkId(1);

@@ -26,9 +26,10 @@ use support::*;
     commands: { slots: 3 },
     operator_control,
     logs,
-    log_streaming,
 )]
-struct Logged;
+struct Logged {
+    log_streaming: mavstack::logs::LogStreamer,
+}
 
 type Field = World<2, Logged>;
 

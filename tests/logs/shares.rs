@@ -15,9 +15,10 @@ use mavstack::param::ParamTable;
     commands: { slots: 3 },
     files: { sessions: 2 },
     logs,
-    log_streaming,
 )]
-struct Loaded;
+struct Loaded {
+    log_streaming: mavstack::logs::LogStreamer,
+}
 
 /// A ground station that has everything transferred at once.
 struct Busy {

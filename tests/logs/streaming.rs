@@ -132,7 +132,7 @@ fn a_log_is_streamed() {
     let mut field = ideal();
     let mut client = Client::default();
     assert_eq!(start(&mut field, 0, STATION), MavResult::ACCEPTED);
-    assert!(field.stack.log_streaming().is_streaming());
+    assert!(field.stack.log_streaming.is_streaming());
     let mut log = field.vehicle.logs.definitions.clone();
     for number in 0..200 {
         let data = message(b'D', number * 37 % 130);
@@ -165,7 +165,7 @@ fn a_stream_is_refused() {
     assert_eq!(command(&mut field, 0, STATION, MavCmd::LOGGING_START, 1.0), MavResult::DENIED);
     field.vehicle.logs.refuses_stream = true;
     assert_eq!(start(&mut field, 0, STATION), MavResult::FAILED);
-    assert!(!field.stack.log_streaming().is_streaming());
+    assert!(!field.stack.log_streaming.is_streaming());
     let old = LinkConfig::uart(115_200).with_version(TxVersion::V1);
     let mut field = streaming(old, LineConfig::default(), 1);
     assert_eq!(start(&mut field, 0, STATION), MavResult::DENIED);
@@ -204,7 +204,7 @@ fn one_stream_at_a_time() {
     let texts: Vec<_> = texts.iter().map(|text| text.text.as_str().unwrap()).collect();
     assert_eq!(texts, ["Command 2510 refused: another station has control"], "one a second");
     let expected = counted(|counters: &mut StreamingCounters| (counters.started, counters.busy) = (1, 2));
-    assert_eq!(field.stack.log_streaming().counters(), expected);
+    assert_eq!(field.stack.log_streaming.counters(), expected);
     assert_eq!(stop(&mut field, 0, STATION), MavResult::ACCEPTED);
     assert_eq!(start(&mut field, 1, OTHER_STATION), MavResult::ACCEPTED);
 }
@@ -224,7 +224,7 @@ fn definitions_are_repeated() {
     assert!(pauses[..4].iter().all(|pause| (499..=502).contains(pause)), "{pauses:?}");
     assert!(pauses[4..].iter().all(|pause| *pause < 10), "{pauses:?}");
     assert!(client.content() == field.vehicle.logs.definitions);
-    assert_eq!(field.stack.log_streaming().counters().resent, 4);
+    assert_eq!(field.stack.log_streaming.counters().resent, 4);
 }
 
 /// LOG-13: a stream ends ten seconds after its client was last heard, or when the same packet was sent 20 times, and when its link
@@ -235,31 +235,31 @@ fn a_stream_ends_without_its_client() {
     field.gcs[0].heartbeat_period = Some(secs(1));
     start(&mut field, 0, STATION);
     field.run_for(millis(9_900));
-    assert!(field.stack.log_streaming().is_streaming());
+    assert!(field.stack.log_streaming.is_streaming());
     field.run_for(millis(300));
-    assert!(!field.stack.log_streaming().is_streaming(), "nothing was acknowledged");
+    assert!(!field.stack.log_streaming.is_streaming(), "nothing was acknowledged");
     assert_eq!(all::<LoggingDataAcked>(&field, 0).len(), 20);
 
     let mut client = Client { seen: field.gcs[0].received.len(), ..Client::default() };
     start(&mut field, 0, STATION);
     run(&mut field, &mut client, 15_000);
-    assert!(field.stack.log_streaming().is_streaming());
+    assert!(field.stack.log_streaming.is_streaming());
     field.gcs[0].heartbeat_period = None;
     run(&mut field, &mut client, 8_900);
     send(&mut field, 1, STATION, &Heartbeat::default());
-    assert!(field.stack.log_streaming().is_streaming());
+    assert!(field.stack.log_streaming.is_streaming());
     run(&mut field, &mut client, 1_200);
-    assert!(!field.stack.log_streaming().is_streaming());
-    assert_eq!(field.stack.log_streaming().counters().timed_out, 2);
+    assert!(!field.stack.log_streaming.is_streaming());
+    assert_eq!(field.stack.log_streaming.counters().timed_out, 2);
 
     // Before the stream it does not matter.
     field.stack.restart_link(LinkId(0));
     start(&mut field, 0, STATION);
-    assert!(field.stack.log_streaming().is_streaming());
+    assert!(field.stack.log_streaming.is_streaming());
     field.stack.restart_link(LinkId(0));
     field.gcs[0].forget();
     field.run_for(secs(1));
-    assert!(!field.stack.log_streaming().is_streaming() && all::<LoggingDataAcked>(&field, 0).is_empty());
+    assert!(!field.stack.log_streaming.is_streaming() && all::<LoggingDataAcked>(&field, 0).is_empty());
     assert_eq!((field.vehicle.logs.streams.len(), field.vehicle.logs.ended), (3, 3));
 }
 
@@ -312,7 +312,7 @@ proptest! {
         let mut log = field.vehicle.logs.definitions.clone();
         let mut client = Client::default();
         // The command may be lost.
-        while !field.stack.log_streaming().is_streaming() {
+        while !field.stack.log_streaming.is_streaming() {
             field.gcs[0].command_long(MavCmd::LOGGING_START, [0.0; 7]);
             run(&mut field, &mut client, 200);
         }

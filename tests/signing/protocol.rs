@@ -470,7 +470,7 @@ fn high_latency_link_signs() {
     assert_eq!(rig.vehicle.commands().len(), 1);
     let sent = rig.transmit(0);
     assert!(sent.len() == 1 && sent[0].is_signed_with(KEY));
-    assert_eq!(rig.stack.high_latency().counters().bytes as usize, sent[0].raw.len());
+    assert_eq!(rig.stack.high_latency.counters().bytes as usize, sent[0].raw.len());
 }
 
 /// SEC-15: neither the memory nor the `Debug` output of a vehicle shows the key.

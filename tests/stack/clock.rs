@@ -26,7 +26,7 @@ impl Site {
     fn new(start: Instant) -> Self {
         let mut world = World::<1, Drone>::of(Setup { start, ..Setup::new() });
         world.stack.manual_input_mut().set_source(ControlSource::GroundStation);
-        world.stack.setpoints_mut().set_source(ControlSource::GroundStation);
+        world.stack.setpoints.set_source(ControlSource::GroundStation);
         world.gcs[0].heartbeat_period = Some(secs(1));
         Self { world, behind: Duration::ZERO }
     }
@@ -159,7 +159,7 @@ fn sticks_and_setpoints_do_not_outlive_a_step() {
             let sticks = stack.manual_input().manual_control(now);
             assert_eq!(stack.manual_input().holder(now).is_some(), sticks.is_some());
             assert!(sticks.is_none_or(|sticks| sticks.at <= now && now.since(sticks.at) < millis(500)));
-            let setpoint = stack.setpoints().current(now);
+            let setpoint = stack.setpoints.current(now);
             assert!(setpoint.is_none_or(|setpoint| setpoint.at <= now && setpoint.age(now) < millis(500)));
             [sticks.is_some(), setpoint.is_some()]
         };

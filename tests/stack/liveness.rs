@@ -87,12 +87,13 @@ mavstack::events! {
     parameters: Tuning,
     streams,
     modes,
-    time,
     events: { history: 8 },
     operator_control,
     manual_control,
 )]
-struct Vacant;
+struct Vacant {
+    time: mavstack::clock::Time,
+}
 
 /// A socket whose datagrams must not be taken.
 struct Full;
@@ -140,7 +141,7 @@ fn stack_that_was_not_begun_takes_and_sends_nothing() {
         stack.send_text(now, MavSeverity::CRITICAL, "Hello");
         stack.event(now, &Turned {});
         stack.announce::<Attitude>();
-        stack.ask_time(LINK);
+        stack.time.ask(LINK);
         stack.mission_item_reached(now, 1);
         assert!(stack.load_plan(now, PlanType::Mission, [Item::default()], &mut vehicle).is_err());
         stack.poll(now, &mut vehicle);

@@ -31,19 +31,20 @@ const WINGMAN: Address = Address::new(2, 1);
     messages,
     command_client: { slots: 1 },
     operator_control,
-    camera,
-    ext_parameters,
     logs,
-    log_streaming,
-    gimbal_manager,
-    gimbal_device,
     modes,
     commands: { slots: 3 },
     forwarding,
     files: { sessions: 1 },
-    time,
 )]
-struct Full;
+struct Full {
+    time: mavstack::clock::Time,
+    gimbal_manager: mavstack::gimbal::ManagerService,
+    gimbal_device: mavstack::gimbal::DeviceService,
+    log_streaming: mavstack::logs::LogStreamer,
+    camera: mavstack::camera::CameraControl<[mavstack::camera::Image; 16]>,
+    ext_parameters: mavstack::ext_parameters::ExtParamServer,
+}
 
 /// The vehicle of the tests, with flight modes.
 #[derive(Default)]
@@ -243,7 +244,7 @@ fn pending_frames_are_sent_in_order() {
     receive(&mut world, now, 0, STATION, &Heartbeat::default());
     receive(&mut world, now, 0, STATION, &ParamRequestList { target_system: 1, target_component: 1 });
     receive(&mut world, now, 0, STATION, &ParamExtRequestList { target_system: 1, target_component: 1 });
-    world.stack.camera_mut().image_captured(Image::at(now));
+    world.stack.camera.image_captured(Image::at(now));
     for (command, id) in [
         (MavCmd::REQUEST_MESSAGE, AvailableModes::ID),
         (MavCmd::REQUEST_MESSAGE, BatteryStatus::ID),

@@ -2,9 +2,9 @@
 
 use super::{TestVehicle, Tuning};
 use mavstack::__private::{
-    Absent, CommandSlots, Declares, EventHistory, Firmware, Forwarding, ForwardingGate, Missions, ModeService,
-    ParamMemory, ParamService, PeerTable, Persistent, RequestQueue, Requests, Service, SigningGate, SticksGate,
-    StreamService, TextQueue, Values, WithoutPlans, WithoutSigning,
+    About, Absent, CommandSlots, Declares, EventHistory, Firmware, Forwarding, ForwardingGate, Look, LookAll, Missions,
+    ModeService, ParamMemory, ParamService, PeerTable, Persistent, RequestQueue, Requests, Service, ServiceList,
+    SigningGate, SticksGate, StreamService, TextQueue, Values, Visit, VisitAll, WithoutPlans, WithoutSigning,
 };
 use mavstack::__private::{NoPlans, PlanBuffers, PlanMemory};
 use mavstack::clock::Time;
@@ -35,7 +35,7 @@ where
     O: Options<Self> + 'static,
     V: HookServices<Self> + 'static,
 {
-    type Services = ();
+    type Services = Chosen<O::Time, O::Setpoints, O::HighLatency>;
     type Peers = PeerTable<PEERS>;
     type Texts = TextQueue<4>;
     type Commands = CommandSlots<3>;
@@ -45,21 +45,13 @@ where
     type Requests = Requests<[RequestQueue; 0]>;
     type Messages = Absent;
     type Client = Absent;
-    type Camera = Absent;
-    type ExtParameters = Absent;
     type Events = Absent;
     type EventLog = EventHistory<0>;
     type Logs = Absent;
-    type LogStreaming = Absent;
     type Stream = V::Stream;
     type Mode = V::Mode;
-    type Time = O::Time;
     type ManualControl = O::ManualControl;
-    type Setpoints = O::Setpoints;
     type OperatorControl = Absent;
-    type GimbalManager = Absent;
-    type GimbalDevice = Absent;
-    type HighLatency = O::HighLatency;
     type Signing = O::Signing;
     type Forwarding = O::Forwarding;
     type Files = Absent;
@@ -105,6 +97,50 @@ pub trait Options<D: Firmware> {
     type HighLatency: Service<D>;
     type Signing: Persistent<D> + SigningGate<<Self::Signing as Service<D>>::Link>;
     type Forwarding: Service<D> + ForwardingGate<D>;
+}
+
+/// The services that a declaration has as fields.
+#[derive(Debug)]
+pub struct Chosen<T, S, H> {
+    pub time: T,
+    pub setpoints: S,
+    pub high_latency: H,
+}
+
+impl<F: Firmware, T: Service<F>, S: Service<F>, H: Service<F>> ServiceList<F> for Chosen<T, S, H> {
+    type Links = (T::Link, S::Link, H::Link);
+    const NEW: Self = Self { time: T::NEW, setpoints: S::NEW, high_latency: H::NEW };
+    const VACANT: Self::Links = (T::VACANT, S::VACANT, H::VACANT);
+    const ABOUT: &'static [About] = &[T::ABOUT, S::ABOUT, H::ABOUT];
+
+    fn visit(&mut self, (time, setpoints, high_latency): &mut Self::Links, visit: &mut impl Visit<F>) -> bool {
+        visit.visit(&mut self.time, time)
+            || visit.visit(&mut self.setpoints, setpoints)
+            || visit.visit(&mut self.high_latency, high_latency)
+    }
+
+    fn look(&self, (time, setpoints, high_latency): &Self::Links, look: &mut impl Look<F>) {
+        look.look(&self.time, time);
+        look.look(&self.setpoints, setpoints);
+        look.look(&self.high_latency, high_latency);
+    }
+
+    fn visit_all<L>(
+        &mut self,
+        states: &mut [L],
+        of: impl Fn(&mut L) -> &mut Self::Links + Copy,
+        visit: &mut impl VisitAll<F>,
+    ) {
+        visit.visit(&mut self.time, states.iter_mut().map(move |state| &mut of(state).0));
+        visit.visit(&mut self.setpoints, states.iter_mut().map(move |state| &mut of(state).1));
+        visit.visit(&mut self.high_latency, states.iter_mut().map(move |state| &mut of(state).2));
+    }
+
+    fn look_all(&self, look: &mut impl LookAll<F>) {
+        look.look(&self.time);
+        look.look(&self.setpoints);
+        look.look(&self.high_latency);
+    }
 }
 
 macro_rules! options {

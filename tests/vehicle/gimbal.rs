@@ -74,8 +74,10 @@ impl GimbalManager for Carrier {
 }
 
 #[derive(mavstack::Stack)]
-#[stack(vehicle: Carrier, links: 3, gimbal_manager, operator_control)]
-pub struct Managed;
+#[stack(vehicle: Carrier, links: 3, operator_control)]
+pub struct Managed {
+    pub gimbal_manager: mavstack::gimbal::ManagerService,
+}
 
 pub type Carried = World<3, Managed>;
 
@@ -129,12 +131,12 @@ pub fn take(world: &mut Carried, from: Address) {
 }
 
 pub fn control(world: &Carried) -> [Option<Address>; 2] {
-    let GimbalControl { primary, secondary } = world.stack.gimbal_manager().control();
+    let GimbalControl { primary, secondary } = world.stack.gimbal_manager.control();
     [primary, secondary]
 }
 
 fn counters(world: &Carried) -> ManagerCounters {
-    world.stack.gimbal_manager().counters()
+    world.stack.gimbal_manager.counters()
 }
 
 /// The target of the last setpoint that the vehicle got, and the number of all.

@@ -12,16 +12,29 @@ use mavstack::gimbal::GimbalControl;
 use mavstack::{Address, Item, LinkConfig, LinkId, Message};
 use std::f32::consts::PI;
 
+type Site = World<3, super::gimbal::Managed>;
+
+/// Points as an item of the vehicle's mission does.
+fn point(world: &mut Site, item: &Item) -> MavResult {
+    let now = world.now();
+    world.stack.with_services(now, &mut world.vehicle, |services, cx| services.gimbal_manager.point(cx, item))
+}
+
+/// Ends the vehicle's own control.
+fn release(world: &mut Site) {
+    let own = world.stack.address();
+    world.stack.gimbal_manager.release(own);
+}
+
 /// GIM-7: the vehicle points for its mission: that takes control from whoever has it, and it releases it at the end.
 #[test]
 fn vehicle_points_for_its_mission() {
     let mut world = world();
     take(&mut world, STATION);
-    let now = world.now();
     let item = |command, params, x, y, z, frame| Item { command, params, x, y, z, frame, ..Item::default() };
     let mission = MavFrame::MISSION;
     let pitch_yaw = item(PITCH_YAW, [-90.0, NAN, NAN, NAN], 8, 0, 0.0, mission);
-    assert_eq!(world.stack.point_gimbal(now, &pitch_yaw, &mut world.vehicle), MavResult::ACCEPTED);
+    assert_eq!(point(&mut world, &pitch_yaw), MavResult::ACCEPTED);
     let setpoint = *world.vehicle.pointed.last().unwrap();
     let down = angles([None, Some(-PI / 2.0), None], [None; 3]);
     assert_eq!((setpoint.target, setpoint.from, setpoint.flags.0), (down, VEHICLE, 8));
@@ -32,19 +45,19 @@ fn vehicle_points_for_its_mission() {
 
     let frame = MavFrame::GLOBAL_RELATIVE_ALT;
     let roi = item(MavCmd::DO_SET_ROI_LOCATION, [0.0; 4], 475_000_000, 82_500_000, 5.0, frame);
-    assert_eq!(world.stack.point_gimbal(now, &roi, &mut world.vehicle), MavResult::ACCEPTED);
+    assert_eq!(point(&mut world, &roi), MavResult::ACCEPTED);
     assert_eq!(last(&world).1, place(475_000_000, 82_500_000, 5.0, Some(frame)));
     // Parameters 5 and 6 of a command without a position are plain numbers in every frame (M-75).
     for frame in [0, 2, 3, 6, 10].map(MavFrame) {
         let flags = item(PITCH_YAW, [-90.0, NAN, NAN, NAN], 8, 0, 0.0, frame);
-        assert_eq!(world.stack.point_gimbal(now, &flags, &mut world.vehicle), MavResult::ACCEPTED);
+        assert_eq!(point(&mut world, &flags), MavResult::ACCEPTED);
         assert_eq!(world.vehicle.pointed.last().unwrap().flags.0, 8);
         let offset = item(MavCmd::DO_SET_ROI_WPNEXT_OFFSET, [0.0; 4], 30, -10, 90.0, frame);
-        assert_eq!(world.stack.point_gimbal(now, &offset, &mut world.vehicle), MavResult::ACCEPTED);
+        assert_eq!(point(&mut world, &offset), MavResult::ACCEPTED);
         let [pitch, roll, yaw] = [30.0, -10.0, 90.0].map(|degrees: f32| Some(degrees * (PI / 180.0)));
         assert_eq!(last(&world).1, Some(next_waypoint([roll, pitch, yaw])));
         let scaled = Item { x: 300_000_000, ..offset };
-        assert_eq!(world.stack.point_gimbal(now, &scaled, &mut world.vehicle), MavResult::DENIED);
+        assert_eq!(point(&mut world, &scaled), MavResult::DENIED);
     }
     let terrain = item(MavCmd::DO_SET_ROI_LOCATION, [0.0; 4], 1, 1, 1.0, MavFrame::GLOBAL_TERRAIN_ALT);
     for (bad, result) in [
@@ -53,20 +66,20 @@ fn vehicle_points_for_its_mission() {
         (item(MavCmd::DO_SET_ROI_LOCATION, [0.0; 4], 1, 1, 1.0, mission), MavResult::COMMAND_UNSUPPORTED_MAV_FRAME),
         (item(MavCmd::NAV_WAYPOINT, [0.0; 4], 1, 1, 1.0, frame), MavResult::UNSUPPORTED),
     ] {
-        assert_eq!(world.stack.point_gimbal(now, &bad, &mut world.vehicle), result);
+        assert_eq!(point(&mut world, &bad), result);
     }
     assert_eq!(command(&mut world, OTHER_STATION, PITCH_YAW, DOWN), MavResult::DENIED, "the mission has control");
     // The mission hands over to a station, and takes it back.
     let give = item(MavCmd::DO_GIMBAL_MANAGER_CONFIGURE, [255.0, 190.0, -1.0, -1.0], 0, 0, 0.0, mission);
-    assert_eq!(world.stack.point_gimbal(now, &give, &mut world.vehicle), MavResult::ACCEPTED);
+    assert_eq!(point(&mut world, &give), MavResult::ACCEPTED);
     assert_eq!(control(&world), [Some(STATION), None]);
     let own = item(MavCmd::DO_GIMBAL_MANAGER_CONFIGURE, [-2.0, -2.0, -1.0, -1.0], 0, 0, 0.0, mission);
-    assert_eq!(world.stack.point_gimbal(now, &own, &mut world.vehicle), MavResult::ACCEPTED);
+    assert_eq!(point(&mut world, &own), MavResult::ACCEPTED);
     assert_eq!(control(&world), [Some(Address::new(1, 1)), None], "an item is of the autopilot (GIM-3)");
-    world.stack.release_gimbal();
+    release(&mut world);
     assert_eq!(control(&world), [None, None]);
     take(&mut world, STATION);
-    world.stack.release_gimbal();
+    release(&mut world);
     assert_eq!(control(&world), [Some(STATION), None], "only its own");
 }
 

@@ -65,11 +65,15 @@ impl<const ID: u8> GimbalDevice for Gimbal<ID> {
 }
 
 #[derive(mavstack::Stack)]
-#[stack(vehicle: Gimbal<0>, links: 3, gimbal_device)]
-struct Device;
+#[stack(vehicle: Gimbal<0>, links: 3)]
+struct Device {
+    gimbal_device: mavstack::gimbal::DeviceService,
+}
 #[derive(mavstack::Stack)]
-#[stack(vehicle: Gimbal<1>, links: 3, gimbal_device)]
-struct Attached;
+#[stack(vehicle: Gimbal<1>, links: 3)]
+struct Attached {
+    gimbal_device: mavstack::gimbal::DeviceService,
+}
 
 type Far = World<3, Device>;
 
@@ -190,7 +194,7 @@ fn attached_gimbal_has_a_number() {
         send(&mut world, 0, from, &GimbalDeviceSetAttitude { target_component: 1, ..set_attitude() });
     }
     assert!(world.vehicle.setpoints.is_empty());
-    assert_eq!(world.stack.gimbal_device().counters().not_manager, 3);
+    assert_eq!(world.stack.gimbal_device.counters().not_manager, 3);
 }
 
 /// GIM-11: only the manager's setpoints are followed, and only valid ones.
@@ -232,7 +236,7 @@ fn device_follows_its_manager() {
     let expected = counted(|counters: &mut DeviceCounters| {
         (counters.taken, counters.not_manager, counters.invalid) = (2, 5, 4);
     });
-    assert_eq!(world.stack.gimbal_device().counters(), expected);
+    assert_eq!(world.stack.gimbal_device.counters(), expected);
 }
 
 /// An autopilot with a gimbal that is a component of its own, and its manager.
@@ -289,8 +293,11 @@ impl GimbalDevice for Both {
 }
 
 #[derive(mavstack::Stack)]
-#[stack(vehicle: Both, links: 3, components, gimbal_manager, gimbal_device)]
-struct Whole;
+#[stack(vehicle: Both, links: 3, components)]
+struct Whole {
+    gimbal_manager: mavstack::gimbal::ManagerService,
+    gimbal_device: mavstack::gimbal::DeviceService,
+}
 
 /// GIM-10, GIM-4, K-10: manager and device in one firmware. The device's messages and answers come from its own component, the manager's
 /// from the autopilot. A setpoint moves the gimbal, and leaves on no link.
@@ -337,7 +344,7 @@ fn manager_and_device_in_one_firmware() {
     // The autopilot's address is ours, so nobody else is the manager.
     send(&mut world, 0, STATION, &set_attitude());
     world.run_for(secs(1));
-    assert_eq!(world.stack.gimbal_device().counters().not_manager, 1);
+    assert_eq!(world.stack.gimbal_device.counters().not_manager, 1);
     for gcs in &world.gcs {
         assert_eq!(gcs.count_of::<GimbalDeviceSetAttitude>(), 0);
         let statuses = gcs.received.iter().filter(|frame| frame.header.id == GimbalDeviceAttitudeStatus::ID);
@@ -407,8 +414,10 @@ impl GimbalManager for Autopilot {
 }
 
 #[derive(mavstack::Stack)]
-#[stack(vehicle: Autopilot, links: 3, gimbal_manager)]
-struct Managing;
+#[stack(vehicle: Autopilot, links: 3)]
+struct Managing {
+    gimbal_manager: mavstack::gimbal::ManagerService,
+}
 
 type Near = World<3, Managing>;
 

@@ -118,7 +118,10 @@ fn on(world: &mut Carried, from: Address, action: &Action) {
             };
             send(world, 1, from, &message);
         }
-        Action::Release => world.stack.release_gimbal(),
+        Action::Release => {
+            let own = world.stack.address();
+            world.stack.gimbal_manager.release(own);
+        }
     }
 }
 
@@ -204,7 +207,7 @@ fn run(actions: &[(usize, Action)]) -> Result<(), TestCaseError> {
             prop_assert_eq!(setpoint.is_secondary, model.primary != Some(from));
             prop_assert!(is_finite(setpoint.target), "{setpoint:?}");
         }
-        let control = world.stack.gimbal_manager().control();
+        let control = world.stack.gimbal_manager.control();
         prop_assert_eq!((control.primary, control.secondary), (model.primary, model.secondary));
         // So that there is room for the next answer.
         world.run_for(millis(2));

@@ -28,15 +28,16 @@ struct Copter {
 #[stack(
     vehicle: Copter,
     links: 2,
-    camera: { images: 2 },
-    ext_parameters,
-    gimbal_manager,
-    gimbal_device,
     components,
     command_client: { slots: 2 },
     forwarding,
 )]
-struct Optional;
+struct Optional {
+    gimbal_manager: mavstack::gimbal::ManagerService,
+    gimbal_device: mavstack::gimbal::DeviceService,
+    camera: mavstack::camera::CameraControl<[mavstack::camera::Image; 2]>,
+    ext_parameters: mavstack::ext_parameters::ExtParamServer,
+}
 
 impl Vehicle for Copter {
     fn state(&self) -> Option<VehicleState> {

@@ -26,10 +26,11 @@ mavstack::message! {
     streams,
     commands: { slots: 3 },
     manual_control,
-    setpoints,
     operator_control,
 )]
-struct Controlled;
+struct Controlled {
+    setpoints: mavstack::setpoints::Setpoints,
+}
 
 type Shared = World<3, Controlled>;
 
@@ -49,7 +50,7 @@ fn world() -> Shared {
     let mut world = Shared::of(Setup { links: [uart, uart, uart.with_version(TxVersion::V1)], ..Setup::new() });
     world.gcs.iter_mut().for_each(|gcs| gcs.takes_unknown = true);
     world.stack.manual_input_mut().set_source(ALL);
-    world.stack.setpoints_mut().set_source(ALL);
+    world.stack.setpoints.set_source(ALL);
     beat(&mut world);
     world.run_for(millis(100));
     world
@@ -120,7 +121,7 @@ fn setpoint() -> SetPositionTargetLocalNed {
 /// The sender of the current sticks, and of the current setpoint.
 fn steering(world: &Shared) -> [Option<SystemId>; 2] {
     let sticks = world.stack.manual_input().manual_control(world.now()).map(|sticks| sticks.from);
-    let setpoint = world.stack.setpoints().current(world.now()).map(|setpoint| setpoint.from);
+    let setpoint = world.stack.setpoints.current(world.now()).map(|setpoint| setpoint.from);
     [sticks, setpoint].map(|from| from.map(|from| from.address.system))
 }
 
@@ -503,7 +504,7 @@ fn run(keeps: bool, events: &[Event]) -> Result<(), TestCaseError> {
     vehicle.long.insert(MavCmd::NAV_LAND.0);
     vehicle.outcomes.remove(&MavCmd::NAV_LAND.0);
     stack.manual_input_mut().set_source(ALL);
-    stack.setpoints_mut().set_source(ALL);
+    stack.setpoints.set_source(ALL);
     let control: &mut OperatorControl = stack.operator_control_mut();
     control.set_secondaries(&[SENDERS[0].system]);
     control.set_release_on_loss(!keeps);
@@ -553,7 +554,7 @@ fn run(keeps: bool, events: &[Event]) -> Result<(), TestCaseError> {
         // Nobody else steers, neither now nor with what it has sent before.
         let sticks = stack.manual_input().manual_control(now).map(|sticks| sticks.from);
         let channels = stack.manual_input().rc_channels(now).and(stack.manual_input().holder(now));
-        let setpoint = stack.setpoints().current(now).map(|setpoint| setpoint.from);
+        let setpoint = stack.setpoints.current(now).map(|setpoint| setpoint.from);
         for Peer { address, .. } in [sticks, channels, setpoint].into_iter().flatten() {
             let sender = SENDERS.iter().position(|sender| *sender == address).unwrap();
             prop_assert!(model.may(sender, CONTROLS - 1), "{address:?} steers");

@@ -10,8 +10,10 @@ use mavstack::message::SystemId;
 use mavstack::{Address, Instant, LinkConfig};
 
 #[derive(mavstack::Stack)]
-#[stack(vehicle: TestVehicle, links: 2, commands: { slots: 3 }, setpoints, operator_control)]
-struct Controlled;
+#[stack(vehicle: TestVehicle, links: 2, commands: { slots: 3 }, operator_control)]
+struct Controlled {
+    setpoints: mavstack::setpoints::Setpoints,
+}
 
 type Shared = World<2, Controlled>;
 
@@ -35,7 +37,7 @@ fn world(seed: u64) -> Shared {
         gcs.send_from(station, &Gcs::heartbeat());
     }
     let all = ControlSource::Systems { first: SystemId(1), last: SystemId(255) };
-    world.stack.setpoints_mut().set_source(all);
+    world.stack.setpoints.set_source(all);
     world.vehicle.outcomes.insert(ONCE.0, MavResult::ACCEPTED.into());
     world.run_for(millis(500));
     for line in &world.lines {
@@ -165,7 +167,7 @@ fn setpoints_of_the_owner_are_followed() {
             sent += 1;
             world.run_for(millis(50));
             let now = world.now();
-            let Some(setpoint) = world.stack.setpoints().current(now) else {
+            let Some(setpoint) = world.stack.setpoints.current(now) else {
                 gaps += 1;
                 continue;
             };
@@ -174,13 +176,13 @@ fn setpoints_of_the_owner_are_followed() {
             followed += u32::from(setpoint.at > last);
             last = setpoint.at;
         }
-        let counters = world.stack.setpoints().counters();
+        let counters = world.stack.setpoints.counters();
         assert_eq!((counters.taken, counters.not_owner), (followed, 0), "seed {seed}");
         assert!((60..100).contains(&followed) && gaps <= 10, "seed {seed}: {followed} followed, {gaps} gaps");
         // The others were dropped before.
         let dropped = world.stack.operator_control().counters().messages;
         assert!((60..100).contains(&dropped), "seed {seed}: {dropped}");
         world.run_for(millis(500));
-        assert_eq!(world.stack.setpoints().current(world.now()), None, "seed {seed}");
+        assert_eq!(world.stack.setpoints.current(world.now()), None, "seed {seed}");
     }
 }

@@ -28,8 +28,10 @@ mavstack::message! {
 }
 
 #[derive(mavstack::Stack)]
-#[stack(vehicle: TestVehicle, links: 2, commands: { slots: 2 }, manual_control, setpoints, operator_control)]
-struct Controlled;
+#[stack(vehicle: TestVehicle, links: 2, commands: { slots: 2 }, manual_control, operator_control)]
+struct Controlled {
+    setpoints: mavstack::setpoints::Setpoints,
+}
 
 const REQUEST_OPERATOR_CONTROL: MavCmd = MavCmd(32_100);
 
@@ -319,8 +321,8 @@ impl Pair {
             (ControlSource::Systems { first: SystemId(1), last: SystemId(255) }, millis(TICK_MS * u64::from(VALID)));
         stack.manual_input_mut().set_source(source);
         stack.manual_input_mut().set_timeout(valid);
-        stack.setpoints_mut().set_source(source);
-        stack.setpoints_mut().set_timeout(valid);
+        stack.setpoints.set_source(source);
+        stack.setpoints.set_timeout(valid);
         stack.operator_control_mut().set_release_on_loss(!keeps);
         let (mut vehicle, model) = (TestVehicle::new(), Model::new(keeps));
         // The links wait for a heartbeat from the first frame that they are asked for, and no longer when the test begins (H-17).
@@ -456,9 +458,9 @@ impl Pair {
         let now = Instant::from_millis(self.now);
         let input = |input: Input| input.map(|(from, _)| from.peer());
         let sticks = self.stack.manual_input().manual_control(now).map(|sticks| sticks.from);
-        let setpoint = self.stack.setpoints().current(now).map(|setpoint| setpoint.from);
+        let setpoint = self.stack.setpoints.current(now).map(|setpoint| setpoint.from);
         assert_eq!([sticks, setpoint], [input(self.model.sticks), input(self.model.setpoint)], "sticks, setpoint");
-        assert_eq!([self.stack.manual_input().holder(now), self.stack.setpoints().owner(now)], [sticks, setpoint]);
+        assert_eq!([self.stack.manual_input().holder(now), self.stack.setpoints.owner(now)], [sticks, setpoint]);
     }
 }
 

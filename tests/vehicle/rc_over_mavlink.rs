@@ -15,10 +15,11 @@ use proptest::prelude::*;
     streams,
     commands: { slots: 2 },
     manual_control,
-    setpoints,
     operator_control,
 )]
-struct Piloted;
+struct Piloted {
+    setpoints: mavstack::setpoints::Setpoints,
+}
 
 /// QGroundControl's joystick on the first link, and receivers on the second.
 const JOYSTICK: Peer = Peer { address: STATION, link: LinkId(0) };

@@ -197,8 +197,8 @@ impl Pair {
         let setup = Setup::<2>::new();
         let mut stack: Box<Stack<Tested<NoPlans, 8, Steered>, 2>> = Box::new(Stack::VACANT);
         stack.begin(setup.config, setup.links);
-        stack.setpoints_mut().set_source(source);
-        stack.setpoints_mut().set_timeout(Duration::from_micros(timeout));
+        stack.setpoints.set_source(source);
+        stack.setpoints.set_timeout(Duration::from_micros(timeout));
         let mut vehicle = TestVehicle::new();
         let heartbeat = World::new(setup).gcs[0].frame_from(STATION, &Gcs::heartbeat());
         stack.receive(Instant::ZERO, LinkId(0), &heartbeat, &mut vehicle);
@@ -219,7 +219,7 @@ impl Pair {
     }
 
     fn check(&self) -> Result<(), TestCaseError> {
-        let (model, setpoints) = (&self.model, self.stack.setpoints());
+        let (model, setpoints) = (&self.model, &self.stack.setpoints);
         let now = Instant::from_micros(model.now);
         let found = setpoints.current(now).map(|found| {
             let (kind, given) = seen(found.target);

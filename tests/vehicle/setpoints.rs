@@ -20,7 +20,7 @@ type Offboard<const N: usize> = World<N, Tested<NoPlans, 8, Steered>>;
 /// A world in which `source` is authorised, with the default timeout.
 fn world<const N: usize>(source: ControlSource) -> Offboard<N> {
     let mut world = Offboard::of(Setup { start: Instant::from_millis(1_000), ..Setup::new() });
-    world.stack.setpoints_mut().set_source(source);
+    world.stack.setpoints.set_source(source);
     world
 }
 
@@ -31,11 +31,11 @@ fn send<const N: usize, D: Declares, M: Message>(world: &mut World<N, D>, link: 
 }
 
 fn current<const N: usize>(world: &Offboard<N>) -> Option<Setpoint> {
-    world.stack.setpoints().current(world.now())
+    world.stack.setpoints.current(world.now())
 }
 
 fn counters<const N: usize>(world: &Offboard<N>) -> SetpointCounters {
-    world.stack.setpoints().counters()
+    world.stack.setpoints.counters()
 }
 
 /// The north velocity of the current setpoint.
@@ -326,8 +326,8 @@ fn only_the_configured_sender_is_followed() {
         for (from, may) in [STATION, Address::new(255, 1), OTHER_STATION, COMPANION].into_iter().zip(may) {
             let mut world = Offboard::<1>::of(Setup::new());
             if let Some(source) = source {
-                world.stack.setpoints_mut().set_source(source);
-                assert_eq!(world.stack.setpoints().source(), source);
+                world.stack.setpoints.set_source(source);
+                assert_eq!(world.stack.setpoints.source(), source);
             }
             send(&mut world, 0, from, &local());
             assert_eq!(current(&world).is_some(), may, "{source:?}: {from:?}");
@@ -362,7 +362,7 @@ fn a_ground_station_needs_heartbeats() {
 fn setpoints_expire() {
     for timeout in [Duration::from_micros(1), millis(50), Setpoints::TIMEOUT, secs(3)] {
         let mut world = world::<1>(ONLY_STATION);
-        world.stack.setpoints_mut().set_timeout(timeout);
+        world.stack.setpoints.set_timeout(timeout);
         send(&mut world, 0, STATION, &fly(1.0));
         let end = world.now().after(timeout);
         world.step_to(Instant::from_micros(end.as_micros() - 1));
@@ -372,7 +372,7 @@ fn setpoints_expire() {
         send(&mut world, 0, STATION, &Gcs::heartbeat());
         send(&mut world, 0, STATION, &fly(f32::NAN));
         world.step_to(end);
-        assert_eq!((current(&world), world.stack.setpoints().owner(end)), (None, None));
+        assert_eq!((current(&world), world.stack.setpoints.owner(end)), (None, None));
     }
 }
 
@@ -380,13 +380,13 @@ fn setpoints_expire() {
 #[test]
 fn longer_timeout_does_not_revive_a_setpoint() {
     let mut world = world::<1>(ONLY_STATION);
-    world.stack.setpoints_mut().set_timeout(Duration::ZERO);
+    world.stack.setpoints.set_timeout(Duration::ZERO);
     send(&mut world, 0, STATION, &fly(1.0));
     assert_eq!(current(&world), None);
-    world.stack.setpoints_mut().set_timeout(millis(500));
+    world.stack.setpoints.set_timeout(millis(500));
     send(&mut world, 0, STATION, &fly(1.0));
     world.run_for(millis(500));
-    world.stack.setpoints_mut().set_timeout(secs(10));
+    world.stack.setpoints.set_timeout(secs(10));
     assert_eq!(current(&world), None);
 }
 
@@ -405,7 +405,7 @@ fn one_sender_owns_the_setpoints() {
         send(&mut world, 0, Address::new(255, 25), &global());
         send(&mut world, 1, STATION, &attitude());
         assert_eq!((north(&world), current(&world).unwrap().from), (Some(1.0), first));
-        assert_eq!(world.stack.setpoints().owner(world.now()), Some(first));
+        assert_eq!(world.stack.setpoints.owner(world.now()), Some(first));
         world.run_for(millis(100));
     }
     let expected = counted::<SetpointCounters>(|counters| {
@@ -428,9 +428,9 @@ fn one_sender_owns_the_setpoints() {
 fn new_policy_applies_at_once() {
     let mut world = world::<1>(ONLY_STATION);
     send(&mut world, 0, STATION, &fly(1.0));
-    world.stack.setpoints_mut().set_source(ONLY_STATION);
+    world.stack.setpoints.set_source(ONLY_STATION);
     assert_eq!(north(&world), Some(1.0));
-    world.stack.setpoints_mut().set_source(BOTH_STATIONS);
+    world.stack.setpoints.set_source(BOTH_STATIONS);
     assert_eq!(current(&world), None);
     send(&mut world, 0, OTHER_STATION, &fly(2.0));
     assert_eq!(north(&world), Some(2.0));
@@ -441,7 +441,7 @@ fn new_policy_applies_at_once() {
 fn high_latency_link_carries_no_setpoints() {
     let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
     let mut world = Offboard::of(Setup { links: [LinkConfig::uart(57_600), satellite], ..Setup::new() });
-    world.stack.setpoints_mut().set_source(ONLY_STATION);
+    world.stack.setpoints.set_source(ONLY_STATION);
     send(&mut world, 1, STATION, &local());
     send(&mut world, 1, STATION, &global());
     send(&mut world, 1, STATION, &attitude());

@@ -74,7 +74,7 @@ fn timesync_of_others_is_ignored() {
         }
     }
     world.expect_no::<Timesync>(0, secs(1));
-    assert_eq!(world.stack.take_time_sample(), None);
+    assert_eq!(world.stack.time.take_sample(), None);
 }
 
 /// T-2: an answer that is sent at time 0 is not a request.
@@ -94,8 +94,8 @@ fn answer_at_boot_is_not_a_request() {
 #[test]
 fn vehicle_can_request_the_time() {
     let mut world = world::<2>(millis(20));
-    world.stack.ask_time(LinkId(1));
-    world.stack.ask_time(LinkId(7));
+    world.stack.time.ask(LinkId(1));
+    world.stack.time.ask(LinkId(7));
     let question: Timesync = world.expect(1, millis(100));
     assert_eq!((question.tc1, question.target_system, question.target_component), (0, 0, 0));
     world.expect_no::<Timesync>(0, millis(1));
@@ -106,17 +106,17 @@ fn vehicle_can_request_the_time() {
     world.gcs[0].send(&answer);
     world.gcs[1].send(&Timesync { target_system: 9, ..answer });
     world.run_for(millis(50));
-    assert_eq!(world.stack.take_time_sample(), None);
+    assert_eq!(world.stack.time.take_sample(), None);
     let (asked, answered) = (question.ts1 / 1_000, world.now());
     world.gcs[1].send(&answer);
     world.run_for(millis(50));
-    let sample = world.stack.take_time_sample().unwrap();
+    let sample = world.stack.time.take_sample().unwrap();
     assert_eq!(sample.from, Peer { address: STATION, link: LinkId(1) });
     assert!(sample.at > answered && sample.at <= world.now());
     let round_trip = sample.at.as_micros() - asked as u64;
     assert_eq!(sample.round_trip_ns, round_trip as i64 * 1_000);
     assert_eq!(sample.offset_ns, his - (question.ts1 + round_trip as i64 * 500));
-    assert_eq!(world.stack.take_time_sample(), None);
+    assert_eq!(world.stack.time.take_sample(), None);
     world.expect_no::<Timesync>(1, secs(2));
 }
 
@@ -125,7 +125,7 @@ fn vehicle_can_request_the_time() {
 fn high_latency_link_carries_no_time() {
     let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
     let mut world = Clocked::of(Setup { links: [satellite], ..Setup::new() });
-    world.stack.ask_time(LINK);
+    world.stack.time.ask(LINK);
     world.gcs[0].send(&Ping::default());
     world.gcs[0].send(&Timesync::default());
     world.run_for(secs(3));

@@ -7,7 +7,7 @@ use crate::read::{Declaration, Row, placed, sizes};
 use crate::write::{Values, fill, tokens};
 
 /// All entries, each as it is written.
-const ENTRIES: [&str; 29] = [
+const ENTRIES: [&str; 21] = [
     "vehicle: Rover",
     "links: 1",
     "peers: 8",
@@ -23,20 +23,24 @@ const ENTRIES: [&str; 29] = [
     "commands: { slots: 2 }",
     "command_client: { slots: 2 }",
     "components",
-    "camera: { images: 16 }",
-    "ext_parameters",
     "events: { history: 16, checks }",
     "logs",
-    "log_streaming",
-    "time",
     "manual_control",
-    "setpoints",
     "operator_control",
-    "gimbal_manager",
-    "gimbal_device",
-    "high_latency",
     "files: { sessions: 2, upload: 276 }",
     "crate: mavstack",
+];
+
+/// The library's services that are fields, each with its type.
+const FIELDS: [(&str, &str); 8] = [
+    ("time", "clock::Time"),
+    ("setpoints", "setpoints::Setpoints"),
+    ("camera", "camera::CameraControl<[mavstack::camera::Image; 16]>"),
+    ("ext_parameters", "ext_parameters::ExtParamServer"),
+    ("gimbal_manager", "gimbal::ManagerService"),
+    ("gimbal_device", "gimbal::DeviceService"),
+    ("high_latency", "high_latency::HighLatency"),
+    ("log_streaming", "logs::LogStreamer"),
 ];
 
 /// Returns the name of an entry that is written like this.
@@ -55,6 +59,10 @@ impl<'a> Entries<'a> {
     pub fn of(declaration: &'a Declaration) -> Result<Self, Mistake> {
         for row in &declaration.entries {
             let name = row.name.to_string();
+            if let Some((_, service)) = FIELDS.iter().find(|(field, _)| *field == name) {
+                let text = format!("`{name}` is a field of the struct: `{name}: mavstack::{service}`");
+                return Err(Mistake::new(row.name.span(), text));
+            }
             let Some(example) = ENTRIES.iter().find(|example| name_of(example) == name) else {
                 let names: Vec<_> = ENTRIES.iter().map(|example| format!("`{}`", name_of(example))).collect();
                 let text = format!("`{name}` is no entry of a stack. These are: {}", names.join(", "));
@@ -130,17 +138,9 @@ impl<'a> Entries<'a> {
             ("Commands", "commands", "CommandSlots<{ $slots }>"),
             ("Client", "command_client", "Client<{ $client }>"),
             ("Components", "components", "ComponentService"),
-            ("Camera", "camera", "CameraImages<{ $images }>"),
-            ("ExtParameters", "ext_parameters", "ExtParamServer"),
             ("Logs", "logs", "LogServer"),
-            ("LogStreaming", "log_streaming", "LogStreamer"),
-            ("Time", "time", "Time"),
             ("ManualControl", "manual_control", "ManualInput"),
-            ("Setpoints", "setpoints", "Setpoints"),
             ("OperatorControl", "operator_control", "OperatorControl"),
-            ("GimbalManager", "gimbal_manager", "ManagerService"),
-            ("GimbalDevice", "gimbal_device", "DeviceService"),
-            ("HighLatency", "high_latency", "HighLatency"),
             ("Forwarding", "forwarding", "Forwarding<{ $links }, { $bytes }, { $seen }>"),
         ];
         for (name, entry, with) in services {
@@ -219,7 +219,6 @@ impl<'a> Entries<'a> {
 
     fn put_sizes(&self, values: &mut Values) -> Result<(), Mistake> {
         let sizes = [
-            ("images", "camera", "images", "16"),
             ("signed", "signing", "streams", "16"),
             ("bytes", "forwarding", "bytes", "512"),
             ("seen", "forwarding", "seen", "256"),
@@ -269,7 +268,7 @@ impl<'a> Entries<'a> {
 
 /// Whether an entry may have a value or none.
 fn may_stand_alone(name: &str) -> bool {
-    matches!(name, "camera" | "forwarding" | "signing" | "storage")
+    matches!(name, "forwarding" | "signing" | "storage")
 }
 
 fn is(condition: bool) -> TokenStream {

@@ -43,19 +43,11 @@ const TEMPLATE: &str = "
             type Stream = $Stream;
             type Messages = $Messages;
             type Client = $Client;
-            type Camera = $Camera;
-            type ExtParameters = $ExtParameters;
             type Events = $Events;
             type Logs = $Logs;
-            type LogStreaming = $LogStreaming;
             type Mode = $Mode;
-            type Time = $Time;
             type ManualControl = $ManualControl;
-            type Setpoints = $Setpoints;
             type OperatorControl = $OperatorControl;
-            type GimbalManager = $GimbalManager;
-            type GimbalDevice = $GimbalDevice;
-            type HighLatency = $HighLatency;
             type Signing = $Signing;
             type Files = $Files;
             type Forwarding = $Forwarding;
@@ -74,7 +66,6 @@ const TEMPLATE: &str = "
             const NEW: Self = Self { $new };
             const VACANT: Links = Links { $vacant };
             const ABOUT: &'static [library::About] = &[$about];
-            const TURNS: &'static [&'static [library::Turn]] = &[$turns];
 
             #[inline(always)]
             fn visit(&mut self, links: &mut Links, visit: &mut impl library::Visit<$name>) -> bool {
@@ -113,11 +104,10 @@ const TEMPLATE: &str = "
 ";
 
 /// What each field adds, by the name in [`TEMPLATE`].
-const OF_FIELD: [(&str, &str); 10] = [
+const OF_FIELD: [(&str, &str); 9] = [
     ("fields_of_links", "$field: <$type as library::Service<$name>>::Link,"),
     ("new", "$field: <$type as library::Service<$name>>::NEW,"),
     ("vacant", "$field: <$type as library::Service<$name>>::VACANT,"),
-    ("turns", "<$type as library::Service<$name>>::TURNS,"),
     ("about", "<$type as library::Service<$name>>::ABOUT,"),
     ("visits", "|| library::Visit::<$name>::visit(visit, &mut self.$field, &mut links.$field)"),
     ("looks", "library::Look::<$name>::look(look, &self.$field, &links.$field);"),

@@ -62,7 +62,7 @@ mod distance;
 
 use mavstack::dialect::{AdsbFlags, AdsbVehicle, MavResult};
 use mavstack::service::{
-    Counters, Cx, Firmware, Handled, Port, Received, Request, Service, ShowCounters, Turn, Verdict, View,
+    About, Counters, Cx, Firmware, Handled, Port, Received, Request, Service, ShowCounters, Turn, Verdict, View,
 };
 use mavstack::{Context, Duration, Instant, Message};
 
@@ -188,7 +188,7 @@ impl<F: Firmware<Vehicle: TrafficHooks>, const N: usize> Service<F> for Traffic<
     };
     const VACANT: TrafficLink = TrafficLink { is_asked: false, next: 0 };
     const CHECK: () = assert!(N > 0 && N <= 255, "`Traffic<N>` has room for 1 to 255 aircraft: `Traffic<16>`");
-    const TURNS: &'static [Turn] = &[Turn::Answer];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Answer]);
 
     /// Forgets aircraft that are no longer heard.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut TrafficLink>) {

@@ -4,9 +4,16 @@ use core::ops::DerefMut;
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use embedded_storage::nor_flash::NorFlash;
+use mavstack::camera::{CameraControl, Image};
+use mavstack::clock::Time;
 use mavstack::config::{Identity, LinkClass, PollBudget, StreamProfile, VehicleAddress};
 use mavstack::dialect::MavProtocolCapability;
+use mavstack::ext_parameters::ExtParamServer;
+use mavstack::gimbal::{DeviceService, ManagerService};
+use mavstack::high_latency::HighLatency;
+use mavstack::logs::LogStreamer;
 use mavstack::network::LinkError;
+use mavstack::setpoints::Setpoints;
 use mavstack::signing::LinkSigning;
 use mavstack::storage::{JobSlot, RestoreErrors, Store};
 use mavstack::{Address, Config, Duration, Instant, LinkConfig, LinkId, Pulse, StackOf, Vehicle};
@@ -58,24 +65,32 @@ pub const RALLY: usize = if cfg!(target_os = "none") { 16 } else { 64 };
     modes,
     commands: { slots: 4 },
     components,
-    camera: { images: 16 },
-    ext_parameters,
-    gimbal_manager,
-    gimbal_device,
     files: { sessions: 2, upload: 1024 },
     events: { history: 24, checks },
     logs,
-    log_streaming,
     forwarding: { bytes: 512, seen: 256 },
     signing: { streams: 16 },
-    time,
     manual_control,
-    setpoints,
     operator_control,
-    high_latency,
     storage,
 )]
 pub struct Mavlink {
+    /// PING and TIMESYNC.
+    pub time: Time,
+    /// Setpoints of a companion computer.
+    pub setpoints: Setpoints,
+    /// The camera, which remembers 16 images.
+    pub camera: CameraControl<[Image; 16]>,
+    /// The settings of the camera.
+    pub ext_parameters: ExtParamServer,
+    /// The gimbal of the camera, and who controls it.
+    pub gimbal_manager: ManagerService,
+    /// The gimbal's own part.
+    pub gimbal_device: DeviceService,
+    /// The running log, streamed.
+    pub log_streaming: LogStreamer,
+    /// The satellite link.
+    pub high_latency: HighLatency,
     /// The aircraft around the vehicle.
     pub traffic: Traffic<8>,
 }
@@ -195,7 +210,7 @@ impl<S: DerefMut<Target = StackOf<Mavlink>>> App<S> {
 
     fn begin(mut stack: S, config: Config, pulse: &'static Pulse) -> Self {
         stack.begin(config, LINK_CONFIGS);
-        stack.high_latency_mut().set_config(SATELLITE_CONFIG);
+        stack.high_latency.set_config(SATELLITE_CONFIG);
         Self {
             stack,
             vehicle: Quadrotor::new(),

@@ -3,8 +3,11 @@
 use super::LINKS;
 use crate::support::{TestVehicle, Tuning};
 use mavstack::__private::{CommandSlots, Declares, Missions, ParamService, SigningStreams, Storage};
-use mavstack::high_latency::HighLatencyConfig;
-use mavstack::manual_control::ManualInput;
+use mavstack::clock::Time;
+use mavstack::high_latency::{HighLatency, HighLatencyConfig};
+use mavstack::logs::LogStreamer;
+use mavstack::manual_control::{ControlSource, ManualInput};
+use mavstack::message::SystemId;
 use mavstack::setpoints::Setpoints;
 use mavstack::{Duration, Stack};
 
@@ -17,17 +20,16 @@ pub trait Declared:
         Param = ParamService,
         Commands = CommandSlots<3>,
         ManualControl = ManualInput,
-        Setpoints = Setpoints,
         Signing = SigningStreams<16>,
         Storage = Storage,
     >
 {
-    /// Configures what only some of them have.
+    /// Configures the fields.
     fn set_up(stack: &mut Stack<Self, LINKS>);
 }
 
 macro_rules! declare {
-    ($($name:ident: $($service:ident)*, $set_up:expr;)*) => { $(
+    ($($name:ident: [$($part:ident)?], [$($satellite:ty)?], $set_up:expr;)*) => { $(
         #[derive(mavstack::Stack)]
         #[stack(
             vehicle: TestVehicle,
@@ -37,20 +39,23 @@ macro_rules! declare {
             streams,
             commands: { slots: 3 },
             signing: { streams: 16 },
-            time,
             manual_control,
-            setpoints,
             peers: 6,
             texts: 3,
             logs,
-            log_streaming,
             storage,
-            $($service,)*
+            $($part,)?
         )]
-        pub struct $name;
+        pub struct $name {
+            pub time: Time,
+            pub setpoints: Setpoints,
+            pub log_streaming: LogStreamer,
+            $(pub high_latency: $satellite,)?
+        }
 
         impl Declared for $name {
             fn set_up(stack: &mut Stack<Self, LINKS>) {
+                stack.setpoints.set_source(ControlSource::Systems { first: SystemId(1), last: SystemId(255) });
                 let set_up: fn(&mut Stack<Self, LINKS>) = $set_up;
                 set_up(stack);
             }
@@ -62,8 +67,8 @@ const HIGH_LATENCY: HighLatencyConfig =
     HighLatencyConfig { period: Duration::from_secs(5), announce_once: true, ..HighLatencyConfig::DEFAULT };
 
 declare! {
-    Plain:, |_| {};
-    Satellite: high_latency, |stack| stack.high_latency_mut().set_config(HIGH_LATENCY);
-    Forwarding: forwarding, |_| {};
-    Both: high_latency forwarding, |stack| stack.high_latency_mut().set_config(HIGH_LATENCY);
+    Plain: [], [], |_| {};
+    Satellite: [], [HighLatency], |stack| stack.high_latency.set_config(HIGH_LATENCY);
+    Forwarding: [forwarding], [], |_| {};
+    Both: [forwarding], [HighLatency], |stack| stack.high_latency.set_config(HIGH_LATENCY);
 }

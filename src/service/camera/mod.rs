@@ -23,6 +23,7 @@ use crate::message::Message;
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{Component, Firmware};
+use core::ops::{Deref, DerefMut};
 
 /// The number of orders of the vehicle that a poll takes.
 const ORDERS: u8 = 4;
@@ -93,8 +94,8 @@ counters! {
     }
 }
 
-/// The state of a camera: declared by `camera` in [`#[stack]`](macro@crate::Stack), and used through [`Stack::camera`](crate::Stack::camera)
-/// and [`Stack::camera_mut`](crate::Stack::camera_mut). The vehicle's part is [`Camera`].
+/// A camera that remembers its last images, 48 bytes each: `camera: CameraControl<[Image; 16]>` in the struct of a
+/// [stack](macro@crate::Stack). The vehicle's part is [`Camera`].
 ///
 /// ```text
 ///   IMAGE_START_CAPTURE ───┐
@@ -174,6 +175,21 @@ impl CameraLink {
         interval: 0,
         status_at: Instant::ZERO,
     };
+}
+
+/// The methods are those of a camera that remembers any number of images.
+impl<const N: usize> Deref for CameraControl<[Image; N]> {
+    type Target = CameraControl;
+
+    fn deref(&self) -> &CameraControl {
+        self
+    }
+}
+
+impl<const N: usize> DerefMut for CameraControl<[Image; N]> {
+    fn deref_mut(&mut self) -> &mut CameraControl {
+        self
+    }
 }
 
 impl CameraControl {
@@ -389,37 +405,36 @@ fn run<F: Firmware<Vehicle: Camera>>(control: &mut CameraControl, cx: &mut Cx<'_
 }
 
 impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<[Image; N]> {
-    const ABOUT: About = About::of(F::Vehicle::COMPONENT);
-    const NEW: Self = {
+    const ABOUT: About = About::of(F::Vehicle::COMPONENT).in_turns(&[Turn::Camera]);
+    const CHECK: () = {
         Component::check_service(F::COMPONENTS, F::Vehicle::COMPONENT);
-        assert!(N > 0, "a camera remembers at least one image: `camera: {{ images: 16 }}`");
+        assert!(N > 0, "a camera remembers at least one image: `CameraControl<[Image; 16]>`");
         assert!(
             F::Vehicle::STORAGES <= 8 && F::Vehicle::VIDEO_STREAMS <= 8,
             "a camera has at most 8 storages and 8 streams"
         );
-        Self {
-            total: 0,
-            base: 0,
-            at: Instant::ZERO,
-            left: 0,
-            interval: 0,
-            is_ordered: false,
-            is_busy: false,
-            until: Instant::ZERO,
-            started: Start::NONE,
-            started_at: Instant::ZERO,
-            is_recording: false,
-            recording_since: Instant::ZERO,
-            recording_interval: 0,
-            changes: 0,
-            settings: 0,
-            counters: CameraCounters::ZERO,
-            images: [Image::NONE; N],
-        }
+    };
+    const NEW: Self = Self {
+        total: 0,
+        base: 0,
+        at: Instant::ZERO,
+        left: 0,
+        interval: 0,
+        is_ordered: false,
+        is_busy: false,
+        until: Instant::ZERO,
+        started: Start::NONE,
+        started_at: Instant::ZERO,
+        is_recording: false,
+        recording_since: Instant::ZERO,
+        recording_interval: 0,
+        changes: 0,
+        settings: 0,
+        counters: CameraCounters::ZERO,
+        images: [Image::NONE; N],
     };
     type Link = CameraLink;
     const VACANT: CameraLink = CameraLink::VACANT;
-    const TURNS: &'static [Turn] = &[Turn::Camera];
     type Reply = CameraReply;
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut CameraLink>) {

@@ -43,8 +43,8 @@ pub enum CameraOrder {
     StopVideo,
 }
 
-/// A camera, for a vehicle that declares `camera` in [`#[stack]`](macro@crate::Stack). [`CameraControl`](super::CameraControl) shows which
-/// part is the stack's.
+/// A camera, for a vehicle that has [`CameraControl`](super::CameraControl) in the struct of its [stack](macro@crate::Stack): it shows which part
+/// is the stack's.
 ///
 /// Only [`FLAGS`](Self::FLAGS), [`camera_information`](Self::camera_information) and [`take_image`](Self::take_image) are
 /// required. A command that the flags exclude is passed to [`Commands::command`](crate::Commands::command).
@@ -62,8 +62,10 @@ pub enum CameraOrder {
 /// struct Surveyor { position: [f32; 2], last_image: [f32; 2], distance: f32 }
 ///
 /// #[derive(Stack)]
-/// #[stack(vehicle: Surveyor, links: 2, camera: { images: 32 })]
-/// struct Mavlink;
+/// #[stack(vehicle: Surveyor, links: 2)]
+/// struct Mavlink {
+///     camera: mavstack::camera::CameraControl<[mavstack::camera::Image; 32]>,
+/// }
 ///
 /// impl Camera for Surveyor {
 ///     const FLAGS: CameraCapFlags = CameraCapFlags::CAPTURE_IMAGE;
@@ -99,14 +101,14 @@ pub enum CameraOrder {
 ///     if rover.distance > 0.0 && north * north + east * east >= rover.distance * rover.distance {
 ///         rover.last_image = rover.position;
 ///         // False if an image is already waiting for the camera.
-///         let _ = stack.camera_mut().take_image();
+///         let _ = stack.camera.take_image();
 ///     }
 /// }
 /// # impl Vehicle for Surveyor { fn state(&self) -> Option<VehicleState> { None } }
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Camera`",
-    note = "`camera` in `#[stack]` needs `impl Camera for {Self}`: write it, or leave `camera` out"
+    note = "`CameraControl` in the struct of a stack needs `impl Camera for {Self}`: write it, or leave the field out"
 )]
 pub trait Camera {
     /// The component that the camera is, such as 100 (MAV_COMP_ID_CAMERA). `None` is a camera of the autopilot, with the camera id 1:

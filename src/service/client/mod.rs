@@ -35,7 +35,7 @@ pub(crate) use param::check;
 use self::param::Query;
 use self::recipients::{find, find_inside, note_answer};
 use self::slot::{State, What};
-use super::{Cx, Handled, OwnCommands, Received, Service, Turn, View};
+use super::{About, Cx, Handled, OwnCommands, Received, Service, Turn, View};
 use crate::dialect::{CommandAck, MavCmd, MavFrame, MavResult};
 use crate::link::Port;
 use crate::message::{Address, Message, Text};
@@ -190,7 +190,7 @@ pub struct Client<const N: usize> {
 impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<N> {
     type Link = ();
     const VACANT: () = ();
-    const TURNS: &'static [Turn] = &[Turn::Client];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Client]);
     /// The number of the slot whose request is sent.
     type Reply = usize;
     const NEW: Self = {

@@ -165,10 +165,13 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
     const NEW: Self = Self { slots: S::NEW, refusals: RefusalLog::NEW };
     type Link = CommandLink;
     const VACANT: CommandLink = CommandLink { acks: Acks::new(), refusal: 0 };
-    const TURNS: &'static [Turn] = &[Turn::CommandAck, Turn::CommandProgress];
     type Reply = Ack;
-    const ABOUT: About =
-        About { capabilities: MavProtocolCapability::COMMAND_INT, part: Part::Every, ..About::AUTOPILOT };
+    const ABOUT: About = About {
+        turns: &[Turn::CommandAck, Turn::CommandProgress],
+        capabilities: MavProtocolCapability::COMMAND_INT,
+        part: Part::Every,
+        ..About::AUTOPILOT
+    };
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut CommandLink>) {
         if let Some(long) = self.slots.view_mut() {

@@ -26,7 +26,7 @@ pub use declaration::{
 };
 
 use super::share::Share;
-use super::{Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View};
+use super::{About, Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View};
 use crate::dialect::{
     CurrentEventSequence, Event as EventMessage, MavEventCurrentSequenceFlags, MavEventErrorReason, RequestEvent,
     ResponseEventError,
@@ -175,7 +175,7 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         share: Share::NEW,
         requested: [None; 2],
     };
-    const TURNS: &'static [Turn] = &[Turn::Event];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Event]);
     type Reply = EventReply;
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut EventLink>) {

@@ -136,9 +136,12 @@ where
 {
     type Link = FileLink;
     const VACANT: FileLink = FileLink { first: 0, retry_at: Instant::ZERO };
-    const TURNS: &'static [Turn] = &[Turn::FileAnswer, Turn::LateBulk, Turn::Bulk];
     type Reply = FileReply;
-    const ABOUT: About = About { capabilities: MavProtocolCapability::FTP, ..About::AUTOPILOT };
+    const ABOUT: About = About {
+        turns: &[Turn::FileAnswer, Turn::LateBulk, Turn::Bulk],
+        capabilities: MavProtocolCapability::FTP,
+        ..About::AUTOPILOT
+    };
     const NEW: Self = {
         assert!(N == OPEN.saturating_add(OTHERS));
         assert!(OPEN > 0 && OPEN < 100, "a client needs a session: `files: {{ sessions: 2 }}`, or leave `files` out");

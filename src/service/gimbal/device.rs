@@ -54,7 +54,7 @@ impl DeviceSetpoint {
     }
 }
 
-/// A gimbal device, for a firmware that declares `gimbal_device` in [`#[stack]`](macro@crate::Stack): the firmware of a gimbal, or of an
+/// A gimbal device, for a firmware that has [`DeviceService`] in the struct of its [stack](macro@crate::Stack): the firmware of a gimbal, or of an
 /// autopilot that has one.
 ///
 /// | | [`COMPONENT`](Self::COMPONENT) | [`ID`](Self::ID) | [`MANAGER`](Self::MANAGER) |
@@ -96,7 +96,7 @@ impl DeviceSetpoint {
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `GimbalDevice`",
-    note = "`gimbal_device` in `#[stack]` needs `impl GimbalDevice for {Self}`: write it, or leave `gimbal_device` out"
+    note = "`DeviceService` in the struct of a stack needs `impl GimbalDevice for {Self}`: write it, or leave the field out"
 )]
 pub trait GimbalDevice {
     /// The component that the gimbal is, besides the one of [`Config`](crate::Config); `None` if it is that one, or none at all.
@@ -123,8 +123,7 @@ pub trait GimbalDevice {
     }
 }
 
-/// The gimbal device: declared by `gimbal_device` in [`#[stack]`](macro@crate::Stack), and read through
-/// [`Stack::gimbal_device`](crate::Stack::gimbal_device). [`GimbalDevice`] has its hooks.
+/// The gimbal device: `gimbal_device: DeviceService` in the struct of a [stack](macro@crate::Stack). [`GimbalDevice`] has its hooks.
 ///
 /// GIMBAL_DEVICE_ATTITUDE_STATUS is sent ten times a second by default, or once on a link with
 /// [`StreamProfile::Radio`](crate::config::StreamProfile::Radio), on every normal link that carries MAVLink 2; a client may set
@@ -167,7 +166,7 @@ fn read(frame: &Frame<'_>) -> Option<DeviceSetpoint> {
 }
 
 impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
-    const NEW: Self = {
+    const CHECK: () = {
         let id = F::Vehicle::ID;
         assert!(id <= 6, "`GimbalDevice::ID` is 0, or 1 to 6 for a gimbal that is no component of its own");
         assert!(
@@ -186,12 +185,11 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
                 "`GimbalDevice::COMPONENT` is no component of the firmware: name it in `Components::COMPONENTS`"
             );
         }
-        Self { counters: DeviceCounters::ZERO }
     };
-    const ABOUT: About = About::of(F::Vehicle::COMPONENT);
+    const NEW: Self = Self { counters: DeviceCounters::ZERO };
+    const ABOUT: About = About::of(F::Vehicle::COMPONENT).in_turns(&[Turn::GimbalDevice, Turn::GimbalAttitude]);
     type Link = Periodic;
     const VACANT: Periodic = Periodic::NEW;
-    const TURNS: &'static [Turn] = &[Turn::GimbalDevice, Turn::GimbalAttitude];
     type Reply = DeviceReply;
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut Periodic, received: &Received<'_>) -> Handled {

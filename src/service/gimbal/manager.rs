@@ -15,7 +15,7 @@ use crate::dialect::{
 };
 use crate::frame::Frame;
 use crate::link::Port;
-use crate::message::{Address, ComponentId, Message, SystemId};
+use crate::message::{Address, ComponentId, Item, Message, SystemId};
 use crate::network::PeerInfo;
 use crate::num;
 use crate::time::{Duration, Instant};
@@ -68,8 +68,8 @@ counters! {
     }
 }
 
-/// The gimbal manager: declared by `gimbal_manager` in [`#[stack]`](macro@crate::Stack), and read through
-/// [`Stack::gimbal_manager`](crate::Stack::gimbal_manager). [`GimbalManager`] has its hooks.
+/// The gimbal manager: `gimbal_manager: ManagerService` in the struct of a [stack](macro@crate::Stack). [`GimbalManager`] has its
+/// hooks.
 ///
 /// A component takes control by MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE, which is never refused: senders are expected to look at
 /// GIMBAL_MANAGER_STATUS first, and to ask their pilot. Its parameters are pairs of a system and a component:
@@ -93,8 +93,8 @@ counters! {
 /// The clients of the second row do not know gimbal control: QGroundControl sets a region of interest, and MAVProxy points by the
 /// older protocol, without it.
 ///
-/// The vehicle itself points by [`Stack::point_gimbal`](crate::Stack::point_gimbal), for an item of its mission. That takes primary
-/// control, so that ground stations see it; [`Stack::release_gimbal`](crate::Stack::release_gimbal) ends it.
+/// The vehicle itself [points](Self::point) for an item of its mission. That takes primary control, so that ground stations see it;
+/// [`release`](Self::release) ends it.
 ///
 /// With `operator_control`, control ends when another system takes over the vehicle, except that of the vehicle's own system.
 ///
@@ -163,8 +163,62 @@ impl ManagerService {
         }
     }
 
-    /// Takes control from a component, if it has it.
-    pub(crate) fn release(&mut self, from: Who) {
+    /// Points the gimbal for the vehicle itself: carries out an item of its mission, or one that it makes. These are the commands that
+    /// peers may send too: MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW and _CONFIGURE, MAV_CMD_DO_SET_ROI_* and MAV_CMD_DO_MOUNT_*.
+    ///
+    /// An accepted item that points takes primary control from the component that has it, as PX4's missions do; see
+    /// [`release`](Self::release). A vehicle that does not want to take it looks at [`control`](Self::control) first.
+    ///
+    /// Returns the result of [`GimbalManager::point_gimbal`]. DENIED: a parameter is out of range, or the stack was not begun.
+    /// UNSUPPORTED: the item is about no gimbal.
+    ///
+    /// ```
+    /// # use mavstack::dialect::*;
+    /// # use mavstack::*;
+    /// # struct Rover;
+    /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+    /// # impl Commands for Rover {
+    /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { MavResult::UNSUPPORTED.into() }
+    /// # }
+    /// # impl GimbalManager for Rover {
+    /// #     const DEVICE: u8 = 1;
+    /// #     fn manager_information(&self) -> GimbalManagerInformation { Default::default() }
+    /// #     fn manager_flags(&self) -> GimbalManagerFlags { GimbalManagerFlags::EMPTY }
+    /// #     fn point_gimbal(&mut self, _: &mut Context<'_>, _: &gimbal::GimbalSetpoint) -> MavResult { MavResult::ACCEPTED }
+    /// # }
+    /// # #[derive(Stack)]
+    /// # #[stack(vehicle: Rover, links: 1)]
+    /// # struct Mavlink { gimbal: gimbal::ManagerService }
+    /// /// Called when an item of the mission becomes current. Returns whether the mission goes on at once.
+    /// fn begin_item(stack: &mut StackOf<Mavlink>, now: Instant, item: &Item, rover: &mut Rover) -> bool {
+    ///     // What the gimbal refuses does not stop the mission.
+    ///     stack.with_services(now, rover, |services, cx| services.gimbal.point(cx, item)) != MavResult::UNSUPPORTED
+    /// }
+    ///
+    /// fn end_of_mission(stack: &mut StackOf<Mavlink>, now: Instant, rover: &mut Rover) {
+    ///     stack.with_services(now, rover, |services, cx| services.gimbal.release(cx.address()));
+    /// }
+    /// ```
+    pub fn point<F: Firmware<Vehicle: GimbalManager + Vehicle>>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        item: &Item,
+    ) -> MavResult {
+        let order = Order::of_item(item);
+        if !order.is_about_gimbal() {
+            return MavResult::UNSUPPORTED;
+        }
+        if !cx.shared.is_begun() {
+            return MavResult::DENIED;
+        }
+        let own = Who::new(cx.address());
+        self.carry_out(cx, own, &order).unwrap_or_else(|refusal| refusal)
+    }
+
+    /// Ends the control of a component, if it has it. With the vehicle's own [address](Cx::address), its own control: at the end of a
+    /// mission that pointed the gimbal, so that ground stations need not ask their pilot before they take it.
+    pub fn release(&mut self, from: Address) {
+        let from = Who::new(from);
         let [primary, secondary] = [self.primary, self.secondary].map(|has| if has == from { NOBODY } else { has });
         self.assign(primary, secondary);
     }
@@ -232,7 +286,7 @@ impl ManagerService {
         }
         let mut raw = Raw::NEW;
         order.read(&mut raw, F::Vehicle::HAS_TERRAIN_MODEL)?;
-        let result = if is_ours { self.point(cx, from, takes || from == self.primary, &raw) } else { None };
+        let result = if is_ours { self.set_point(cx, from, takes || from == self.primary, &raw) } else { None };
         let result = result.ok_or(MavResult::DENIED)?;
         if takes && result == MavResult::ACCEPTED {
             self.assign(from, self.secondary);
@@ -242,7 +296,7 @@ impl ManagerService {
 
     /// Has the vehicle point, unless the order only takes control; `None` if the setpoint is invalid.
     #[inline(never)]
-    fn point<F: Firmware<Vehicle: GimbalManager>>(
+    fn set_point<F: Firmware<Vehicle: GimbalManager>>(
         &mut self,
         cx: &mut Cx<'_, F>,
         from: Who,
@@ -277,7 +331,7 @@ impl ManagerService {
             &mut self.counters.other_device
         } else if !self.may_point(from) {
             &mut self.counters.not_in_control
-        } else if self.point(cx, from, from == self.primary, &raw).is_none() {
+        } else if self.set_point(cx, from, from == self.primary, &raw).is_none() {
             &mut self.counters.invalid
         } else {
             return true;
@@ -398,31 +452,31 @@ impl ManagerLink {
 }
 
 impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerService {
-    const NEW: Self = {
+    const CHECK: () = {
         let device = F::Vehicle::DEVICE;
         assert!(device != 0, "`GimbalManager::DEVICE` is 1 to 6, or the component id of the gimbal device");
         assert!(!F::Vehicle::IS_REMOTE || device > 6, "a remote gimbal device has a component id above 6");
-        Self {
-            primary: NOBODY,
-            secondary: NOBODY,
-            changes: 0,
-            told: 0,
-            is_known: false,
-            setpoint_at: Instant::ZERO,
-            state_at: Instant::ZERO,
-            ask_at: Instant::ZERO,
-            counters: ManagerCounters::ZERO,
-        }
+    };
+    const NEW: Self = Self {
+        primary: NOBODY,
+        secondary: NOBODY,
+        changes: 0,
+        told: 0,
+        is_known: false,
+        setpoint_at: Instant::ZERO,
+        state_at: Instant::ZERO,
+        ask_at: Instant::ZERO,
+        counters: ManagerCounters::ZERO,
     };
     /// Without its device the manager has nothing to manage.
     const ABOUT: About = About {
+        turns: &[Turn::Gimbal, Turn::GimbalStatus],
         capabilities: MavProtocolCapability::COMPONENT_IMPLEMENTS_GIMBAL_MANAGER,
         is_of_components: Component::is_one(F::COMPONENTS, F::Vehicle::DEVICE),
         ..About::AUTOPILOT
     };
     type Link = ManagerLink;
     const VACANT: ManagerLink = ManagerLink { status: Periodic::NEW, changes: 0 };
-    const TURNS: &'static [Turn] = &[Turn::Gimbal, Turn::GimbalStatus];
     type Reply = ManagerReply;
 
     /// Tells the vehicle of a change. A device that has timed out may be another one when it reappears.

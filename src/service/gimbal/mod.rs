@@ -18,9 +18,7 @@ mod setpoint;
 mod vehicle;
 
 pub use device::{DeviceCounters, DeviceService, DeviceSetpoint, GimbalDevice};
-pub(crate) use manager::Who;
 pub use manager::{ManagerCounters, ManagerService};
-pub(crate) use setpoint::Order;
 pub use setpoint::{Axes, GimbalSetpoint, GimbalTarget};
 pub use vehicle::{GimbalControl, GimbalManager};
 

@@ -19,7 +19,7 @@ pub struct GimbalControl {
     pub secondary: Option<Address>,
 }
 
-/// A gimbal manager, for a vehicle that declares `gimbal_manager` in [`#[stack]`](macro@crate::Stack). Without it, the commands reach
+/// A gimbal manager, for a vehicle that has [`ManagerService`](super::ManagerService) in the struct of its [stack](macro@crate::Stack). Without it, the commands reach
 /// [`Commands::command`](crate::Commands::command), and the messages [`Vehicle::message`](crate::Vehicle::message).
 ///
 /// ```
@@ -67,7 +67,7 @@ pub struct GimbalControl {
 /// ```
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `GimbalManager`",
-    note = "`gimbal_manager` in `#[stack]` needs `impl GimbalManager for {Self}`: write it, or leave `gimbal_manager` out"
+    note = "`ManagerService` in the struct of a stack needs `impl GimbalManager for {Self}`: write it, or leave the field out"
 )]
 pub trait GimbalManager {
     /// The gimbal device: 1 to 6 for one without MAVLink, which is attached to the autopilot; otherwise its component id, such as

@@ -14,7 +14,7 @@ pub use sample::HighLatencySample;
 
 use self::order::{ORDERS, Order};
 use self::window::Window;
-use super::{Cx, RETRY, Request, Service, StackEvent, Turn, Verdict, View};
+use super::{About, Cx, RETRY, Request, Service, StackEvent, Turn, Verdict, View};
 use crate::dialect::{HighLatency2, MavCmd, MavResult};
 use crate::link::Port;
 use crate::message::Message;
@@ -122,8 +122,7 @@ enum Ground {
     LostSince(Instant),
 }
 
-/// The high-latency service: declared by `high_latency` in [`#[stack]`](macro@crate::Stack), and reached through
-/// [`Stack::high_latency`](crate::Stack::high_latency). Without it, high-latency links carry only commands, and
+/// The high-latency service: `high_latency: HighLatency` in the struct of a [stack](macro@crate::Stack). Without it, high-latency links carry only commands, and
 /// MAV_CMD_CONTROL_HIGH_LATENCY reaches [`Commands::command`](crate::Commands::command) (L-12).
 ///
 /// ```
@@ -144,8 +143,10 @@ enum Ground {
 /// };
 ///
 /// #[derive(Stack)]
-/// #[stack(vehicle: Copter, links: 2, high_latency)]
-/// struct Mavlink;
+/// #[stack(vehicle: Copter, links: 2)]
+/// struct Mavlink {
+///     high_latency: mavstack::high_latency::HighLatency,
+/// }
 ///
 /// struct Copter { altitude: f32, is_armed: bool }
 ///
@@ -163,15 +164,15 @@ enum Ground {
 ///
 /// /// Called about ten times a second by the flight loop.
 /// fn report(stack: &mut StackOf<Mavlink>, now: Instant, copter: &Copter) {
-///     stack.high_latency_mut().sample(now, &HighLatencySample {
+///     stack.high_latency.sample(now, &HighLatencySample {
 ///         altitude: copter.altitude,
 ///         wind_from_deg: 270.0,
 ///         windspeed: 4.5,
 ///         ..HighLatencySample::UNKNOWN
 ///     });
-///     if stack.high_latency().counters().credits > 1_000 {
+///     if stack.high_latency.counters().credits > 1_000 {
 ///         // The credits of this month are used up.
-///         stack.high_latency_mut().stop();
+///         stack.high_latency.stop();
 ///     }
 /// }
 /// ```
@@ -446,7 +447,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
     /// When the next message is sent.
     type Link = Instant;
     const VACANT: Instant = Instant::ZERO;
-    const TURNS: &'static [Turn] = &[Turn::HighLatency];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::HighLatency]);
     type Reply = ();
 
     #[inline(never)]

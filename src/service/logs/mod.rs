@@ -26,7 +26,7 @@ mod vehicle;
 pub use vehicle::{LogInfo, LogRead, Logs};
 
 use super::share::RETRY;
-use super::{Cx, Handled, Received, Service, Shared, ShowCounters, StackEvent, Turn, View, increment};
+use super::{About, Cx, Handled, Received, Service, Shared, ShowCounters, StackEvent, Turn, View, increment};
 use crate::dialect::{LogData, LogEntry, LogErase, LogRequestData, LogRequestEnd, LogRequestList, MavSeverity};
 use crate::link::Port;
 use crate::message::{Address, Message};
@@ -135,7 +135,7 @@ impl LogServer {
 impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
     type Link = ();
     const VACANT: () = ();
-    const TURNS: &'static [Turn] = &[Turn::LateBulk, Turn::Bulk];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::LateBulk, Turn::Bulk]);
     type Reply = LogReply;
     const NEW: Self = Self {
         work: Work::Nothing,

@@ -384,9 +384,12 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
     const NEW: Self = Self::VACANT;
     type Link = Replies;
     const VACANT: Replies = Replies::new();
-    const TURNS: &'static [Turn] = &[Turn::MissionAck, Turn::MissionTransfer, Turn::MissionProgress];
     type Reply = PlanReply;
-    const ABOUT: About = About { capabilities: capabilities(&F::Plans::CAPACITIES), ..About::AUTOPILOT };
+    const ABOUT: About = About {
+        turns: &[Turn::MissionAck, Turn::MissionTransfer, Turn::MissionProgress],
+        capabilities: capabilities(&F::Plans::CAPACITIES),
+        ..About::AUTOPILOT
+    };
 
     /// Runs the timers, and queues MISSION_ITEM_REACHED for the items that the vehicle's hooks reported.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Replies>) {
@@ -528,7 +531,7 @@ impl<F: Firmware> Service<F> for WithoutPlans {
     const NEW: Self = Self;
     type Link = Refusals;
     const VACANT: Refusals = Refusals::new();
-    const TURNS: &'static [Turn] = &[Turn::MissionAck];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::MissionAck]);
     type Reply = ();
 
     fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, link: &mut Refusals, received: &Received<'_>) -> Handled {

@@ -154,9 +154,12 @@ where
     const NEW: Self = Self { links: Links::NEW, relisted: LinkMask::NONE, bucket: TokenBucket::NONE };
     type Link = List;
     const VACANT: List = List::new();
-    const TURNS: &'static [Turn] = &[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList];
     type Reply = ExternalReply;
-    const ABOUT: About = About { capabilities: capability(F::Vehicle::PARAM_ENCODING), ..About::AUTOPILOT };
+    const ABOUT: About = About {
+        turns: &[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList],
+        capabilities: capability(F::Vehicle::PARAM_ENCODING),
+        ..About::AUTOPILOT
+    };
 
     /// Takes what has changed in the backend (P-16).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut List>) {

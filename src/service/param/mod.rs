@@ -262,13 +262,13 @@ where
     const NEW: Self = Self { links: Links::NEW, write_due: Instant::ZERO };
     type Link = List;
     const VACANT: List = List::new();
-    const TURNS: &'static [Turn] = &[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList];
     type Reply = ParamReply;
     const ABOUT: About = if F::Parameters::INFO.is_empty() {
         About::AUTOPILOT
     } else {
         About { capabilities: capability(F::Vehicle::PARAM_ENCODING), ..About::AUTOPILOT }
-    };
+    }
+    .in_turns(&[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList]);
 
     /// Notices what the vehicle has set since the last call (P-16).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut List>) {

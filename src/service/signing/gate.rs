@@ -7,7 +7,7 @@ use crate::frame::{Decoder, Frame, Version, signature_cost};
 use crate::link::Port;
 use crate::message::{Message, Text};
 use crate::num;
-use crate::service::{Cx, Handled, Received, Service, ShowCounters, SigningGate, StackEvent, Turn, View};
+use crate::service::{About, Cx, Handled, Received, Service, ShowCounters, SigningGate, StackEvent, Turn, View};
 use crate::time::{Duration, Instant};
 use crate::types::{Accept, Firmware, ONE_FRAME, SignedAt, Vehicle};
 
@@ -18,7 +18,7 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing
     const NEW: Self = Self::new();
     type Link = SigningLink;
     const VACANT: SigningLink = SigningLink { setup: Answer::None, hint_from: Instant::ZERO };
-    const TURNS: &'static [Turn] = &[Turn::SigningText];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::SigningText]);
     type Reply = Answer;
 
     /// Reports a system whose clock is too far ahead: it cannot read the text, but others can (G-17).

@@ -319,9 +319,8 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         Self
     };
     type Link = StreamLink<[Slot; N]>;
-    const ABOUT: About = About { part: Part::Every, ..About::AUTOPILOT };
+    const ABOUT: About = About { turns: &[Turn::Request, Turn::Stream], part: Part::Every, ..About::AUTOPILOT };
     const VACANT: Self::Link = StreamLink { streams: Streams::new(), slots: [Slot::NEW; N] };
-    const TURNS: &'static [Turn] = &[Turn::Request, Turn::Stream];
     type Reply = StreamReply;
 
     /// Takes up the messages that hooks have announced, and pauses the streams that no peer hears.

@@ -36,8 +36,10 @@ const MAX_ROUND_TRIP: u64 = 60_000_000_000;
 /// # use mavstack::{Command, Commands, Config, Context, LinkConfig, Outcome, Pulse, Vehicle, VehicleState};
 ///
 /// #[derive(mavstack::Stack)]
-/// #[stack(vehicle: Rover, links: 1, time)]
-/// struct Mavlink;
+/// #[stack(vehicle: Rover, links: 1)]
+/// struct Mavlink {
+///     time: mavstack::clock::Time,
+/// }
 ///
 /// const CAMERA: Peer = Peer { address: Address::new(1, 100), link: LinkId(0) };
 ///
@@ -51,10 +53,10 @@ const MAX_ROUND_TRIP: u64 = 60_000_000_000;
 ///
 ///     /// Called once a second by the loop.
 ///     fn compare_clocks(&mut self, stack: &mut StackOf<Mavlink>) {
-///         if let Some(sample) = stack.take_time_sample().filter(|sample| sample.from == CAMERA) {
+///         if let Some(sample) = stack.time.take_sample().filter(|sample| sample.from == CAMERA) {
 ///             self.camera.add(&sample);
 ///         }
-///         stack.ask_time(CAMERA.link);
+///         stack.time.ask(CAMERA.link);
 ///     }
 ///
 ///     /// Converts the time of a picture to our clock.

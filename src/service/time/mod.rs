@@ -11,7 +11,7 @@ mod wall_clock;
 pub use filter::ClockFilter;
 pub use wall_clock::WallClock;
 
-use super::{Cx, Handled, Received, Service, Turn, View};
+use super::{About, Cx, Handled, Received, Service, Turn, View};
 use crate::dialect::{Ping, Timesync};
 use crate::frame::Frame;
 use crate::link::{Outbox, Port};
@@ -73,7 +73,7 @@ pub struct TimeSample {
     pub round_trip_ns: i64,
 }
 
-/// Answers PING and TIMESYNC, and measures peers' clocks. Declared by `time` in [`#[stack]`](macro@crate::Stack). A vehicle
+/// Answers PING and TIMESYNC, and measures peers' clocks: `time: Time` in the struct of a [stack](macro@crate::Stack). A vehicle
 /// without it gets both messages in [`Vehicle::message`](crate::Vehicle::message).
 ///
 /// Each link has room for two requests. Further requests that are received meanwhile are dropped and counted
@@ -87,13 +87,15 @@ pub struct TimeSample {
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { dialect::MavResult::UNSUPPORTED.into() }
 /// # }
 /// #[derive(mavstack::Stack)]
-/// #[stack(vehicle: Rover, links: 2, time)]
-/// struct Mavlink;
+/// #[stack(vehicle: Rover, links: 2)]
+/// struct Mavlink {
+///     time: mavstack::clock::Time,
+/// }
 ///
 /// /// Called about once a second by the flight loop.
 /// fn ask(stack: &mut StackOf<Mavlink>) {
-///     stack.ask_time(LinkId(1));
-///     if let Some(sample) = stack.take_time_sample() {
+///     stack.time.ask(LinkId(1));
+///     if let Some(sample) = stack.time.take_sample() {
 ///         let _ = (sample.offset_ns, sample.round_trip_ns);
 ///     }
 /// }
@@ -106,13 +108,14 @@ pub struct Time {
 }
 
 impl Time {
-    /// Sends a TIMESYNC request on `link` to every peer there, except on a high-latency link (T-2, T-3).
-    pub(crate) fn ask(&mut self, link: LinkId) {
+    /// Sends a TIMESYNC request on `link`, which every peer there may answer. High-latency links send none (T-2, T-3).
+    pub fn ask(&mut self, link: LinkId) {
         self.asks = self.asks.with(LinkMask::of(link));
     }
 
-    /// Takes the newest sample.
-    pub(crate) fn take_sample(&mut self) -> Option<TimeSample> {
+    /// Takes the newest answer to [`ask`](Self::ask). A [`ClockFilter`] estimates the peer's clock from many.
+    #[must_use = "the sample is taken out"]
+    pub fn take_sample(&mut self) -> Option<TimeSample> {
         self.sample.take()
     }
 
@@ -204,7 +207,7 @@ impl<F: Firmware> Service<F> for Time {
         requests: [TimeRequest { kind: Kind::None, from: Address::new(0, 0), seq: 0, time: 0 }; REQUESTS],
         asked: 0,
     };
-    const TURNS: &'static [Turn] = &[Turn::Time];
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Time]);
     type Reply = TimeReply;
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, link: &mut TimeLink, received: &Received<'_>) -> Handled {

@@ -291,7 +291,7 @@ impl World {
         );
         stack.manual_input_mut().set_receivers(&[Peer { address: COMPANION, link: LinkId(0) }]);
         stack.manual_input_mut().set_source(ControlSource::System(STATION.system));
-        stack.high_latency_mut().set_config(HighLatencyConfig {
+        stack.high_latency.set_config(HighLatencyConfig {
             announce_once: true,
             on_link_loss_after: Some(Duration::from_secs(5)),
             ..HighLatencyConfig::DEFAULT
@@ -361,7 +361,7 @@ impl World {
             1 => stack.send_text(now, MavSeverity::NOTICE, &[b'x'; 70][..]),
             2 => stack.announce::<BatteryStatus>(),
             3 => stack.with_context(now, |cx| cx.announce::<VfrHud, Rover>()),
-            4 => stack.ask_time(LinkId(link)),
+            4 => stack.time.ask(LinkId(link)),
             5 => stack.long_commands_mut().progress(MavCmd::DO_MOTOR_TEST, self.seq % 100),
             6 => {
                 stack.long_commands_mut().finish(MavCmd::DO_MOTOR_TEST, MavResult::ACCEPTED);
@@ -381,8 +381,8 @@ impl World {
                 self.rover.state = self.rover.state.map(|_| state);
             }
             12 => self.is_standing = !self.is_standing,
-            13 => stack.high_latency_mut().start(),
-            14 => stack.high_latency_mut().sample(now, &HighLatencySample::UNKNOWN),
+            13 => stack.high_latency.start(),
+            14 => stack.high_latency.sample(now, &HighLatencySample::UNKNOWN),
             15 => stack.restart_link(LinkId(link)),
             16 => {
                 let _ = stack.send::<BatteryStatus>(LinkId(link), u16::from(self.seq % 16));
@@ -404,10 +404,10 @@ impl World {
                 let _ = stack.with_context(now, |cx| cx.send::<Attitude>(peer, 0));
             }
             22 => {
-                stack.camera_mut().take_image();
+                stack.camera.take_image();
             }
-            23 => stack.camera_mut().image_captured(Image::at(now)),
-            24 => stack.camera_mut().settings_changed(),
+            23 => stack.camera.image_captured(Image::at(now)),
+            24 => stack.camera.settings_changed(),
             26 => stack.event(now, &Turned { angle: 0.5 }),
             27 => stack.with_context(now, |cx| (0..12).for_each(|_| cx.event(&Turned { angle: 0.5 }))),
             28 => self.rover.current = u16::from(link) * 4,
@@ -420,7 +420,7 @@ impl World {
                     self.receive(link, &frame);
                 }
             }
-            25 => stack.ext_parameters_mut().finish(u16::from(link), ParamAck::ACCEPTED),
+            25 => stack.ext_parameters.finish(u16::from(link), ParamAck::ACCEPTED),
             _ => {
                 self.rover.current = u16::from(link);
                 let items = [Item::from_int(&waypoint()); 2];

@@ -160,7 +160,7 @@ impl Quadrotor {
     /// Tells ground stations of changed settings.
     pub(crate) fn report_camera(&mut self, stack: &mut StackOf<Mavlink>) {
         if core::mem::take(&mut self.camera.is_changed) {
-            stack.camera_mut().settings_changed();
+            stack.camera.settings_changed();
         }
     }
 

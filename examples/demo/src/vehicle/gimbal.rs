@@ -142,10 +142,11 @@ impl Quadrotor {
     #[inline(never)]
     pub(crate) fn carry_out_gimbal_item(&mut self, now: Instant, stack: &mut StackOf<Mavlink>) {
         if let Some(item) = self.gimbal.order.take() {
-            let _ = stack.point_gimbal(now, &item, self);
+            let _ = stack.with_services(now, self, |services, cx| services.gimbal_manager.point(cx, &item));
         }
         if core::mem::take(&mut self.gimbal.is_released) {
-            stack.release_gimbal();
+            let own = stack.address();
+            stack.gimbal_manager.release(own);
         }
     }
 }

@@ -55,7 +55,7 @@ impl Quadrotor {
     #[inline(never)]
     pub(crate) fn take_setpoint(&mut self, now: Instant, stack: &mut StackOf<Mavlink>) {
         let system = stack.parameters().get(Tuning::MAV_GCS_SYSID);
-        let setpoints = stack.setpoints_mut();
+        let setpoints = &mut stack.setpoints;
         setpoints.set_source(source(system));
         self.course = setpoints.current(now).and_then(|setpoint| self.course_to(&setpoint.target));
     }

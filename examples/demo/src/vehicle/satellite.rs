@@ -42,7 +42,7 @@ impl Quadrotor {
         let loss = tuning.get(Tuning::MAV_HL_LOSS_T);
         let on_link_loss_after = (loss > 0).then_some(Duration::from_secs(loss as u64));
         let sample = stack.with_context(self.time, |cx| self.high_latency_sample(cx));
-        let satellite = stack.high_latency_mut();
+        let satellite = &mut stack.high_latency;
         satellite.set_config(HighLatencyConfig { period, on_link_loss_after, ..CONFIG });
         satellite.sample(self.time, &sample);
         let counters = satellite.counters();

@@ -5,7 +5,8 @@
 
 mod payload;
 
-use mavstack::camera::{Image, Shot};
+use mavstack::camera::{CameraControl, Image, Shot};
+use mavstack::clock::Time;
 use mavstack::command::CommandPolicy;
 use mavstack::config::LinkClass;
 use mavstack::dialect::commands::{ComponentArmDisarm, NavTakeoff};
@@ -21,14 +22,16 @@ use mavstack::dialect::{
     AutopilotStateForGimbalDevice, GimbalDeviceAttitudeStatus, GimbalDeviceInformation, GimbalDeviceSetAttitude,
     GimbalManagerFlags, GimbalManagerInformation,
 };
-use mavstack::ext_parameters::ExtValue;
-use mavstack::gimbal::{DeviceSetpoint, GimbalSetpoint, GimbalTarget};
-use mavstack::high_latency::HighLatencySample;
+use mavstack::ext_parameters::{ExtParamServer, ExtValue};
+use mavstack::gimbal::{DeviceService, DeviceSetpoint, GimbalSetpoint, GimbalTarget, ManagerService};
+use mavstack::high_latency::{HighLatency, HighLatencySample};
+use mavstack::logs::LogStreamer;
 use mavstack::manual_control::ControlSource;
 use mavstack::message::{Dialect, MessageTable};
 use mavstack::network::ForwardQueues;
 use mavstack::param::{ExternalParams, ParamInfo, ParamWrite, RuntimeTable};
 use mavstack::plan::Durability;
+use mavstack::setpoints::Setpoints;
 #[cfg(feature = "signing")]
 use mavstack::signing::LinkSigning;
 #[cfg(feature = "storage")]
@@ -71,24 +74,33 @@ const SENDERS: usize = if cfg!(feature = "signing-32") { 32 } else { 16 };
 #[cfg_attr(feature = "commands-long", stack(commands: { slots: SLOTS }))]
 #[cfg_attr(feature = "client", stack(command_client: { slots: if cfg!(feature = "client-4") { 4 } else { 2 } }))]
 #[cfg_attr(feature = "components", stack(components))]
-#[cfg_attr(feature = "camera", stack(camera: { images: if cfg!(feature = "camera-64") { 64 } else { 16 } }))]
-#[cfg_attr(feature = "ext-parameters", stack(ext_parameters))]
 #[cfg_attr(feature = "events", stack(events: { history: if cfg!(feature = "events-32") { 32 } else { 16 } }))]
 #[cfg_attr(feature = "events-checks", stack(events: { history: 16, checks }))]
 #[cfg_attr(feature = "files", stack(files: { sessions: if cfg!(feature = "files-4") { 4 } else { 2 }, upload: if cfg!(feature = "files-upload") { 512 } else if cfg!(feature = "files-plans-upload") { 276 } else { 0 }, }))]
 #[cfg_attr(feature = "logs", stack(logs))]
-#[cfg_attr(feature = "log-streaming", stack(log_streaming))]
 #[cfg_attr(feature = "forwarding", stack(forwarding: { bytes: BYTES, seen: SEEN }))]
 #[cfg_attr(feature = "signing", stack(signing: { streams: SENDERS }))]
-#[cfg_attr(feature = "time", stack(time))]
 #[cfg_attr(feature = "manual", stack(manual_control))]
-#[cfg_attr(feature = "setpoints", stack(setpoints))]
 #[cfg_attr(feature = "operator-control", stack(operator_control))]
-#[cfg_attr(feature = "gimbal-manager", stack(gimbal_manager))]
-#[cfg_attr(feature = "gimbal-device", stack(gimbal_device))]
-#[cfg_attr(feature = "high-latency", stack(high_latency))]
 #[cfg_attr(feature = "storage", stack(storage))]
-struct Mavlink;
+struct Mavlink {
+    #[cfg(feature = "camera")]
+    camera: CameraControl<[Image; if cfg!(feature = "camera-64") { 64 } else { 16 }]>,
+    #[cfg(feature = "ext-parameters")]
+    ext_parameters: ExtParamServer,
+    #[cfg(feature = "log-streaming")]
+    log_streaming: LogStreamer,
+    #[cfg(feature = "time")]
+    time: Time,
+    #[cfg(feature = "setpoints")]
+    setpoints: Setpoints,
+    #[cfg(feature = "gimbal-manager")]
+    gimbal_manager: ManagerService,
+    #[cfg(feature = "gimbal-device")]
+    gimbal_device: DeviceService,
+    #[cfg(feature = "high-latency")]
+    high_latency: HighLatency,
+}
 
 #[cfg(feature = "parameters-run-time")]
 type Tuning = RuntimeTable<{ if cfg!(feature = "parameters-run-time-16") { 16 } else { 8 } }>;
@@ -473,7 +485,7 @@ fn main() -> ! {
         let _ = info(setting).map(|info| stack.parameters_mut().add(info));
     }
     #[cfg(feature = "setpoints")]
-    stack.setpoints_mut().set_source(ControlSource::GroundStation);
+    stack.setpoints.set_source(ControlSource::GroundStation);
     #[cfg(feature = "manual")]
     stack.manual_input_mut().set_source(ControlSource::GroundStation);
     #[cfg(all(feature = "storage", not(feature = "store-fram")))]
@@ -504,23 +516,25 @@ fn main() -> ! {
         let _ = stack.send::<Tunnel>(Destination::All, 0);
         #[cfg(feature = "setpoints")]
         {
-            rover.armed ^= stack.setpoints().current(now).is_some_and(|setpoint| setpoint.time_boot_ms == 7);
+            rover.armed ^= stack.setpoints.current(now).is_some_and(|setpoint| setpoint.time_boot_ms == 7);
         }
         #[cfg(feature = "gimbal-manager")]
         {
-            rover.armed ^= stack.point_gimbal(now, &Item::default(), rover) == MavResult::ACCEPTED;
+            let item = Item::default();
+            let result = stack.with_services(now, rover, |services, cx| services.gimbal_manager.point(cx, &item));
+            rover.armed ^= result == MavResult::ACCEPTED;
         }
         #[cfg(feature = "texts")]
         stack.send_text(now, MavSeverity::INFO, "started");
         #[cfg(feature = "time")]
         {
-            stack.ask_time(LinkId(0));
-            rover.armed ^= stack.take_time_sample().is_some();
+            stack.time.ask(LinkId(0));
+            rover.armed ^= stack.time.take_sample().is_some();
         }
         #[cfg(feature = "commands-long")]
         stack.long_commands_mut().finish(MavCmd::NAV_TAKEOFF, MavResult::ACCEPTED);
         #[cfg(feature = "high-latency")]
-        stack.high_latency_mut().sample(now, &HighLatencySample::UNKNOWN);
+        stack.high_latency.sample(now, &HighLatencySample::UNKNOWN);
         stack.poll(now, rover);
         for link in 0..LINKS as u8 {
             let _ = stack.poll_link(now, LinkId(link), &mut uart, rover);
