@@ -6,7 +6,7 @@ use super::gate::ForwardingGate;
 use super::{About, Cx, Service, ShowCounters, Turn, View};
 use crate::frame::Frame;
 use crate::link::Port;
-use crate::network::{self, Booking, ForwardQueues, Passage};
+use crate::network::{self, Booking, ForwardCounters, ForwardQueues, Passage};
 use crate::time::Instant;
 use crate::types::{Firmware, LinkId, LinkMask, Peer};
 
@@ -107,5 +107,9 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> For
 
     fn prepare(&mut self, port: &Port) {
         self.queues.forwarding().open(port);
+    }
+
+    fn link_counters(&self, link: LinkId) -> Option<ForwardCounters> {
+        self.queues.counters(link)
     }
 }

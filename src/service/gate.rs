@@ -5,9 +5,9 @@ use crate::dialect::{MavCmd, SetupSigning};
 use crate::frame::{Decoder, Frame};
 use crate::link::Port;
 use crate::message::{Address, Message, SystemId};
-use crate::network::{Booking, Passage};
+use crate::network::{Booking, ForwardCounters, Passage};
 use crate::time::{Duration, Instant};
-use crate::types::{Answer, Command, Firmware, Peer, SignedAt};
+use crate::types::{Answer, Command, Firmware, LinkId, Peer, SignedAt};
 
 /// Verifies the signatures of received frames, and signs sent frames. `L` is its state on a link.
 pub trait SigningGate<L> {
@@ -69,6 +69,9 @@ pub trait ForwardingGate<F: Firmware>: Service<F> {
 
     /// Updates the link's queue to the link's configuration and version.
     fn prepare(&mut self, port: &Port);
+
+    /// Returns the counters of a link's queue; `None` if there is no such link.
+    fn link_counters(&self, link: LinkId) -> Option<ForwardCounters>;
 }
 
 /// Decides which systems control the vehicle (O-5), before the services see their frames.
@@ -229,4 +232,8 @@ impl<F: Firmware> ForwardingGate<F> for Absent {
     }
 
     fn prepare(&mut self, _: &Port) {}
+
+    fn link_counters(&self, _: LinkId) -> Option<ForwardCounters> {
+        None
+    }
 }

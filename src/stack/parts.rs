@@ -1,8 +1,9 @@
-//! The methods of single services. Each exists only if its service is declared.
+//! The methods of single parts. Each can be called only if its part is declared.
 
 use super::{Declares, EventMemory, RequestMemory, Stack};
 use crate::message::{Message, SystemId};
 use crate::network::ForwardCounters;
+use crate::service::ForwardingGate;
 use crate::service::client::{Client, CommandClient, check};
 use crate::service::command::{CommandSlots, LongCommands};
 use crate::service::events::{Event, EventCounters, EventService, record};
@@ -19,16 +20,65 @@ use crate::service::stream::{Stream, StreamService, Telemetry};
 use crate::time::Instant;
 use crate::types::{Destination, LinkId, Pending, Recipient};
 
+/// Defines a trait for each entry of `#[stack]` that has methods: its service implements it, and gives a firmware access to a part of
+/// itself. [`Absent`](crate::service::Absent) does not, and the compiler says which entry is missing.
+macro_rules! declared {
+    ($($(#[$meta:meta])* $declared:ident [$($generic:tt)*] $service:ty => $part:ty $(, $field:ident)?: $missing:literal;)*) => { $(
+        #[diagnostic::on_unimplemented(message = $missing, label = "this stack does not declare it")]
+        pub trait $declared {
+            type Part: ?Sized;
+            fn part(&self) -> &Self::Part;
+            fn part_mut(&mut self) -> &mut Self::Part;
+        }
+
+        $(#[$meta])*
+        impl<$($generic)*> $declared for $service {
+            type Part = $part;
+
+            fn part(&self) -> &$part {
+                &(*self)$(.$field)?
+            }
+
+            fn part_mut(&mut self) -> &mut $part {
+                &mut (*self)$(.$field)?
+            }
+        }
+    )* };
+}
+
+declared! {
+    HasCommands [const N: usize] CommandSlots<N> => LongCommands: "`commands: {{ slots: 2 }}` is missing in `#[stack]`";
+    HasClient [const N: usize] Client<N> => Self: "`command_client: {{ slots: 2 }}` is missing in `#[stack]`";
+    HasEvents [C] EventService<C> => EventCounters, counters: "`events: {{ history: 16 }}` is missing in `#[stack]`";
+    HasFiles [const OPEN: usize, const N: usize, const UPLOAD: usize, V] FileServer<OPEN, N, UPLOAD, V> => FileStatus, status:
+        "`files: {{ sessions: 2 }}` is missing in `#[stack]`";
+    HasForwarding [const N: usize, const BYTES: usize, const SEEN: usize] Forwarding<N, BYTES, SEEN> => Self:
+        "`forwarding` is missing in `#[stack]`";
+    HasLogs [] LogServer => Self: "`logs` is missing in `#[stack]`";
+    HasManualControl [] ManualInput => Self: "`manual_control` is missing in `#[stack]`";
+    HasMessages [] Messages => Self: "`messages` is missing in `#[stack]`";
+    HasOperatorControl [] OperatorControl => Self: "`operator_control` is missing in `#[stack]`";
+    #[cfg(feature = "signing")]
+    HasSigning [const N: usize] Signing<[SigningStream; N]> => Signing: "`signing` is missing in `#[stack]`";
+    HasStreams [const N: usize] StreamService<N> => Self: "`streams` is missing in `#[stack]`";
+}
+
 /// With `commands: { slots: N }`.
-impl<D: Declares<Commands = CommandSlots<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the long-running commands.
-    pub fn long_commands(&self) -> &LongCommands {
-        &self.services.command.slots
+    pub fn long_commands(&self) -> &LongCommands
+    where
+        D::Commands: HasCommands<Part = LongCommands>,
+    {
+        self.services.command.slots.part()
     }
 
     /// Returns the long-running commands, to report their progress and their end.
-    pub fn long_commands_mut(&mut self) -> &mut LongCommands {
-        &mut self.services.command.slots
+    pub fn long_commands_mut(&mut self) -> &mut LongCommands
+    where
+        D::Commands: HasCommands<Part = LongCommands>,
+    {
+        self.services.command.slots.part_mut()
     }
 }
 
@@ -46,92 +96,116 @@ impl<D: Declares<Parameters: ParamTable>, const LINKS: usize> Stack<D, LINKS> {
 }
 
 /// With `manual_control`.
-impl<D: Declares<ManualControl = ManualInput>, const LINKS: usize> Stack<D, LINKS> {
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns manual control: the sticks and channels of a pilot on the ground.
-    pub fn manual_input(&self) -> &ManualInput {
-        &self.services.manual_control
+    pub fn manual_input(&self) -> &ManualInput
+    where
+        D::ManualControl: HasManualControl<Part = ManualInput>,
+    {
+        self.services.manual_control.part()
     }
 
     /// Returns manual control, to set who may steer.
-    pub fn manual_input_mut(&mut self) -> &mut ManualInput {
-        &mut self.services.manual_control
+    pub fn manual_input_mut(&mut self) -> &mut ManualInput
+    where
+        D::ManualControl: HasManualControl<Part = ManualInput>,
+    {
+        self.services.manual_control.part_mut()
     }
 }
 
 /// With `operator_control`.
-impl<D: Declares<OperatorControl = OperatorControl>, const LINKS: usize> Stack<D, LINKS> {
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the system in control at `now`; `None` if nobody is. An owner whose ground stations have all timed out is not in
     /// control, unless [control is kept](OperatorControl::set_release_on_loss). The answer does not depend on the last
     /// [`poll`](Self::poll) (H-18).
-    pub fn operator(&self, now: Instant) -> Option<SystemId> {
-        self.services.operator_control.operator(self.peers(now))
+    pub fn operator(&self, now: Instant) -> Option<SystemId>
+    where
+        D::OperatorControl: HasOperatorControl<Part = OperatorControl>,
+    {
+        self.services.operator_control.part().operator(self.peers(now))
     }
 
     /// Returns whether a request for control that is received at `now` is granted.
-    pub fn allows_takeover(&self, now: Instant) -> bool {
-        self.services.operator_control.allows_takeover() || self.operator(now).is_none()
+    pub fn allows_takeover(&self, now: Instant) -> bool
+    where
+        D::OperatorControl: HasOperatorControl<Part = OperatorControl>,
+    {
+        self.services.operator_control.part().allows_takeover() || self.operator(now).is_none()
     }
 
     /// Returns operator control: its configuration and its counters.
-    pub fn operator_control(&self) -> &OperatorControl {
-        &self.services.operator_control
+    pub fn operator_control(&self) -> &OperatorControl
+    where
+        D::OperatorControl: HasOperatorControl<Part = OperatorControl>,
+    {
+        self.services.operator_control.part()
     }
 
     /// Returns operator control, to configure it, and to release control.
-    pub fn operator_control_mut(&mut self) -> &mut OperatorControl {
-        &mut self.services.operator_control
+    pub fn operator_control_mut(&mut self) -> &mut OperatorControl
+    where
+        D::OperatorControl: HasOperatorControl<Part = OperatorControl>,
+    {
+        self.services.operator_control.part_mut()
     }
 }
 
 /// With `files: { sessions: N, upload: N }`.
-impl<D, const LINKS: usize, const OPEN: usize, const N: usize, const UPLOAD: usize, V> Stack<D, LINKS>
-where
-    D: Declares<Files = FileServer<OPEN, N, UPLOAD, V>>,
-{
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the state of the file service: its counters.
-    pub fn files(&self) -> &FileStatus {
-        &self.services.files.status
+    pub fn files(&self) -> &FileStatus
+    where
+        D::Files: HasFiles<Part = FileStatus>,
+    {
+        self.services.files.part()
     }
 }
 
 /// With `logs`.
-impl<D: Declares<Logs = LogServer>, const LINKS: usize> Stack<D, LINKS> {
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the state of log downloads: its counters.
-    pub fn logs(&self) -> &LogServer {
-        &self.services.logs
+    pub fn logs(&self) -> &LogServer
+    where
+        D::Logs: HasLogs<Part = LogServer>,
+    {
+        self.services.logs.part()
     }
 }
 
 /// With `forwarding`.
-impl<D, const LINKS: usize, const N: usize, const BYTES: usize, const SEEN: usize> Stack<D, LINKS>
-where
-    D: Declares<Forwarding = Forwarding<N, BYTES, SEEN>>,
-{
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the counters of forwarding on a link; `None` if there is no such link.
-    pub fn forward_counters(&self, link: LinkId) -> Option<ForwardCounters> {
-        self.services.forwarding.queues.counters(link)
+    pub fn forward_counters(&self, link: LinkId) -> Option<ForwardCounters>
+    where
+        D::Forwarding: HasForwarding,
+    {
+        self.services.forwarding.link_counters(link)
     }
 }
 
 /// With `signing`.
 #[cfg(feature = "signing")]
-impl<D: Declares<Signing = Signing<[SigningStream; N]>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the state of signing: the key, the time, and the counters.
-    pub fn signing(&self) -> &Signing {
-        &self.services.signing
+    pub fn signing(&self) -> &Signing
+    where
+        D::Signing: HasSigning<Part = Signing>,
+    {
+        self.services.signing.part()
     }
 
     /// Returns the state of signing, to set the key and the time.
-    pub fn signing_mut(&mut self) -> &mut Signing {
-        &mut self.services.signing
+    pub fn signing_mut(&mut self) -> &mut Signing
+    where
+        D::Signing: HasSigning<Part = Signing>,
+    {
+        self.services.signing.part_mut()
     }
 }
 
 /// With `streams`.
-impl<D, const LINKS: usize, const N: usize> Stack<D, LINKS>
-where
-    D: Declares<Vehicle: Telemetry, Stream = StreamService<N>>,
-{
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Sends message `M`, all its instances, once on every normal link, whatever its interval there: for content that has
     /// changed and must not wait for its turn, such as HOME_POSITION when home is set (O-6). The next [`poll`](Self::poll)
     /// takes it up. It is filled when the link has room, and left out if the vehicle cannot [fill](Telemetry::fill) it
@@ -159,72 +233,107 @@ where
     ///     stack.announce::<HomePosition>();
     /// }
     /// ```
-    pub fn announce<M: Message>(&mut self) {
+    pub fn announce<M: Message>(&mut self)
+    where
+        D::Stream: HasStreams,
+        D::Vehicle: Telemetry,
+    {
         self.requests.view_mut().announced |= const { Stream::rows_of::<M>(<D::Vehicle as Telemetry>::STREAMS) };
     }
 }
 
 /// With `messages`.
-impl<D: Declares<Vehicle: Telemetry, Messages = Messages>, const LINKS: usize> Stack<D, LINKS> {
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Sends message `M` when a link of `to` has room: see [`Context::send`](crate::Context::send).
     #[must_use = "it is not sent if the link has no room"]
-    pub fn send<M: Message>(&mut self, to: impl Into<Destination>, index: u16) -> bool {
+    pub fn send<M: Message>(&mut self, to: impl Into<Destination>, index: u16) -> bool
+    where
+        D::Messages: HasMessages,
+        D::Vehicle: Telemetry,
+    {
         self.requests.view_mut().send(self.shared.normal, const { id_of::<M>() }, to.into(), index)
     }
 
     /// Returns the number of the vehicle's messages that a link had no room for. Wraps.
-    pub fn refused_messages(&self, link: LinkId) -> u32 {
+    pub fn refused_messages(&self, link: LinkId) -> u32
+    where
+        D::Messages: HasMessages,
+        D::Vehicle: Telemetry,
+    {
         self.requests.view().refused_on(link)
     }
 }
 
 /// With `events: { history: N }`.
-impl<D, const LINKS: usize, C> Stack<D, LINKS>
-where
-    D: Declares<Events = EventService<C>>,
-{
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Records an event that [`events!`](crate::events!) has declared, and sends it on every normal link: see
     /// [`Context::event`](crate::Context::event).
-    pub fn event<E: Event>(&mut self, now: Instant, event: &E) {
+    pub fn event<E: Event>(&mut self, now: Instant, event: &E)
+    where
+        D::Events: HasEvents<Part = EventCounters>,
+    {
         record(self.events.view_mut(), now, event);
     }
 
     /// Returns the counters of the events.
-    pub fn event_counters(&self) -> EventCounters {
-        self.services.events.counters
+    pub fn event_counters(&self) -> EventCounters
+    where
+        D::Events: HasEvents<Part = EventCounters>,
+    {
+        *self.services.events.part()
     }
 }
 
 /// With `command_client: { slots: N }`.
-impl<D: Declares<Vehicle: CommandClient, Client = Client<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Sends a command to another component: see [`Context::send_command`](crate::Context::send_command).
     #[must_use = "it is not sent if too many commands wait"]
-    pub fn send_command(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
+    pub fn send_command(&mut self, to: impl Into<Recipient>, token: u16) -> bool
+    where
+        D::Client: HasClient,
+        D::Vehicle: CommandClient,
+    {
         self.requests.view_mut().request(Pending::Command { to: to.into(), token })
     }
 
     /// Reads a parameter of another component: see [`Context::read_param`](crate::Context::read_param).
     #[must_use = "it is not read if too many requests wait"]
-    pub fn read_param(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
+    pub fn read_param(&mut self, to: impl Into<Recipient>, token: u16) -> bool
+    where
+        D::Client: HasClient,
+        D::Vehicle: CommandClient,
+    {
         const { check::<D::Vehicle>() };
         self.requests.view_mut().request(Pending::Param { to: to.into(), token, is_ext: false })
     }
 
     /// Reads an extended parameter of another component: see [`Context::read_ext_param`](crate::Context::read_ext_param).
     #[must_use = "it is not read if too many requests wait"]
-    pub fn read_ext_param(&mut self, to: impl Into<Recipient>, token: u16) -> bool {
+    pub fn read_ext_param(&mut self, to: impl Into<Recipient>, token: u16) -> bool
+    where
+        D::Client: HasClient,
+        D::Vehicle: CommandClient,
+    {
         const { check::<D::Vehicle>() };
         self.requests.view_mut().request(Pending::Param { to: to.into(), token, is_ext: true })
     }
 
     /// Cancels a command: see [`Context::cancel_sent_command`](crate::Context::cancel_sent_command).
     #[must_use = "it is not cancelled if too many commands wait"]
-    pub fn cancel_sent_command(&mut self, token: u16) -> bool {
+    pub fn cancel_sent_command(&mut self, token: u16) -> bool
+    where
+        D::Client: HasClient,
+        D::Vehicle: CommandClient,
+    {
         self.requests.view_mut().request(Pending::Cancel { token })
     }
 
     /// Returns the number of requests to other components for which there was no room. Wraps.
-    pub fn refused_requests(&self) -> u32 {
+    pub fn refused_requests(&self) -> u32
+    where
+        D::Client: HasClient,
+        D::Vehicle: CommandClient,
+    {
         self.requests.view().refused_requests()
     }
 }
