@@ -486,7 +486,9 @@ pub mod __private {
     pub use crate::service::messages::Messages;
     pub use crate::service::mission::{Missions, WithoutPlans};
     pub use crate::service::mode::ModeService;
-    pub use crate::service::param::{NoParams, ParamMemory, ParamService, ParamValues, TableMut};
+    pub use crate::service::param::{
+        Checked, NoParams, ParamMemory, ParamService, ParamValues, Row, TableMut, is_in_order, position,
+    };
     pub use crate::service::stream::StreamService;
     pub use crate::service::{About, Look, LookAll, ServiceList, Turn, Visit, VisitAll};
     pub use crate::service::{

@@ -105,7 +105,7 @@ macro_rules! split {
     ($stack:expr, $now:expr, $vehicle:expr, storage) => {{
         let stack = $stack;
         let now = stack.enter($now);
-        (split!(@cx stack, now, $vehicle), &mut stack.services, &mut stack.states, &mut stack.storage)
+        (split!(@cx stack, now, $vehicle), &mut stack.services, &mut stack.states, crate::stack::parts::HasStorage::part_mut(&mut stack.storage))
     }};
     (@cx $stack:ident, $now:expr, $vehicle:expr) => {
         Cx::<D> {
@@ -122,27 +122,6 @@ macro_rules! split {
     };
 }
 use split;
-
-/// Returns a closure that reports a peer's event to the vehicle. It is not a method of [`Cx`], because the peer table
-/// is borrowed meanwhile.
-macro_rules! report {
-    ($cx:expr) => {
-        |event| {
-            let mut context = Context {
-                now: $cx.now,
-                texts: &mut *$cx.texts,
-                requests: &mut *$cx.requests,
-                events: &mut *$cx.events,
-                normal: $cx.shared.normal,
-                plans: $cx.plans.as_ref(),
-                values: $cx.parameters.values(),
-                can_start: false,
-            };
-            $cx.vehicle.peer(&mut context, event);
-        }
-    };
-}
-use report;
 
 impl<D: Declares, const LINKS: usize> core::fmt::Debug for Stack<D, LINKS> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
@@ -226,7 +205,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         cx.shared.has_acted = false;
         cx.shared.polled = now;
         let timeout = cx.shared.config.peer_timeout;
-        network::poll(cx.peers, now, timeout, report!(cx));
+        let (peers, vehicle, mut context) = cx.peers_and_hook();
+        network::poll(peers, now, timeout, |event| vehicle.peer(&mut context, event));
         services.poll(&mut cx, states);
         if !D::COMPONENTS.is_empty()
             && let (Some(Link { port, .. }), Some(state)) = (links.first_mut(), states.first_mut())
@@ -540,16 +520,12 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// announced or reported in it.
     pub fn with_context<R>(&mut self, now: Instant, work: impl FnOnce(&mut Context<'_>) -> R) -> R {
         let now = self.enter(now);
-        work(&mut Context {
-            now,
-            texts: self.texts.view_mut(),
-            requests: self.requests.view_mut(),
-            events: self.events.view_mut(),
-            normal: self.shared.normal,
-            plans: PlanMemory::view(&mut self.plans).as_ref(),
-            values: self.parameters.values(),
-            can_start: self.services.command.slots.view_mut().is_some_and(|long| long.can_start()),
-        })
+        let Self { shared, texts, requests, events, plans, parameters, services, .. } = self;
+        let (plans, values) = (PlanMemory::view(plans), parameters.values());
+        let (texts, requests, events) = (texts.view_mut(), requests.view_mut(), events.view_mut());
+        let mut context = Context::new(now, shared.normal, texts, requests, events, &plans, values);
+        context.can_start = services.command.slots.view_mut().is_some_and(|long| long.can_start());
+        work(&mut context)
     }
 
     /// Calls `work` with the services of the declaration's struct, and with what they need to call the vehicle's hooks, at the time

@@ -11,7 +11,7 @@ use crate::message::Dialect;
 use crate::network::PeerInfo;
 use crate::time::Instant;
 use crate::types::{
-    EventEntry, EventLog, Firmware, LinkId, LinkMask, NoPlans, RequestQueue, Requests, StatusTexts, TextEntry,
+    EventEntry, EventLog, Firmware, LinkId, LinkMask, NoPlans, PlansMut, RequestQueue, Requests, StatusTexts, TextEntry,
 };
 
 /// What a service works with beside its own state, the vehicle and the parameters: two normal links, no plans.
@@ -44,7 +44,7 @@ impl Rest {
             texts: &mut self.texts,
             requests: &mut self.requests,
             events: &mut self.events,
-            plans: None,
+            plans: PlansMut::none(),
             parameters,
             vehicle,
         }

@@ -12,11 +12,14 @@ use crate::service::forwarding::Forwarding;
 use crate::service::logs::LogServer;
 use crate::service::manual_control::ManualInput;
 use crate::service::messages::{Messages, id_of};
+use crate::service::mission::Missions;
 use crate::service::operator_control::OperatorControl;
 use crate::service::param::ParamTable;
 #[cfg(feature = "signing")]
 use crate::service::signing::{Signing, SigningStream};
 use crate::service::stream::{Stream, StreamService, Telemetry};
+#[cfg(feature = "storage")]
+use crate::storage::Storage;
 use crate::time::Instant;
 use crate::types::{Destination, LinkId, Pending, Recipient};
 
@@ -24,6 +27,7 @@ use crate::types::{Destination, LinkId, Pending, Recipient};
 /// itself. [`Absent`](crate::service::Absent) does not, and the compiler says which entry is missing.
 macro_rules! declared {
     ($($(#[$meta:meta])* $declared:ident [$($generic:tt)*] $service:ty => $part:ty $(, $field:ident)?: $missing:literal;)*) => { $(
+        $(#[$meta])*
         #[diagnostic::on_unimplemented(message = $missing, label = "this stack does not declare it")]
         pub trait $declared {
             type Part: ?Sized;
@@ -57,6 +61,9 @@ declared! {
     HasLogs [] LogServer => Self: "`logs` is missing in `#[stack]`";
     HasManualControl [] ManualInput => Self: "`manual_control` is missing in `#[stack]`";
     HasMessages [] Messages => Self: "`messages` is missing in `#[stack]`";
+    HasPlans [] Missions => Self: "`plans: {{ mission: 100 }}` is missing in `#[stack]`";
+    #[cfg(feature = "storage")]
+    HasStorage [] Storage => Self: "`storage` is missing in `#[stack]`";
     HasOperatorControl [] OperatorControl => Self: "`operator_control` is missing in `#[stack]`";
     #[cfg(feature = "signing")]
     HasSigning [const N: usize] Signing<[SigningStream; N]> => Signing: "`signing` is missing in `#[stack]`";

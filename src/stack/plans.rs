@@ -1,9 +1,10 @@
 //! The firmware's view of plans: live plans, reached items, and plans that the firmware loads itself.
 
+use super::parts::HasPlans;
 use super::{Cx, Declares, Stack, split};
 use crate::message::Item;
 use crate::service::command::Commands;
-use crate::service::mission::{self, Missions, PlanCounters, PlanFault, Plans};
+use crate::service::mission::{Missions, PlanCounters, PlanFault, Plans};
 use crate::time::Instant;
 use crate::types::{PlanMemory, PlanType, PlanView};
 
@@ -27,14 +28,18 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 }
 
 /// With `plans`.
-impl<D: Declares<Mission = Missions, Vehicle: Plans + Commands>, const LINKS: usize> Stack<D, LINKS> {
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Reports that the vehicle has reached a mission item. MISSION_ITEM_REACHED is sent on every normal link, before
     /// the next item becomes current there (M-91). Call it after the flight loop's step and before
     /// [`poll`](Self::poll).
-    pub fn mission_item_reached(&mut self, now: Instant, seq: u16) {
+    pub fn mission_item_reached(&mut self, now: Instant, seq: u16)
+    where
+        D::Mission: HasPlans<Part = Missions>,
+        D::Vehicle: Plans + Commands,
+    {
         let (links, repeats) = (self.shared.normal, self.shared.config.item_reached_repeats);
         let now = self.enter(now);
-        self.services.mission.reached(now, seq, links, repeats);
+        self.services.mission.part_mut().reached(now, seq, links, repeats);
     }
 
     /// Makes `items` the live plan: a plan from a file, or the firmware's default plan. The items are checked as in an
@@ -53,21 +58,27 @@ impl<D: Declares<Mission = Missions, Vehicle: Plans + Commands>, const LINKS: us
         plan: PlanType,
         items: impl IntoIterator<Item = Item>,
         vehicle: &mut D::Vehicle,
-    ) -> Result<(), PlanFault> {
-        let unsupported = PlanFault::from(crate::dialect::MavMissionResult::UNSUPPORTED);
+    ) -> Result<(), PlanFault>
+    where
+        D::Mission: HasPlans<Part = Missions>,
+        D::Vehicle: Plans + Commands,
+    {
         if !plan.is_served(&D::Plans::CAPACITIES) {
-            return Err(unsupported);
+            return Err(crate::dialect::MavMissionResult::UNSUPPORTED.into());
         }
         if !self.shared.is_begun() {
             return Err(crate::dialect::MavMissionResult::DENIED.into());
         }
         let (mut cx, services, ..) = split!(&mut *self, now, vehicle);
-        let (mut work, vehicle) = mission::work(&mut cx).ok_or(unsupported)?;
-        services.mission.load_plan(&mut work, vehicle, plan, items.into_iter())
+        services.mission.part_mut().load_plan(&mut cx, plan, items.into_iter())
     }
 
     /// Returns the counters of uploads.
-    pub fn plan_counters(&self) -> PlanCounters {
-        *self.services.mission.counters()
+    pub fn plan_counters(&self) -> PlanCounters
+    where
+        D::Mission: HasPlans<Part = Missions>,
+        D::Vehicle: Plans + Commands,
+    {
+        *self.services.mission.part().counters()
     }
 }

@@ -2,7 +2,7 @@
 //! decoder (D-2).
 
 use super::services::{Services, States};
-use super::{Declares, Stack, report};
+use super::{Declares, Stack};
 use crate::dialect::{MavCmd, MavResult, MavSeverity};
 use crate::frame::{Decoder, Frame};
 use crate::link::{Link, Port};
@@ -16,7 +16,7 @@ use crate::service::{
     increment,
 };
 use crate::time::Instant;
-use crate::types::{Allowance, Answer, Context, LinkId, MAX_TEXT_LEN, Peer, PeerEvent, Values, Vehicle};
+use crate::types::{Allowance, Answer, LinkId, MAX_TEXT_LEN, Peer, PeerEvent, Vehicle};
 
 /// The sequence number and the low checksum byte of a received frame with our own address.
 pub(super) type OwnFrame = [u8; 2];
@@ -138,7 +138,8 @@ impl<D: Declares> Services<D> {
         let is_verified = self.signing.knows_sender(port, frame);
         port.has_accepted |= is_verified && !network::is_of_vehicle(frame);
         let by = Reception { now: cx.now, link: port.id, class: port.config.class, is_verified };
-        let booking = network::record(cx.peers, by, own.system, frame, report!(cx));
+        let (peers, vehicle, mut context) = cx.peers_and_hook();
+        let booking = network::record(peers, by, own.system, frame, |event| vehicle.peer(&mut context, event));
         match booking {
             Booking::Evicted => increment(&mut port.counters.evicted_peers),
             Booking::NoRoom => increment(&mut port.counters.no_peer_slot),

@@ -7,6 +7,7 @@ mod work;
 
 use embedded_storage::nor_flash::NorFlash;
 
+use super::parts::HasStorage;
 use super::{Cx, Declares, Stack, split};
 use crate::service::param::{ParamService, ParamTable, Parameters};
 use crate::storage::{Event, Job, JobSlot, Page, RecordService, Region, RestoreErrors, Storage, Store};
@@ -32,11 +33,14 @@ impl<F: embedded_storage_async::nor_flash::NorFlash> crate::storage::AsyncStore<
 }
 
 /// With `storage`.
-impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
+impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Attaches a region of storage: from now on, [`storage_job`](Self::storage_job) reads what is stored, and then writes
     /// what changes. Call it once, before the loop. [`restore`](Self::restore) does it for a blocking driver.
     #[inline(never)]
-    pub fn attach_storage(&mut self, now: Instant, region: Region, vehicle: &mut D::Vehicle) {
+    pub fn attach_storage(&mut self, now: Instant, region: Region, vehicle: &mut D::Vehicle)
+    where
+        D::Storage: HasStorage<Part = Storage>,
+    {
         let (mut cx, services, _, storage) = split!(&mut *self, now, vehicle, storage);
         (storage.to_load, storage.is_late, storage.errors) = (Work::<D>::ALL_RECORDS, false, RestoreErrors::NONE);
         storage.log.attach(region, Work::<D>::PAGES.1);
@@ -45,7 +49,10 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
 
     /// Collects what a call that concerns storage works on.
     #[inline(never)]
-    fn storage_work<'a>(&'a mut self, now: Instant, page: &'a mut Page, vehicle: &'a mut D::Vehicle) -> Work<'a, D> {
+    fn storage_work<'a>(&'a mut self, now: Instant, page: &'a mut Page, vehicle: &'a mut D::Vehicle) -> Work<'a, D>
+    where
+        D::Storage: HasStorage<Part = Storage>,
+    {
         let (cx, services, states, storage) = split!(self, now, vehicle, storage);
         Work { cx, services, states, storage, page }
     }
@@ -59,7 +66,10 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     ///
     /// Call it in every pass of the loop, or whenever the storage is free: a client that has uploaded a plan waits for
     /// it.
-    pub fn storage_job(&mut self, now: Instant, page: &mut Page, vehicle: &mut D::Vehicle) -> Option<Job> {
+    pub fn storage_job(&mut self, now: Instant, page: &mut Page, vehicle: &mut D::Vehicle) -> Option<Job>
+    where
+        D::Storage: HasStorage<Part = Storage>,
+    {
         if !self.shared.is_begun() {
             return None;
         }
@@ -74,7 +84,10 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Takes the result of the [job](Self::storage_job): whether the driver reported success.
-    pub fn storage_done(&mut self, now: Instant, is_done: bool, page: &mut Page, vehicle: &mut D::Vehicle) {
+    pub fn storage_done(&mut self, now: Instant, is_done: bool, page: &mut Page, vehicle: &mut D::Vehicle)
+    where
+        D::Storage: HasStorage<Part = Storage>,
+    {
         let mut work = self.storage_work(now, &mut *page, vehicle);
         work.cx.shared.is_storage_busy = false;
         match work.done(is_done) {
@@ -129,8 +142,11 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     ///     }
     /// }
     /// ```
-    pub fn exchange_job(&mut self, now: Instant, slot: &mut JobSlot, vehicle: &mut D::Vehicle) -> bool {
-        if self.storage.log.is_busy() {
+    pub fn exchange_job(&mut self, now: Instant, slot: &mut JobSlot, vehicle: &mut D::Vehicle) -> bool
+    where
+        D::Storage: HasStorage<Part = Storage>,
+    {
+        if self.storage.part().log.is_busy() {
             let is_done = slot.is_done();
             self.storage_done(now, is_done, slot.page_mut(), vehicle);
             slot.put(None);
@@ -155,7 +171,10 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
         now: Instant,
         store: &mut crate::storage::AsyncStore<F>,
         vehicle: &mut D::Vehicle,
-    ) -> Result<(), RestoreErrors> {
+    ) -> Result<(), RestoreErrors>
+    where
+        D::Storage: HasStorage<Part = Storage>,
+    {
         self.attach_storage(now, store.region(), vehicle);
         while self.is_restoring() && self.exchange_job(now, store.slot(), vehicle) {
             store.run().await;
@@ -165,14 +184,20 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
 
     /// Whether the stored content is being read for the first time, after [`attach_storage`](Self::attach_storage).
     /// `false` once it is restored, or could not be read; [`restore_errors`](Self::restore_errors) has what went wrong.
-    pub fn is_restoring(&self) -> bool {
-        self.storage.is_restoring()
+    pub fn is_restoring(&self) -> bool
+    where
+        D::Storage: HasStorage<Part = Storage>,
+    {
+        self.storage.part().is_restoring()
     }
 
     /// Returns what was not restored so far. Content that was restored late is no longer in it. Without attached storage it
     /// is [empty](RestoreErrors::is_empty).
-    pub fn restore_errors(&self) -> RestoreErrors {
-        self.storage.errors
+    pub fn restore_errors(&self) -> RestoreErrors
+    where
+        D::Storage: HasStorage<Part = Storage>,
+    {
+        self.storage.part().errors
     }
 
     /// Attaches `store` and reads the signing key, the parameters, the plans and the firmware's own records at startup, as
@@ -206,7 +231,10 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
         now: Instant,
         store: &mut Store<F>,
         vehicle: &mut D::Vehicle,
-    ) -> Result<(), RestoreErrors> {
+    ) -> Result<(), RestoreErrors>
+    where
+        D::Storage: HasStorage<Part = Storage>,
+    {
         self.attach_storage(now, store.region(), vehicle);
         while self.is_restoring() && self.run_job(now, store, vehicle).is_some() {}
         self.restore_errors().result()
@@ -223,13 +251,16 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
     /// Parameters are written about a second after a change, at most every ten seconds; the signing key after a change;
     /// and the signing time every 55 s. If the vehicle does not permit writing in flight, a restart in flight begins
     /// with the time of take-off, until the first signed frame provides a later time. See also `Signing::set_time`.
-    pub fn persist<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>, vehicle: &mut D::Vehicle) -> bool {
+    pub fn persist<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>, vehicle: &mut D::Vehicle) -> bool
+    where
+        D::Storage: HasStorage<Part = Storage>,
+    {
         // A page is copied in four jobs: read, write, write its end, check. It is not left half written.
         const JOBS: u8 = 4;
         for done in 0..2 * JOBS {
-            let was_within = self.storage.log.is_within_page();
+            let was_within = self.storage.part().log.is_within_page();
             let Some(is_erase) = self.run_job(now, store, vehicle) else { return done > 0 };
-            let is_within = self.storage.log.is_within_page();
+            let is_within = self.storage.part().log.is_within_page();
             let is_end = was_within || done.wrapping_add(1) >= JOBS;
             if is_erase || is_end && !is_within {
                 break;
@@ -240,7 +271,10 @@ impl<D: Declares<Storage = Storage>, const LINKS: usize> Stack<D, LINKS> {
 
     /// Runs the next job, if there is one. Returns whether it has erased.
     #[inline(never)]
-    fn run_job<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>, vehicle: &mut D::Vehicle) -> Option<bool> {
+    fn run_job<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>, vehicle: &mut D::Vehicle) -> Option<bool>
+    where
+        D::Storage: HasStorage<Part = Storage>,
+    {
         let job = self.storage_job(now, store.page_mut(), vehicle)?;
         let is_done = store.carry_out(&job);
         self.storage_done(now, is_done, store.page_mut(), vehicle);

@@ -8,7 +8,7 @@ use crate::dialect::{MavCmd, MavFrame, MavMissionResult};
 use crate::message::{Digest, Item};
 use crate::service::Cx;
 use crate::service::command::Commands;
-use crate::service::mission::{self, Missions, PlanFault, Plans, Work};
+use crate::service::mission::{Missions, PlanFault, Plans};
 use crate::types::{Firmware, PlanMemory, PlanType, PlanView, Vehicle};
 
 /// Number of rows in a page.
@@ -125,33 +125,33 @@ impl Loading {
     }
 
     /// Makes each plan live whose items are complete.
-    fn finish<V: Plans>(&mut self, missions: &mut Missions, cx: &mut Work<'_, '_>, vehicle: &mut V, is_late: bool) {
+    fn finish<F: Firmware<Vehicle: Plans>>(&mut self, missions: &mut Missions, cx: &mut Cx<'_, F>, is_late: bool) {
         while let Some((plan, _, id)) = self.plan().filter(|(_, count, _)| *count == u32::from(self.items)) {
             // A plan that was uploaded in the meantime is newer.
             if !(is_late && cx.plans.count(plan) > 0) {
                 let result = if self.fault == NO_FAULT {
-                    missions.make_loaded(cx, vehicle, plan, Some((self.items, id)), self.digest)
+                    missions.make_loaded(cx, plan, Some((self.items, id)), self.digest)
                 } else {
                     Err(self.fault)
                 };
                 if let Err(fault) = result {
                     self.differs = true;
-                    missions.report_refused(cx, plan, fault);
+                    Missions::report_refused(cx, plan, fault);
                 }
             }
-            cx.plans.staging.clear();
+            cx.plans.clear_staging();
             (self.plan, self.items) = (self.plan.saturating_add(1), 0);
             (self.digest, self.fault) = (Digest::new(), NO_FAULT);
         }
     }
 
     /// Takes the row of an item. Returns false if there is no plan for it.
-    fn item<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, row: &Row) -> bool {
+    fn item<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, row: &Row) -> bool {
         let Some((plan, ..)) = self.plan() else { return false };
         if self.fault == NO_FAULT {
             let item = item_of(row);
             self.digest.add(&item);
-            if let Err(fault) = Missions::stage_item(cx, vehicle, plan, item) {
+            if let Err(fault) = Missions::stage_item(cx, plan, item) {
                 self.fault = fault;
             }
         }
@@ -184,23 +184,20 @@ where
         self.set_refill(cx.shared.config.storage_refill);
         // Until they are loaded, nobody knows what is stored, and clients are not answered.
         self.set_stored_differs(true);
-        if let Some((mut cx, _)) = mission::work(cx) {
-            self.set_loading(&mut cx, true);
-        }
+        self.set_loading(&mut cx.plans, true);
     }
 
     #[inline(never)]
     fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, loading: &mut Loading) -> bool {
-        let Some((mut cx, vehicle)) = mission::work(cx) else { return true };
         let mut is_head = part.is_first;
         for row in rows(part.bytes) {
             if core::mem::replace(&mut is_head, false) {
                 loading.begin(row);
-                self.set_loading(&mut cx, true);
-            } else if !loading.item(&mut cx, vehicle, row) {
+                self.set_loading(&mut cx.plans, true);
+            } else if !loading.item(cx, row) {
                 return false;
             }
-            loading.finish(self, &mut cx, vehicle, part.is_late);
+            loading.finish(self, cx, part.is_late);
         }
         if part.is_last {
             self.set_stored_differs(loading.differs);
@@ -209,9 +206,7 @@ where
     }
 
     fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, _: bool) {
-        if let Some((mut cx, _)) = mission::work(cx) {
-            self.set_loading(&mut cx, false);
-        }
+        self.set_loading(&mut cx.plans, false);
         match result {
             Ok(false) => self.set_stored_differs(false),
             Ok(true) => {}
@@ -228,9 +223,8 @@ where
     where
         Self::Link: 'l,
     {
-        let Some((mut cx, vehicle)) = mission::work(cx) else { return };
-        let answer = self.refuse_commit(&mut cx, vehicle);
-        self.queue_result::<F>(cx.plans, links, answer);
+        let answer = self.refuse_commit(cx);
+        self.queue_result(cx, links, answer);
     }
 
     fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Write> {
@@ -240,7 +234,7 @@ where
 
     #[inline(never)]
     fn fill(&mut self, cx: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
-        fill(&self.content(cx.plans.as_ref()?), page, bytes)
+        fill(&self.content(&cx.plans), page, bytes)
     }
 
     #[inline(never)]
@@ -248,9 +242,8 @@ where
     where
         Self::Link: 'l,
     {
-        let Some((mut cx, vehicle)) = mission::work(cx) else { return };
-        let answer = if is_saved { self.on_saved(&mut cx, vehicle) } else { self.on_save_failed(&mut cx) };
-        self.queue_result::<F>(cx.plans, links, answer);
+        let answer = if is_saved { self.on_saved(cx) } else { self.on_save_failed(cx) };
+        self.queue_result(cx, links, answer);
     }
 
     fn save_again(&mut self, _: &mut Cx<'_, F>) {

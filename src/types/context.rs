@@ -22,13 +22,26 @@ pub struct Context<'a> {
     pub(crate) requests: &'a mut Requests,
     pub(crate) events: &'a mut EventLog,
     pub(crate) normal: LinkMask,
-    pub(crate) plans: Option<&'a PlansMut<'a>>,
+    pub(crate) plans: &'a PlansMut<'a>,
     pub(crate) values: &'a [u32],
     /// Whether there is a slot for another long-running command.
     pub(crate) can_start: bool,
 }
 
 impl<'a> Context<'a> {
+    /// Returns a context in which no long-running command can start.
+    pub(crate) fn new(
+        now: Instant,
+        normal: LinkMask,
+        texts: &'a mut StatusTexts,
+        requests: &'a mut Requests,
+        events: &'a mut EventLog,
+        plans: &'a PlansMut<'a>,
+        values: &'a [u32],
+    ) -> Self {
+        Self { now, texts, requests, events, normal, plans, values, can_start: false }
+    }
+
     /// Returns the time of the call, by the firmware's clock.
     pub const fn now(&self) -> Instant {
         self.now.before(self.requests.lead)
@@ -48,7 +61,7 @@ impl<'a> Context<'a> {
 
     /// Returns a live plan. It is empty if the vehicle has no plans of this kind.
     pub fn plan(&self, plan: PlanType) -> PlanView<'a> {
-        self.plans.map_or(PlanView::EMPTY, |plans| plans.live(plan))
+        self.plans.live(plan)
     }
 }
 

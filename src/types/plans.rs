@@ -282,9 +282,9 @@ pub trait PlanMemory {
     /// Returns a live plan. Uploaded items are not in it before the upload is complete (M-39).
     fn live(&self, plan: PlanType) -> PlanView<'_>;
 
-    /// Returns the plans without their capacities; `None` if there are none.
+    /// Returns the plans without their capacities.
     #[doc(hidden)]
-    fn view(&mut self) -> Option<PlansMut<'_>>;
+    fn view(&mut self) -> PlansMut<'_>;
 }
 
 impl<const M: usize, const F: usize, const R: usize, const S: usize, U: UploadMemory> PlanMemory
@@ -304,14 +304,14 @@ impl<const M: usize, const F: usize, const R: usize, const S: usize, U: UploadMe
     }
 
     #[inline(never)]
-    fn view(&mut self) -> Option<PlansMut<'_>> {
-        Some(PlansMut {
+    fn view(&mut self) -> PlansMut<'_> {
+        PlansMut(Some(Buffers {
             mission: self.mission.view(),
             fence: self.fence.view(),
             rally: self.rally.view(),
             staging: self.staging.as_mut_view(),
             upload: self.upload.view(),
-        })
+        }))
     }
 }
 
@@ -323,20 +323,23 @@ impl PlanMemory for NoPlans {
         PlanView::EMPTY
     }
 
-    fn view(&mut self) -> Option<PlansMut<'_>> {
-        None
+    fn view(&mut self) -> PlansMut<'_> {
+        PlansMut::none()
     }
 }
 
-/// The plans without their capacities, as the logic uses them.
-pub struct PlansMut<'a> {
+/// The plans without their capacities, as the logic uses them. A firmware without plans has [none](Self::none): three empty ones
+/// of capacity 0.
+pub struct PlansMut<'a>(Option<Buffers<'a>>);
+
+struct Buffers<'a> {
     mission: Live<'a>,
     fence: Live<'a>,
     rally: Live<'a>,
     /// The items of the upload that is running.
-    pub(crate) staging: &'a mut VecView<Item>,
+    staging: &'a mut VecView<Item>,
     /// The upload as a file, in a stack that takes plans as files.
-    pub(crate) upload: Option<&'a mut FileUpload>,
+    upload: Option<&'a mut FileUpload>,
 }
 
 /// A live plan that can be replaced.
@@ -346,50 +349,86 @@ struct Live<'a> {
 }
 
 impl PlansMut<'_> {
-    fn of(&self, plan: PlanType) -> &Live<'_> {
-        match plan {
-            PlanType::Mission => &self.mission,
-            PlanType::Fence => &self.fence,
-            PlanType::Rally => &self.rally,
-        }
+    /// Returns the plans of a firmware without plans.
+    pub(crate) const fn none() -> Self {
+        Self(None)
+    }
+
+    /// Returns a live plan, if there are plans. Not inlined, because it has many callers.
+    #[inline(never)]
+    fn of(&self, plan: PlanType) -> Option<&Live<'_>> {
+        let Buffers { mission, fence, rally, .. } = self.0.as_ref()?;
+        Some(match plan {
+            PlanType::Mission => mission,
+            PlanType::Fence => fence,
+            PlanType::Rally => rally,
+        })
     }
 
     /// A live plan.
     pub(crate) fn live(&self, plan: PlanType) -> PlanView<'_> {
-        let Live { items, id } = self.of(plan);
-        PlanView { items: items.as_slice(), id: **id }
+        self.of(plan).map_or(PlanView::EMPTY, |live| PlanView { items: live.items.as_slice(), id: *live.id })
     }
 
     /// Returns the number of items of a live plan.
     pub(crate) fn count(&self, plan: PlanType) -> u16 {
-        clamped(self.of(plan).items.len())
+        self.of(plan).map_or(0, |live| clamped(live.items.len()))
     }
 
     /// Returns the maximum number of items of a plan; 0 if it is not served.
     pub(crate) fn capacity(&self, plan: PlanType) -> u16 {
-        clamped(self.of(plan).items.capacity())
+        self.of(plan).map_or(0, |live| clamped(live.items.capacity()))
     }
 
-    /// Returns how many items of the running upload were received.
+    /// Returns the items of the running upload that were received.
+    pub(crate) fn staged_items(&self) -> &[Item] {
+        self.0.as_ref().map_or(&[], |buffers| buffers.staging.as_slice())
+    }
+
+    /// Returns how many they are.
     pub(crate) fn staged(&self) -> u16 {
-        clamped(self.staging.len())
+        clamped(self.staged_items().len())
     }
 
     /// Returns the staged items as a plan with this id.
     pub(crate) fn staged_as(&self, id: u32) -> PlanView<'_> {
-        PlanView { items: self.staging.as_slice(), id }
+        PlanView { items: self.staged_items(), id }
+    }
+
+    /// Adds an item to the staging area, if it has room for one.
+    pub(crate) fn stage(&mut self, item: Item) {
+        if let Some(buffers) = &mut self.0 {
+            let _ = buffers.staging.push(item);
+        }
+    }
+
+    /// Empties the staging area.
+    pub(crate) fn clear_staging(&mut self) {
+        if let Some(buffers) = &mut self.0 {
+            buffers.staging.clear();
+        }
+    }
+
+    /// Returns the upload as a file, in a stack that takes plans as files.
+    pub(crate) fn upload(&self) -> Option<&FileUpload> {
+        self.0.as_ref()?.upload.as_deref()
+    }
+
+    /// The same, mutably.
+    pub(crate) fn upload_mut(&mut self) -> Option<&mut FileUpload> {
+        self.0.as_mut()?.upload.as_deref_mut()
     }
 
     /// Whether the staged plan, which has this id, equals the live one byte for byte. Equal ids alone prove nothing
     /// (M-39).
     pub(crate) fn is_live(&self, plan: PlanType, id: u32) -> bool {
         let live = self.live(plan);
-        live.id == id && live.items == self.staging.as_slice()
+        live.id == id && live.items == self.staged_items()
     }
 
     /// Replaces the live plan by the staged one, in one step. The id of an empty plan is 0.
     pub(crate) fn go_live(&mut self, plan: PlanType, id: u32) {
-        let Self { mission, fence, rally, staging, .. } = self;
+        let Some(Buffers { mission, fence, rally, staging, .. }) = &mut self.0 else { return };
         let Live { items, id: live_id } = match plan {
             PlanType::Mission => mission,
             PlanType::Fence => fence,
@@ -425,7 +464,7 @@ mod tests {
         type Memory = plan_memory!(mission: 2, fence: 0, rally: 1);
         assert_eq!(PlanType::ALL.map(|plan| plan.is_served(&Memory::CAPACITIES)), [true, false, true]);
         let mut memory = Memory::new();
-        let view = memory.view().unwrap();
+        let view = memory.view();
         assert_eq!(PlanType::ALL.map(|plan| view.capacity(plan)), [2, 0, 1]);
     }
 
@@ -433,10 +472,10 @@ mod tests {
     fn going_live_replaces_the_whole_plan() {
         let item = |x| Item { x, ..Default::default() };
         let mut memory = <plan_memory!(mission: 3, fence: 0, rally: 2)>::new();
-        let mut view = memory.view().unwrap();
+        let mut view = memory.view();
         for (items, id) in [(&[1, 2, 3][..], 7), (&[4], 8), (&[], 0)] {
             for x in items {
-                view.staging.push(item(*x)).unwrap();
+                view.stage(item(*x));
             }
             assert!(!view.is_live(PlanType::Mission, id) || items.is_empty());
             view.go_live(PlanType::Mission, id);

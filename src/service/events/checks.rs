@@ -323,19 +323,8 @@ impl<const N: usize, F: Firmware<Vehicle: HealthChecks>> Checker<F> for Checking
             return 0;
         }
         self.at = now.after(PERIOD);
-        // The hook describes the vehicle: it cannot record events.
-        let mut none = EventLog::<[EventEntry; 0]>::EMPTY;
-        let context = Context {
-            now,
-            texts: cx.texts,
-            requests: cx.requests,
-            events: &mut none,
-            normal: cx.shared.normal,
-            plans: cx.plans.as_ref(),
-            values: crate::types::Values::values(cx.parameters),
-            can_start: false,
-        };
-        let mut report = HealthReport::of(&*cx.vehicle, &context);
+        let (vehicle, context) = cx.hook();
+        let mut report = HealthReport::of(vehicle, &context);
         let hash = report.finish();
         let is_due =
             self.reported == AT_ONCE || (hash != self.reported && now >= self.reported_at.after(REPORT_INTERVAL));
@@ -351,9 +340,13 @@ impl<const N: usize, F: Firmware<Vehicle: HealthChecks>> Checker<F> for Checking
             (info.id, info.log_levels)
         };
         summarize(cx.events, now, id, levels, &[arming.error, arming.warning, can_arm, can_run]);
-        let room = cx.events.capacity().saturating_sub(SUMMARIES);
-        let mut report = HealthReport::new(now, Some((&mut *cx.events, room)));
-        cx.vehicle.checks(&context, &mut report);
+        let (vehicle, mut context) = cx.hook();
+        // The report has the history: the hook describes the vehicle, and records no other events.
+        let mut none = EventLog::<[EventEntry; 0]>::EMPTY;
+        let log = core::mem::replace::<&mut EventLog>(&mut context.events, &mut none);
+        let room = log.capacity().saturating_sub(SUMMARIES);
+        let mut report = HealthReport::new(now, Some((log, room)));
+        vehicle.checks(&context, &mut report);
         let left_out = report.left_out;
         let (id, levels) = const {
             let info = <<F::Vehicle as HealthChecks>::Events as CheckSet>::HEALTH_SUMMARY;

@@ -2,62 +2,50 @@
 //! (M-27, M-44, C-15).
 
 use super::validate::Problem;
-use super::{Caller, Missions, Plans, Work};
-use crate::dialect::MavMissionType;
-use crate::service::increment;
-use crate::types::PlanType;
+use super::{Cx, Missions, Plans, Replies, increment};
+use crate::dialect::MavMissionResult;
+use crate::types::{Firmware, Peer, PlanType};
 
 impl Missions {
     /// Whether a durable change has no free slot for its result. Its request is then dropped and counted.
-    pub(super) fn lacks_result_slot(&mut self, caller: &Caller<'_>) -> bool {
-        let lacks = self.is_durable() && caller.replies.has_result();
+    pub(super) fn lacks_result_slot(&mut self, replies: &Replies) -> bool {
+        let lacks = self.is_durable() && replies.has_result();
         if lacks {
             increment(&mut self.counters.no_answer_slot);
         }
         lacks
     }
 
-    /// Whether the token bucket has too few tokens for a change to `count` items; if so, queues the refusal (C-15).
-    pub(super) fn is_rate_limited(
+    /// Refuses a change to `count` items if the token bucket has too few tokens for the write (C-15).
+    pub(super) fn may_write<F: Firmware>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        caller: &mut Caller<'_>,
+        cx: &mut Cx<'_, F>,
         plan: PlanType,
-        mission_type: MavMissionType,
+        from: Peer,
         count: u16,
-    ) -> bool {
-        if self.has_tokens(cx, count) {
-            return false;
+    ) -> Result<(), MavMissionResult> {
+        if self.has_tokens(cx.now, &cx.plans, count) {
+            return Ok(());
         }
         if let Some(refused) = self.refused.count(cx.now) {
-            event!("{} change by {}: too many writes to storage; {=u32} refused so far", plan, caller.from, refused);
+            event!("{} change by {}: too many writes to storage; {=u32} refused so far", plan, from, refused);
         }
-        cx.report(&Problem::RateLimited(plan));
-        caller.deny(mission_type);
-        true
+        Problem::RateLimited(plan).report(cx);
+        Err(MavMissionResult::DENIED)
     }
 
-    /// Asks for [permission](Self::permission), and queues the answer to a refusal (M-27, M-44).
-    pub(super) fn may_change<V: Plans>(
+    /// Asks for [permission](Self::permission), and reports a refusal (M-27, M-44).
+    pub(super) fn may_change<F: Firmware<Vehicle: Plans>>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
-        caller: &mut Caller<'_>,
+        cx: &mut Cx<'_, F>,
         plan: PlanType,
-        mission_type: MavMissionType,
-    ) -> bool {
-        let Err(result) = self.permission(cx, vehicle, plan, caller.from, false) else { return true };
+        from: Peer,
+    ) -> Result<(), MavMissionResult> {
+        let Err(result) = self.permission(cx, plan, from, false) else { return Ok(()) };
         if let Some(refused) = self.refused.count(cx.now) {
-            event!(
-                "{} change by {}: {=u8} by the vehicle; {=u32} refused so far",
-                plan,
-                caller.from,
-                result.0,
-                refused
-            );
+            event!("{} change by {}: {=u8} by the vehicle; {=u32} refused so far", plan, from, result.0, refused);
         }
-        cx.report(&Problem::Refused(plan, result.into()));
-        caller.ack(mission_type, result, 0);
-        false
+        Problem::Refused(plan, result.into()).report(cx);
+        Err(result)
     }
 }

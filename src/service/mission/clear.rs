@@ -1,68 +1,61 @@
 //! Clearing: MISSION_CLEAR_ALL, of one plan or of all (M-50 to M-53).
 
 use super::commit::Change;
-use super::{Caller, Missions, Plans, Work};
+use super::{Cx, Missions, Plans, Replies};
 use crate::dialect::MavMissionType;
-use crate::types::PlanType;
+use crate::types::{Firmware, Peer, PlanType};
 
 impl Missions {
-    /// Handles MISSION_CLEAR_ALL.
+    /// Handles MISSION_CLEAR_ALL for `only` one plan, or for all.
     #[inline(never)]
-    pub(super) fn on_clear<V: Plans>(
+    pub(super) fn on_clear<F: Firmware<Vehicle: Plans>>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
-        caller: &mut Caller<'_>,
-        mission_type: MavMissionType,
+        cx: &mut Cx<'_, F>,
+        from: Peer,
+        replies: &mut Replies,
+        only: Option<PlanType>,
     ) {
-        let only = match mission_type {
-            MavMissionType::ALL => None,
-            _ => match caller.plan(cx, mission_type) {
-                Ok(plan) => Some(plan),
-                Err(result) => return caller.ack(mission_type, result, 0),
-            },
-        };
-        let is_on_other_link = self.is_on_other_link(cx.now, caller.from);
+        let mission_type = only.map_or(MavMissionType::ALL, PlanType::mission_type);
+        let is_on_other_link = self.is_on_other_link(cx.now, from);
         if let Some(commit) = self.committing_mut() {
             // A repeated clear is answered when the first one ends (M-52); anything else is denied.
-            let is_repeated = commit.clears(mission_type) && (is_on_other_link || commit.is_by(caller));
-            return if is_repeated { self.out_of_place() } else { caller.deny(mission_type) };
+            let is_repeated = commit.clears(only) && (is_on_other_link || commit.is_by(from, replies));
+            return if is_repeated { self.out_of_place() } else { replies.deny(from, mission_type) };
         }
-        if self.is_locked(cx.now, caller) {
+        if self.is_locked(cx.now, from) {
             // M-51
-            return caller.deny(mission_type);
+            return replies.deny(from, mission_type);
         }
-        self.forget_answer(caller);
-        self.abandon(cx);
-        if self.is_clear(cx, only) {
+        self.forget_answer(from, replies);
+        self.abandon(&mut cx.plans);
+        if self.is_clear(&cx.plans, only) {
             // M-52: even if the vehicle permits no changes.
-            return self.clear(cx, vehicle, caller, mission_type, only);
+            return self.clear(cx, from, replies, only);
         }
         // All or nothing: permission for every plan first, then the change.
-        for plan in PlanType::ALL {
+        let permission = PlanType::ALL.into_iter().try_for_each(|plan| {
             let is_affected = cx.plans.capacity(plan) > 0 && only.is_none_or(|only| only == plan);
-            if is_affected && !self.may_change(cx, vehicle, caller, plan, mission_type) {
-                return;
-            }
-        }
+            if is_affected { self.may_change(cx, plan, from) } else { Ok(()) }
+        });
         let named = only.unwrap_or(PlanType::Mission);
-        if !self.is_rate_limited(cx, caller, named, mission_type, 0) && !self.lacks_result_slot(caller) {
+        if let Err(result) = permission.and_then(|()| self.may_write(cx, named, from, 0)) {
+            replies.refuse(from, mission_type, result);
+        } else if !self.lacks_result_slot(replies) {
             self.done = None;
-            self.clear(cx, vehicle, caller, mission_type, only);
+            self.clear(cx, from, replies, only);
         }
     }
 
     /// Clears one plan, or all (M-50, M-53).
-    pub(super) fn clear<V: Plans>(
+    pub(super) fn clear<F: Firmware<Vehicle: Plans>>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
-        caller: &mut Caller<'_>,
-        mission_type: MavMissionType,
+        cx: &mut Cx<'_, F>,
+        from: Peer,
+        replies: &mut Replies,
         only: Option<PlanType>,
     ) {
-        if let Some(reply) = self.change(cx, vehicle, caller.from, mission_type, Change::Clear(only)) {
-            caller.replies.push(reply);
+        if let Some(reply) = self.change(cx, from, Change::Clear(only)) {
+            replies.push(reply);
         }
     }
 }

@@ -11,13 +11,11 @@ use super::number::Number;
 use super::replies::Reply;
 use super::upload::{Done, Upload};
 use super::validate::{self, Problem};
-use super::{Caller, Missions, Work};
-use super::{PlanChange, PlanFault, Plans};
+use super::{Cx, Missions, PlanChange, PlanFault, Plans, Replies, increment};
 use crate::dialect::{MavMissionResult, MavMissionType};
 use crate::message::{Address, Digest, Item};
-use crate::service::increment;
 use crate::time::{Duration, Instant};
-use crate::types::{Durability, LinkId, Peer, PlanType, PlanView, PlansMut};
+use crate::types::{Durability, Firmware, LinkId, Peer, PlanType, PlanView, PlansMut, Vehicle};
 
 /// A change that is not durable after this time is abandoned.
 const TIMEOUT: Duration = Duration::from_secs(5);
@@ -34,8 +32,6 @@ const SECOND_ACK: Duration = Duration::from_millis(400);
 pub(super) struct Commit {
     /// The client that waits for the result, and its link.
     pub(super) client: Peer,
-    /// As in the request; may be ALL.
-    mission_type: MavMissionType,
     change: Change,
     since: Instant,
 }
@@ -62,17 +58,16 @@ impl Commit {
     /// All zero bits, also as `Some`; `None` is not.
     pub(super) const VACANT: Self = Self {
         client: Peer { address: Address::new(0, 0), link: LinkId(0) },
-        mission_type: MavMissionType(0),
         change: Change::Upload { plan: PlanType::Mission, seq: 0, first: 0, id: 0, last: Number(LinkId(0), 0) },
         since: Instant::ZERO,
     };
 
-    /// Whether `caller` is the client that waits. If so, the result is sent on its current link, provided that the result slot
+    /// Whether `from` is the client that waits. If so, the result is sent on its current link, provided that the result slot
     /// there is free (M-11).
-    pub(super) fn is_by(&mut self, caller: &Caller<'_>) -> bool {
-        let is_by = self.client.address == caller.from.address;
-        if is_by && !caller.replies.has_result() {
-            self.client.link = caller.from.link;
+    pub(super) fn is_by(&mut self, from: Peer, replies: &Replies) -> bool {
+        let is_by = self.client.address == from.address;
+        if is_by && !replies.has_result() {
+            self.client.link = from.link;
         }
         is_by
     }
@@ -82,9 +77,9 @@ impl Commit {
         matches!(self.change, Change::Upload { plan: own, last, .. } if own == plan && last.1.wrapping_sub(number) <= 127)
     }
 
-    /// Whether it is the change of a MISSION_CLEAR_ALL with this type.
-    pub(super) fn clears(&self, mission_type: MavMissionType) -> bool {
-        matches!(self.change, Change::Clear(_)) && self.mission_type == mission_type
+    /// Whether it clears `only` this plan, or all.
+    pub(super) fn clears(&self, only: Option<PlanType>) -> bool {
+        matches!(self.change, Change::Clear(own) if own == only)
     }
 }
 
@@ -121,54 +116,52 @@ impl Missions {
     }
 
     /// Whether the token bucket permits another change to `count` items (C-15).
-    pub(super) fn has_tokens(&self, cx: &Work<'_, '_>, count: u16) -> bool {
-        !self.is_attached() || self.schedule.bucket.has(cx.now, tokens(cx, count))
+    pub(super) fn has_tokens(&self, now: Instant, plans: &PlansMut<'_>, count: u16) -> bool {
+        !self.is_attached() || self.schedule.bucket.has(now, tokens(plans, count))
     }
 
     /// Whether a clear would change nothing, in RAM or in storage (M-52).
-    pub(super) fn is_clear(&self, cx: &Work<'_, '_>, only: Option<PlanType>) -> bool {
-        let is_empty = |plan| only.is_some_and(|only| only != plan) || cx.plans.count(plan) == 0;
+    pub(super) fn is_clear(&self, plans: &PlansMut<'_>, only: Option<PlanType>) -> bool {
+        let is_empty = |plan| only.is_some_and(|only| only != plan) || plans.count(plan) == 0;
         PlanType::ALL.into_iter().all(is_empty) && self.is_saved()
     }
 
     /// Whether `change` would change nothing, in RAM or in storage.
-    pub(super) fn changes_nothing(&self, cx: &Work<'_, '_>, change: Change) -> bool {
+    pub(super) fn changes_nothing(&self, plans: &PlansMut<'_>, change: Change) -> bool {
         match change {
             // M-39, SEC-11: even while the plan is being flown, and without wearing the flash.
-            Change::Upload { plan, id, .. } => cx.plans.is_live(plan, id) && self.is_saved(),
-            Change::Clear(only) => self.is_clear(cx, only),
+            Change::Upload { plan, id, .. } => plans.is_live(plan, id) && self.is_saved(),
+            Change::Clear(only) => self.is_clear(plans, only),
         }
     }
 
     /// Checks whether the vehicle permits a change, and the write that a durable change needs unless it
     /// [is stored already](Self::changes_nothing) (M-27, M-44).
-    pub(super) fn permission<V: Plans>(
+    pub(super) fn permission<F: Firmware<Vehicle: Plans>>(
         &self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
+        cx: &mut Cx<'_, F>,
         plan: PlanType,
         from: Peer,
         is_stored: bool,
     ) -> Result<(), MavMissionResult> {
+        let (vehicle, mut context) = cx.hook();
         if self.is_durable() && !is_stored && !vehicle.may_persist() {
             return Err(MavMissionResult::DENIED);
         }
-        vehicle.may_change(&mut cx.hook(), plan, from)
+        vehicle.may_change(&mut context, plan, from)
     }
 
     /// Makes `change` live, or starts to write it first. Returns the answer if it is known at once.
-    pub(super) fn change<V: Plans>(
+    pub(super) fn change<F: Firmware<Vehicle: Plans>>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
+        cx: &mut Cx<'_, F>,
         from: Peer,
-        mission_type: MavMissionType,
         change: Change,
     ) -> Option<Reply> {
-        let changes_nothing = self.changes_nothing(cx, change);
-        let commit = Commit { client: from, mission_type, change, since: cx.now };
+        let changes_nothing = self.changes_nothing(&cx.plans, change);
+        let commit = Commit { client: from, change, since: cx.now };
         if self.is_attached() && !changes_nothing {
-            let tokens = tokens(cx, cx.plans.staged());
+            let tokens = tokens(&cx.plans, cx.plans.staged());
             self.schedule.bucket.spend(cx.now, tokens);
         }
         if self.is_durable() && !changes_nothing {
@@ -179,24 +172,24 @@ impl Missions {
             return None;
         }
         if !changes_nothing {
-            self.make_live(cx, vehicle, change);
+            self.make_live(cx, change);
             self.request_save();
         }
         Some(self.end_change(cx, &commit, MavMissionResult::ACCEPTED))
     }
 
     /// Makes `change` live in one step.
-    fn make_live<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, change: Change) {
+    fn make_live<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, change: Change) {
         match change {
             // Live already; only storage lacked it.
             Change::Upload { plan, id, .. } if cx.plans.is_live(plan, id) => {}
-            Change::Upload { plan, id, first, .. } => self.replace(cx, vehicle, plan, id, first),
+            Change::Upload { plan, id, first, .. } => self.replace(cx, plan, id, first),
             Change::Clear(only) => {
-                cx.plans.staging.clear();
+                cx.plans.clear_staging();
                 for plan in PlanType::ALL {
                     if only.is_none_or(|only| only == plan) && cx.plans.count(plan) > 0 {
                         event!("{} cleared", plan);
-                        self.replace(cx, vehicle, plan, 0, 0);
+                        self.replace(cx, plan, 0, 0);
                     }
                 }
             }
@@ -204,49 +197,49 @@ impl Missions {
     }
 
     /// Replaces a live plan with the staged one.
-    fn replace<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, plan: PlanType, id: u32, first: u16) {
+    fn replace<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, plan: PlanType, id: u32, first: u16) {
         cx.plans.go_live(plan, id);
         self.sessions.invalidate(plan);
         if plan == PlanType::Mission {
             self.reached.clear();
-            self.is_unchecked = vehicle.first_waypoint_limit().is_none();
+            self.is_unchecked = cx.vehicle.first_waypoint_limit().is_none();
         }
-        let mut context = cx.hook();
+        let (vehicle, mut context) = cx.hook();
         let items = context.plan(plan).items();
         vehicle.plan_changed(&mut context, PlanChange { plan, items, first });
     }
 
     /// Checks the distance of the first waypoint once the position is known, if it was not when the mission went live (M-48).
-    pub(super) fn poll_distance<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &V) {
+    pub(super) fn poll_distance<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) {
         if self.is_unchecked
-            && let Some((from, limit)) = vehicle.first_waypoint_limit()
+            && let Some((from, limit)) = cx.vehicle.first_waypoint_limit()
         {
             self.is_unchecked = false;
             let items = cx.plans.live(PlanType::Mission).items();
-            if let Some(seq) = first_too_far(items, V::MISSION_COMMANDS, from, limit) {
-                cx.report(&Problem::TooFar(seq, limit));
+            if let Some(seq) = first_too_far(items, F::Vehicle::MISSION_COMMANDS, from, limit) {
+                Problem::TooFar(seq, limit).report(cx);
             }
         }
     }
 
     /// Ends a change with this result. Returns the answer to its client.
-    fn end_change(&mut self, cx: &mut Work<'_, '_>, commit: &Commit, result: MavMissionResult) -> Reply {
-        let &Commit { client, mission_type, change, .. } = commit;
-        self.current.announce(cx.normal);
-        let id = match change {
+    fn end_change<F: Firmware>(&mut self, cx: &mut Cx<'_, F>, commit: &Commit, result: MavMissionResult) -> Reply {
+        let &Commit { client, change, .. } = commit;
+        self.current.announce(cx.shared.normal);
+        let (mission_type, id) = match change {
             Change::Upload { plan, seq, id, last, .. } => {
                 let id = if result == MavMissionResult::ACCEPTED { id } else { 0 };
                 if id != 0 {
                     self.sessions.renew(cx.now, client, plan);
                 }
-                self.record_end(cx, Done { client: client.address, plan, seq, result, id, last, at: cx.now });
-                id
+                self.record_end(Done { client: client.address, plan, seq, result, id, last, at: cx.now });
+                (plan.mission_type(), id)
             }
-            Change::Clear(_) => 0,
+            Change::Clear(only) => (only.map_or(MavMissionType::ALL, PlanType::mission_type), 0),
         };
-        cx.plans.staging.clear();
+        cx.plans.clear_staging();
         let reply = Reply::of_result(client.address, mission_type, result, id);
-        if cx.second_ack && id != 0 {
+        if cx.shared.config.second_mission_ack && id != 0 {
             self.second_answer = Some((cx.now.after(SECOND_ACK), client.link, reply));
         }
         reply
@@ -259,34 +252,32 @@ impl Missions {
 
     /// Loads a plan from the firmware. `item` returns the items in order. The plan is checked like an upload, and goes live at once.
     #[inline(never)]
-    pub(crate) fn load_plan<V: Plans>(
+    pub(crate) fn load_plan<F: Firmware<Vehicle: Plans>>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
+        cx: &mut Cx<'_, F>,
         plan: PlanType,
         items: impl Iterator<Item = Item>,
     ) -> Result<(), PlanFault> {
         if self.committing().is_some() || self.is_receiving() || self.is_loading() {
             return Err(MavMissionResult::DENIED.into());
         }
-        cx.plans.staging.clear();
+        cx.plans.clear_staging();
         let mut digest = Digest::new();
         let mut items = items;
         let staged = items.try_for_each(|item| {
             digest.add(&item);
-            Self::stage_item(cx, vehicle, plan, item)
+            Self::stage_item(cx, plan, item)
         });
-        let loaded = staged.and_then(|()| self.make_loaded(cx, vehicle, plan, None, digest));
-        cx.plans.staging.clear();
+        let loaded = staged.and_then(|()| self.make_loaded(cx, plan, None, digest));
+        cx.plans.clear_staging();
         loaded
     }
 
     /// Checks the next item of a plan that is loaded, and adds it to the staging area. Not inlined, so that this stack frame is
     /// free when the whole plan is checked.
     #[inline(never)]
-    pub(crate) fn stage_item<V: Plans>(
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
+    pub(crate) fn stage_item<F: Firmware<Vehicle: Plans>>(
+        cx: &mut Cx<'_, F>,
         plan: PlanType,
         item: Item,
     ) -> Result<(), PlanFault> {
@@ -294,20 +285,20 @@ impl Missions {
         if seq >= cx.plans.capacity(plan) {
             return Err(MavMissionResult::NO_SPACE.into());
         }
-        let checked = validate::check_item(plan, V::MISSION_COMMANDS, &item, V::HAS_TERRAIN_MODEL)
-            .and_then(|()| vehicle.check_item(&mut cx.hook(), plan, seq, &item));
-        checked.map_err(|result| PlanFault { seq: Some(seq), result })?;
-        let _ = cx.plans.staging.push(item);
+        let (vehicle, mut context) = cx.hook();
+        validate::check_item(plan, F::Vehicle::MISSION_COMMANDS, &item, F::Vehicle::HAS_TERRAIN_MODEL)
+            .and_then(|()| vehicle.check_item(&mut context, plan, seq, &item))
+            .map_err(|result| PlanFault { seq: Some(seq), result })?;
+        cx.plans.stage(item);
         Ok(())
     }
 
     /// Checks the staged plan as a whole, and makes it live. A plan from storage has an `expected` count and id; one from the
     /// firmware is stored.
     #[inline(never)]
-    pub(crate) fn make_loaded<V: Plans>(
+    pub(crate) fn make_loaded<F: Firmware<Vehicle: Plans>>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
+        cx: &mut Cx<'_, F>,
         plan: PlanType,
         expected: Option<(u16, u32)>,
         digest: Digest,
@@ -315,15 +306,15 @@ impl Missions {
         let count = cx.plans.staged();
         let id = if count > 0 { digest.id() } else { 0 };
         if count > 0 {
-            check_plan(cx, vehicle, plan).map_err(|problem| problem.fault())?;
+            check_plan(cx, plan).map_err(|problem| problem.fault())?;
         }
         if expected.is_some_and(|expected| expected != (count, id)) {
             return Err(MavMissionResult::INVALID.into());
         }
         let is_new = !cx.plans.is_live(plan, id);
         if is_new {
-            self.replace(cx, vehicle, plan, id, 0);
-            self.current.announce(cx.normal);
+            self.replace(cx, plan, id, 0);
+            self.current.announce(cx.shared.normal);
         }
         // Damaged content is replaced even by what is live.
         if expected.is_none() && (is_new || self.schedule.stored_differs) {
@@ -333,7 +324,7 @@ impl Missions {
     }
 
     /// Abandons the change that is being written if it takes too long.
-    pub(super) fn poll_commit(&mut self, cx: &mut Work<'_, '_>) -> Option<(LinkId, Reply)> {
+    pub(super) fn poll_commit<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<(LinkId, Reply)> {
         let commit = self.committing()?;
         if cx.now.since(commit.since) < TIMEOUT { None } else { self.on_save_failed(cx) }
     }
@@ -346,25 +337,25 @@ impl Missions {
 
 /// Returns the first plan of `commit` that the vehicle no longer permits to change, and its refusal.
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the engine's own"))]
-fn refusal<V: Plans>(cx: &mut Work<'_, '_>, vehicle: &mut V, commit: &Commit) -> Option<(PlanType, MavMissionResult)> {
+fn refusal<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, commit: &Commit) -> Option<(PlanType, MavMissionResult)> {
+    let (vehicle, mut context) = cx.hook();
     PlanType::ALL.into_iter().find_map(|plan| {
         let is_affected = match commit.change {
             Change::Upload { plan: only, .. } => only == plan,
-            Change::Clear(only) => only.is_none_or(|only| only == plan) && cx.plans.count(plan) > 0,
+            Change::Clear(only) => only.is_none_or(|only| only == plan) && context.plans.count(plan) > 0,
         };
-        let result = if is_affected { vehicle.may_change(&mut cx.hook(), plan, commit.client) } else { Ok(()) };
+        let result = if is_affected { vehicle.may_change(&mut context, plan, commit.client) } else { Ok(()) };
         result.err().map(|result| (plan, result))
     })
 }
 
 /// Checks the staged plan as a whole: first the rules for all vehicles, then the vehicle's own.
-pub(super) fn check_plan<V: Plans>(
-    cx: &mut Work<'_, '_>,
-    vehicle: &mut V,
+pub(super) fn check_plan<F: Firmware<Vehicle: Plans>>(
+    cx: &mut Cx<'_, F>,
     plan: PlanType,
 ) -> Result<(), Problem<'static>> {
-    check_rules(cx.plans.staging.as_slice(), vehicle, plan)?;
-    ask_vehicle(cx, vehicle, plan).map_err(|fault| Problem::Refused(plan, fault))
+    check_rules(cx.plans.staged_items(), cx.vehicle, plan)?;
+    ask_vehicle(cx, plan).map_err(|fault| Problem::Refused(plan, fault))
 }
 
 /// Checks the rules for all vehicles. Not inlined, so that this stack frame is free when the vehicle is asked.
@@ -382,15 +373,15 @@ fn check_rules<V: Plans>(items: &[Item], vehicle: &V, plan: PlanType) -> Result<
 
 /// Checks the vehicle's own rules.
 #[inline(never)]
-fn ask_vehicle<V: Plans>(cx: &mut Work<'_, '_>, vehicle: &mut V, plan: PlanType) -> Result<(), PlanFault> {
-    let mut context = cx.hook();
-    let items = context.plans.map_or(&[][..], |plans| plans.staging.as_slice());
+fn ask_vehicle<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, plan: PlanType) -> Result<(), PlanFault> {
+    let (vehicle, mut context) = cx.hook();
+    let items = context.plans.staged_items();
     vehicle.check_plan(&mut context, plan, items)
 }
 
 /// Returns the cost of a write of `count` items: a token for each quarter of plan memory, at least one (C-15).
-fn tokens(cx: &Work<'_, '_>, count: u16) -> u8 {
-    let total = PlanType::ALL.into_iter().fold(0u32, |sum, plan| sum.wrapping_add(cx.plans.capacity(plan).into()));
+fn tokens(plans: &PlansMut<'_>, count: u16) -> u8 {
+    let total = PlanType::ALL.into_iter().fold(0u32, |sum, plan| sum.wrapping_add(plans.capacity(plan).into()));
     let quarters = u32::from(count).wrapping_mul(4).saturating_sub(1).checked_div(total).unwrap_or(0);
     let [quarters, ..] = quarters.min(3).to_le_bytes();
     quarters.wrapping_add(1)
@@ -401,8 +392,8 @@ fn tokens(cx: &Work<'_, '_>, count: u16) -> u8 {
 impl Missions {
     /// Reports by a text that a plan was not restored from storage.
     #[inline(never)]
-    pub(crate) fn report_refused(&mut self, cx: &mut Work<'_, '_>, plan: PlanType, fault: PlanFault) {
-        cx.report(&Problem::Refused(plan, fault));
+    pub(crate) fn report_refused<F: Firmware>(cx: &mut Cx<'_, F>, plan: PlanType, fault: PlanFault) {
+        Problem::Refused(plan, fault).report(cx);
     }
 
     /// Attaches storage.
@@ -428,9 +419,9 @@ impl Missions {
     }
 
     /// Begins to load stored plans in the staging area, or ends it. Meanwhile no upload may begin.
-    pub(crate) fn set_loading(&mut self, cx: &mut Work<'_, '_>, is_loading: bool) {
+    pub(crate) fn set_loading(&mut self, plans: &mut PlansMut<'_>, is_loading: bool) {
         if self.is_loading || is_loading {
-            cx.plans.staging.clear();
+            plans.clear_staging();
         }
         self.is_loading = is_loading;
     }
@@ -469,18 +460,18 @@ impl Missions {
     }
 
     /// Handles a completed write of [`content`](Self::content): the change goes live. Returns the answer and its link.
-    pub(crate) fn on_saved<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V) -> Option<(LinkId, Reply)> {
+    pub(crate) fn on_saved<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) -> Option<(LinkId, Reply)> {
         self.schedule.on_saved(cx.now, GRACE);
         let commit = self.commit.take()?;
-        let result = match refusal(cx, vehicle, &commit) {
+        let result = match refusal(cx, &commit) {
             None => {
-                self.make_live(cx, vehicle, commit.change);
+                self.make_live(cx, commit.change);
                 MavMissionResult::ACCEPTED
             }
             Some((plan, result)) => {
                 // The vehicle now refuses the change, for example because it armed. The old plan stays live and is written
                 // again (M-45).
-                cx.report(&Problem::Refused(plan, result.into()));
+                Problem::Refused(plan, result.into()).report(cx);
                 self.request_save();
                 result
             }
@@ -490,33 +481,29 @@ impl Missions {
 
     /// Ends the change that is being written if the vehicle no longer permits it (M-45). Called before each step of writing, so
     /// that the record is never completed, and the part that was written does not count. Returns the answer and its link.
-    pub(crate) fn refuse_commit<V: Plans>(
-        &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
-    ) -> Option<(LinkId, Reply)> {
-        let (plan, result) = refusal(cx, vehicle, self.commit.as_ref()?)?;
+    pub(crate) fn refuse_commit<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) -> Option<(LinkId, Reply)> {
+        let (plan, result) = refusal(cx, self.commit.as_ref()?)?;
         let commit = self.commit.take()?;
         self.schedule.restart();
-        cx.report(&Problem::Refused(plan, result.into()));
+        Problem::Refused(plan, result.into()).report(cx);
         Some((commit.client.link, self.end_change(cx, &commit, result)))
     }
 
     /// Handles a failed write or erase. A durable change ends with ERROR; a write of live plans is retried later. Returns the
     /// answer and its link.
-    pub(crate) fn on_save_failed(&mut self, cx: &mut Work<'_, '_>) -> Option<(LinkId, Reply)> {
+    pub(crate) fn on_save_failed<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<(LinkId, Reply)> {
         increment(&mut self.counters.not_saved);
         let is_new = self.schedule.has_newly_failed();
         let Some(commit) = self.commit.take() else {
             self.schedule.pause(cx.now);
             if is_new {
-                cx.report(&Problem::NotSaved(None));
+                Problem::NotSaved(None).report(cx);
             }
             return None;
         };
         self.schedule.restart();
         event!("plans: change by {}: write failed", commit.client);
-        cx.report(&Problem::NotSaved(Some(&commit.change)));
+        Problem::NotSaved(Some(&commit.change)).report(cx);
         Some((commit.client.link, self.end_change(cx, &commit, MavMissionResult::ERROR)))
     }
 }

@@ -22,15 +22,12 @@
 //!                         └──────────────────┴── a refusal ──────────┴──────────────────┴─▶ Refused
 //! ```
 
-use super::commit::Change;
 use super::replies::Kind;
 use super::upload::Upload;
 use super::validate::{self, Problem};
-use super::{Caller, Missions, Plans, Replies, WithoutPlans, Work, work};
+use super::{Cx, Missions, Plans, Replies, WithoutPlans};
 use crate::dialect::{MavFtpErr, MavMissionResult, MissionItemInt};
-use crate::frame::Version;
 use crate::message::{Address, Item, Message, zero_extend};
-use crate::service::Cx;
 use crate::service::command::Commands;
 use crate::service::files::{Body, Entries, HasFiles, NoFile, Part, VirtualFile};
 use crate::types::{Firmware, NO_ITEM, Peer, PlanMemory, PlanType, PlanView, PlansMut, UploadStep};
@@ -68,8 +65,8 @@ impl PlanFile {
     }
 
     /// Returns the live plan; `None` if it is not that of the file any more (F-22).
-    fn live<'a>(&self, plans: Option<&'a PlansMut<'_>>) -> Option<PlanView<'a>> {
-        plans.map(|plans| plans.live(self.plan)).filter(|live| live.id() == self.id)
+    fn live<'a>(&self, plans: &'a PlansMut<'_>) -> Option<PlanView<'a>> {
+        Some(plans.live(self.plan)).filter(|live| live.id() == self.id)
     }
 }
 
@@ -84,32 +81,30 @@ impl<F: Firmware<Vehicle: Plans + Commands>> VirtualFile<F> for PlanFile {
     const UPLOAD_ROOM: usize = UPLOAD_ROOM;
 
     fn open(cx: &mut Cx<'_, F>, path: &[u8], _: bool) -> Result<Self, MavFtpErr> {
-        let plans = cx.plans.as_ref().ok_or(MavFtpErr::FILENOTFOUND)?;
-        let is_it = |plan: &PlanType| Self::name(*plan) == path && plans.capacity(*plan) > 0;
+        let is_it = |plan: &PlanType| Self::name(*plan) == path && cx.plans.capacity(*plan) > 0;
         let plan = PlanType::ALL.into_iter().find(is_it).ok_or(MavFtpErr::FILENOTFOUND)?;
-        Ok(Self { plan, id: plans.live(plan).id() })
+        Ok(Self { plan, id: cx.plans.live(plan).id() })
     }
 
     fn size(&self, cx: &Cx<'_, F>) -> u32 {
-        len(self.live(cx.plans.as_ref()).map_or(0, |live| live.items().len()))
+        len(self.live(&cx.plans).map_or(0, |live| live.items().len()))
     }
 
     fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {
-        let Some(live) = self.live(cx.plans.as_ref()) else { return Body::Refused(MavFtpErr::FAIL) };
+        let Some(live) = self.live(&cx.plans) else { return Body::Refused(MavFtpErr::FAIL) };
         let current = if self.plan == PlanType::Mission { cx.vehicle.progress().current } else { NO_ITEM };
         Body::Data(read(self.plan, live.items(), current, offset, out))
     }
 
     fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
-        let plans = cx.plans.as_ref()?;
-        let mut served = PlanType::ALL.into_iter().filter(|plan| plans.capacity(*plan) > 0);
+        let mut served = PlanType::ALL.into_iter().filter(|plan| cx.plans.capacity(*plan) > 0);
         let plan = served.nth(usize::from(index))?;
         name.text(Self::name(plan));
-        Some((len(plans.live(plan).items().len()), 0))
+        Some((len(cx.plans.live(plan).items().len()), 0))
     }
 
     fn begin(&self, cx: &mut Cx<'_, F>, from: Peer) -> Option<Result<(), MavFtpErr>> {
-        let upload = cx.plans.as_mut()?.upload.as_mut()?;
+        let upload = cx.plans.upload_mut()?;
         match upload.step {
             UploadStep::Nothing => {
                 (upload.step, upload.plan, upload.client) = (UploadStep::Asked, self.plan, from);
@@ -123,16 +118,15 @@ impl<F: Firmware<Vehicle: Plans + Commands>> VirtualFile<F> for PlanFile {
     }
 
     fn take(&self, cx: &mut Cx<'_, F>, content: &[u8]) -> Part {
-        let Some((mut cx, vehicle)) = work(cx) else { return Part::Refused(MavFtpErr::FAIL) };
         let mut rest = content;
         loop {
-            match take(&mut cx, vehicle, self.plan, rest) {
+            match take(cx, self.plan, rest) {
                 Ok(Some(0)) => return Part::Taken(content.len().saturating_sub(rest.len())),
                 Ok(Some(taken)) => rest = rest.get(taken..).unwrap_or_default(),
                 Ok(None) => return Part::Last,
                 Err(problem) => {
-                    cx.report(&problem);
-                    if let Some(upload) = &mut cx.plans.upload {
+                    problem.report(cx);
+                    if let Some(upload) = cx.plans.upload_mut() {
                         (upload.step, upload.result) = (UploadStep::Refused, problem.fault().result);
                     }
                     return Part::Refused(MavFtpErr::FAIL);
@@ -142,7 +136,7 @@ impl<F: Firmware<Vehicle: Plans + Commands>> VirtualFile<F> for PlanFile {
     }
 
     fn finish(&mut self, cx: &mut Cx<'_, F>, _: Peer, _: &[u8]) -> Option<Result<(), MavFtpErr>> {
-        let upload = cx.plans.as_mut()?.upload.as_mut()?;
+        let upload = cx.plans.upload_mut()?;
         let result = match upload.step {
             UploadStep::Complete | UploadStep::Writing => return None,
             UploadStep::Accepted => Ok(()),
@@ -153,7 +147,7 @@ impl<F: Firmware<Vehicle: Plans + Commands>> VirtualFile<F> for PlanFile {
     }
 
     fn close(&self, cx: &mut Cx<'_, F>) {
-        let Some(upload) = cx.plans.as_mut().and_then(|plans| plans.upload.as_mut()) else { return };
+        let Some(upload) = cx.plans.upload_mut() else { return };
         if !matches!(upload.step, UploadStep::Complete | UploadStep::Writing) {
             upload.step = UploadStep::Nothing;
             // The next poll frees the staging area.
@@ -196,15 +190,14 @@ fn read(plan: PlanType, items: &[Item], current: u16, offset: u32, out: &mut [u8
 
 /// Takes the header or an item of an upload: returns its length, 0 for too few bytes, or `None` behind the last item.
 #[inline(never)]
-fn take<V: Plans>(
-    cx: &mut Work<'_, '_>,
-    vehicle: &mut V,
+fn take<F: Firmware<Vehicle: Plans>>(
+    cx: &mut Cx<'_, F>,
     plan: PlanType,
     bytes: &[u8],
 ) -> Result<Option<usize>, Problem<'static>> {
     let refused = |result: MavMissionResult| Problem::Refused(plan, result.into());
     let (seq, capacity) = (cx.plans.staged(), cx.plans.capacity(plan));
-    let upload = cx.plans.upload.as_mut().filter(|upload| upload.step == UploadStep::Permitted);
+    let upload = cx.plans.upload_mut().filter(|upload| upload.step == UploadStep::Permitted);
     let upload = upload.ok_or(refused(MavMissionResult::DENIED))?;
     let count = upload.count;
     let taken = if count == NO_ITEM {
@@ -229,14 +222,14 @@ fn take<V: Plans>(
             upload.first = seq;
         }
         let item = Item::from_int(&message);
-        Missions::stage_item(cx, vehicle, plan, item).map_err(|fault| {
-            let rule = validate::rule(plan, V::MISSION_COMMANDS, item.command);
+        Missions::stage_item(cx, plan, item).map_err(|fault| {
+            let rule = validate::rule(plan, F::Vehicle::MISSION_COMMANDS, item.command);
             Problem::of_item(plan, seq, &item, rule, fault.result)
         })?;
         ITEM_LEN
     };
     let staged = cx.plans.staged();
-    if let Some(upload) = cx.plans.upload.as_mut().filter(|upload| upload.count == staged) {
+    if let Some(upload) = cx.plans.upload_mut().filter(|upload| upload.count == staged) {
         upload.step = UploadStep::Complete;
         return if bytes.len() == taken { Ok(None) } else { Err(refused(MavMissionResult::INVALID)) };
     }
@@ -244,8 +237,8 @@ fn take<V: Plans>(
 }
 
 /// Whether the plan that is being stored was uploaded as a file.
-pub(super) fn is_writing_file<F: Firmware>(plans: &PlansMut<'_>) -> bool {
-    F::Plans::TAKES_FILES && plans.upload.as_ref().is_some_and(|upload| upload.step == UploadStep::Writing)
+pub(super) fn is_writing_file<F: Firmware>(cx: &Cx<'_, F>) -> bool {
+    F::Plans::TAKES_FILES && cx.plans.upload().is_some_and(|upload| upload.step == UploadStep::Writing)
 }
 
 impl Missions {
@@ -253,49 +246,47 @@ impl Missions {
     pub(super) fn end_file(&mut self, plans: &mut PlansMut<'_>, kind: Kind) {
         // Its client does not repeat an item, and gets no message.
         (self.done, self.second_answer) = (None, None);
-        if let Some(upload) = &mut plans.upload {
+        if let Some(upload) = plans.upload_mut() {
             upload.step = if kind == Kind::Accepted { UploadStep::Accepted } else { UploadStep::Refused };
         }
     }
 
     /// Lends the staging area to an upload as a file, makes its plan live, and takes the area back (F-23, F-26).
     #[inline(never)]
-    pub(super) fn poll_file<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V) {
-        let Some(upload) = cx.plans.upload.as_deref().copied() else { return };
+    pub(super) fn poll_file<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) {
+        let Some(upload) = cx.plans.upload().copied() else { return };
         let is_lent = self.upload.as_ref().is_some_and(Upload::is_of_file);
         if !is_lent && matches!(upload.step, UploadStep::Nothing | UploadStep::Refused) {
             return;
         }
         // The same checks as of a client of messages. The answer is for the file.
         let mut answers = Replies::new();
-        let mut caller = Caller { from: upload.client, version: Version::V2, replies: &mut answers };
-        let (plan, mission_type) = (upload.plan, upload.plan.mission_type());
+        let (client, plan) = (upload.client, upload.plan);
         let step = match upload.step {
             UploadStep::Accepted | UploadStep::Writing => return,
             UploadStep::Permitted if is_lent => return,
             UploadStep::Permitted => UploadStep::Refused,
             UploadStep::Nothing => {
-                self.abandon(cx);
+                self.abandon(&mut cx.plans);
                 UploadStep::Nothing
             }
             UploadStep::Refused => {
                 let seq = cx.plans.staged();
-                self.finish(cx, &mut caller, seq, upload.result);
+                self.finish(cx, client, &mut answers, seq, upload.result);
                 self.done = None;
                 UploadStep::Refused
             }
             UploadStep::Asked => {
                 if is_lent {
-                    self.abandon(cx);
+                    self.abandon(&mut cx.plans);
                 }
                 let is_free = !self.is_receiving() && self.committing().is_none() && !self.is_loading();
-                let is_permitted = is_free
-                    && self.may_change(cx, vehicle, &mut caller, plan, mission_type)
-                    && !self.is_rate_limited(cx, &mut caller, plan, mission_type, 0);
+                let is_permitted =
+                    is_free && self.may_change(cx, plan, client).is_ok() && self.may_write(cx, plan, client, 0).is_ok();
                 if is_permitted {
-                    self.abandon(cx);
+                    self.abandon(&mut cx.plans);
                     self.done = None;
-                    event!("{} upload as a file by {}: started", plan, upload.client);
+                    event!("{} upload as a file by {}: started", plan, client);
                     self.upload = Some(Upload::of_file(plan));
                     UploadStep::Permitted
                 } else {
@@ -303,47 +294,43 @@ impl Missions {
                 }
             }
             UploadStep::Complete => {
-                self.complete_file(cx, vehicle, &mut caller, plan, upload.first);
+                self.complete_file(cx, client, &mut answers, plan, upload.first);
                 if self.committing().is_some() {
                     UploadStep::Writing
                 } else {
                     let kind = answers.first();
-                    return self.end_file(cx.plans, kind);
+                    return self.end_file(&mut cx.plans, kind);
                 }
             }
         };
-        if let Some(upload) = &mut cx.plans.upload {
+        if let Some(upload) = cx.plans.upload_mut() {
             upload.step = step;
         }
     }
 
     /// Completes an upload as a file, as the last item completes one by messages.
-    fn complete_file<V: Plans>(
+    fn complete_file<F: Firmware<Vehicle: Plans>>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
-        caller: &mut Caller<'_>,
+        cx: &mut Cx<'_, F>,
+        client: Peer,
+        answers: &mut Replies,
         plan: PlanType,
         first: u16,
     ) {
-        let (count, mission_type) = (cx.plans.staged(), plan.mission_type());
+        let count = cx.plans.staged();
         let last = count.saturating_sub(1);
-        let may_clear = count > 0 || self.is_clear(cx, Some(plan));
-        if !(may_clear || self.may_change(cx, vehicle, caller, plan, mission_type))
-            || self.is_rate_limited(cx, caller, plan, mission_type, count)
-        {
-            return self.finish(cx, caller, last, MavMissionResult::DENIED);
+        let may_clear = count > 0 || self.is_clear(&cx.plans, Some(plan));
+        let is_permitted = may_clear || self.may_change(cx, plan, client).is_ok();
+        if !is_permitted || self.may_write(cx, plan, client, count).is_err() {
+            return self.finish(cx, client, answers, last, MavMissionResult::DENIED);
         }
         if count == 0 {
             self.upload = None;
-            if let Some(reply) = self.change(cx, vehicle, caller.from, mission_type, Change::Clear(Some(plan))) {
-                caller.replies.push(reply);
-            }
-            return;
+            return self.clear(cx, client, answers, Some(plan));
         }
         if let Some(upload) = &mut self.upload {
-            upload.enter(cx.plans.staging.as_slice(), (first != NO_ITEM).then_some(first));
+            upload.enter(cx.plans.staged_items(), (first != NO_ITEM).then_some(first));
         }
-        self.complete(cx, vehicle, caller, last);
+        self.complete(cx, client, answers, last);
     }
 }

@@ -58,8 +58,7 @@ use crate::log::RefusalLog;
 use crate::message::{ComponentId, Message, Text};
 use crate::time::Instant;
 use crate::types::{
-    Context, Durability, EventLog, Firmware, LinkId, LinkMask, ONE_FRAME, Peer, PlanMemory, PlanType, PlansMut,
-    Requests, StatusTexts, Values, Vehicle,
+    Context, Durability, Firmware, LinkId, LinkMask, ONE_FRAME, PlanMemory, PlanType, PlansMut, StatusTexts, Vehicle,
 };
 
 counters! {
@@ -81,47 +80,14 @@ counters! {
     }
 }
 
-/// What a handler needs besides the engine and the vehicle.
-pub(crate) struct Work<'a, 'p> {
-    pub(crate) now: Instant,
-    pub(crate) plans: &'a mut PlansMut<'p>,
-    pub(crate) texts: &'a mut StatusTexts,
-    /// The links for texts and MISSION_CURRENT.
-    pub(crate) normal: LinkMask,
-    /// [`Config::second_mission_ack`](crate::Config::second_mission_ack).
-    pub(crate) second_ack: bool,
-    /// Pending requests of the vehicle's hooks.
-    pub(crate) requests: &'a mut Requests,
-    /// The history of events.
-    pub(crate) events: &'a mut EventLog,
-    /// The values of the parameters.
-    pub(crate) values: &'a [u32],
-}
-
-impl Work<'_, '_> {
-    /// Returns the context for the vehicle's hooks.
-    fn hook(&mut self) -> Context<'_> {
-        Context {
-            now: self.now,
-            texts: self.texts,
-            requests: self.requests,
-            events: self.events,
-            normal: self.normal,
-            plans: Some(self.plans),
-            values: self.values,
-            can_start: false,
-        }
-    }
-
+impl Problem<'_> {
     /// Sends a text to the operators. Not inlined: the text takes stack, and the callers are deep in the call graph.
     #[inline(never)]
-    fn report(&mut self, problem: &Problem<'_>) {
-        problem.push(self.now, self.normal, self.texts);
+    fn report<F: Firmware>(&self, cx: &mut Cx<'_, F>) {
+        self.push(cx.now, cx.shared.normal, cx.texts);
     }
-}
 
-impl Problem<'_> {
-    /// Sends a text to the operators, from a hook.
+    /// The same, from a hook.
     #[inline(never)]
     fn say(&self, cx: &mut Context<'_>) {
         self.push(cx.now, cx.normal, cx.texts);
@@ -138,43 +104,13 @@ impl Problem<'_> {
     }
 }
 
-/// The sender of a message, and the pending answers of its link.
-pub(crate) struct Caller<'a> {
-    pub(crate) from: Peer,
-    /// The MAVLink version that the link sends (V-8).
-    pub(crate) version: Version,
-    pub(crate) replies: &'a mut Replies,
-}
-
-impl Caller<'_> {
-    /// Returns the plan that a message names, if the vehicle has it (M-25). A link that sends v1 can only name the mission
-    /// (V-7).
-    fn plan(&self, cx: &Work<'_, '_>, mission_type: MavMissionType) -> Result<PlanType, MavMissionResult> {
-        let plan = PlanType::from_mission_type(mission_type).ok_or(MavMissionResult::INVALID)?;
-        if can_name(self.version, mission_type) && cx.plans.capacity(plan) > 0 {
-            Ok(plan)
-        } else {
-            Err(MavMissionResult::UNSUPPORTED)
-        }
-    }
-
-    /// Answers DENIED, because another client is changing plans (M-23, M-33, M-51).
-    fn deny(&mut self, mission_type: MavMissionType) {
-        self.ack(mission_type, MavMissionResult::DENIED, 0);
-    }
-
-    /// Queues a MISSION_ACK. Not inlined, because it has many callers.
-    #[inline(never)]
-    fn ack(&mut self, mission_type: MavMissionType, result: MavMissionResult, id: u32) {
-        self.replies.push(Reply::of_result(self.from.address, mission_type, result, id));
-    }
-
-    /// Handles a request for the count or an item of a live plan (M-60).
-    fn ask(&mut self, cx: &Work<'_, '_>, mission_type: MavMissionType, kind: Kind, seq: u16) {
-        match self.plan(cx, mission_type) {
-            Ok(_) => self.replies.push(Reply::new(self.from.address, mission_type, kind, seq.into())),
-            Err(result) => self.ack(mission_type, result, 0),
-        }
+/// Returns the plan that a message names, if the vehicle has it (M-25). A link that sends v1 can only name the mission (V-7).
+fn served(plans: &PlansMut<'_>, port: &Port, mission_type: MavMissionType) -> Result<PlanType, MavMissionResult> {
+    let plan = PlanType::from_mission_type(mission_type).ok_or(MavMissionResult::INVALID)?;
+    if can_name(port.outbox.version(), mission_type) && plans.capacity(plan) > 0 {
+        Ok(plan)
+    } else {
+        Err(MavMissionResult::UNSUPPORTED)
     }
 }
 
@@ -286,65 +222,75 @@ impl Missions {
 
     /// Handles a frame with one of the messages of [`handles`](Self::handles), addressed to exactly our system (M-10).
     #[inline(never)]
-    pub(crate) fn receive<V: Plans>(
+    fn receive<F: Firmware<Vehicle: Plans>>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
-        caller: &mut Caller<'_>,
-        frame: &Frame<'_>,
+        cx: &mut Cx<'_, F>,
+        port: &Port,
+        replies: &mut Replies,
+        received: &Received<'_>,
     ) {
+        let (frame, from) = (received.frame, received.from);
         let mission_type = mission_type(frame);
-        let payload = frame.payload();
         if let Some(message) = frame.decode::<MissionSetCurrent>() {
-            return self.on_set_current(cx, vehicle, message.seq);
+            return self.on_set_current(cx, message.seq);
         }
         if !can_name(frame.header().version, mission_type) {
             if !is_request(frame.id()) {
                 increment(&mut self.counters.out_of_place);
-            } else if caller.replies.is_full() {
+            } else if replies.is_full() {
                 increment(&mut self.counters.no_answer_slot);
             } else {
-                caller.ack(mission_type, MavMissionResult::UNSUPPORTED, 0);
+                replies.refuse(from, mission_type, MavMissionResult::UNSUPPORTED);
             }
             return;
         }
         if let Some(message) = frame.decode::<MissionAck>() {
-            return self.on_ack(cx, caller.from, mission_type, message.r#type);
+            return self.on_ack(cx, from, mission_type, message.r#type);
         }
         // The memory for an upload is in use while stored plans are loaded.
-        if caller.replies.is_full() || self.is_loading() {
+        if replies.is_full() || self.is_loading() {
             increment(&mut self.counters.no_answer_slot);
             return;
         }
         match frame.id() {
-            MissionCount::ID => {
-                let count = MissionCount::decode(payload).count;
-                self.on_count(cx, vehicle, caller, mission_type, count, frame.header().seq);
-            }
             MissionItemInt::ID | MissionItem::ID => {
-                if let Some(seq) = self.on_item(cx, vehicle, caller, frame) {
-                    self.complete(cx, vehicle, caller, seq);
+                if let Some(seq) = self.on_item(cx, from, replies, frame) {
+                    self.complete(cx, from, replies, seq);
                 }
+                return;
             }
-            MissionClearAll::ID => self.on_clear(cx, vehicle, caller, mission_type),
-            MissionRequestList::ID => caller.ask(cx, mission_type, Kind::Count, 0),
-            id @ (MissionRequestInt::ID | MissionRequest::ID) => {
-                let kind = if id == MissionRequestInt::ID { Kind::Item } else { Kind::LegacyItem };
-                // Both messages have the same fields.
-                caller.ask(cx, mission_type, kind, MissionRequestInt::decode(payload).seq);
+            MissionClearAll::ID if mission_type == MavMissionType::ALL => {
+                return self.on_clear(cx, from, replies, None);
             }
-            // MISSION_REQUEST_PARTIAL_LIST, MISSION_WRITE_PARTIAL_LIST: not part of the standard protocol (M-68).
-            _ => caller.ack(mission_type, MavMissionResult::UNSUPPORTED, 0),
+            // Not part of the standard protocol (M-68).
+            MissionRequestPartialList::ID | MissionWritePartialList::ID => {
+                return replies.refuse(from, mission_type, MavMissionResult::UNSUPPORTED);
+            }
+            _ => {}
         }
+        let plan = match served(&cx.plans, port, mission_type) {
+            Ok(plan) => plan,
+            Err(result) => return replies.refuse(from, mission_type, result),
+        };
+        let kind = match frame.id() {
+            MissionCount::ID => return self.on_count(cx, from, replies, plan, frame),
+            MissionClearAll::ID => return self.on_clear(cx, from, replies, Some(plan)),
+            MissionRequestList::ID => Kind::Count,
+            MissionRequestInt::ID => Kind::Item,
+            _ => Kind::LegacyItem,
+        };
+        // Both requests for an item have the same fields (M-60).
+        let seq = if kind == Kind::Count { 0 } else { MissionRequestInt::decode(frame.payload()).seq };
+        replies.push(Reply::new(from.address, mission_type, kind, seq.into()));
     }
 
     /// Runs the timers: repeated requests, upload timeouts, storage timeouts, MISSION_CURRENT. Returns the final answer of an
     /// upload or clear that this ended, and the link to send it on ([`Replies::set_result`]).
     #[must_use]
-    pub(crate) fn run_timers<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &V) -> Option<(LinkId, Reply)> {
-        self.current.poll(cx.now, vehicle.progress(), cx.normal);
-        self.reached.poll(cx.now, cx.normal);
-        self.poll_distance(cx, vehicle);
+    fn run_timers<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) -> Option<(LinkId, Reply)> {
+        self.current.poll(cx.now, cx.vehicle.progress(), cx.shared.normal);
+        self.reached.poll(cx.now, cx.shared.normal);
+        self.poll_distance(cx);
         // At most one of the three is active.
         self.poll_upload(cx).or_else(|| self.poll_commit(cx)).or_else(|| self.poll_second_answer(cx.now))
     }
@@ -352,32 +298,17 @@ impl Missions {
     /// Queues a final answer on the given link, unless it is that of an upload as a file.
     pub(crate) fn queue_result<'l, F: Firmware>(
         &mut self,
-        plans: &mut PlansMut<'_>,
+        cx: &mut Cx<'_, F>,
         mut links: impl Iterator<Item = &'l mut Replies>,
         owed: Option<(LinkId, Reply)>,
     ) {
         let Some((link, reply)) = owed else { return };
-        if is_writing_file::<F>(plans) && !self.is_committing() {
-            self.end_file(plans, reply.kind());
+        if is_writing_file(cx) && !self.is_committing() {
+            self.end_file(&mut cx.plans, reply.kind());
         } else if let Some(replies) = links.nth(usize::from(link.0)) {
             replies.set_result(reply);
         }
     }
-}
-
-/// Returns what a handler needs, and the vehicle; `None` for a firmware without plans.
-pub(crate) fn work<'a, 'p, F: Firmware>(cx: &'a mut Cx<'p, F>) -> Option<(Work<'a, 'p>, &'a mut F::Vehicle)> {
-    let work = Work {
-        now: cx.now,
-        plans: cx.plans.as_mut()?,
-        texts: cx.texts,
-        normal: cx.shared.normal,
-        second_ack: cx.shared.config.second_mission_ack,
-        requests: cx.requests,
-        events: cx.events,
-        values: cx.parameters.values(),
-    };
-    Some((work, cx.vehicle))
 }
 
 impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
@@ -393,14 +324,13 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
 
     /// Runs the timers, and queues MISSION_ITEM_REACHED for the items that the vehicle's hooks reported.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Replies>) {
-        let (now, repeats) = (cx.now, cx.shared.config.item_reached_repeats);
+        let (now, normal, repeats) = (cx.now, cx.shared.normal, cx.shared.config.item_reached_repeats);
         let reached = core::mem::take(&mut cx.requests.reached);
-        let Some((mut work, vehicle)) = work(cx) else { return };
-        reached.iter().for_each(|&seq| self.reached(now, seq, work.normal, repeats));
-        let answer = self.run_timers(&mut work, vehicle);
-        self.queue_result::<F>(work.plans, links, answer);
+        reached.iter().for_each(|&seq| self.reached(now, seq, normal, repeats));
+        let answer = self.run_timers(cx);
+        self.queue_result(cx, links, answer);
         if F::Plans::TAKES_FILES {
-            self.poll_file(&mut work, vehicle);
+            self.poll_file(cx);
         }
     }
 
@@ -417,27 +347,23 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         link: &mut Replies,
         received: &Received<'_>,
     ) -> Handled {
-        let Received { frame, from, target, .. } = received;
-        if !Self::handles(frame.id()) {
+        if !Self::handles(received.frame.id()) {
             return Handled::No;
         }
-        if target.system.0 == 0 {
+        if received.target.system.0 == 0 {
             // A broadcast COUNT would start an upload on every vehicle in range (M-10).
             return Handled::OutOfPlace;
         }
-        let mut caller = Caller { from: *from, version: port.outbox.version(), replies: link };
-        let Some((mut work, vehicle)) = work(cx) else { return Handled::No };
-        match refused_item(received, port, vehicle, &mut work) {
-            Some(seq) => self.refuse_current(&mut work, vehicle, seq),
-            None => self.receive(&mut work, vehicle, &mut caller, frame),
+        match refused_item(cx, port, received) {
+            Some(seq) => self.refuse_current(cx, seq),
+            None => self.receive(cx, port, link, received),
         }
         Handled::Yes
     }
 
     #[inline(never)]
     fn on_command(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut Replies, request: &Request) -> Option<Verdict> {
-        let (mut work, vehicle) = work(cx)?;
-        Some(match self.command(&mut work, vehicle, &request.command)? {
+        Some(match self.command(cx, &request.command)? {
             Ok(result) => Verdict::done(result),
             Err(result) => Verdict::Refused(result.into()),
         })
@@ -459,7 +385,7 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
     }
 
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Replies, reply: PlanReply) -> bool {
-        let (Some(plans), tx) = (&cx.plans, &mut port.outbox) else { return false };
+        let (plans, tx) = (&cx.plans, &mut port.outbox);
         match reply {
             PlanReply::Ack => link.next_ack(tx),
             PlanReply::Request => self.upload.as_mut().is_some_and(|upload| upload.request(cx.now, plans.staged(), tx)),
@@ -511,15 +437,15 @@ pub(crate) fn is_for_planner(component: ComponentId, id: u32) -> bool {
 
 /// Returns the item of a MISSION_SET_CURRENT whose sender is not authorised to give the equivalent command (M-46).
 #[inline(never)]
-fn refused_item(
-    received: &Received<'_>,
+fn refused_item<F: Firmware<Vehicle: Commands + Vehicle>>(
+    cx: &mut Cx<'_, F>,
     port: &Port,
-    vehicle: &(impl Commands + Vehicle),
-    cx: &mut Work<'_, '_>,
+    received: &Received<'_>,
 ) -> Option<u16> {
     let message = received.frame.decode::<MissionSetCurrent>()?;
     let command = progress::from_set_current(&message, received.origin(port));
-    (!is_allowed(vehicle, &mut cx.hook(), &command)).then_some(message.seq)
+    let (vehicle, mut context) = cx.hook();
+    (!is_allowed(vehicle, &mut context, &command)).then_some(message.seq)
 }
 
 /// The plan service of a firmware without plans. It answers every request with UNSUPPORTED, because a client would repeat an

@@ -4,16 +4,14 @@ use heapless::Vec;
 
 use super::distance::first_too_far;
 use super::validate::Problem;
-use super::{Missions, Work};
-use super::{Plans, Progress};
+use super::{Cx, Missions, Plans, Progress};
 use crate::dialect::{MavCmd, MavResult, MissionCurrent, MissionItemReached, MissionSetCurrent, MissionState};
 use crate::link::Outbox;
 use crate::list::take_first;
 use crate::message::{ComponentId, Message};
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::PlanType;
-use crate::types::{Command, CommandPosition, Context, LinkMask, Origin};
+use crate::types::{Command, CommandPosition, Context, Firmware, LinkMask, Origin, PlanType};
 
 /// Capacity of the queue of reached items that are not yet reported on every link.
 const PENDING: usize = 4;
@@ -96,41 +94,40 @@ impl Missions {
     ///
     /// Not inlined, because it needs a context for a hook, which would be on the call stack below the other handlers.
     #[inline(never)]
-    pub(super) fn on_set_current<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &mut V, seq: u16) {
+    pub(super) fn on_set_current<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, seq: u16) {
         let is_there = seq < cx.plans.count(PlanType::Mission);
-        if is_there && go_to(cx, vehicle, seq, false) == MavResult::ACCEPTED {
-            self.current.announce_progress(vehicle.progress(), cx.normal);
+        if is_there && go_to(cx, seq, false) == MavResult::ACCEPTED {
+            self.current.announce_progress(cx.vehicle.progress(), cx.shared.normal);
         } else {
-            self.refuse_current(cx, vehicle, seq);
+            self.refuse_current(cx, seq);
         }
     }
 
     /// Refuses to make the item current: sends a text, and the unchanged MISSION_CURRENT (M-93).
-    pub(crate) fn refuse_current<V: Plans>(&mut self, cx: &mut Work<'_, '_>, vehicle: &V, seq: u16) {
+    pub(crate) fn refuse_current<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, seq: u16) {
         if let Some(refused) = self.refused.count(cx.now) {
             event!("current item {=u16}: refused; {=u32} refused so far", seq, refused);
         }
-        cx.report(&Problem::NotCurrent(seq));
-        self.current.announce_progress(vehicle.progress(), cx.normal);
+        Problem::NotCurrent(seq).report(cx);
+        self.current.announce_progress(cx.vehicle.progress(), cx.shared.normal);
     }
 
     /// Handles a command about the mission's progress; returns `None` for all other commands. `Err` is a refusal by the stack,
     /// not by the vehicle.
-    pub(crate) fn command<V: Plans>(
+    pub(crate) fn command<F: Firmware<Vehicle: Plans>>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
+        cx: &mut Cx<'_, F>,
         command: &Command,
     ) -> Option<Result<MavResult, MavResult>> {
         let count = cx.plans.count(PlanType::Mission);
         let result = match command.id {
-            MavCmd::DO_SET_MISSION_CURRENT => set_current(cx, vehicle, command, count),
-            MavCmd::MISSION_START => start(cx, vehicle, command, count),
-            MavCmd::REQUEST_MESSAGE => return self.request_current(cx.normal, command).map(Ok),
+            MavCmd::DO_SET_MISSION_CURRENT => set_current(cx, command, count),
+            MavCmd::MISSION_START => start(cx, command, count),
+            MavCmd::REQUEST_MESSAGE => return self.request_current(cx.shared.normal, command).map(Ok),
             _ => return None,
         };
         if result == Ok(MavResult::ACCEPTED) {
-            self.current.announce_progress(vehicle.progress(), cx.normal);
+            self.current.announce_progress(cx.vehicle.progress(), cx.shared.normal);
         }
         Some(result)
     }
@@ -165,9 +162,8 @@ pub(crate) fn from_set_current(message: &MissionSetCurrent, origin: Origin) -> C
 
 /// Handles MAV_CMD_DO_SET_MISSION_CURRENT: parameter 1 is the item, or -1 for the current one; parameter 2 is 1 to restart the
 /// jump counters (M-92).
-fn set_current<V: Plans>(
-    cx: &mut Work<'_, '_>,
-    vehicle: &mut V,
+fn set_current<F: Firmware<Vehicle: Plans>>(
+    cx: &mut Cx<'_, F>,
     command: &Command,
     count: u16,
 ) -> Result<MavResult, MavResult> {
@@ -179,34 +175,34 @@ fn set_current<V: Plans>(
         _ => return Err(MavResult::DENIED),
     };
     let seq = match num::integer::<i32>(item) {
-        Some(-1) => Some(vehicle.progress().current),
+        Some(-1) => Some(cx.vehicle.progress().current),
         Some(seq) if seq >= 0 => u16::try_from(seq).ok(),
         // Too large for an i32: an integer, but not an item of any plan.
         None if item > 1e9 && item.is_finite() => None,
         _ => return Err(MavResult::DENIED),
     };
     match seq.filter(|&seq| seq < count) {
-        Some(seq) => Ok(go_to(cx, vehicle, seq, reset)),
+        Some(seq) => Ok(go_to(cx, seq, reset)),
         None => Err(MavResult::FAILED),
     }
 }
 
 /// Has the vehicle continue at item `seq`. If it flies its mission, item 0 begins it again, and is checked like a start (M-48).
-fn go_to<V: Plans>(cx: &mut Work<'_, '_>, vehicle: &mut V, seq: u16, reset: bool) -> MavResult {
+fn go_to<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, seq: u16, reset: bool) -> MavResult {
+    let (vehicle, mut context) = cx.hook();
     if seq == 0
         && vehicle.progress().in_mission_mode
-        && let Err(result) = vehicle.check_start(&mut cx.hook())
+        && let Err(result) = vehicle.check_start(&mut context)
     {
         return result;
     }
-    vehicle.set_current(&mut cx.hook(), seq, reset)
+    vehicle.set_current(&mut context, seq, reset)
 }
 
 /// Handles MAV_CMD_MISSION_START: parameters 1 and 2 are the first and the last item. NaN means "not given", and so does 0 for
 /// the last item, because clients that leave it out send 0 (M-95).
-fn start<V: Plans>(
-    cx: &mut Work<'_, '_>,
-    vehicle: &mut V,
+fn start<F: Firmware<Vehicle: Plans>>(
+    cx: &mut Cx<'_, F>,
     command: &Command,
     count: u16,
 ) -> Result<MavResult, MavResult> {
@@ -220,14 +216,15 @@ fn start<V: Plans>(
     {
         return Err(MavResult::DENIED);
     }
+    let (vehicle, mut context) = cx.hook();
     let Progress { current, state, .. } = vehicle.progress();
     let resumed = if state == MissionState::COMPLETE { 0 } else { current };
     if first.unwrap_or(resumed) == 0
-        && let Err(result) = vehicle.check_start(&mut cx.hook())
+        && let Err(result) = vehicle.check_start(&mut context)
     {
         return Ok(result);
     }
-    Ok(vehicle.start_mission(&mut cx.hook(), command, first, last))
+    Ok(vehicle.start_mission(&mut context, command, first, last))
 }
 
 /// Checks the distance of the live mission's first waypoint before a start (M-48): see [`Plans::check_start`].

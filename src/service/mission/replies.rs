@@ -10,6 +10,7 @@ use crate::link::Outbox;
 use crate::list::take_first;
 use crate::message::Address;
 use crate::time::Instant;
+use crate::types::Peer;
 
 /// Capacity of the queue: MAVProxy keeps five requests of a download in transit, and repeats a dropped one only after two
 /// seconds. The sixth slot is for another client.
@@ -137,6 +138,17 @@ impl Replies {
         if !self.slots.contains(&reply) {
             let _ = self.slots.push(reply);
         }
+    }
+
+    /// Queues a refusal. Not inlined, because it has many callers.
+    #[inline(never)]
+    pub(super) fn refuse(&mut self, to: Peer, mission_type: MavMissionType, result: MavMissionResult) {
+        self.push(Reply::of_result(to.address, mission_type, result, 0));
+    }
+
+    /// Answers DENIED, because another client is changing plans (M-23, M-33, M-51).
+    pub(super) fn deny(&mut self, to: Peer, mission_type: MavMissionType) {
+        self.refuse(to, mission_type, MavMissionResult::DENIED);
     }
 
     /// Returns the kind of the oldest answer.

@@ -4,7 +4,6 @@
 //! This module has the message handlers of the state diagram at [`Plans`]. It decides which client may start, restart or
 //! cancel an upload. [`Pace`] decides when a request is repeated.
 
-use super::Plans;
 use super::arrival::Arrival;
 use super::commit::{Change, check_plan};
 use super::form::Form;
@@ -12,14 +11,13 @@ use super::number::{Counts, Number};
 use super::pace::Pace;
 use super::replies::Reply;
 use super::validate::{self, Problem};
-use super::{Caller, Missions, Work};
-use crate::dialect::{MavMissionResult, MavMissionType, MissionRequest, MissionRequestInt};
+use super::{Cx, Missions, Plans, Replies, increment};
+use crate::dialect::{MavMissionResult, MavMissionType, MissionCount, MissionRequest, MissionRequestInt};
 use crate::frame::Frame;
 use crate::link::Outbox;
 use crate::message::{Address, Digest, Item, Message};
-use crate::service::increment;
 use crate::time::{Duration, Instant};
-use crate::types::{LinkId, NO_ITEM, Peer, PlanType};
+use crate::types::{Firmware, LinkId, NO_ITEM, Peer, PlanType, PlansMut, Vehicle};
 
 /// For this long after an upload has ended, a COUNT equal to its COUNT may be a delayed duplicate (M-22).
 const DUPLICATE_WINDOW: Duration = Duration::from_secs(1);
@@ -152,40 +150,36 @@ impl Upload {
 impl Missions {
     /// Handles MISSION_COUNT: starts or restarts an upload.
     #[inline(never)]
-    pub(super) fn on_count<V: Plans>(
+    pub(super) fn on_count<F: Firmware<Vehicle: Plans>>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
-        caller: &mut Caller<'_>,
-        mission_type: MavMissionType,
-        count: u16,
-        number: u8,
+        cx: &mut Cx<'_, F>,
+        from: Peer,
+        replies: &mut Replies,
+        plan: PlanType,
+        frame: &Frame<'_>,
     ) {
-        let plan = match caller.plan(cx, mission_type) {
-            Ok(plan) => plan,
-            Err(result) => return caller.ack(mission_type, result, 0),
-        };
-        let number = Number(caller.from.link, number);
-        if self.is_on_other_link(cx.now, caller.from) {
-            let is_known = self.is_duplicate_count(cx, plan, count, number);
-            return if is_known { self.out_of_place() } else { caller.deny(mission_type) };
+        let (mission_type, count) = (plan.mission_type(), MissionCount::decode(frame.payload()).count);
+        let number = Number(from.link, frame.header().seq);
+        if self.is_on_other_link(cx.now, from) {
+            let is_known = self.is_duplicate_count(&cx.plans, plan, count, number);
+            return if is_known { self.out_of_place() } else { replies.deny(from, mission_type) };
         }
         if let Some(commit) = self.committing_mut() {
             // The result is sent to the client when the write ends; a restarted client repeats its COUNT (M-23).
-            return if commit.is_by(caller) { self.out_of_place() } else { caller.deny(mission_type) };
+            return if commit.is_by(from, replies) { self.out_of_place() } else { replies.deny(from, mission_type) };
         }
-        if self.is_locked(cx.now, caller) {
+        if self.is_locked(cx.now, from) {
             // M-23
-            return caller.deny(mission_type);
+            return replies.deny(from, mission_type);
         }
         if let Some(upload) = &mut self.upload
-            && upload.is_by(caller.from.address)
+            && upload.is_by(from.address)
             && (upload.plan, upload.count) == (plan, count)
             && !(upload.may_be_duplicate && number.is_after(upload.last))
         {
             if cx.plans.staged() == 0 {
                 // The pending request, or the one that the retry timer will send, answers this COUNT (M-22 a).
-                upload.client = caller.from;
+                upload.client = from;
                 upload.counts.extend(number);
                 upload.is_request_pending |= upload.may_be_duplicate;
                 self.heard_at = cx.now;
@@ -199,7 +193,7 @@ impl Missions {
             }
         }
         let is_duplicate = |done: &&Done| {
-            (done.client, done.plan) == (caller.from.address, plan)
+            (done.client, done.plan) == (from.address, plan)
                 && done.seq.checked_add(1) == Some(count)
                 && cx.now.since(done.at) < DUPLICATE_WINDOW
                 && !number.is_after(done.last)
@@ -210,35 +204,37 @@ impl Missions {
             // ends an upload that a delayed duplicate began. A COUNT after the first item may be a delayed duplicate too; then items are
             // requested twice. But it may also start another plan: if the old request stayed pending, the new plan's items
             // would complete the old plan.
-            self.forget_answer(caller);
-            self.abandon(cx);
+            self.forget_answer(from, replies);
+            self.abandon(&mut cx.plans);
         }
         if count > cx.plans.capacity(plan) {
             if let Some(refused) = self.refused.count(cx.now) {
-                event!("{} of {=u16} items by {}: no space; {=u32} refused so far", plan, count, caller.from, refused);
+                event!("{} of {=u16} items by {}: no space; {=u32} refused so far", plan, count, from, refused);
             }
-            cx.report(&Problem::Refused(plan, MavMissionResult::NO_SPACE.into()));
-            return caller.ack(mission_type, MavMissionResult::NO_SPACE, 0);
+            Problem::Refused(plan, MavMissionResult::NO_SPACE.into()).report(cx);
+            return replies.refuse(from, mission_type, MavMissionResult::NO_SPACE);
         }
         // M-52: an empty plan may always be cleared.
-        let changes_nothing = count == 0 && self.is_clear(cx, Some(plan));
-        if !changes_nothing
-            && (!self.may_change(cx, vehicle, caller, plan, mission_type)
-                || self.is_rate_limited(cx, caller, plan, mission_type, count)
-                || self.lacks_result_slot(caller))
-        {
-            return;
+        let changes_nothing = count == 0 && self.is_clear(&cx.plans, Some(plan));
+        if !changes_nothing {
+            let permission = self.may_change(cx, plan, from).and_then(|()| self.may_write(cx, plan, from, count));
+            if let Err(result) = permission {
+                return replies.refuse(from, mission_type, result);
+            }
+            if self.lacks_result_slot(replies) {
+                return;
+            }
         }
         if duplicate_of.is_none() || count == 1 {
             // The next item 0 answers the new request; it does not repeat the last item of the previous upload.
             self.done = None;
         }
         if count == 0 {
-            return self.clear(cx, vehicle, caller, mission_type, Some(plan));
+            return self.clear(cx, from, replies, Some(plan));
         }
-        event!("{} upload of {=u16} items by {}: started", plan, count, caller.from);
+        event!("{} upload of {=u16} items by {}: started", plan, count, from);
         self.upload = Some(Upload {
-            client: caller.from,
+            client: from,
             plan,
             count,
             first: None,
@@ -254,9 +250,9 @@ impl Missions {
     }
 
     /// Whether another client's upload is in progress; an upload that a delayed duplicate may have begun does not count.
-    pub(super) fn is_locked(&self, now: Instant, caller: &Caller<'_>) -> bool {
-        let is_others = |upload: &Upload| upload.is_exclusive() && !upload.is_by(caller.from.address);
-        self.upload.as_ref().is_some_and(is_others) || self.is_on_other_link(now, caller.from)
+    pub(super) fn is_locked(&self, now: Instant, from: Peer) -> bool {
+        let is_others = |upload: &Upload| upload.is_exclusive() && !upload.is_by(from.address);
+        self.upload.as_ref().is_some_and(is_others) || self.is_on_other_link(now, from)
     }
 
     /// Records that a frame from `from` was received. The client that changes plans stays on its link while it is heard there
@@ -282,10 +278,10 @@ impl Missions {
 
     /// Whether a COUNT from another link is a duplicate of one of this upload's COUNTs, or repeats it before the first item. A
     /// refusal would end the upload of a client that sends everything on two links.
-    fn is_duplicate_count(&self, cx: &Work<'_, '_>, plan: PlanType, count: u16, number: Number) -> bool {
+    fn is_duplicate_count(&self, plans: &PlansMut<'_>, plan: PlanType, count: u16, number: Number) -> bool {
         if let Some(upload) = &self.upload {
             let is_alike = (upload.plan, upload.count) == (plan, count);
-            return is_alike && (cx.plans.staged() == 0 || upload.counts.contains(number.1));
+            return is_alike && (plans.staged() == 0 || upload.counts.contains(number.1));
         }
         self.committing().is_some_and(|commit| commit.is_older(plan, number.1))
     }
@@ -293,17 +289,16 @@ impl Missions {
     /// Handles MISSION_ITEM_INT or MISSION_ITEM. Returns the sequence number of the last item, if the upload is to be
     /// [completed](Self::complete). That is a separate call, so that the stack frame with the item is free by then.
     #[inline(never)]
-    pub(super) fn on_item<V: Plans>(
+    pub(super) fn on_item<F: Firmware<Vehicle: Plans>>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
-        caller: &mut Caller<'_>,
+        cx: &mut Cx<'_, F>,
+        from: Peer,
+        replies: &mut Replies,
         frame: &Frame<'_>,
     ) -> Option<u16> {
         let Arrival { mission_type, seq, current, item, is_float } = Arrival::of(frame);
-        let from = caller.from;
         if matches!(current, 2 | 3) {
-            self.refuse_guided(cx, caller, mission_type);
+            self.refuse_guided(cx, from, replies, mission_type);
             return None;
         }
         if self.is_on_other_link(cx.now, from) {
@@ -312,21 +307,21 @@ impl Missions {
             return None;
         }
         if let Some(commit) = self.committing_mut() {
-            if commit.is_by(caller) {
+            if commit.is_by(from, replies) {
                 self.out_of_place();
             } else {
-                caller.deny(mission_type);
+                replies.deny(from, mission_type);
             }
             return None;
         }
         if self.upload.as_ref().is_none_or(|upload| upload.may_be_duplicate && seq > 0) {
-            self.on_stray_item(cx, caller, mission_type, seq);
+            self.on_stray_item(cx.now, from, replies, mission_type, seq);
             return None;
         }
         let upload = self.upload.as_mut()?;
         if !upload.is_by(from.address) {
             // M-33
-            caller.deny(mission_type);
+            replies.deny(from, mission_type);
             return None;
         }
         self.heard_at = cx.now;
@@ -350,31 +345,32 @@ impl Missions {
         let (plan, is_last) = (upload.plan, next.saturating_add(1) >= upload.count);
         if was_doubtful {
             self.done = None;
-            self.forget_answer(caller);
+            self.forget_answer(from, replies);
         }
-        if is_last && self.lacks_result_slot(caller) {
+        if is_last && self.lacks_result_slot(replies) {
             // The timer requests it again, until there is a slot for the final answer.
             return None;
         }
         // The command is checked first, as M-38 orders the checks: without a rule the frame cannot be judged.
-        let rule = validate::rule(plan, V::MISSION_COMMANDS, item.command);
+        let rule = validate::rule(plan, F::Vehicle::MISSION_COMMANDS, item.command);
         let checked = rule.and_then(|rule| {
             let item = if is_float { Item::from_float(item, rule)? } else { item };
-            rule.check_for(&item, V::HAS_TERRAIN_MODEL)?;
-            vehicle.check_item(&mut cx.hook(), plan, seq, &item)?;
+            rule.check_for(&item, F::Vehicle::HAS_TERRAIN_MODEL)?;
+            let (vehicle, mut context) = cx.hook();
+            vehicle.check_item(&mut context, plan, seq, &item)?;
             Ok(item)
         });
         let item = match checked {
             Ok(item) => item,
             Err(result) => {
-                cx.report(&Problem::of_item(plan, seq, &item, rule, result));
-                self.finish(cx, caller, seq, result);
+                Problem::of_item(plan, seq, &item, rule, result).report(cx);
+                self.finish(cx, from, replies, seq, result);
                 return None;
             }
         };
         let upload = self.upload.as_mut()?;
         // There is room: the count was checked before the first item (M-21).
-        let _ = cx.plans.staging.push(item);
+        cx.plans.stage(item);
         upload.digest.add(&item);
         if current == 1 {
             upload.first.get_or_insert(seq);
@@ -386,54 +382,55 @@ impl Missions {
 
     /// Completes the upload after its last item: the plan goes live, or is stored first, unless it is refused as a whole (M-39).
     #[inline(never)]
-    pub(super) fn complete<V: Plans>(
+    pub(super) fn complete<F: Firmware<Vehicle: Plans>>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        vehicle: &mut V,
-        caller: &mut Caller<'_>,
+        cx: &mut Cx<'_, F>,
+        from: Peer,
+        replies: &mut Replies,
         seq: u16,
     ) {
         let Some(Upload { plan, digest, first, last, .. }) = &self.upload else { return };
         let (plan, id, first, last) = (*plan, digest.id(), first.unwrap_or(0), *last);
         let change = Change::Upload { plan, seq, first, id, last };
         // The vehicle may have armed since COUNT (M-45).
-        let is_stored = self.changes_nothing(cx, change);
-        let permission = |cx: &mut Work<'_, '_>, vehicle: &mut V| {
-            let permission = self.permission(cx, vehicle, plan, caller.from, is_stored);
+        let is_stored = self.changes_nothing(&cx.plans, change);
+        let checked = check_plan(cx, plan).and_then(|()| {
+            let permission = self.permission(cx, plan, from, is_stored);
             permission.map_err(|result| Problem::Refused(plan, result.into()))
-        };
-        if let Err(problem) = check_plan(cx, vehicle, plan).and_then(|()| permission(cx, vehicle)) {
-            cx.report(&problem);
-            return self.finish(cx, caller, seq, problem.fault().result);
+        });
+        if let Err(problem) = checked {
+            problem.report(cx);
+            return self.finish(cx, from, replies, seq, problem.fault().result);
         }
         self.upload = None;
-        if let Some(reply) = self.change(cx, vehicle, caller.from, plan.mission_type(), change) {
-            caller.replies.push(reply);
+        if let Some(reply) = self.change(cx, from, change) {
+            replies.push(reply);
         }
     }
 
     /// Ends the upload at item `seq` with a refusal.
-    pub(super) fn finish(
+    pub(super) fn finish<F: Firmware>(
         &mut self,
-        cx: &mut Work<'_, '_>,
-        caller: &mut Caller<'_>,
+        cx: &mut Cx<'_, F>,
+        from: Peer,
+        replies: &mut Replies,
         seq: u16,
         result: MavMissionResult,
     ) {
         let Some(Upload { plan, last, .. }) = self.upload.take() else { return };
-        cx.plans.staging.clear();
-        self.record_end(cx, Done { client: caller.from.address, plan, seq, result, id: 0, last, at: cx.now });
-        caller.ack(plan.mission_type(), result, 0);
+        cx.plans.clear_staging();
+        self.record_end(Done { client: from.address, plan, seq, result, id: 0, last, at: cx.now });
+        replies.refuse(from, plan.mission_type(), result);
     }
 
     /// Records how an upload ended.
-    pub(super) fn record_end(&mut self, cx: &Work<'_, '_>, done: Done) {
-        let Done { client, plan, seq, result, .. } = done;
+    pub(super) fn record_end(&mut self, done: Done) {
+        let Done { client, plan, seq, result, at, .. } = done;
         let counter = if result == MavMissionResult::ACCEPTED {
             event!("{} upload by {}: accepted, the last item is {=u16}", plan, client, seq);
             &mut self.counters.accepted
         } else {
-            if let Some(refused) = self.refused.count(cx.now) {
+            if let Some(refused) = self.refused.count(at) {
                 event!(
                     "{} upload by {}: {=u8} at item {=u16}; {=u32} refused so far",
                     plan,
@@ -451,39 +448,52 @@ impl Missions {
 
     /// Refuses an item that is not part of a plan, but means "go there now" or "change the altitude"; commands have replaced
     /// these (M-34). Sends at most one answer a second, as for stray items (M-36).
-    fn refuse_guided(&mut self, cx: &mut Work<'_, '_>, caller: &mut Caller<'_>, mission_type: MavMissionType) {
+    fn refuse_guided<F: Firmware>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        from: Peer,
+        replies: &mut Replies,
+        mission_type: MavMissionType,
+    ) {
         self.out_of_place();
-        if caller.replies.may_answer_stray(cx.now) {
-            cx.report(&Problem::Guided);
-            caller.ack(mission_type, MavMissionResult::UNSUPPORTED, 0);
+        if replies.may_answer_stray(cx.now) {
+            Problem::Guided.report(cx);
+            replies.refuse(from, mission_type, MavMissionResult::UNSUPPORTED);
         }
     }
 
     /// Handles an item that is not part of an upload: either the final ACK of the previous upload was lost (M-31), or the item is
     /// stray (M-36).
-    fn on_stray_item(&mut self, cx: &Work<'_, '_>, caller: &mut Caller<'_>, mission_type: MavMissionType, seq: u16) {
+    fn on_stray_item(
+        &mut self,
+        now: Instant,
+        from: Peer,
+        replies: &mut Replies,
+        mission_type: MavMissionType,
+        seq: u16,
+    ) {
         let is_last = |done: &&Done| {
-            done.client == caller.from.address
+            done.client == from.address
                 && done.plan.mission_type() == mission_type
                 && done.seq == seq
-                && cx.now.since(done.at) < ANSWER_REPEAT
+                && now.since(done.at) < ANSWER_REPEAT
         };
         if let Some(done) = self.done.as_ref().filter(is_last) {
-            if let Some(repeated) = self.repeated.count(cx.now) {
-                event!("{} upload by {}: final answer sent again; {=u32} so far", done.plan, caller.from, repeated);
+            if let Some(repeated) = self.repeated.count(now) {
+                event!("{} upload by {}: final answer sent again; {=u32} so far", done.plan, from, repeated);
             }
-            return caller.ack(mission_type, done.result, done.id);
+            return replies.push(Reply::of_result(from.address, mission_type, done.result, done.id));
         }
         self.out_of_place();
-        if self.upload.is_none() && caller.replies.may_answer_stray(cx.now) {
-            caller.ack(mission_type, MavMissionResult::ERROR, 0);
+        if self.upload.is_none() && replies.may_answer_stray(now) {
+            replies.refuse(from, mission_type, MavMissionResult::ERROR);
         }
     }
 
     /// Handles MISSION_ACK, which ends a download or cancels an upload. It is never answered.
-    pub(super) fn on_ack(
+    pub(super) fn on_ack<F: Firmware>(
         &mut self,
-        cx: &mut Work<'_, '_>,
+        cx: &mut Cx<'_, F>,
         from: Peer,
         mission_type: MavMissionType,
         result: MavMissionResult,
@@ -509,29 +519,29 @@ impl Missions {
             }
             _ => {
                 event!("{} upload by {}: cancelled by the client", plan, from);
-                self.abandon(cx);
+                self.abandon(&mut cx.plans);
             }
         }
     }
 
-    /// Cancels the pending result of the previous request of `caller`.
+    /// Cancels the pending result of the previous request of `client`.
     #[inline(never)]
-    pub(super) fn forget_answer(&mut self, caller: &mut Caller<'_>) {
-        caller.replies.forget_result(caller.from.address);
+    pub(super) fn forget_answer(&mut self, client: Peer, replies: &mut Replies) {
+        replies.forget_result(client.address);
         self.second_answer = None;
     }
 
     /// Drops the upload in progress. Not inlined, because it has several callers.
     #[inline(never)]
-    pub(super) fn abandon(&mut self, cx: &mut Work<'_, '_>) {
+    pub(super) fn abandon(&mut self, plans: &mut PlansMut<'_>) {
         if self.upload.take().is_some() {
             increment(&mut self.counters.abandoned);
         }
-        cx.plans.staging.clear();
+        plans.clear_staging();
     }
 
     /// Runs the retry timer (M-40) and the timeout (M-41). Returns the final answer after a timeout, and its link.
-    pub(super) fn poll_upload(&mut self, cx: &mut Work<'_, '_>) -> Option<(LinkId, Reply)> {
+    pub(super) fn poll_upload<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<(LinkId, Reply)> {
         let upload = self.upload.as_mut()?;
         if cx.now < upload.pace.deadline() {
             return None;
@@ -545,13 +555,13 @@ impl Missions {
         event!("{} upload by {}: timed out", upload.plan, upload.client);
         if upload.may_be_duplicate {
             // No client is waiting: it would have repeated its COUNT, or has given up.
-            self.abandon(cx);
+            self.abandon(&mut cx.plans);
             return None;
         }
         let (Peer { address: to, link }, plan) = (upload.client, upload.plan);
         let seq = cx.plans.staged();
-        cx.report(&Problem::TimedOut(plan, seq));
-        self.abandon(cx);
+        Problem::TimedOut(plan, seq).report(cx);
+        self.abandon(&mut cx.plans);
         Some((link, Reply::of_result(to, plan.mission_type(), MavMissionResult::OPERATION_CANCELLED, 0)))
     }
 

@@ -6,7 +6,7 @@ use super::backend::ParamBackend;
 use super::external::{Backed, ExternalService, Marks};
 use super::packed::{self, Pack};
 use super::table::{ParamChange, ParamTable, TableMut};
-use super::{ParamService, Parameters, Work, requests};
+use super::{ParamService, Parameters, requests};
 use crate::dialect::{MavFtpErr, MavParamError};
 use crate::service::Cx;
 use crate::service::files::{Body, Entries, HasFiles, Part, VirtualFile};
@@ -113,8 +113,7 @@ where
         });
         if let Err(error) = verdict {
             if cfg!(feature = "plan-texts") {
-                let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
-                requests::warn(&mut work, from.link, requests::reason(error), &record.name);
+                requests::warn(cx.now, cx.texts, from.link, requests::reason(error), &record.name);
             }
             return false;
         }

@@ -6,7 +6,7 @@ use super::backend::{ParamBackend, ParamUpdate, ParamWrite};
 use super::info::{MAX_PARAMS, ParamInfo};
 use super::state::State;
 use super::table::{ParamMemory, Rows, Table};
-use super::{Caller, Links, List, NOTHING, Options, ParamHash, Work, capability, handles, is_armed, storage_action};
+use super::{Links, List, NOTHING, Options, ParamHash, capability, handles, is_armed, storage_action};
 use crate::dialect::{MavCmd, MavResult};
 use crate::link::Port;
 use crate::service::token_bucket::TokenBucket;
@@ -190,22 +190,24 @@ where
         if !handles(received.frame.id()) {
             return Handled::No;
         }
-        let options = options::<F::Vehicle>();
-        let mut caller = Caller { from: received.from, version: port.outbox.version(), list };
+        let options = options::<F::Vehicle>().on(port);
         let mut table = self.table(cx.parameters, cx.vehicle);
-        let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
-        let request = table.on_request(&mut work, options, &mut caller, received.frame);
+        let request = table.on_request(cx.now, cx.texts, options, list, received);
         self.cache(&table);
         let (index, bits) = match request {
             Ok(handled) => return handled,
-            Err(change) => change,
+            Err(set) => set,
         };
         // Everything but the backend's decision is checked, and there is a slot for a refusal.
-        let (vehicle, mut context) = cx.hook();
-        let verdict = vehicle.set_param(&mut context, &ParamWrite { index, bits, from: received.from });
+        let verdict = bits.map(|bits| {
+            let (vehicle, mut context) = cx.hook();
+            vehicle.set_param(&mut context, &ParamWrite { index, bits, from: received.from })
+        });
         let mut table = self.table(cx.parameters, cx.vehicle);
-        let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
-        table.on_decided(&mut work, options, &caller, index, verdict);
+        if let Some(verdict) = verdict {
+            table.on_decided(cx.now, cx.texts, options, received.from, index, verdict);
+        }
+        table.mark_pending(index, cx.shared.normal);
         self.cache(&table);
         Handled::Yes
     }

@@ -3,6 +3,7 @@
 use core::fmt;
 use core::ops::RangeInclusive;
 
+use super::row::Row;
 use super::value::{self, ParamType};
 use crate::dialect::MavParamType;
 
@@ -52,12 +53,13 @@ macro_rules! rows_of {
         /// The constructors of rows for [`parameters!`](crate::parameters), named after the types.
         #[doc(hidden)]
         impl ParamInfo { $(
-            pub const fn $ty(name: &str, default: $ty, range: &RangeInclusive<$ty>) -> Self {
+            pub const fn $ty(name: &str, default: $ty, range: &RangeInclusive<$ty>) -> Row {
                 #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; nothing is cut off")]
                 const fn bits($value: $ty) -> u32 {
                     $bits
                 }
-                Self::row(name, MavParamType::$wire, bits(default), bits(*range.start()), bits(*range.end()))
+                let range = [bits(*range.start()), bits(*range.end())];
+                Row(Self::checked(name.as_bytes(), MavParamType::$wire, bits(default), range))
             }
         )+ }
     };
@@ -77,16 +79,6 @@ impl ParamInfo {
     /// An unused row: all zero bits.
     pub(super) const VACANT: Self =
         Self { name: [0; 16], default: 0, min: 0, max: 0, r#type: MavParamType(0), flags: 0 };
-
-    /// Only for `parameters!`: what fails is a compile error.
-    #[allow(clippy::panic, reason = "const-evaluated: what fails is a compile error")]
-    const fn row(text: &str, r#type: MavParamType, default: u32, min: u32, max: u32) -> Self {
-        match Self::checked(text.as_bytes(), r#type, default, [min, max]) {
-            Ok(info) => info,
-            Err(ParamFault::Name) => panic!("a parameter's name has 1 to 16 bytes, all of them ASCII: shorten it"),
-            Err(_) => panic!("a parameter's default lies within its range"),
-        }
-    }
 
     /// Returns a declaration, checked. `text` ends at its first zero.
     const fn checked(
@@ -161,44 +153,6 @@ impl ParamInfo {
     pub const fn volatile(mut self) -> Self {
         self.flags |= VOLATILE;
         self
-    }
-
-    /// Checks that clients can handle the table (P-1, P-20). Panics otherwise, so that a wrong table does not compile.
-    #[doc(hidden)]
-    #[allow(
-        clippy::indexing_slicing,
-        clippy::arithmetic_side_effects,
-        reason = "const-evaluated: what fails is a compile error"
-    )]
-    pub const fn check(table: &[Self]) {
-        assert!(table.len() <= MAX_PARAMS, "a table has at most 32,768 parameters");
-        let mut i = 0;
-        while i < table.len() {
-            assert!(!same(&table[i].name, &HASH_NAME), "_HASH_CHECK is no parameter's name");
-            if i > 0 {
-                assert!(
-                    is_less(&table[i - 1].name, &table[i].name),
-                    "the parameters of a table must be in ASCII order, each name once: sort their lines"
-                );
-            }
-            i += 1;
-        }
-    }
-
-    /// Returns the index of a parameter in the table.
-    #[doc(hidden)]
-    #[allow(
-        clippy::indexing_slicing,
-        clippy::arithmetic_side_effects,
-        clippy::as_conversions,
-        reason = "const-evaluated: what fails is a compile error"
-    )]
-    pub const fn position(table: &[Self], name: &Self) -> u16 {
-        let mut i = 0;
-        while !same(&table[i].name, &name.name) {
-            i += 1;
-        }
-        i as u16
     }
 
     /// Returns the name.
@@ -307,17 +261,4 @@ impl defmt::Format for ParamInfo {
     fn format(&self, f: defmt::Formatter<'_>) {
         defmt::write!(f, "{=str}", self.name());
     }
-}
-
-#[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated; the index is below 16")]
-const fn is_less(a: &[u8; 16], b: &[u8; 16]) -> bool {
-    let mut i = 0;
-    while i < 15 && a[i] == b[i] {
-        i += 1;
-    }
-    a[i] < b[i]
-}
-
-const fn same(a: &[u8; 16], b: &[u8; 16]) -> bool {
-    !is_less(a, b) && !is_less(b, a)
 }

@@ -99,19 +99,15 @@ macro_rules! parameters {
         impl $name {
             $(
                 $(#[doc = $doc])*
-                pub const $param: $crate::Param<Self, $ty> = $crate::Param::__at($crate::param::ParamInfo::position(
-                    &Self::__TABLE,
-                    &$crate::param::ParamInfo::$ty(stringify!($param), $default, &($range)),
-                ));
+                pub const $param: $crate::Param<Self, $ty> =
+                    $crate::Param::__at($crate::__private::position(Self::__NAMES, stringify!($param)));
             )+
 
-            const __TABLE: [$crate::param::ParamInfo; [$(stringify!($param)),+].len()] = {
-                let table = [$(
-                    $crate::param::ParamInfo::$ty(stringify!($param), $default, &($range))$($(.$flag())*)?,
-                )+];
-                $crate::param::ParamInfo::check(&table);
-                table
-            };
+            const __NAMES: &'static [&'static str] = &[$(stringify!($param)),+];
+
+            const __TABLE: [$crate::param::ParamInfo; Self::__NAMES.len()] = [$(
+                $crate::param::ParamInfo::$ty(stringify!($param), $default, &($range)).info()$($(.$flag())*)?,
+            )+];
 
             /// Returns a table with every parameter at its default.
             pub fn new() -> Self {
@@ -133,8 +129,22 @@ macro_rules! parameters {
             }
         }
 
-        // Checked at the declaration, not at the first use.
-        const _: &[$crate::param::ParamInfo] = <$name as $crate::param::ParamTable>::INFO;
+        // Each row is checked at the declaration, not at the first use. For the compiler's message, the struct has the name of the
+        // parameter, and the default its place.
+        $(
+            #[allow(non_camel_case_types, clippy::upper_case_acronyms, reason = "a parameter's name is its name on the wire")]
+            #[allow(dead_code, reason = "the struct is only a name")]
+            const _: () = {
+                struct $param {}
+                const NAME: &str = stringify!($param);
+                const ROW: $crate::__private::Row = $crate::param::ParamInfo::$ty(NAME, $default, &($range));
+                const IS_IN_ORDER: bool = $crate::__private::is_in_order($name::__NAMES, NAME);
+                type Checked = $crate::__private::Checked<
+                    $param, $ty, { ROW.is_named(NAME) }, { ROW.is_within_range() }, IS_IN_ORDER,
+                >;
+                Checked::row($default)
+            };
+        )+
 
         impl $crate::param::ParamTable for $name {
             const INFO: &'static [$crate::param::ParamInfo] = &Self::__TABLE;

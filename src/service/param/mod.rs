@@ -21,6 +21,7 @@ mod macros;
 mod packed;
 mod replies;
 mod requests;
+mod row;
 mod runtime;
 mod saving;
 mod state;
@@ -37,6 +38,7 @@ pub use external::ExternalParams;
 pub use external::ExternalService;
 pub use info::{MAX_PARAMS, ParamFault, ParamInfo};
 pub(crate) use replies::List;
+pub use row::{Checked, Row, is_in_order, position};
 pub use runtime::RuntimeTable;
 pub use table::{NoParams, Param, ParamChange, ParamMemory, ParamTable, ParamValues, TableMut};
 pub use value::{ParamEncoding, ParamType};
@@ -54,7 +56,7 @@ use crate::frame::Version;
 use crate::link::{Outbox, Port};
 use crate::message::{Message, Text};
 use crate::time::{Duration, Instant};
-use crate::types::{Firmware, LinkId, LinkMask, Peer, Refusal, StatusTexts, Vehicle, Why};
+use crate::types::{Firmware, LinkId, LinkMask, Peer, Refusal, Vehicle, Why};
 use info::HASH_NAME;
 use saving::Saving;
 use state::State;
@@ -65,21 +67,6 @@ const NO_INDEX: u16 = u16::MAX;
 
 /// Minimum time between texts about refusals (P-32).
 const TEXT_PAUSE: Duration = Duration::from_secs(1);
-
-/// What the service needs besides the table.
-pub(crate) struct Work<'a> {
-    pub(crate) now: Instant,
-    pub(crate) texts: &'a mut StatusTexts,
-    /// The links that carry all messages.
-    pub(crate) normal: LinkMask,
-}
-
-/// The sender of a request, on a link that sends `version`.
-pub(crate) struct Caller<'a> {
-    pub(crate) from: Peer,
-    pub(crate) version: Version,
-    pub(crate) list: &'a mut List,
-}
 
 /// Returns the capability bits for parameters in this encoding.
 const fn capability(encoding: ParamEncoding) -> MavProtocolCapability {
@@ -108,6 +95,11 @@ impl Options {
             ParamEncoding::CCast => ParamHash::Never,
         };
         Self { encoding, hash, has_errors }
+    }
+
+    /// Returns the options on a link: MAVLink 1 has no PARAM_ERROR (P-31).
+    fn on(self, port: &Port) -> Self {
+        Self { has_errors: self.has_errors && port.outbox.version() != Version::V1, ..self }
     }
 
     /// Whether this is the name of the hash, and the hash is enabled.
@@ -291,21 +283,21 @@ where
         if !handles(received.frame.id()) {
             return Handled::No;
         }
-        let options = Options::of::<F::Vehicle>();
-        let mut caller = Caller { from: received.from, version: port.outbox.version(), list };
+        let options = Options::of::<F::Vehicle>().on(port);
         let mut table = self.table(cx.parameters);
-        let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
-        let request = table.on_request(&mut work, options, &mut caller, received.frame);
+        let request = table.on_request(cx.now, cx.texts, options, list, received);
         self.cache(&table);
         let (index, bits) = match request {
             Ok(handled) => return handled,
-            Err(change) => change,
+            Err(set) => set,
         };
         // Everything but the vehicle's decision is checked, and there is a slot for a refusal.
-        let verdict = self.set(cx, index, bits, received.from);
+        let verdict = bits.map(|bits| self.set(cx, index, bits, received.from));
         let mut table = self.table(cx.parameters);
-        let mut work = Work { now: cx.now, texts: cx.texts, normal: cx.shared.normal };
-        table.on_decided(&mut work, options, &caller, index, verdict);
+        if let Some(verdict) = verdict {
+            table.on_decided(cx.now, cx.texts, options, received.from, index, verdict);
+        }
+        table.mark_pending(index, cx.shared.normal);
         self.cache(&table);
         Handled::Yes
     }

@@ -3,73 +3,73 @@
 use core::borrow::Borrow;
 
 use super::hash::Hash;
-use super::replies::Refusal;
+use super::replies::{List, Refusal};
 use super::table::{Rows, Table};
-use super::{Caller, Handled, Options, ParamEncoding, ParamHash, ParamInfo, TEXT_PAUSE, Work, value};
+use super::{Handled, Options, ParamEncoding, ParamHash, ParamInfo, Received, TEXT_PAUSE, value};
 use crate::dialect::{MavParamError, MavParamType, MavSeverity, ParamRequestList, ParamRequestRead, ParamSet};
-use crate::frame::{Frame, Version};
 use crate::message::{Message, Text};
-use crate::types::{LinkId, LinkMask, ONE_FRAME};
+use crate::time::Instant;
+use crate::types::{LinkId, LinkMask, ONE_FRAME, Peer, StatusTexts};
 
 impl<R: Rows> Table<'_, R> {
-    /// Handles a request. Returns `Err` with index and value if it sets a parameter to a different, valid value: the caller
-    /// asks the vehicle, sets it, and calls [`on_decided`](Self::on_decided).
+    /// Handles a request. Returns `Err` with an index if it is a PARAM_SET of a parameter that exists: the caller makes the
+    /// resulting value pending on all normal links, whatever it is (P-14). With the index comes a value if it is a different, valid
+    /// one: before that, the caller asks the vehicle, sets it, and calls [`on_decided`](Self::on_decided).
     pub(super) fn on_request(
         &mut self,
-        cx: &mut Work<'_>,
+        now: Instant,
+        texts: &mut StatusTexts,
         options: Options,
-        caller: &mut Caller<'_>,
-        frame: &Frame<'_>,
-    ) -> Result<Handled, (u16, u32)> {
-        match frame.id() {
+        list: &mut List,
+        received: &Received<'_>,
+    ) -> Result<Handled, (u16, Option<u32>)> {
+        match received.frame.id() {
             // It has nothing to list (P-18).
             ParamRequestList::ID if self.count() == 0 => Ok(Handled::Yes),
             ParamRequestList::ID => {
-                let is_first = caller.list.begin(cx.now);
+                let is_first = list.begin(now);
                 // A client that restarts the list did not use the hash (P-10).
                 if is_first && options.hash == ParamHash::InList {
-                    self.queue_hash(caller);
+                    self.queue_hash(received.from.link);
                 }
                 Ok(Handled::Yes)
             }
-            ParamRequestRead::ID => Ok(self.on_read(cx, options, caller, &ParamRequestRead::decode(frame.payload()))),
-            _ => self.on_set(cx, options, caller, &ParamSet::decode(frame.payload())),
+            ParamRequestRead::ID => Ok(self.on_read(now, texts, options, received)),
+            _ => self.on_set(now, texts, options, list, received),
         }
     }
 
     /// Handles PARAM_REQUEST_READ (P-13).
-    fn on_read(
-        &mut self,
-        cx: &mut Work<'_>,
-        options: Options,
-        caller: &mut Caller<'_>,
-        read: &ParamRequestRead,
-    ) -> Handled {
+    fn on_read(&mut self, now: Instant, texts: &mut StatusTexts, options: Options, received: &Received<'_>) -> Handled {
+        let (read, from) = (ParamRequestRead::decode(received.frame.payload()), received.from);
         let name = wire_name(&read.param_id);
         let found = match u16::try_from(read.param_index) {
             Ok(index) => self.get(index).map(|_| index),
             Err(_) if options.is_hash(&name) => {
-                self.queue_hash(caller);
+                self.queue_hash(received.from.link);
                 return Handled::Yes;
             }
             Err(_) => self.find(&name),
         };
         let Some(index) = found else {
             let index = read.param_index.max(-1);
-            return self.refuse(cx, options, caller, Asked::Read(index), MavParamError::DOES_NOT_EXIST, &name);
+            let why = (Asked::Read(index), MavParamError::DOES_NOT_EXIST);
+            return self.refuse(now, texts, options, from, why, &name);
         };
-        self.mark_pending(index, LinkMask::of(caller.from.link));
+        self.mark_pending(index, LinkMask::of(from.link));
         Handled::Yes
     }
 
     /// Handles PARAM_SET up to the vehicle's decision (P-14).
     fn on_set(
         &mut self,
-        cx: &mut Work<'_>,
+        now: Instant,
+        texts: &mut StatusTexts,
         options: Options,
-        caller: &mut Caller<'_>,
-        set: &ParamSet,
-    ) -> Result<Handled, (u16, u32)> {
+        list: &mut List,
+        received: &Received<'_>,
+    ) -> Result<Handled, (u16, Option<u32>)> {
+        let (set, from) = (ParamSet::decode(received.frame.payload()), received.from);
         if set.target_system == 0 {
             // It would set the parameter on every vehicle in range.
             return Ok(Handled::OutOfPlace);
@@ -78,55 +78,53 @@ impl<R: Rows> Table<'_, R> {
         if options.is_hash(&name) {
             // A client that has all values needs no list. No answer: QGroundControl would take it for a new hash, and set it
             // again.
-            caller.list.end();
-            self.state.hash_pending = self.state.hash_pending.without(LinkMask::of(caller.from.link));
+            list.end();
+            self.state.hash_pending = self.state.hash_pending.without(LinkMask::of(from.link));
             return Ok(Handled::Yes);
         }
-        if self.state.refusals.is_full(caller.from.link) {
+        if self.state.refusals.is_full(from.link) {
             return Ok(Handled::NoRoom);
         }
         let Some((index, (info, old))) = self.find(&name).and_then(|index| Some((index, self.get(index)?))) else {
-            return Ok(self.refuse(cx, options, caller, Asked::Set, MavParamError::DOES_NOT_EXIST, &name));
+            let why = (Asked::Set, MavParamError::DOES_NOT_EXIST);
+            return Ok(self.refuse(now, texts, options, from, why, &name));
         };
-        match check(info.borrow(), options.encoding, set) {
-            Ok(bits) if bits != old => return Err((index, bits)),
-            Ok(_) => {}
-            Err((asked, error)) => {
-                self.refuse(cx, options, caller, asked, error, &name);
+        match check(info.borrow(), options.encoding, &set) {
+            Ok(bits) => Err((index, Some(bits).filter(|bits| *bits != old))),
+            Err(why) => {
+                self.refuse(now, texts, options, from, why, &name);
+                Err((index, None))
             }
         }
-        self.mark_pending(index, cx.normal);
-        Ok(Handled::Yes)
     }
 
-    /// Answers a PARAM_SET that was carried out or refused. Queues the refusal, for which there is a free slot. The resulting
-    /// value becomes pending on all normal links (P-14).
+    /// Answers a PARAM_SET that was carried out or refused: queues the refusal, for which there is a free slot (P-14).
     pub(super) fn on_decided(
         &mut self,
-        cx: &mut Work<'_>,
+        now: Instant,
+        texts: &mut StatusTexts,
         options: Options,
-        caller: &Caller<'_>,
+        from: Peer,
         index: u16,
         verdict: Result<(), MavParamError>,
     ) {
         match verdict {
-            Ok(()) => event!("parameter {=u16} set by {}", index, caller.from),
+            Ok(()) => event!("parameter {=u16} set by {}", index, from),
             Err(error) => {
                 let Some((info, _)) = self.get(index) else { return };
                 let info: &ParamInfo = info.borrow();
-                self.refuse(cx, options, caller, Asked::Set, error, info.wire_name());
+                self.refuse(now, texts, options, from, (Asked::Set, error), info.wire_name());
             }
         }
-        self.mark_pending(index, cx.normal);
     }
 
-    /// Marks the hash as pending on the caller's link, and computes it again: a client must not get a hash from before, when a link
+    /// Marks the hash as pending on a client's link, and computes it again: a client must not get a hash from before, when a link
     /// that takes nothing still waits for it. A computation that a link waits for goes on.
-    fn queue_hash(&mut self, caller: &Caller<'_>) {
+    fn queue_hash(&mut self, link: LinkId) {
         if self.state.hash_pending.is_empty() || self.state.hash.is_ready(&self.rows) {
             self.state.hash = Hash::new();
         }
-        self.state.hash_pending = self.state.hash_pending.with(LinkMask::of(caller.from.link));
+        self.state.hash_pending = self.state.hash_pending.with(LinkMask::of(link));
     }
 
     /// Queues a PARAM_ERROR. Clients that do not know it get a text too: after a PARAM_SET, and where PARAM_ERROR is not
@@ -134,26 +132,26 @@ impl<R: Rows> Table<'_, R> {
     #[inline(never)]
     fn refuse(
         &mut self,
-        cx: &mut Work<'_>,
+        now: Instant,
+        texts: &mut StatusTexts,
         options: Options,
-        caller: &Caller<'_>,
-        asked: Asked,
-        error: MavParamError,
+        from: Peer,
+        (asked, error): (Asked, MavParamError),
         name: &[u8; 16],
     ) -> Handled {
         let index = if let Asked::Read(index) = asked { index } else { -1 };
-        let has_error = options.has_errors && caller.version != Version::V1;
-        if has_error && !self.state.refusals.push(Refusal { to: caller.from, error, index, name: *name }) {
+        let has_error = options.has_errors;
+        if has_error && !self.state.refusals.push(Refusal { to: from, error, index, name: *name }) {
             return Handled::NoRoom;
         }
-        if let Some(refused) = self.state.refused.count(cx.now) {
-            event!("parameter of {} refused: {=u8}; {=u32} refused so far", caller.from, error.0, refused);
+        if let Some(refused) = self.state.refused.count(now) {
+            event!("parameter of {} refused: {=u8}; {=u32} refused so far", from, error.0, refused);
         }
         let has_text = !has_error || !matches!(asked, Asked::Read(_));
-        if cfg!(feature = "plan-texts") && has_text && cx.now >= self.state.texts_from {
-            self.state.texts_from = cx.now.after(TEXT_PAUSE);
+        if cfg!(feature = "plan-texts") && has_text && now >= self.state.texts_from {
+            self.state.texts_from = now.after(TEXT_PAUSE);
             let text = if asked == Asked::SetUnclear { ": firmware should declare it i32" } else { reason(error) };
-            warn(cx, caller.from.link, text, name);
+            warn(now, texts, from.link, text, name);
         }
         Handled::Yes
     }
@@ -202,12 +200,12 @@ fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u3
 
 /// Queues a text about a refusal. Not inlined, so that its buffer takes no stack while a refusal is queued.
 #[inline(never)]
-pub(super) fn warn(cx: &mut Work<'_>, link: LinkId, why: &str, name: &[u8; 16]) {
+pub(super) fn warn(now: Instant, texts: &mut StatusTexts, link: LinkId, why: &str, name: &[u8; 16]) {
     // A name of 16 bytes leaves 34 for the reason.
     let mut text = Text::<ONE_FRAME>::EMPTY;
     text.set(name);
     text.push_str(why);
-    cx.texts.push(cx.now, LinkMask::of(link), MavSeverity::WARNING, text.as_bytes());
+    texts.push(now, LinkMask::of(link), MavSeverity::WARNING, text.as_bytes());
 }
 
 /// Returns a name padded with zeros; bytes after the terminator are dropped.

@@ -2,6 +2,11 @@
 
 use super::*;
 
+/// Rows of parameters, one of which has a name that is too long, a wrong place, or a default outside its range.
+const LONG: &str = "ALT: u8 = 0, 0..=1, \"\";\nA_NAME_OF_17_BYTE: u8 = 0, 0..=1, \"\";";
+const UNSORTED: &str = "BAT: u8 = 0, 0..=1, \"\";\nALT: u8 = 0, 0..=1, \"\";\nSPEED: u8 = 0, 0..=1, \"\";";
+const OUTSIDE: &str = "ALT: u8 = 0, 0..=1, \"\";\nBAT: u8 = 2, 0..=1, \"\";\nSPEED: u8 = 0, 0..=1, \"\";";
+
 /// Returns the invalid firmwares.
 pub fn cases() -> Vec<Case> {
     let config = |system, component| {
@@ -242,9 +247,15 @@ pub fn cases() -> Vec<Case> {
             "two modes with the same custom_mode",
         ),
         ("modes_name", modes("FlightMode::new(1, \"\")"), "a mode's name has 1 to 34 bytes"),
-        ("param_name", parameters("A_NAME_OF_17_BYTES: u8 = 0, 0..=1, \"\";"), "a parameter's name has 1 to 16 bytes"),
+        ("param_name", parameters(LONG), "the name of the parameter `A_NAME_OF_17_BYTE` is not valid"),
+        // The error is shown at the row, which is in the line behind that of `parameters!`.
+        ("param_name_row", parameters(LONG), "param_name_row.rs:10:"),
+        ("param_reserved", parameters("_HASH_CHECK: u8 = 0, 0..=1, \"\";"), "the parameter `_HASH_CHECK` is not valid"),
         ("param_twice", parameters("A: u8 = 0, 0..=1, \"\"; A: u8 = 0, 0..=1, \"\";"), "each name once"),
-        ("param_default", parameters("A: u8 = 2, 0..=1, \"\";"), "a parameter's default lies within its range"),
+        ("param_order", parameters(UNSORTED), "the parameter `ALT` is not in order"),
+        ("param_order_row", parameters(UNSORTED), "param_order_row.rs:10:"),
+        ("param_default", parameters(OUTSIDE), "the default of the parameter `BAT` is not within its range"),
+        ("param_default_row", parameters(OUTSIDE), "param_default_row.rs:10:"),
         (
             "hook_vehicle",
             constant("struct Rover; #[derive(Stack)] #[stack(vehicle: Rover, links: 1)] struct Mavlink;"),
@@ -476,7 +487,7 @@ pub fn cases() -> Vec<Case> {
         ),
         ("no_table", implements("struct Tuning;", "links: 1, parameters: Tuning"), "declare it with `parameters!`"),
         ("calls_commands", calls("stack.long_commands_mut();"), "`commands: { slots: 2 }` is missing in `#[stack]`"),
-        ("calls_plans", calls("stack.mission_item_reached(Instant::ZERO, 0);"), "Declares>::Mission = "),
+        ("calls_plans", calls("stack.mission_item_reached(Instant::ZERO, 0);"), "`plans: { mission: 100 }` is missing in `#[stack]`"),
         ("calls_parameters", calls("stack.parameters_mut();"), "NoParams: ParamTable`"),
         ("calls_manual_control", calls("stack.manual_input_mut();"), "`manual_control` is missing in `#[stack]`"),
         ("calls_operator_control", calls("stack.operator_control_mut();"), "`operator_control` is missing in `#[stack]`"),

@@ -191,22 +191,22 @@ impl Bench {
     /// Loads a plan of the firmware.
     fn load(&mut self, plan: PlanType, items: &[Item]) {
         let items = items.iter().copied();
-        let loaded = self.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, plan, items));
+        let loaded = self.with(|missions, cx, _, _| missions.load_plan(cx, plan, items));
         loaded.expect("a good plan");
     }
 
     /// Loads a plan from storage.
     fn restore(&mut self, plan: PlanType, expected: (u16, u32), items: &[Item]) -> Result<(), PlanFault> {
-        self.with(|missions, cx, vehicle, _| {
-            missions.set_loading(cx, true);
+        self.with(|missions, cx, _, _| {
+            missions.set_loading(&mut cx.plans, true);
             let mut digest = Digest::new();
             let mut items = items.iter();
             let staged = items.try_for_each(|item| {
                 digest.add(item);
-                Missions::stage_item(cx, vehicle, plan, *item)
+                Missions::stage_item(cx, plan, *item)
             });
-            let loaded = staged.and_then(|()| missions.make_loaded(cx, vehicle, plan, Some(expected), digest));
-            missions.set_loading(cx, false);
+            let loaded = staged.and_then(|()| missions.make_loaded(cx, plan, Some(expected), digest));
+            missions.set_loading(&mut cx.plans, false);
             loaded
         })
     }
@@ -448,7 +448,7 @@ fn nothing_is_loaded_during_an_upload() {
     let mut bench = durable();
     upload_to_storage(&mut bench, A, MISSION, &plan(1, 2));
     let none = core::iter::empty();
-    let loaded = bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, PlanType::Mission, none));
+    let loaded = bench.with(|missions, cx, _, _| missions.load_plan(cx, PlanType::Mission, none));
     assert_eq!(loaded, Err(PlanFault { seq: None, result: DENIED }));
     bench.saved();
     assert_eq!(bench.drain(), [to_a(Ack(ACCEPTED, id_of(&plan(1, 2))))]);
@@ -456,7 +456,7 @@ fn nothing_is_loaded_during_an_upload() {
     let mut bench = Bench::new();
     assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))]);
     let one = core::iter::once(item(3, 0));
-    let loaded = bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, PlanType::Mission, one));
+    let loaded = bench.with(|missions, cx, _, _| missions.load_plan(cx, PlanType::Mission, one));
     assert_eq!(loaded, Err(PlanFault { seq: None, result: DENIED }));
     assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))], "it continues");
 }
@@ -465,14 +465,13 @@ fn nothing_is_loaded_during_an_upload() {
 #[test]
 fn no_upload_begins_while_plans_are_loaded() {
     let mut bench = durable();
-    bench.with(|missions, cx, _, _| missions.set_loading(cx, true));
+    bench.with(|missions, cx, _, _| missions.set_loading(&mut cx.plans, true));
     let dropped = bench.missions.counters().no_answer_slot;
     assert_eq!(bench.ask(A, &count(MISSION, 2)), []);
     assert_eq!(bench.missions.counters().no_answer_slot, dropped + 1);
-    let loaded =
-        bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, PlanType::Mission, [].into_iter()));
+    let loaded = bench.with(|missions, cx, _, _| missions.load_plan(cx, PlanType::Mission, [].into_iter()));
     assert_eq!(loaded, Err(PlanFault { seq: None, result: DENIED }));
-    bench.with(|missions, cx, _, _| missions.set_loading(cx, false));
+    bench.with(|missions, cx, _, _| missions.set_loading(&mut cx.plans, false));
     assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))]);
 }
 

@@ -170,7 +170,7 @@ fn a_duplicate_does_not_prevent_loading_a_plan() {
     assert_eq!(ask_numbered(&mut bench, 10, A, &count(MISSION, 2)), [to_a(Ask(0))]);
     let items = plan(5, 2);
     let load = |bench: &mut Bench| {
-        bench.with(|missions, cx, vehicle, _| missions.load_plan(cx, vehicle, PlanType::Mission, items.iter().copied()))
+        bench.with(|missions, cx, _, _| missions.load_plan(cx, PlanType::Mission, items.iter().copied()))
     };
     assert_eq!(load(&mut bench), Ok(()));
     assert_eq!(bench.live(PlanType::Mission).0, items);

@@ -161,7 +161,7 @@ fn a_refusal_has_a_reason() {
         (ERROR, "refused by the vehicle"),
     ] {
         let fault = PlanFault { seq: Some(2), result };
-        bench.with(|missions, cx, _, _| missions.report_refused(cx, PlanType::Rally, fault));
+        bench.with(|_, cx, _, _| Missions::report_refused(cx, PlanType::Rally, fault));
         assert_eq!(bench.texts().pop(), Some(std::format!("Rally item 2: {reason}")));
     }
 }

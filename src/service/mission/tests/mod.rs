@@ -22,7 +22,7 @@ use crate::message::{Address, CommandRule, Item};
 use crate::service::param::NoParams;
 use crate::service::rest::{Rest, offer, sent_texts, take, with_frame};
 use crate::time::Duration;
-use crate::types::{Command, Durability, Outcome, TextEntry};
+use crate::types::{Command, Durability, Outcome, Peer, TextEntry};
 
 type Memory = crate::plan_memory!(mission: 5, fence: 3, rally: 0);
 
@@ -189,11 +189,9 @@ impl Bench {
         let len = encode(message, version, from.address, self.number, &mut bytes).expect("fits");
         with_frame(&bytes[..len], |frame| {
             assert!(Missions::handles(frame.id()));
-            let link = usize::from(from.link.0);
-            let version = self.ports[link].outbox.version();
-            self.with(|missions, cx, vehicle, replies| {
-                let mut caller = Caller { from, version, replies: &mut replies[link] };
-                missions.receive(cx, vehicle, &mut caller, frame);
+            let received = Received { frame, from, target: VEHICLE, age: None };
+            self.with_link(usize::from(from.link.0), |missions, cx, port, replies| {
+                missions.receive(cx, port, replies, &received);
             });
         });
     }
@@ -207,37 +205,45 @@ impl Bench {
     /// Calls `act` with the engine and everything it needs.
     fn with<R>(
         &mut self,
-        act: impl FnOnce(&mut Missions, &mut Work<'_, '_>, &mut Vehicle, &mut [Replies; 2]) -> R,
+        act: impl FnOnce(&mut Missions, &mut Cx<'_, Board>, &mut [Port; 2], &mut [Replies; 2]) -> R,
     ) -> R {
-        let mut requests = Requests::<[crate::types::RequestQueue; 0]>::NONE;
-        let mut events = crate::types::EventLog::<[crate::types::EventEntry; 0]>::EMPTY;
-        let mut cx = Work {
+        let mut rest = Rest::new();
+        rest.shared.config.float_mission_items = self.float_form;
+        rest.shared.config.second_mission_ack = self.second_ack;
+        let mut cx = Cx {
             now: self.now,
-            plans: &mut self.memory.view().expect("there are plans"),
+            shared: &mut rest.shared,
+            peers: rest.peers.as_mut_view(),
             texts: &mut self.texts,
-            normal: both_links(),
-            second_ack: self.second_ack,
-            requests: &mut requests,
-            events: &mut events,
-            values: &[],
+            requests: &mut rest.requests,
+            events: &mut rest.events,
+            plans: self.memory.view(),
+            parameters: &mut NoParams,
+            vehicle: &mut self.vehicle,
         };
-        act(&mut self.missions, &mut cx, &mut self.vehicle, &mut self.replies)
+        act(&mut self.missions, &mut cx, &mut self.ports, &mut self.replies)
+    }
+
+    /// The same for one link.
+    fn with_link<R>(
+        &mut self,
+        link: usize,
+        act: impl FnOnce(&mut Missions, &mut Cx<'_, Board>, &mut Port, &mut Replies) -> R,
+    ) -> R {
+        self.with(|missions, cx, ports, replies| act(missions, cx, &mut ports[link], &mut replies[link]))
     }
 
     /// The same for an event that is not a frame, but may have an answer.
-    fn with_answer(
-        &mut self,
-        act: impl FnOnce(&mut Missions, &mut Work<'_, '_>, &mut Vehicle) -> Option<(LinkId, Reply)>,
-    ) {
-        self.with(|missions, cx, vehicle, replies| {
-            if let Some((link, reply)) = act(missions, cx, vehicle) {
+    fn with_answer(&mut self, act: impl FnOnce(&mut Missions, &mut Cx<'_, Board>) -> Option<(LinkId, Reply)>) {
+        self.with(|missions, cx, _, replies| {
+            if let Some((link, reply)) = act(missions, cx) {
                 replies[usize::from(link.0)].set_result(reply);
             }
         });
     }
 
     fn poll(&mut self) {
-        self.with_answer(|missions, cx, vehicle| missions.run_timers(cx, vehicle));
+        self.with_answer(Missions::run_timers);
     }
 
     /// When the engine's next timer is due.
@@ -247,7 +253,7 @@ impl Bench {
 
     /// Returns the content to write: the job number, and each plan with its id.
     fn unsaved(&mut self) -> Option<(u16, [OwnedPlan; 3])> {
-        let plans = self.memory.view().expect("there are plans");
+        let plans = self.memory.view();
         // Whatever the pause, up to which nothing is written.
         let job = self.missions.pending_write(Instant::NEVER)?;
         Some((job, self.missions.content(&plans).map(|plan| (plan.items().to_vec(), plan.id()))))
@@ -260,7 +266,7 @@ impl Bench {
 
     /// Reports that storage failed.
     fn not_saved(&mut self) {
-        self.with_answer(|missions, cx, _| missions.on_save_failed(cx));
+        self.with_answer(Missions::on_save_failed);
     }
 
     /// Advances the time by `millis` ms in steps of 10 ms. Returns what is sent meanwhile, and after how many ms.
@@ -281,28 +287,6 @@ impl Bench {
 
     fn drain_link(&mut self, link: usize) -> Vec<Sent> {
         core::iter::from_fn(|| self.next(link)).collect()
-    }
-
-    /// Calls `act` with the engine and everything it needs to send on a link.
-    fn with_link<R>(
-        &mut self,
-        link: usize,
-        act: impl FnOnce(&mut Missions, &mut Cx<'_, Board>, &mut Port, &mut Replies) -> R,
-    ) -> R {
-        let mut rest = Rest::new();
-        rest.shared.config.float_mission_items = self.float_form;
-        let mut cx = Cx {
-            now: self.now,
-            shared: &mut rest.shared,
-            peers: rest.peers.as_mut_view(),
-            texts: &mut self.texts,
-            requests: &mut rest.requests,
-            events: &mut rest.events,
-            plans: self.memory.view(),
-            parameters: &mut NoParams,
-            vehicle: &mut self.vehicle,
-        };
-        act(&mut self.missions, &mut cx, &mut self.ports[link], &mut self.replies[link])
     }
 
     /// Has a link send what is pending in a turn. Returns false if nothing is.
@@ -356,7 +340,7 @@ impl Bench {
 
     /// Returns the number of items in the staging area.
     fn staged(&mut self) -> u16 {
-        self.memory.view().expect("there are plans").staged()
+        self.memory.view().staged()
     }
 
     fn live(&self, plan: PlanType) -> (&[Item], u32) {

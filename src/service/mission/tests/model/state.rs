@@ -154,7 +154,7 @@ impl State {
             frame.is_delayed.then_some((frame.sent, frame.msg, frame.number.map(|number| number.1)))
         });
         let mut memory = self.bench.memory.clone();
-        let staged = memory.view().map(|plans| names(plans.staging.as_slice()));
+        let staged = names(memory.view().staged_items());
         let plans = (names(self.live()), names(&self.stored), staged);
         // The order of the numbers does not show which of them belong to the upload's COUNTs.
         let is_own = |frame: &InTransit| {

@@ -1,0 +1,214 @@
+//! What a call of a service uses, besides the service itself and its link.
+
+use super::Firmware;
+use crate::dialect::MavSeverity;
+use crate::link::Port;
+use crate::message::{Address, ComponentId};
+use crate::network::{PeerInfo, Peers};
+use crate::time::{Clock, Duration, Instant};
+use crate::types::{Config, Context, EventLog, Flight, HookFaults, LinkMask, PlansMut, Requests, StatusTexts, Values};
+
+/// The data that all services share.
+#[derive(Debug)]
+pub struct Shared {
+    pub(crate) config: Config,
+    /// All links except the high-latency links.
+    pub(crate) normal: LinkMask,
+    /// The high-latency links.
+    pub(crate) satellites: LinkMask,
+    pub(crate) flight: Flight,
+    /// The stack's time, which is never set back. All other instants inside the stack are its.
+    pub(crate) clock: Clock,
+    /// How often the firmware's clock was set back. Wraps.
+    pub(crate) clock_steps: u32,
+    /// When the stack was last polled (H-18). Before the first time the vehicle's state is not known.
+    pub(crate) polled: Instant,
+    /// Work may be pending that only the vehicle knows about, on any link, so `next_deadline` returns `now`.
+    pub(crate) has_acted: bool,
+    /// An operation on the storage is running, so nothing else can be written.
+    pub(crate) is_storage_busy: bool,
+    /// The component of the firmware that answers a command to all of them; 0 is the autopilot.
+    pub(crate) answerer: ComponentId,
+    /// The firmware runs without its other components.
+    pub(crate) is_alone: bool,
+    /// Changes when the numbers of the flight logs may have changed. It wraps.
+    pub(crate) log_numbers: u16,
+    /// Until when a client is reading the file of a flight log.
+    pub(crate) logs_read_until: Instant,
+    pub(crate) faults: HookFaults,
+}
+
+impl Shared {
+    /// All zero bits.
+    pub(crate) const VACANT: Self = Self {
+        config: Config::VACANT,
+        normal: LinkMask::NONE,
+        satellites: LinkMask::NONE,
+        flight: Flight::new(),
+        clock: Clock::NEW,
+        clock_steps: 0,
+        polled: Instant::ZERO,
+        has_acted: false,
+        is_storage_busy: false,
+        answerer: ComponentId(0),
+        is_alone: false,
+        log_numbers: 0,
+        logs_read_until: Instant::ZERO,
+        faults: HookFaults::ZERO,
+    };
+
+    /// Whether the other components of the firmware are left out.
+    pub(crate) fn leaves_out_components<F: Firmware>(&self) -> bool {
+        F::HAS_OPTIONAL_COMPONENTS && self.is_alone
+    }
+
+    /// Whether this is another component of the firmware that is not left out.
+    pub(crate) fn has_component<F: Firmware>(&self, id: ComponentId) -> bool {
+        F::is_component(id) && !self.leaves_out_components::<F>()
+    }
+
+    /// Whether the stack was begun: then it has links.
+    pub(crate) const fn is_begun(&self) -> bool {
+        !self.normal.with(self.satellites).is_empty()
+    }
+
+    /// Whether frames of a link wait for a HEARTBEAT (H-17). Nothing waits for one that cannot come: before the first poll, and
+    /// while the vehicle is in a fault.
+    pub(crate) fn holds(&self, port: &Port) -> bool {
+        port.is_held() && self.flight.has_state
+    }
+
+    /// Ends a link's wait for a HEARTBEAT that has not come (H-17). Unless frames still wait, makes the frame that was cut off when
+    /// the link closed the next one. Returns whether there is one.
+    #[inline(never)]
+    pub(crate) fn resume(&self, now: Instant, port: &mut Port) -> bool {
+        if port.is_held() {
+            if self.holds(port) && now < port.bound_hold(now, self.config.max_loop_gap) {
+                return false;
+            }
+            port.release();
+        }
+        port.outbox.resume()
+    }
+
+    /// Whether the vehicle has a state, and the stack was polled within `max_loop_gap`, so that the peers' timeouts and the failsafe run (H-18).
+    fn is_polled(&self, now: Instant) -> bool {
+        self.flight.has_state && now.since(self.polled) <= self.config.max_loop_gap
+    }
+
+    /// Samples the pulse of the flight loop.
+    pub(crate) fn sample_pulse(&mut self, now: Instant) {
+        let Self { config, flight, .. } = self;
+        if let Some(pulse) = config.pulse {
+            flight.credit.sample(now, pulse, config.max_loop_gap);
+        }
+    }
+
+    /// Whether heartbeats may be sent, as of the last sample of the pulse (H-5, H-18).
+    pub(crate) fn is_beating(&self, now: Instant) -> bool {
+        self.flight.credit.is_good(now, self.config.max_loop_gap) && self.is_polled(now)
+    }
+
+    /// Returns when the stack must be polled again at the latest, so that heartbeats may be sent (H-18).
+    pub(crate) fn poll_deadline(&self) -> Instant {
+        self.polled.after(self.config.max_loop_gap)
+    }
+
+    /// Returns when a message that is due at `due` can be sent, if it must not be sent while the flight loop is stopped or the
+    /// vehicle is in a fault.
+    pub(crate) fn when_beating(&self, now: Instant, due: Instant) -> Instant {
+        let (credit, gap) = (&self.flight.credit, self.config.max_loop_gap);
+        match due {
+            Instant::NEVER => Instant::NEVER,
+            due if due > now => credit.look_for(due, gap),
+            due if self.is_beating(now) => due,
+            // It waits for the flight loop or the vehicle. Only polling shows that they recovered.
+            _ => now.after(RETRY),
+        }
+    }
+}
+
+/// How soon to check again whether heartbeats may be sent.
+pub(crate) const RETRY: Duration = Duration::from_millis(100);
+
+/// The data that a call of a service uses, besides the service itself and its link.
+pub struct Cx<'a, F: Firmware> {
+    /// By the stack's clock.
+    pub(crate) now: Instant,
+    pub(crate) shared: &'a mut Shared,
+    pub(crate) peers: &'a mut Peers,
+    pub(crate) texts: &'a mut StatusTexts,
+    pub(crate) requests: &'a mut Requests,
+    pub(crate) events: &'a mut EventLog,
+    pub(crate) plans: PlansMut<'a>,
+    pub(crate) parameters: &'a mut F::Parameters,
+    pub(crate) vehicle: &'a mut F::Vehicle,
+}
+
+impl<F: Firmware> Cx<'_, F> {
+    /// Returns what can be seen without the vehicle.
+    #[inline(always)]
+    pub(crate) fn view(&self) -> View<'_> {
+        View {
+            now: self.now,
+            shared: self.shared,
+            peers: self.peers,
+            texts: self.texts,
+            requests: self.requests,
+            events: self.events,
+        }
+    }
+
+    /// Returns the time, by the stack's clock, which is never set back.
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Returns the vehicle's address.
+    pub fn address(&self) -> Address {
+        self.shared.config.address.get()
+    }
+
+    /// Sends a text on every normal link. Compiled out if there is no queue of texts.
+    #[inline(never)]
+    pub fn say(&mut self, severity: MavSeverity, text: &[u8]) {
+        if F::HAS_TEXTS {
+            self.texts.push(self.now, self.shared.normal, severity, text);
+        }
+    }
+
+    /// Returns the vehicle, and the context for its hooks.
+    pub fn hook(&mut self) -> (&mut F::Vehicle, Context<'_>) {
+        let (_, vehicle, context) = self.peers_and_hook();
+        (vehicle, context)
+    }
+
+    /// Returns the peer table too, for changes that the vehicle learns of.
+    pub(crate) fn peers_and_hook(&mut self) -> (&mut Peers, &mut F::Vehicle, Context<'_>) {
+        let Self { now, shared, peers, texts, requests, events, plans, parameters, vehicle } = self;
+        let context = Context::new(*now, shared.normal, texts, requests, events, plans, parameters.values());
+        (peers, vehicle, context)
+    }
+}
+
+/// The data that is available without the vehicle.
+pub struct View<'a> {
+    pub(crate) now: Instant,
+    pub(crate) shared: &'a Shared,
+    pub(crate) peers: &'a [PeerInfo],
+    pub(crate) texts: &'a StatusTexts,
+    pub(crate) requests: &'a Requests,
+    pub(crate) events: &'a EventLog,
+}
+
+impl View<'_> {
+    /// Returns the time, by the stack's clock.
+    pub const fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Returns the vehicle's address.
+    pub fn address(&self) -> Address {
+        self.shared.config.address.get()
+    }
+}
