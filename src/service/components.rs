@@ -133,7 +133,6 @@ impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
         if command.id != MavCmd::REQUEST_MESSAGE || num::integer(id) != Some(Heartbeat::ID) {
             return None;
         }
-        cx.shared.sample_pulse(cx.now);
         let is_alive = cx.vehicle.component_state(command.component).is_some() && cx.shared.is_beating(cx.now);
         let may_send = is_alive && command.has_response_target() && !port.config.class.is_high_latency();
         if may_send {

@@ -102,7 +102,6 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
         let is_accepted = if is_interval {
             is_valid && micros >= 0.0 && (instance == 0.0 || instance.is_nan())
         } else {
-            cx.shared.sample_pulse(cx.now);
             is_valid && cx.vehicle.state().is_some() && cx.shared.is_beating(cx.now)
         };
         if is_accepted && !is_interval {

@@ -288,16 +288,15 @@ impl<D: Declares> Services<D> {
         request: &mut Request,
     ) -> Option<Verdict> {
         let is_of_component = D::is_component(request.command.component);
-        for is_unclaimed in [false, true] {
-            request.is_unclaimed = is_unclaimed;
-            let mut visit = OnCommand { cx: &mut *cx, port: &mut *port, request, only: None, verdict: None };
-            if self.visit(states, &mut visit) {
-                return visit.verdict;
-            }
+        let mut visit = OnCommand { cx: &mut *cx, port: &mut *port, request, only: None, verdict: None };
+        if self.visit(states, &mut visit) {
+            return visit.verdict;
         }
+        request.is_unclaimed = true;
+        let verdict = self.stream.on_command(cx, port, &mut states.stream, request);
         // A message that no service knows: the command itself is supported.
         let is_refused = request.command.id == MavCmd::REQUEST_MESSAGE && !is_of_component;
-        is_refused.then(|| Verdict::done(MavResult::DENIED))
+        verdict.or_else(|| is_refused.then(|| Verdict::done(MavResult::DENIED)))
     }
 
     /// Offers a command of the firmware itself to the services that are one of its other components.
