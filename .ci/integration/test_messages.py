@@ -184,3 +184,18 @@ def test_mavsdk_reads_the_telemetry(system):
     assert abs(position.latitude_deg - 47.397742) < 1e-3
     assert abs(position.longitude_deg - 8.545594) < 1e-3
     assert not telemetry.in_air() and not telemetry.armed()
+
+
+def test_aircraft_that_a_receiver_reports_are_kept(gcs):
+    """A service of another crate: the demo vehicle has `mavstack-traffic` by a field."""
+    flags = mavlink.ADSB_FLAGS_VALID_COORDS | mavlink.ADSB_FLAGS_VALID_ALTITUDE
+    # Some 300 m north of the vehicle's home.
+    gcs.mav.adsb_vehicle_send(
+        0xABCDEF, 474_004_400, 85_455_940, 1, 520_000, 9_000, 6_000, 0, b"HB-ZRC", 7, 1, flags, 7_000
+    )
+    text = gcs.wait("STATUSTEXT", where=lambda message: message.text.startswith("Aircraft at "))
+    assert text, "no text"
+    assert int(text.text.split()[2]) < 1_000, text.text
+    assert gcs.command(mavlink.MAV_CMD_REQUEST_MESSAGE, message_id("ADSB_VEHICLE")) == ACCEPTED
+    aircraft = gcs.wait("ADSB_VEHICLE")
+    assert aircraft and (aircraft.ICAO_address, aircraft.callsign) == (0xABCDEF, "HB-ZRC")
