@@ -31,6 +31,8 @@ macro_rules! counters {
         }
 
         impl $crate::log::Counters for $Counters {
+            const NAME: &'static str = stringify!($Counters);
+
             fn drops(&self) -> u32 {
                 0u32 $(.wrapping_add(counters!(@$kind self.$counter)))*
             }
@@ -47,13 +49,16 @@ macro_rules! counters {
 
 /// The counters of a service, or of a service on one link.
 pub trait Counters {
+    /// Their name in the log.
+    const NAME: &'static str;
+
     /// Returns the sum of the counters of what was dropped. Wraps.
     fn drops(&self) -> u32;
 
-    /// Logs all counters; by default their sum.
+    /// Logs all counters; by default their name and their sum.
     #[cfg(feature = "defmt")]
     fn log(&self) {
-        event!("{=u32} dropped", self.drops());
+        event!("{=str}: {=u32} dropped", Self::NAME, self.drops());
     }
 }
 

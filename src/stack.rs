@@ -40,7 +40,7 @@ use crate::message::Text;
 use crate::network;
 use crate::service::command::CommandMemory;
 use crate::service::param::ParamMemory;
-use crate::service::{Cx, Shared, SigningGate, View, increment};
+use crate::service::{Cx, Service, Shared, SigningGate, View, increment};
 use crate::time::Instant;
 use crate::types::{
     Allowance, Component, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PlanMemory, StatusTexts, Values,
@@ -213,7 +213,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         {
             services.carry_out_own(&mut cx, port, state);
         }
-        cx.requests.end_poll();
+        let has_streams = !<D::Stream as Service<D>>::ABOUT.turns.is_empty();
+        cx.requests.end_poll(has_streams, D::Plans::CAPACITIES != [0; 3]);
         #[cfg(feature = "defmt")]
         self.log_drops(self.shared.clock.now());
     }

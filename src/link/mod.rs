@@ -13,9 +13,9 @@ use crate::frame::{Decoder, Version};
 #[cfg(feature = "defmt")]
 use crate::log::DropLog;
 use crate::log::increment;
-use crate::message::Message;
+use crate::message::{ComponentId, Message};
 use crate::time::{Duration, Instant};
-use crate::types::{Config, LinkClass, LinkConfig, LinkFacts, LinkId, TxVersion};
+use crate::types::{Config, Firmware, LinkClass, LinkConfig, LinkFacts, LinkId, TxVersion};
 
 counters! {
     /// Counters of sent and dropped frames on a link. They wrap. [`RxCounters`](crate::frame::RxCounters) counts what the decoder
@@ -141,6 +141,11 @@ impl Port {
     /// send it.
     pub fn send<M: Message>(&mut self, message: &M) -> bool {
         self.outbox.send(message)
+    }
+
+    /// The same, as another component of the firmware, which a [`Part::Component`](crate::service::Part) is.
+    pub fn send_from<F: Firmware, M: Message>(&mut self, component: ComponentId, message: &M) -> bool {
+        self.outbox.send_from::<F, M>(Some(component), message)
     }
 }
 

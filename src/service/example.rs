@@ -4,7 +4,7 @@
 //! played. It is counted, and the link on which it was received sends the count in a NAMED_VALUE_INT. Tunes that are received
 //! before the link has room share one answer.
 
-use super::{About, Cx, Handled, Received, Service, Turn, View, increment};
+use super::{About, Cx, Handled, Received, Service, Turn, View};
 use crate::dialect::{NamedValueInt, PlayTune};
 use crate::link::Port;
 use crate::message::{Message, Text};
@@ -39,24 +39,24 @@ impl<F: Firmware> Service<F> for Tunes {
 
     /// Receiving changes state and sends nothing.
     fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, link: &mut TuneLink, received: &Received<'_>) -> Handled {
-        if received.frame.id() != PlayTune::ID {
+        if received.frame().id() != PlayTune::ID {
             return Handled::No;
         }
-        increment(&mut self.received);
+        self.received = self.received.wrapping_add(1);
         link.is_answer_pending = true;
         Handled::Yes
     }
 
     /// There is one kind of frame, so its reply has no name.
     fn pending(&self, view: &View<'_>, _: &Port, link: &TuneLink, _: Turn) -> Option<(Instant, ())> {
-        link.is_answer_pending.then_some((view.now, ()))
+        link.is_answer_pending.then_some((view.now(), ()))
     }
 
     /// Sends the answer, which is built when the link has room for it.
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TuneLink, (): ()) -> bool {
         link.is_answer_pending = false;
-        port.outbox.send(&NamedValueInt {
-            time_boot_ms: cx.now.time_boot_ms(),
+        port.send(&NamedValueInt {
+            time_boot_ms: cx.now().time_boot_ms(),
             value: self.received.cast_signed(),
             name: Text::new("TUNES"),
         })

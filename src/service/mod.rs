@@ -1,9 +1,68 @@
-//! The services that a vehicle offers to its peers.
+//! The services that a vehicle offers to its peers, and how to write one.
 //!
 //! Each service is a type that implements [`Service`]. Received frames and commands change its state.
-//! [`pending`](Service::pending) says what is to be sent and when, and [`send`](Service::send) sends it when the link has room. A pending answer is a flag, a cursor or a
-//! slot, never bytes, so a full link delays it and never loses it (D-3). The list of the services is in
-//! `stack/services.rs`; [`Turn`] is the order in which they send.
+//! [`pending`](Service::pending) says what is to be sent and when, and [`send`](Service::send) sends it when the link has room. A
+//! pending answer is a flag, a cursor or a slot, never bytes, so a full link delays it and never loses it (D-3). [`Turn`] is the order
+//! in which the services send.
+//!
+//! A service is a field of the struct with [`#[derive(Stack)]`](macro@crate::Stack), whichever crate it is from:
+//!
+//! ```
+//! use mavstack::dialect::{MavResult, NamedValueInt, PlayTune};
+//! use mavstack::service::{About, Cx, Firmware, Handled, Port, Received, Service, Turn, View};
+//! use mavstack::{Instant, Message, Text};
+//!
+//! /// Counts the tunes that peers send, and answers with the count.
+//! #[derive(Debug)]
+//! pub struct Tunes {
+//!     received: u32,
+//! }
+//!
+//! impl<F: Firmware> Service<F> for Tunes {
+//!     /// Whether the link owes an answer.
+//!     type Link = bool;
+//!     /// There is one kind of frame, so its reply has no name.
+//!     type Reply = ();
+//!     const NEW: Self = Self { received: 0 };
+//!     const VACANT: bool = false;
+//!     const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Answer]);
+//!
+//!     fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, is_owed: &mut bool, received: &Received<'_>) -> Handled {
+//!         if received.frame().id() != PlayTune::ID {
+//!             return Handled::No;
+//!         }
+//!         self.received = self.received.wrapping_add(1);
+//!         *is_owed = true;
+//!         Handled::Yes
+//!     }
+//!
+//!     fn pending(&self, view: &View<'_>, _: &Port, is_owed: &bool, _: Turn) -> Option<(Instant, ())> {
+//!         is_owed.then_some((view.now(), ()))
+//!     }
+//!
+//!     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, is_owed: &mut bool, (): ()) -> bool {
+//!         *is_owed = false;
+//!         port.send(&NamedValueInt {
+//!             time_boot_ms: cx.now().time_boot_ms(),
+//!             value: self.received.cast_signed(),
+//!             name: Text::new("TUNES"),
+//!         })
+//!     }
+//! }
+//! # struct Rover;
+//! # impl mavstack::Vehicle for Rover { fn state(&self) -> Option<mavstack::VehicleState> { None } }
+//! # impl mavstack::Commands for Rover {
+//! #     fn command(&mut self, _: &mut mavstack::Context<'_>, _: &mavstack::Command) -> mavstack::Outcome { MavResult::UNSUPPORTED.into() }
+//! # }
+//!
+//! #[derive(mavstack::Stack)]
+//! #[stack(vehicle: Rover, links: 2)]
+//! struct Mavlink {
+//!     tunes: Tunes,
+//! }
+//! ```
+//!
+//! The crate `mavstack-traffic` is a whole one, with hooks of the vehicle, commands, timers, counters and tests.
 
 mod context;
 mod gate;
@@ -47,9 +106,11 @@ pub(crate) mod stream;
 pub(crate) mod time;
 
 pub(crate) use context::RETRY;
-pub use context::{Cx, Shared, View};
+pub(crate) use context::Shared;
+pub use context::{Cx, View};
 #[doc(hidden)]
 pub use gate::{Absent, ControlGate, ForwardingGate, OwnCommands, SigningGate, SticksGate, WithoutSigning};
+#[doc(hidden)]
 pub use list::{Look, LookAll, ServiceList, Visit, VisitAll};
 pub use request::{Handled, Received, Request, Verdict};
 pub(crate) use share::{COST_OF_BYTE, MAX_LATENESS, Share};
@@ -69,8 +130,7 @@ use crate::types::{Config, LinkId, Peer};
 
 /// A service of the firmware `F`. It calls the hooks of the firmware's vehicle.
 ///
-/// A call for a link gets the link's port and the service's own state on that link. A service that is not declared
-/// keeps the default methods, which compile to nothing.
+/// A call for a link gets the link's port and the service's own state on that link. Methods that are left out compile to nothing.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is no service of this vehicle",
     label = "a field of a stack is a service",
@@ -80,7 +140,7 @@ pub trait Service<F: Firmware>: Sized {
     /// The service's state on a link.
     type Link: core::fmt::Debug;
 
-    /// The initial state on a link: all zero bits, so it takes no flash.
+    /// The initial state on a link, as [`NEW`](Self::NEW).
     const VACANT: Self::Link;
 
     /// What the stack must know about the service at compile time.
@@ -89,7 +149,8 @@ pub trait Service<F: Firmware>: Sized {
     /// Fails to compile if the sizes of the service, or the constants of its hooks, are wrong.
     const CHECK: () = ();
 
-    /// The initial service: all zero bits, if the service is part of the stack, so it takes no flash.
+    /// The initial service. Let all its bits be zero: anything else puts the initial value of the whole stack into flash. Other values
+    /// are set at [`StackEvent::Begun`].
     const NEW: Self;
 
     /// Runs the service's timers. `links`: its state on each link, in order.
@@ -105,7 +166,8 @@ pub trait Service<F: Firmware>: Sized {
         Instant::NEVER
     }
 
-    /// Handles a frame that is addressed to us or to all, if the service handles its message.
+    /// Handles a frame that is addressed to us or to all, if the service handles its message. The first service that handles a frame
+    /// gets it alone, and the parts of the stack are asked before the fields: two services must not handle the same message.
     fn on_frame(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -117,7 +179,8 @@ pub trait Service<F: Firmware>: Sized {
         Handled::No
     }
 
-    /// Executes a command, or refuses it. Returns `None` if the service does not handle the command.
+    /// Executes a command, or refuses it. Returns `None` if the service does not handle the command: then the next service is asked, as
+    /// for frames, and at last the vehicle.
     fn on_command(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -132,20 +195,22 @@ pub trait Service<F: Firmware>: Sized {
     /// What the service has to send: an enum with a name for each kind of frame.
     type Reply;
 
-    /// Returns what is pending in this turn, and when it is due. It changes nothing, and is called often.
+    /// Returns what is pending in this turn, which is one of [`ABOUT`](Self::ABOUT)'s, and when it is due: [`View::now`] or an earlier
+    /// time for what is due at once, `None` or [`Instant::NEVER`] for nothing. It changes nothing, and is called often.
     fn pending(&self, view: &View<'_>, port: &Port, link: &Self::Link, turn: Turn) -> Option<(Instant, Self::Reply)> {
         let _ = (view, port, link, turn);
         None
     }
 
     /// Puts what [`pending`](Self::pending) has returned into the link's outbox, which is empty. If the vehicle cannot give it, it
-    /// returns false, and the same is not pending again at once.
+    /// returns false, and changes the state so that the same is not pending at once: a firmware that sleeps until
+    /// [`next_deadline`](crate::Stack::next_deadline) would never sleep.
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Self::Link, reply: Self::Reply) -> bool {
         let _ = (cx, port, link, reply);
         false
     }
 
-    /// Learns what has happened. Most services need none of it.
+    /// Learns what has happened, also while the service's component is left out. Most services need none of it.
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         let _ = event;
     }
@@ -192,7 +257,7 @@ impl About {
     }
 
     /// A service that is this component of the firmware; a part of the autopilot if it is none.
-    pub(crate) const fn of(component: Option<ComponentId>) -> Self {
+    pub const fn of(component: Option<ComponentId>) -> Self {
         match component {
             Some(component) => Self { part: Part::Component(component), is_of_components: true, ..Self::AUTOPILOT },
             None => Self::AUTOPILOT,

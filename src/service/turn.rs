@@ -58,7 +58,8 @@ pub(crate) use turns;
 macro_rules! define {
     ($($turn:ident $service:ident $pace:ident $class:ident $messages:literal $when:literal;)*) => {
         /// A place in the sending order of a link (D-4). When a link can take a frame, the first turn with something to
-        /// send sends one.
+        /// send sends one. [`Answer`](Self::Answer) and [`Report`](Self::Report) are for services of other crates. Bulk data has two
+        /// turns, `LateBulk` and `Bulk`: a service has both or neither, and `pending` and `send` are the same in both.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Turn { $(
             #[doc = concat!($messages, ": ", $when)]
@@ -73,6 +74,8 @@ macro_rules! define {
                     bits |= turn.bit();
                     rest = others;
                 }
+                let both = Self::LateBulk.bit() | Self::Bulk.bit();
+                assert!(bits & both == 0 || bits & both == both, "bulk data has two turns: `LateBulk` and `Bulk`");
                 bits
             }
 

@@ -201,6 +201,7 @@ impl Camera for Rover {
     fn camera_information(&self, _: &mut CameraInformation) {}
 
     fn take_image(&mut self, cx: &mut Context<'_>, index: u32) -> Shot {
+        cx.announce::<SysStatus, Self>();
         if index.is_multiple_of(3) { Shot::Started } else { Shot::Taken(Image::at(cx.now())) }
     }
 

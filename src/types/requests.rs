@@ -153,10 +153,15 @@ impl Requests {
         self.announced != 0 || !self.reached.is_empty() || self.is_client_due
     }
 
-    /// Ends a poll. The remaining requests are for services that are not declared; `next_deadline` must not wait for them.
-    pub(crate) fn end_poll(&mut self) {
-        self.announced = 0;
-        self.reached.clear();
+    /// Drops what nobody takes up, because the stack has no streams or no plans: `next_deadline` must not wait for it. The rest is
+    /// from hooks that were called after the poll of the streams or of the plans, and is for the next one.
+    pub(crate) fn end_poll(&mut self, has_streams: bool, has_plans: bool) {
+        if !has_streams {
+            self.announced = 0;
+        }
+        if !has_plans {
+            self.reached.clear();
+        }
     }
 
     /// Queues a message on the links of `to` that are `normal`. A message that is pending there already is not queued

@@ -312,7 +312,7 @@ fn judge(cases: &[Case], lines: &[String], wrong: &mut String) {
 #[test]
 fn invalid_configurations_do_not_compile() {
     let everything =
-        "links: 2, plans: { mission: 9 }, parameters: Tuning, streams, modes, commands: { slots: 1 }, forwarding,
+        "links: 2, plans: { mission: 1 << 3, fence: 2 }, parameters: Tuning, streams, modes, commands: { slots: 1 }, forwarding,
                       signing, manual_control, operator_control, logs, peers: 1, texts: 0";
     let fields =
         "time: clock::Time, setpoints: setpoints::Setpoints, camera: camera::CameraControl<[camera::Image; 1]>,

@@ -92,9 +92,6 @@ impl<'a> Entries<'a> {
         let Some(row) = self.get(entry).filter(|row| !row.value.is_empty()) else { return Ok(default) };
         let example = ENTRIES.iter().find(|example| name_of(example) == entry).copied().unwrap_or(entry);
         let rows = sizes(row, example)?;
-        if let Some(row) = rows.iter().find(|row| !example.contains(&row.name.to_string())) {
-            return Err(Mistake::new(row.name.span(), format!("`{}` has no `{}`: write `{example}`", entry, row.name)));
-        }
         Ok(rows.into_iter().find(|row| row.name.to_string() == size).map(|row| row.value).or(default))
     }
 

@@ -4,6 +4,7 @@ use proc_macro::{Delimiter, Group, Ident, Span, TokenStream, TokenTree};
 use std::iter::Peekable;
 
 use crate::Mistake;
+use crate::write::tokens;
 
 /// A declaration as it is written.
 pub struct Declaration {
@@ -54,7 +55,7 @@ pub fn declaration(input: TokenStream) -> Result<Declaration, Mistake> {
     let mut entries = Vec::new();
     attributes.retain(|attribute| attribute.name.to_string() == "stack");
     for attribute in attributes {
-        for entry in rows(attribute.value, false)? {
+        for entry in rows(attribute.value, Values::Types, false)? {
             once(&entries, &entry)?;
             entries.push(entry);
         }
@@ -95,10 +96,10 @@ fn fields(input: TokenStream) -> Result<Vec<Row>, Mistake> {
     loop {
         attributes(&mut tokens);
         visibility(&mut tokens);
-        let mut depth = 0_i32;
+        let mut end = EndOfRow::of(Values::Types);
         let mut ended = true;
         for token in tokens.by_ref() {
-            let is_comma = is_end_of_row(&token, &mut depth);
+            let is_comma = end.is(&token);
             plain.extend([token]);
             if is_comma {
                 ended = false;
@@ -106,31 +107,45 @@ fn fields(input: TokenStream) -> Result<Vec<Row>, Mistake> {
             }
         }
         if ended {
-            return rows(plain, true);
+            return rows(plain, Values::Types, true);
         }
     }
 }
 
-/// Reads `name: value, name: value`. Values end at a comma outside of `<>`. `needs_values`: a name alone is a mistake.
-pub fn rows(input: TokenStream, needs_values: bool) -> Result<Vec<Row>, Mistake> {
+/// What the values of rows are.
+#[derive(Clone, Copy, PartialEq)]
+enum Values {
+    /// Types and numbers: a value ends at a comma outside of `<>`.
+    Types,
+    /// Expressions: `<` is an operator.
+    Expressions,
+}
+
+/// Reads `name: value, name: value`. `needs_values`: a name alone is a mistake.
+fn rows(input: TokenStream, values: Values, needs_values: bool) -> Result<Vec<Row>, Mistake> {
     let mut rows = Vec::new();
     let mut tokens = input.into_iter().peekable();
     while let Some(token) = tokens.next() {
+        let at = token.span();
         let TokenTree::Ident(name) = ungrouped(token) else {
-            return Err(Mistake::new(Span::call_site(), "an entry begins with its name"));
+            return Err(Mistake::new(at, "an entry begins with its name"));
         };
         let mut value = TokenStream::new();
         match tokens.next() {
             Some(TokenTree::Punct(punct)) if punct.as_char() == ':' => {
-                let mut depth = 0;
+                let mut end = EndOfRow::of(values);
                 for token in tokens.by_ref() {
-                    if is_end_of_row(&token, &mut depth) {
+                    if end.is(&token) {
                         break;
                     }
                     value.extend([token]);
                 }
                 if value.is_empty() {
                     return Err(Mistake::new(name.span(), format!("`{name}:` needs a value")));
+                }
+                if end.depth != 0 {
+                    let text = format!("a `<` of `{name}` has no `>`: write an expression in braces, `{{ 1 << 3 }}`");
+                    return Err(Mistake::new(name.span(), text));
                 }
             }
             None if !needs_values => {}
@@ -157,16 +172,33 @@ fn ungrouped(token: TokenTree) -> TokenTree {
     }
 }
 
-/// Whether a token is a comma outside of `<>`. `depth`: how deep in `<>` the row is.
-fn is_end_of_row(token: &TokenTree, depth: &mut i32) -> bool {
-    let TokenTree::Punct(punct) = token else { return false };
-    match punct.as_char() {
-        '<' => *depth += 1,
-        '>' => *depth -= 1,
-        ',' => return *depth == 0,
-        _ => {}
+/// Finds the comma at the end of a row.
+struct EndOfRow {
+    values: Values,
+    /// How deep in `<>` the row is.
+    depth: i32,
+    /// The last token was a `-`, which makes a `>` an arrow.
+    is_arrow: bool,
+}
+
+impl EndOfRow {
+    fn of(values: Values) -> Self {
+        Self { values, depth: 0, is_arrow: false }
     }
-    false
+
+    /// Whether the next token of the row is its end.
+    fn is(&mut self, token: &TokenTree) -> bool {
+        let is_arrow = std::mem::replace(&mut self.is_arrow, false);
+        let TokenTree::Punct(punct) = token else { return false };
+        match punct.as_char() {
+            '-' => self.is_arrow = true,
+            '<' if self.values == Values::Types => self.depth += 1,
+            '>' if self.values == Values::Types && !is_arrow => self.depth -= 1,
+            ',' => return self.depth == 0,
+            _ => {}
+        }
+        false
+    }
 }
 
 /// Refuses a row with the name of an earlier one.
@@ -178,12 +210,33 @@ fn once(rows: &[Row], new: &Row) -> Result<(), Mistake> {
     }
 }
 
-/// Returns the rows in the braces of a value such as `{ mission: 100 }`.
+/// Returns the rows in the braces of an entry such as `plans: { mission: 100 }`. All must be in the example, each in the same form.
 pub fn sizes(row: &Row, example: &str) -> Result<Vec<Row>, Mistake> {
+    let wrong = |at| Mistake::new(at, format!("write `{example}`"));
+    let given = in_braces(row).ok_or_else(|| wrong(row.place()))??;
+    let example_row = rows(tokens(example), Values::Types, true)?;
+    let known = example_row.first().and_then(in_braces).ok_or_else(|| wrong(row.place()))??;
+    for size in &given {
+        let (entry, name) = (&row.name, size.name.to_string());
+        match known.iter().find(|known| known.name.to_string() == name) {
+            Some(known) if known.value.is_empty() == size.value.is_empty() => {}
+            Some(_) => return Err(wrong(size.name.span())),
+            None => {
+                return Err(Mistake::new(size.name.span(), format!("`{entry}` has no `{name}`: write `{example}`")));
+            }
+        }
+    }
+    Ok(given)
+}
+
+/// Reads the rows in the braces of a value; `None` if it is something else.
+fn in_braces(row: &Row) -> Option<Result<Vec<Row>, Mistake>> {
     let mut tokens = row.value.clone().into_iter();
     match (tokens.next(), tokens.next()) {
-        (Some(TokenTree::Group(group)), None) if group.delimiter() == Delimiter::Brace => rows(group.stream(), false),
-        _ => Err(Mistake::new(row.place(), format!("write `{example}`"))),
+        (Some(TokenTree::Group(group)), None) if group.delimiter() == Delimiter::Brace => {
+            Some(rows(group.stream(), Values::Expressions, false))
+        }
+        _ => None,
     }
 }
 

@@ -62,7 +62,8 @@ mod distance;
 
 use mavstack::dialect::{AdsbFlags, AdsbVehicle, MavResult};
 use mavstack::service::{
-    About, Counters, Cx, Firmware, Handled, Port, Received, Request, Service, ShowCounters, Turn, Verdict, View,
+    About, Counters, Cx, Firmware, Handled, Port, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict,
+    View,
 };
 use mavstack::{Context, Duration, Instant, Message};
 
@@ -125,6 +126,8 @@ pub struct TrafficCounters {
 }
 
 impl Counters for TrafficCounters {
+    const NAME: &'static str = "traffic";
+
     fn drops(&self) -> u32 {
         self.without_address.wrapping_add(self.too_far)
     }
@@ -166,7 +169,7 @@ impl<const N: usize> Traffic<N> {
 
     /// Returns the first aircraft from `place` on, and its place.
     fn next_from(&self, place: u8) -> Option<(u8, &Aircraft)> {
-        (0..).zip(&self.table).skip(place.into()).find(|(_, aircraft)| !aircraft.is_free())
+        (0..=u8::MAX).zip(&self.table).skip(place.into()).find(|(_, aircraft)| !aircraft.is_free())
     }
 }
 
@@ -271,6 +274,13 @@ impl<F: Firmware<Vehicle: TrafficHooks>, const N: usize> Service<F> for Traffic<
         let Some(aircraft) = self.table.get(usize::from(place)) else { return false };
         let silent = u8::try_from(cx.now().since(aircraft.heard).as_millis() / 1_000).unwrap_or(u8::MAX);
         port.send(&AdsbVehicle { tslc: aircraft.report.tslc.saturating_add(silent), ..aircraft.report })
+    }
+
+    /// Peers of a link that is opened again have asked for nothing yet.
+    fn on_event(&mut self, event: StackEvent<'_, TrafficLink>) {
+        if let StackEvent::Opened(_, link) = event {
+            *link = TrafficLink { is_asked: false, next: 0 };
+        }
     }
 
     fn counters(&self, show: &mut impl ShowCounters) {

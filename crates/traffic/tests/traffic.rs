@@ -189,6 +189,28 @@ fn who_asks_gets_all() {
 }
 
 #[test]
+fn what_was_asked_before_a_link_is_opened_again_is_not_sent() {
+    let mut world = World::new();
+    world.report(7, 100);
+    world.ask(LinkId(0));
+    world.stack.restart_link(LinkId(0));
+    assert_eq!(world.sent::<AdsbVehicle>(LinkId(0), Duration::from_secs(1)).len(), 0);
+}
+
+#[test]
+fn a_table_may_have_255_places() {
+    #[derive(Stack)]
+    #[stack(vehicle: Drone, links: 1)]
+    struct Large {
+        traffic: Traffic<255>,
+    }
+    let pulse = Box::leak(Box::new(Pulse::new()));
+    let mut stack = Box::new(StackOf::<Large>::new(Config::new(Address::new(1, 1), pulse), [LinkConfig::unlimited()]));
+    stack.poll(Instant::from_millis(1_000), &mut Drone::default());
+    assert!(stack.traffic.nearest().is_none());
+}
+
+#[test]
 fn without_aircraft_a_request_is_denied() {
     let mut world = World::new();
     world.ask(LinkId(0));

@@ -37,7 +37,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             }
             match session::next(self.sessions, port.id, link.first, state) {
                 Some(next) if next != first => place = next,
-                _ => break,
+                Some(_) => break,
+                None => return false,
             }
         }
         if V::COUNT > 0 {

@@ -7,6 +7,7 @@ use std::vec::Vec;
 use proptest::prelude::*;
 
 use super::*;
+use crate::stack::RequestMemory;
 
 /// Makes a frame of this version, if it can carry the message, from this sender with this sequence number.
 type Request = Box<dyn Fn(Version, Address, u8) -> Vec<u8>>;
@@ -472,11 +473,16 @@ impl World {
         (self.stale(), self.rover.later, held)
     }
 
+    /// Whether hooks have requested something that the next poll takes up.
+    fn has_requests(&self) -> bool {
+        self.stack.requests.view().is_due()
+    }
+
     /// Wakes and sends as long as there is something to send.
     pub(in super::super) fn wake(&mut self) {
         self.poll();
         // What takes several polls is due, and sends nothing.
-        while self.stack.services.files.is_working() || self.stack.services.param.is_working() {
+        while self.stack.services.files.is_working() || self.stack.services.param.is_working() || self.has_requests() {
             self.poll();
         }
         for _ in 0..1_000 {

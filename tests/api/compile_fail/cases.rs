@@ -67,6 +67,12 @@ pub fn cases() -> Vec<Case> {
             declares("links: 1, commands: 2"),
             "write `commands: { slots: 2 }`",
         ),
+        ("entry_no_name", declares("links: 1, 5"), "an entry begins with its name"),
+        ("size_unknown", implements(PLANS, "links: 1, plans: { mission: 4, fenc: 3 }"), "`plans` has no `fenc`: write"),
+        ("size_without_value", implements(PLANS, "links: 1, plans: { mission, fence: 4 }"), "write `plans: { mission: 100"),
+        ("size_with_value", declares("links: 1, events: { history: 16, checks: 5 }"), "write `events: { history: 16, checks }`"),
+        ("size_misspelt", declares("links: 1, events: { history: 16, check }"), "`events` has no `check`: write"),
+        ("entry_open", declares("links: 1 << 3, peers: 4"), "a `<` of `links` has no `>`"),
         ("entry_twice", declares("links: 1, peers: 4, links: 2"), "`links` is given twice: remove one"),
         ("flag_twice", declares("links: 1, modes, texts: 2, modes"), "`modes` is given twice: remove one"),
         (
