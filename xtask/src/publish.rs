@@ -1,7 +1,8 @@
 //! `cargo xtask publish-check`: whether the crates could be published as they are. Publishes nothing.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::{env, fs};
 
 use crate::system::{Result, cargo, root, run};
 
@@ -114,6 +115,12 @@ fn metadata(name: &str, folder: &Path) -> Result {
 /// Each package built from its own contents alone. Without the registry at hand that is all; with it, all that publishing
 /// does but the upload.
 fn dry_run() -> Result {
+    forget_unpacked()?;
+    // Cargo would also take what it has built of the same version.
+    let target = root().join("target/publish");
+    if target.exists() {
+        fs::remove_dir_all(&target).map_err(|error| format!("{}: {error}", target.display()))?;
+    }
     let packages: Vec<_> = CRATES.iter().flat_map(|(name, _)| ["--package", name]).collect();
     let is_online = command(&["info", "mavstack", "--registry", "crates-io", "--quiet"]).output();
     let is_online = is_online.is_ok_and(|output| {
@@ -128,7 +135,29 @@ fn dry_run() -> Result {
         );
         &["package", "--offline", "--allow-dirty"]
     };
-    run(command(task).args(packages))
+    run(command(task).args(packages).arg("--target-dir").arg(target))
+}
+
+/// Removes what Cargo has unpacked of these crates in an earlier dry run: it would take the same version for the same contents. Local
+/// registries are the folders whose names begin with `-`, because they have no host.
+fn forget_unpacked() -> Result {
+    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
+    let home = home.or_else(|| env::home_dir().map(|home| home.join(".cargo")));
+    let Some(registries) = home.and_then(|home| fs::read_dir(home.join("registry/src")).ok()) else { return Ok(()) };
+    for registry in registries.flatten().filter(|entry| entry.file_name().to_string_lossy().starts_with('-')) {
+        for unpacked in fs::read_dir(registry.path()).into_iter().flatten().flatten() {
+            let folder = unpacked.file_name().to_string_lossy().into_owned();
+            if CRATES.iter().any(|(name, _)| folder.strip_prefix(name).is_some_and(is_version)) {
+                fs::remove_dir_all(unpacked.path()).map_err(|error| format!("{folder}: {error}"))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether the end of a folder's name is a version: `-0.1.0`.
+fn is_version(end: &str) -> bool {
+    end.strip_prefix('-').is_some_and(|version| version.starts_with(|first: char| first.is_ascii_digit()))
 }
 
 fn command(arguments: &[&str]) -> Command {
@@ -146,5 +175,5 @@ fn output(arguments: &[&str]) -> Result<String> {
 }
 
 fn read(path: &Path) -> Result<String> {
-    std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
+    fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
 }
