@@ -47,8 +47,8 @@ use crate::types::{
     Vehicle, VehicleAddress,
 };
 
-/// The vehicle's side of MAVLink for the declaration `D`, on `LINKS` links. A struct made by [`#[stack]`](macro@crate::Stack)
-/// derefs to it. It contains all its memory. [The crate's page](crate) shows the loop that calls it.
+/// The vehicle's side of MAVLink for the declaration `D`, on `LINKS` links. It derefs to the struct of the
+/// [declaration](macro@crate::Stack), whose fields are services. It contains all its memory. [The crate's page](crate) shows the loop that calls it.
 ///
 /// Received frames pass the address filter and reach the service that handles them. When a link has room, the services
 /// are asked in a fixed order for one frame (D-4):
@@ -105,7 +105,9 @@ macro_rules! split {
     ($stack:expr, $now:expr, $vehicle:expr, storage) => {{
         let stack = $stack;
         let now = stack.enter($now);
-        (split!(@cx stack, now, $vehicle), &mut stack.services, &mut stack.states, crate::stack::parts::HasStorage::part_mut(&mut stack.storage))
+        let cx = split!(@cx stack, now, $vehicle);
+        let storage = crate::stack::parts::HasStorage::part_mut(&mut stack.storage);
+        (cx, &mut stack.services, &mut stack.states, storage)
     }};
     (@cx $stack:ident, $now:expr, $vehicle:expr) => {
         Cx::<D> {
@@ -147,7 +149,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         drops: DropLog::NEW,
     };
 
-    /// Returns a stack that has begun.
+    /// Returns a stack that has begun. A microcontroller's call stack is too small for it: let a `static` hold
+    /// [`VACANT`](Self::VACANT) there, and [`begin`](Self::begin) it.
     pub fn new(config: Config, links: [LinkConfig; LINKS]) -> Self {
         let mut stack = Self::VACANT;
         stack.begin(config, links);

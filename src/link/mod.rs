@@ -132,7 +132,7 @@ impl Port {
         self.config.class
     }
 
-    /// Whether the link can send a message with this id: a MAVLink 1 link has no ids above 255 (S-10).
+    /// Whether the link can send a message with this id: the link's class allows it, and MAVLink 1 has no ids above 255 (L-4, S-10).
     pub fn takes(&self, id: u32) -> bool {
         self.outbox.takes(id)
     }

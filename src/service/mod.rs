@@ -1,9 +1,9 @@
 //! The services that a vehicle offers to its peers, and how to write one.
 //!
 //! Each service is a type that implements [`Service`]. Received frames and commands change its state.
-//! [`pending`](Service::pending) says what is to be sent and when, and [`send`](Service::send) sends it when the link has room. A
-//! pending answer is a flag, a cursor or a slot, never bytes, so a full link delays it and never loses it (D-3). [`Turn`] is the order
-//! in which the services send.
+//! [`pending`](Service::pending) returns the next frame to send and when it is due. [`send`](Service::send) sends it when the link has
+//! room. A pending answer is a flag, a cursor or a slot, never bytes, so a full link delays it and never loses it (D-3). [`Turn`] is the
+//! order in which the services send.
 //!
 //! A service is a field of the struct with [`#[derive(Stack)]`](macro@crate::Stack), whichever crate it is from:
 //!

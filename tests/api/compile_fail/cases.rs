@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Rows of parameters, one of which has a name that is too long, a wrong place, or a default outside its range.
+/// Tables of parameters with one wrong row: its name is too long, it is out of order, or its default is outside its range.
 const LONG: &str = "ALT: u8 = 0, 0..=1, \"\";\nA_NAME_OF_17_BYTE: u8 = 0, 0..=1, \"\";";
 const UNSORTED: &str = "BAT: u8 = 0, 0..=1, \"\";\nALT: u8 = 0, 0..=1, \"\";\nSPEED: u8 = 0, 0..=1, \"\";";
 const OUTSIDE: &str = "ALT: u8 = 0, 0..=1, \"\";\nBAT: u8 = 2, 0..=1, \"\";\nSPEED: u8 = 0, 0..=1, \"\";";
