@@ -77,7 +77,7 @@ impl<D: Declares<Vehicle = Rover>> Bench<D> {
     /// Receives one frame, and sends what was queued for the other link.
     fn pass(&mut self, frame: &[u8]) -> usize {
         // Slow enough for the duplicate filter to remember every frame.
-        self.now = self.now.after(Duration::from_millis(10));
+        self.now += Duration::from_millis(10);
         self.stack.receive(self.now, FROM, black_box(frame), &mut Rover);
         let sent = self.stack.transmit(self.now, TO, &mut Rover).len();
         self.stack.transmitted(TO, sent);

@@ -88,7 +88,7 @@ impl DropLog {
     pub(crate) fn is_due(&mut self, now: Instant, count: u32) -> bool {
         let is_due = count != self.count && now >= self.due;
         if is_due {
-            (self.count, self.due) = (count, now.after(Self::PERIOD));
+            (self.count, self.due) = (count, now + Self::PERIOD);
         }
         is_due
     }

@@ -353,7 +353,7 @@ impl Decoder {
         is_known: impl Fn(Address) -> bool,
         verifies: impl Fn(&[u8], &mut u32) -> bool,
     ) -> Option<Frame<'_>> {
-        if self.window.is_waiting() && now.since(self.grown) < IDLE {
+        if self.window.is_waiting() && now - self.grown < IDLE {
             // Fast path, inlined into each caller: most calls end here, because only a part of a frame was received.
             return None;
         }
@@ -374,7 +374,7 @@ impl Decoder {
         let (candidate, extent, info) = loop {
             let candidate = window.candidate(buffer)?;
             if window.is_waiting() {
-                let quiet = now.since(*grown);
+                let quiet = now - *grown;
                 if candidate.is_empty() || quiet < IDLE {
                     return None;
                 }
@@ -460,9 +460,9 @@ impl Decoder {
             _ if !self.window.is_waiting() => Instant::ZERO,
             // A whole frame with an unknown id waits for the next byte, or for silence.
             received if Header::parse(candidate).is_some_and(|header| header.frame_len() == received) => {
-                self.grown.after(IDLE)
+                self.grown + IDLE
             }
-            _ => self.grown.after(duration(self.stale_after)),
+            _ => self.grown + duration(self.stale_after),
         }
     }
 }

@@ -184,7 +184,7 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
     /// Frees the links of stations that were silent for `timeout`.
     fn forget_silent(&mut self, now: Instant, timeout: Duration) {
         for station in &mut self.stations {
-            if station.is_some_and(|station| now.since(station.heard) >= timeout) {
+            if station.is_some_and(|station| now - station.heard >= timeout) {
                 *station = None;
             }
         }
@@ -231,7 +231,7 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
 
     /// Whether datagrams have exceeded the budget for so long that the surplus is dropped.
     fn is_flooded(&mut self, now: Instant) -> bool {
-        now.since(*self.behind.get_or_insert(now)) >= PATIENCE
+        now - (*self.behind.get_or_insert(now)) >= PATIENCE
     }
 
     /// Returns the destination of `frame` on the link with this index; `None` if it is not sent.

@@ -229,7 +229,7 @@ impl Port {
     /// Returns until when frames wait: at most `most` from when the link was first asked for a frame.
     pub(crate) fn bound_hold(&mut self, now: Instant, most: Duration) -> Instant {
         if self.is_new() {
-            self.held_until = now.after(most);
+            self.held_until = now + most;
         }
         self.held_until
     }
@@ -242,7 +242,7 @@ impl Port {
     /// Records an error of the transport, which is asked again later.
     pub(crate) fn failed(&mut self, now: Instant) {
         increment(&mut self.counters.write_errors);
-        (self.transport, self.retry_at) = (Transport::Ready, now.after(Self::RETRY));
+        (self.transport, self.retry_at) = (Transport::Ready, now + Self::RETRY);
     }
 
     /// Records that a frame of this version was received (V-1).

@@ -112,7 +112,7 @@ impl Memory {
 
     fn forget_old(&mut self, now: Instant) {
         // After a pause all frames are old, and the steps, which wrap, no longer show it.
-        let is_late = now.since(self.last_lookup) >= REMEMBERED;
+        let is_late = now - self.last_lookup >= REMEMBERED;
         self.last_lookup = now;
         let at = steps(now);
         let is_old = |seen: &Seen| is_late || at.wrapping_sub(seen.at) >= REMEMBERED_STEPS;
@@ -153,7 +153,7 @@ impl Memory {
 
     /// Returns whether the links form a routing loop.
     pub(super) fn is_looped(&self, now: Instant) -> bool {
-        self.last_loop.is_some_and(|at| now.since(at) < LOOP_TIMEOUT)
+        self.last_loop.is_some_and(|at| now - at < LOOP_TIMEOUT)
     }
 }
 

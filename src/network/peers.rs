@@ -92,7 +92,7 @@ impl PeerInfo {
 
     /// Whether its last heartbeat is `timeout` ago or longer.
     pub(crate) fn is_silent(&self, now: Instant, timeout: Duration) -> bool {
-        now.since(self.heartbeat) >= timeout
+        now - self.heartbeat >= timeout
     }
 
     /// Whether it is a ground station that is alive, on this link.
@@ -234,7 +234,7 @@ pub(crate) fn poll(peers: &mut Peers, now: Instant, timeout: Duration, mut repor
 /// Returns when [`poll`] has something to report.
 pub(crate) fn deadline(peers: &[PeerInfo], timeout: Duration) -> Instant {
     let alive = peers.iter().filter(|info| info.is_alive);
-    alive.map(|info| info.heartbeat.after(timeout)).min().unwrap_or(Instant::NEVER)
+    alive.map(|info| info.heartbeat + timeout).min().unwrap_or(Instant::NEVER)
 }
 
 /// Returns the entry of the sender of `new`, and the peer that it evicted and whether that was alive; `None` if the table is full
@@ -280,7 +280,7 @@ fn find_or_insert(
     };
     let (mut victim, mut highest) = (None, (1, Duration::ZERO));
     for old in peers.iter_mut() {
-        let rank = (rank(old), new.heard.since(old.heard));
+        let rank = (rank(old), new.heard - old.heard);
         if rank >= highest {
             (victim, highest) = (Some(old), rank);
         }

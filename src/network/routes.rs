@@ -38,7 +38,7 @@ pub(crate) fn routes(
     }
     let to = if target.system.0 == 0 { LinkMask::ALL } else { LinkMask::NONE };
     let mut routes = Routes { target, seen: LinkMask::NONE, to };
-    let is_heard = |info: &PeerInfo| now.since(info.last_heard()) < HEARD;
+    let is_heard = |info: &PeerInfo| now - info.last_heard() < HEARD;
     for info in peers.iter().filter(|info| info.is_route) {
         let address = info.peer.address;
         let link = LinkMask::of(info.peer.link);

@@ -117,7 +117,6 @@ impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
     type Reply = ();
 
     /// Handles a request for a component's HEARTBEAT.
-    #[inline(never)]
     fn on_command(
         &mut self,
         cx: &mut Cx<'_, F>,

@@ -80,7 +80,6 @@ impl Shared {
 
     /// Ends a link's wait for a HEARTBEAT that has not come (H-17). Unless frames still wait, makes the frame that was cut off when
     /// the link closed the next one. Returns whether there is one.
-    #[inline(never)]
     pub(crate) fn resume(&self, now: Instant, port: &mut Port) -> bool {
         if port.is_held() {
             if self.holds(port) && now < port.bound_hold(now, self.config.max_loop_gap) {
@@ -93,7 +92,7 @@ impl Shared {
 
     /// Whether the vehicle has a state, and the stack was polled within `max_loop_gap`, so that the peers' timeouts and the failsafe run (H-18).
     fn is_polled(&self, now: Instant) -> bool {
-        self.flight.has_state && now.since(self.polled) <= self.config.max_loop_gap
+        self.flight.has_state && now - self.polled <= self.config.max_loop_gap
     }
 
     /// Samples the pulse of the flight loop.
@@ -111,7 +110,7 @@ impl Shared {
 
     /// Returns when the stack must be polled again at the latest, so that heartbeats may be sent (H-18).
     pub(crate) fn poll_deadline(&self) -> Instant {
-        self.polled.after(self.config.max_loop_gap)
+        self.polled + self.config.max_loop_gap
     }
 
     /// Returns when a message that is due at `due` can be sent, if it must not be sent while the flight loop is stopped or the
@@ -123,7 +122,7 @@ impl Shared {
             due if due > now => credit.look_for(due, gap),
             due if self.is_beating(now) => due,
             // It waits for the flight loop or the vehicle. Only polling shows that they recovered.
-            _ => now.after(RETRY),
+            _ => now + RETRY,
         }
     }
 }
@@ -170,7 +169,6 @@ impl<F: Firmware> Cx<'_, F> {
     }
 
     /// Sends a text on every normal link. Compiled out if there is no queue of texts.
-    #[inline(never)]
     pub fn say(&mut self, severity: MavSeverity, text: &[u8]) {
         if F::HAS_TEXTS {
             self.texts.push(self.now, self.shared.normal, severity, text);

@@ -86,7 +86,6 @@ impl<'a> ExtValue<'a> {
     }
 
     /// Reads a value of this type. `None` for NaN and the infinities, which are no settings (P-41).
-    #[inline(never)]
     fn read(kind: MavParamExtType, bytes: &'a [u8]) -> Option<Self> {
         Some(match kind {
             MavParamExtType::UINT8 => Self::U8(Field::read(bytes, 0)),
@@ -297,7 +296,6 @@ impl ExtParamServer {
 
 /// Returns the slot for an answer to a request on this link: that of an answer about the same parameter, a free one, or one that is
 /// not pending on this link. `None` if there is none.
-#[inline(never)]
 fn slot(answers: &[Answer], link: LinkMask, index: u16) -> Option<usize> {
     let (mut found, mut least) = (None, 3u8);
     for (place, answer) in answers.iter().enumerate() {
@@ -323,7 +321,6 @@ fn count<V: ExtParameters>(vehicle: &V) -> u16 {
 type Name = [u8; 16];
 
 /// Returns a name as it is compared: what follows the NUL is no part of it (S-18).
-#[inline(never)]
 fn name_of(bytes: &[u8]) -> Name {
     let mut name = [0; 16];
     for (to, from) in name.iter_mut().zip(bytes.iter().take_while(|byte| **byte != 0)) {
@@ -333,7 +330,6 @@ fn name_of(bytes: &[u8]) -> Name {
 }
 
 /// Returns the index of a parameter by its name.
-#[inline(never)]
 fn find<V: ExtParameters>(vehicle: &V, name: &Name) -> Option<u16> {
     // Byte by byte: an equality of arrays links a function for it.
     let is_same = |other: &str| name_of(other.as_bytes()).iter().zip(name).all(|(a, b)| a == b);
@@ -341,7 +337,6 @@ fn find<V: ExtParameters>(vehicle: &V, name: &Name) -> Option<u16> {
 }
 
 /// Handles PARAM_EXT_SET (P-41).
-#[inline(never)]
 fn set<F: Firmware<Vehicle: ExtParameters>>(
     server: &mut ExtParamServer,
     cx: &mut Cx<'_, F>,
@@ -378,7 +373,6 @@ fn set<F: Firmware<Vehicle: ExtParameters>>(
 }
 
 /// Sends a parameter.
-#[inline(never)]
 fn send_value<F: Firmware<Vehicle: ExtParameters>>(cx: &Cx<'_, F>, port: &mut Port, index: u16) -> bool {
     let Some((name, value)) = cx.vehicle.ext_param(index) else { return false };
     let mut bytes = [0; 128];
@@ -394,7 +388,6 @@ fn send_value<F: Firmware<Vehicle: ExtParameters>>(cx: &Cx<'_, F>, port: &mut Po
 }
 
 /// Sends an answer, with the present value.
-#[inline(never)]
 fn send_answer<F: Firmware<Vehicle: ExtParameters>>(cx: &Cx<'_, F>, port: &mut Port, answer: &Answer) -> bool {
     let Answer { index, name, kind, result, .. } = *answer;
     let (mut name, mut param_type, mut bytes) = (name, kind, [0; 128]);

@@ -39,7 +39,6 @@ impl Heartbeats {
 
     /// Looks at what decides whether a link sends a heartbeat: the pulse, the state after a command, and what other services
     /// request. The stack calls it before it asks for the link's next frame.
-    #[inline(never)]
     pub(crate) fn prepare<F: Firmware<Vehicle: Vehicle>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -84,7 +83,6 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
     /// Handles requests for HEARTBEAT. A requested heartbeat is sent like one that reports a change. The request is
     /// refused while no heartbeats are sent (H-5, Q-1). A request for another interval is accepted, but the interval
     /// stays as it is.
-    #[inline(never)]
     fn on_command(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -127,7 +125,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
         let Some(state) = cx.vehicle.state() else {
             cx.shared.flight.has_state = false;
             if beat == Beat::Scheduled {
-                link.postpone(now.after(RETRY));
+                link.postpone(now + RETRY);
             }
             return false;
         };
@@ -173,15 +171,15 @@ impl Schedule {
 
     /// Records that an extra heartbeat was sent.
     pub(crate) fn sent_extra(&mut self, now: Instant) {
-        self.extra = now.after(EXTRA_PERIOD);
+        self.extra = now + EXTRA_PERIOD;
     }
 
     /// Records that a heartbeat was sent. The next is due one period after this one was *due*, or one period after
     /// `now` if that is in the past.
     pub(crate) fn sent(&mut self, now: Instant, period: Duration) {
         let period = period.max(MIN_PERIOD);
-        let next = self.due.after(period);
-        self.due = if next > now { next } else { now.after(period) };
+        let next = self.due + period;
+        self.due = if next > now { next } else { now + period };
     }
 
     /// Moves the next heartbeat to `due`, because it cannot be sent now.

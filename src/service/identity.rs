@@ -36,7 +36,6 @@ impl<F: Firmware> Service<F> for Identification {
         About { turns: &[Turn::Identity], capabilities: MavProtocolCapability::MAVLINK2, ..About::AUTOPILOT };
 
     /// MAV_CMD_REQUEST_MESSAGE for one of the two, and the commands that it replaced.
-    #[inline(never)]
     fn on_command(
         &mut self,
         _: &mut Cx<'_, F>,
@@ -75,8 +74,6 @@ impl<F: Firmware> Service<F> for Identification {
         Some((view.now, reply))
     }
 
-    /// Not inlined: it would link 1.5 kB of `memmove`.
-    #[inline(never)]
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Asked, reply: IdentityReply) -> bool {
         match reply {
             IdentityReply::AutopilotVersion => {

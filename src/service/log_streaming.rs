@@ -209,8 +209,8 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
         match self.phase {
             Phase::Off => Instant::NEVER,
             _ if self.is_gone => Instant::ZERO,
-            Phase::Definitions if self.tries >= TRIES => self.due.min(self.heard.after(SILENCE)),
-            _ => self.heard.after(SILENCE),
+            Phase::Definitions if self.tries >= TRIES => self.due.min(self.heard + SILENCE),
+            _ => self.heard + SILENCE,
         }
     }
 
@@ -289,12 +289,11 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
 }
 
 /// Ends the stream of a client that is gone (LOG-13), and checks whether there is data.
-#[inline(never)]
 fn watch<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>) {
     let gives_up = streamer.phase == Phase::Definitions && streamer.tries >= TRIES && cx.now >= streamer.due;
     if streamer.is_gone {
         stop(streamer, cx);
-    } else if gives_up || cx.now >= streamer.heard.after(SILENCE) {
+    } else if gives_up || cx.now >= streamer.heard + SILENCE {
         increment(&mut streamer.counters.timed_out);
         stop(streamer, cx);
     } else if streamer.phase == Phase::Data {
@@ -307,15 +306,14 @@ fn data_due<F: Firmware<Vehicle: LogStreaming>>(cx: &Cx<'_, F>) -> Instant {
     match cx.vehicle.log_data_len() {
         0 => Instant::NEVER,
         len if len >= BLOCK => cx.now,
-        _ => cx.now.after(FILL),
+        _ => cx.now + FILL,
     }
 }
 
 /// Starts a stream (LOG-10).
-#[inline(never)]
 fn start<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>, from: Peer) -> MavResult {
     let is_running = streamer.phase != Phase::Off && !streamer.is_gone;
-    if is_running && cx.now.since(streamer.started) < RETRANSMITTED {
+    if is_running && cx.now - streamer.started < RETRANSMITTED {
         return MavResult::ACCEPTED;
     }
     // A client that was restarted needs the definitions again.
@@ -353,7 +351,6 @@ fn next_definitions<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStream
 }
 
 /// Sends a packet (LOG-11, LOG-12).
-#[inline(never)]
 fn send<F: Firmware<Vehicle: LogStreaming>>(
     streamer: &mut LogStreamer,
     cx: &mut Cx<'_, F>,
@@ -392,7 +389,7 @@ fn send<F: Firmware<Vehicle: LogStreaming>>(
             increment(&mut streamer.counters.resent);
         }
         streamer.tries = streamer.tries.saturating_add(1);
-        streamer.due = cx.now.after(RESEND);
+        streamer.due = cx.now + RESEND;
     } else {
         streamer.due = data_due(cx);
         if is_sent {

@@ -39,7 +39,7 @@ impl MessageLink {
     fn due(&self, port: &Port) -> Instant {
         let is_last = port.counters.tx_frames == self.frames.wrapping_add(1);
         match port.config.bytes_per_second {
-            0 if is_last && self.at != Instant::ZERO => self.at.after(PATIENCE),
+            0 if is_last && self.at != Instant::ZERO => self.at + PATIENCE,
             _ => self.share.due(),
         }
     }

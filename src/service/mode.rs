@@ -293,7 +293,7 @@ impl ModeService {
             // A mode may end before the next poll.
             let is_reported = cx.vehicle.state().is_some_and(|state| state.custom_mode == mode.custom_mode);
             self.accepted = mode.custom_mode;
-            self.report_until = if is_reported { Instant::ZERO } else { cx.now.after(REPORTED_WITHIN) };
+            self.report_until = if is_reported { Instant::ZERO } else { cx.now + REPORTED_WITHIN };
         }
         outcome.into()
     }
@@ -382,7 +382,6 @@ impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
 }
 
 /// Handles a command about modes; `None` for all others.
-#[inline(never)]
 fn handle_command<F: Firmware<Vehicle: Modes>>(
     service: &mut ModeService,
     cx: &mut Cx<'_, F>,

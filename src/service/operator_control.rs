@@ -254,7 +254,6 @@ impl OperatorControl {
     }
 
     /// Handles MAV_CMD_REQUEST_OPERATOR_CONTROL.
-    #[inline(never)]
     fn request<F: Firmware>(&mut self, cx: &Cx<'_, F>, command: &Command) -> MavResult {
         let [action, allow, timeout, system] = command.params;
         let from = command.from.address.system;
@@ -324,7 +323,6 @@ const fn is_for_all(command: MavCmd) -> bool {
 }
 
 impl ControlGate for OperatorControl {
-    #[inline(never)]
     fn drops(&mut self, own: SystemId, is_receiver: bool, frame: &Frame<'_>) -> bool {
         let system = frame.source().system;
         let may = match frame.id() {
@@ -440,7 +438,7 @@ impl<F: Firmware> Service<F> for OperatorControl {
             OperatorReply::Notice => {
                 let notice = &mut self.notice;
                 let confirmation = NOTICES.saturating_sub(notice.left);
-                (notice.left, notice.at) = (notice.left.saturating_sub(1), cx.now.after(PERIOD));
+                (notice.left, notice.at) = (notice.left.saturating_sub(1), cx.now + PERIOD);
                 port.outbox.send(&CommandLong {
                     param1: f32::from(REQUEST),
                     param2: f32::from(notice.allow),
@@ -454,7 +452,7 @@ impl<F: Firmware> Service<F> for OperatorControl {
                 })
             }
             OperatorReply::Status => {
-                (link.at, link.changes) = (cx.now.after(PERIOD), self.changes);
+                (link.at, link.changes) = (cx.now + PERIOD, self.changes);
                 let flags = if self.allows_takeover() { SYSTEM_MANAGER | TAKEOVER_ALLOWED } else { SYSTEM_MANAGER };
                 port.outbox.send(&ControlStatus { flags, gcs_main: self.owner.0, gcs_secondary: self.secondaries })
             }

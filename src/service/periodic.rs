@@ -74,7 +74,6 @@ impl Periodic {
     }
 
     /// Handles a command about one of the messages; `None` for all others.
-    #[inline(never)]
     pub(crate) fn on_command(&mut self, row: Row, port: &Port, command: &Command) -> Option<MavResult> {
         let [first, second, third, _] = command.params;
         let is_request = command.id == MavCmd::REQUEST_MESSAGE;
@@ -115,7 +114,6 @@ impl Periodic {
     }
 
     /// Returns what was asked for and is sent first.
-    #[inline(never)]
     pub(crate) const fn asked(&self) -> Option<Asked> {
         match self.asked.trailing_zeros() {
             0 => Some(Asked::Message),
@@ -143,13 +141,12 @@ impl Periodic {
     }
 
     /// Records that it is sent now, in its stream.
-    #[inline(never)]
     pub(crate) fn sent(&mut self, now: Instant, row: Row, port: &Port) {
         let interval = Duration::from_micros(u64::from(self.interval(row, port)));
         // The average rate is kept, and what was missed is not made up.
-        self.at = self.at.after(interval);
+        self.at += interval;
         if self.at <= now {
-            self.at = now.after(interval);
+            self.at = now + interval;
         }
     }
 }

@@ -104,7 +104,6 @@ impl Schedule {
     }
 
     /// Requests a write of content that has changed.
-    #[inline(never)]
     pub(crate) const fn request(&mut self) {
         self.restart();
         self.phase = Phase::Dirty;
@@ -114,7 +113,7 @@ impl Schedule {
     pub(crate) fn collect(&mut self, now: Instant, time: Duration) {
         if self.is_attached() && !self.is_pending() {
             self.phase = Phase::Dirty;
-            self.due = now.after(time).max(self.due);
+            self.due = (now + time).max(self.due);
         }
     }
 
@@ -141,9 +140,9 @@ impl Schedule {
     }
 
     /// Records that the write is complete, and pauses.
-    pub(crate) const fn on_saved(&mut self, now: Instant, pause: Duration) {
+    pub(crate) fn on_saved(&mut self, now: Instant, pause: Duration) {
         self.clear();
-        self.due = now.after(pause);
+        self.due = now + pause;
     }
 
     /// Records a failure. Returns true for the first one after a success.
@@ -152,12 +151,12 @@ impl Schedule {
     }
 
     /// Pauses after a failure.
-    pub(crate) const fn pause(&mut self, now: Instant) {
-        self.due = now.after(RETRY);
+    pub(crate) fn pause(&mut self, now: Instant) {
+        self.due = now + RETRY;
     }
 
     /// Records a failure, after which the content is written again. Returns true for the first one after a success.
-    pub(crate) const fn on_failed(&mut self, now: Instant) -> bool {
+    pub(crate) fn on_failed(&mut self, now: Instant) -> bool {
         self.pause(now);
         self.phase = Phase::Dirty;
         self.has_newly_failed()

@@ -326,7 +326,6 @@ impl Setpoints {
     }
 
     /// Handles one of the three messages. Returns whether it is accepted.
-    #[inline(never)]
     fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) -> bool {
         let owner = self.owner(now);
         let counters = &mut self.counters;
@@ -341,7 +340,7 @@ impl Setpoints {
                 Err(Fault::NotFinite) => &mut counters.not_finite,
                 Err(Fault::OutOfRange) => &mut counters.out_of_range,
                 Ok(()) => {
-                    (self.from, self.at, self.until) = (from, now, now.after(self.timeout));
+                    (self.from, self.at, self.until) = (from, now, now + self.timeout);
                     self.numbers = numbers;
                     increment(&mut counters.taken);
                     return true;

@@ -41,7 +41,7 @@ impl Share {
             return;
         };
         let earliest = Instant::from_micros(now.as_micros().saturating_sub(CATCH_UP.as_micros()));
-        self.due = self.due.max(earliest).after(Duration::from_micros(u64::from(pause)));
+        self.due = self.due.max(earliest) + Duration::from_micros(u64::from(pause));
     }
 
     /// As [`spend`](Self::spend), for what may use more than its share while the link is idle: that is not made up for later.
@@ -49,7 +49,7 @@ impl Share {
         let (mut due, pause) = (now.as_micros(), cost.checked_div(bytes_per_second));
         if let Some(pause) = pause {
             // What was not used is the time since it was due.
-            let unused = now.since(self.due).min(CATCH_UP).as_micros();
+            let unused = (now - self.due).min(CATCH_UP).as_micros();
             due = due.wrapping_sub(unused).wrapping_add(u64::from(pause));
         }
         self.due = Instant::from_micros(due);

@@ -18,7 +18,7 @@ use crate::types::{Config, Firmware, Peer};
 /// what other traffic leaves (D-4, LOG-8, LOG-14). With a share for each of them, all together would leave streams nothing beside
 /// the list of parameters, which has 40 %.
 fn bulk_due(share: &Share, turn: Turn) -> Instant {
-    if turn == Turn::LateBulk { share.due().after(MAX_LATENESS) } else { Instant::ZERO }
+    if turn == Turn::LateBulk { share.due() + MAX_LATENESS } else { Instant::ZERO }
 }
 
 /// The turns of a service, a bit each.

@@ -192,7 +192,7 @@ mod tests {
             for link in [LinkId(0), LinkId(1)] {
                 assert_eq!(stack.transmit(now, link, &mut Rover), [0_u8; 0], "no heartbeat comes");
             }
-            now = now.after(Duration::from_millis(wait));
+            now += Duration::from_millis(wait);
         }
         stack.poll(now, &mut Rover);
         assert!(stack.next_deadline(now) > now, "nothing is pending");
@@ -208,7 +208,7 @@ mod tests {
         assert_eq!(stack.tunes.received(), 3);
         assert_eq!(stack.next_deadline(now), now, "an answer is pending");
 
-        now = now.after(Duration::from_millis(7));
+        now += Duration::from_millis(7);
         stack.poll(now, &mut Rover);
         assert_eq!(stack.transmit(now, LinkId(0), &mut Rover), [0_u8; 0], "nothing is pending on the other link");
         let answer = stack.transmit(now, LinkId(1), &mut Rover);

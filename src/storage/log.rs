@@ -484,7 +484,7 @@ impl Log {
                 Event::Nothing
             }
             Pending::Scrub => {
-                (self.scrub_from, self.scrubs) = (now.after(LONG_PAUSE), self.scrubs.wrapping_add(1));
+                (self.scrub_from, self.scrubs) = (now + LONG_PAUSE, self.scrubs.wrapping_add(1));
                 Event::Nothing
             }
             Pending::Erase | Pending::EraseNext => {
@@ -544,7 +544,7 @@ impl Log {
             Task::Undo if is_done => self.failed(true),
             Task::Undo if self.attempts < 2 * ATTEMPTS => {
                 self.attempts = self.attempts.wrapping_add(1);
-                self.retry_at = now.after(LONG_PAUSE);
+                self.retry_at = now + LONG_PAUSE;
                 Event::Nothing
             }
             // The next segment has a greater number, so that it counts whatever becomes of this one.
@@ -562,7 +562,7 @@ impl Log {
         let was_loading = self.is_loading();
         self.task = Task::Waiting;
         self.attempts = self.attempts.saturating_add(1);
-        self.retry_at = now.after(time);
+        self.retry_at = now + time;
         Event::Unreadable { was_loading }
     }
 

@@ -162,7 +162,7 @@ impl<F: Firmware<Vehicle: Records>, const N: usize> Persistent<F> for RecordServ
     fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>, is_saved: bool) {
         if !is_saved {
             self.pending |= self.writing;
-            self.retry_at = cx.now.after(RETRY);
+            self.retry_at = cx.now + RETRY;
         }
         self.writing = 0;
     }

@@ -43,8 +43,8 @@ impl<'a> Context<'a> {
     }
 
     /// Returns the time of the call, by the firmware's clock.
-    pub const fn now(&self) -> Instant {
-        self.now.before(self.requests.lead)
+    pub fn now(&self) -> Instant {
+        self.now - self.requests.lead
     }
 
     /// Sends a STATUSTEXT on every normal link: see [`Stack::send_text`](crate::Stack::send_text).

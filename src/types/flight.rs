@@ -64,7 +64,7 @@ impl Credit {
 
     /// Whether heartbeats may be sent, as of the last sample.
     pub(crate) fn is_good(&self, now: Instant, max_loop_gap: Duration) -> bool {
-        !self.is_faulted && self.renewed.is_some_and(|renewed| now.since(renewed) <= max_loop_gap)
+        !self.is_faulted && self.renewed.is_some_and(|renewed| now - renewed <= max_loop_gap)
     }
 }
 

@@ -83,7 +83,7 @@ impl StatusTexts {
         let text = front(text, MAX_TEXT_LEN);
         let repeat_after = if self.is_answering { ANSWER_AFTER } else { REPEAT_AFTER };
         let repeated = |entry: &TextEntry| {
-            entry.text.as_bytes() == text && entry.severity == severity && now.since(entry.at) < repeat_after
+            entry.text.as_bytes() == text && entry.severity == severity && now - entry.at < repeat_after
         };
         let sent = self.entries.iter().filter(|entry| repeated(entry)).map(|entry| entry.links);
         let left = sent.fold(links, LinkMask::without);
@@ -101,7 +101,7 @@ impl StatusTexts {
         for entry in &mut self.entries {
             let (state, least) = match entry.pending.is_empty() {
                 true => (SENT, 0),
-                false if now.since(entry.at) >= GIVE_UP_AFTER => (GIVEN_UP, entry.severity.0),
+                false if now - entry.at >= GIVE_UP_AFTER => (GIVEN_UP, entry.severity.0),
                 false => (PENDING, entry.severity.0),
             };
             let [high, low] = newest.wrapping_sub(entry.number).to_be_bytes();

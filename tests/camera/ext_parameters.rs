@@ -341,7 +341,7 @@ fn change_without_a_possible_answer_is_dropped() {
 fn answers_wait_for_room() {
     let mut site = site();
     let now = site.now();
-    site.uarts[0].stall_writes_until(now.after(secs(1)));
+    site.uarts[0].stall_writes_until(now + secs(1));
     let names = ["CAM_ISO", "CAM_OWNER", "CAM_SHUTTER", "U8"];
     let kinds = [MavParamExtType::UINT32, MavParamExtType::CUSTOM, MavParamExtType::REAL64, MavParamExtType::UINT8];
     // The first one takes the link's buffer.

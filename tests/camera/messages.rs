@@ -183,7 +183,7 @@ fn stalled_link_reports_later() {
     for (images, expected, unsent) in [(8, 0..8, 0), (11, 3..11, 3)] {
         let mut site = site();
         let now = site.now();
-        site.uarts[0].stall_writes_until(now.after(secs(3)));
+        site.uarts[0].stall_writes_until(now + secs(3));
         for _ in 0..images {
             assert!(control(&mut site).take_image());
             site.run_for(millis(50));
@@ -201,7 +201,7 @@ fn stalled_link_reports_later() {
 fn restarted_link_begins_again() {
     let mut site = site();
     let now = site.now();
-    site.uarts[0].stall_writes_until(now.after(millis(500)));
+    site.uarts[0].stall_writes_until(now + millis(500));
     for _ in 0..3 {
         control(&mut site).take_image();
         site.run_for(millis(50));

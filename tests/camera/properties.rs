@@ -72,7 +72,7 @@ proptest! {
                     site.vehicle.shutter = [Shutter::Instant, Shutter::Slow, Shutter::Broken][usize::from(number)];
                 }
                 Event::Stall(link, time) => {
-                    let until = site.now().after(millis(time));
+                    let until = site.now() + millis(time);
                     site.uarts[usize::from(link)].stall_writes_until(until);
                 }
                 Event::Wait(time) => site.run_for(millis(time)),

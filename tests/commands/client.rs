@@ -361,7 +361,7 @@ fn redundant_link_takes_over() {
         world.run_for(millis(100));
         assert_eq!((sent(&world, first).len(), sent(&world, second).len()), (1, 0));
         // The first link dies.
-        let until = world.now().after(secs(60));
+        let until = world.now() + secs(60);
         world.uarts[first].stall_writes_until(until);
         world.run_for(millis(700));
         assert_eq!((sent(&world, first).len(), sent(&world, second).len()), (1, 1));
@@ -381,7 +381,7 @@ fn stalled_link_ends_a_request() {
             assert!(world.stack.send_command(GIMBAL, POINT));
             world.run_for(millis(100));
         }
-        let until = world.now().after(secs(60));
+        let until = world.now() + secs(60);
         world.uarts[COMPANION].stall_writes_until(until);
         if !is_sent {
             assert!(world.stack.send_command(GIMBAL, POINT));
@@ -401,7 +401,7 @@ fn stalled_link_ends_a_request() {
 #[test]
 fn messages_and_commands_have_queues_of_their_own() {
     let mut world = sky();
-    let until = world.now().after(secs(60));
+    let until = world.now() + secs(60);
     world.uarts[BACKUP].stall_writes_until(until);
     for index in 0..9 {
         assert_eq!(world.stack.send::<Tunnel>(LinkId(0), index), index < 8);

@@ -83,7 +83,7 @@ fn stalled_link_gets_no_second_attempt() {
     let mut world = sky();
     beat(&mut world, BACKUP, GIMBAL, MavType::GIMBAL);
     point(&mut world, COMPANION);
-    let until = world.now().after(Duration::from_secs(60));
+    let until = world.now() + Duration::from_secs(60);
     world.uarts[COMPANION].stall_writes_until(until);
     assert!(world.stack.send_command(GIMBAL, REQUEST));
     world.run_for(millis(720));

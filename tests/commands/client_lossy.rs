@@ -152,9 +152,9 @@ impl Pair {
     }
 
     fn run(&mut self, duration: Duration) {
-        let end = self.clock.now().after(duration);
+        let end = self.clock.now() + duration;
         while self.clock.now() < end {
-            let now = self.clock.now().after(millis(10));
+            let now = self.clock.now() + millis(10);
             self.clock.set(now);
             self.pulses.iter().for_each(|pulse| pulse.tick());
             self.asking.poll(now, &mut self.asker);

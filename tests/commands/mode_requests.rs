@@ -161,7 +161,7 @@ fn set_mode_is_answered() {
 fn set_mode_without_room_is_not_carried_out() {
     let mut world = world::<1, PX4>();
     world.run_for(millis(10));
-    world.uarts[0].stall_writes_until(world.now().after(millis(100)));
+    world.uarts[0].stall_writes_until(world.now() + millis(100));
     for _ in 0..6 {
         world.gcs[0].send(&set_mode(1, HOLD));
     }

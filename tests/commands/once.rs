@@ -25,7 +25,7 @@ fn carried_out(world: &mut World<2>, message: &CommandLong, times: &[(u64, usize
     let mut done = Vec::new();
     let start = world.now();
     for &(at, link) in times {
-        world.run_for(start.after(millis(at)).since(world.now()));
+        world.run_for((start + millis(at)) - world.now());
         let before = world.vehicle.commands().len();
         world.gcs[link].send(message);
         world.run_for(millis(4));

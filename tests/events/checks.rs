@@ -74,7 +74,7 @@ fn report_is_sent_after_a_change() {
     let begin = site.now();
     // It changes ten times a second.
     let mut reports = 0;
-    while site.now().since(begin) < secs(20) {
+    while site.now() - begin < secs(20) {
         site.vehicle.fails.push(Fails::Gusty);
         if site.vehicle.fails.len() > 6 {
             site.vehicle.fails.clear();

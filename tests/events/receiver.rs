@@ -117,6 +117,6 @@ impl Receiver {
         let request = RequestEvent { first_sequence: next, last_sequence: next, target_system, target_component };
         gcs.send_from(self.address, &request);
         self.requests += 1;
-        self.timer = Some(now.after(TIMEOUT));
+        self.timer = Some(now + TIMEOUT);
     }
 }

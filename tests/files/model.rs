@@ -99,7 +99,7 @@ impl Run {
         let Some((number, line)) = step else {
             // Long enough to take over a session.
             let now: Instant = self.world.now();
-            self.world.clock.set(now.after(millis(3_000)));
+            self.world.clock.set(now + millis(3_000));
             return;
         };
         let state = self.clients[number];

@@ -439,7 +439,7 @@ fn run<const N: usize, D: Declares<Vehicle: Default>>(world: &mut World<N, D>, t
         }
     });
     assert!(ended);
-    world.now().since(begin)
+    world.now() - begin
 }
 
 /// A vehicle with 52 parameters.
@@ -492,7 +492,7 @@ fn file_and_list(count: usize, loss: f64) -> (u64, u64) {
     // A lost value is not sent again by itself: with loss, there is nothing to compare.
     let has_all = loss > 0.0 || world.run_until(secs(60), |world| world.gcs[0].count_of::<ParamValue>() == count);
     assert!(has_all, "the list is complete");
-    (by_file.as_millis(), world.now().since(begin).as_millis())
+    (by_file.as_millis(), (world.now() - begin).as_millis())
 }
 
 /// P-22: on a radio of 57,600 baud, parameters take less than half the time as a file than as a list.

@@ -332,7 +332,7 @@ fn stalled_link_loses_no_answer() {
     use MavFtpOpcode as Op;
     let (mut world, mut client) = (world(), client());
     client.create(&mut world, "new").unwrap();
-    let until = world.now().after(millis(2_000));
+    let until = world.now() + millis(2_000);
     world.uarts[0].stall_writes_until(until);
     world.run_for(millis(100));
     for seq in 0..8u8 {
@@ -351,7 +351,7 @@ fn stalled_link_loses_no_answer() {
 #[test]
 fn requests_without_a_slot_are_dropped() {
     let mut world = world();
-    world.uarts[0].stall_writes_until(world.now().after(millis(500)));
+    world.uarts[0].stall_writes_until(world.now() + millis(500));
     world.run_for(millis(100));
     for number in 0..6 {
         let client = Client::new(Address::new(10 + number, 1), 0, 0);

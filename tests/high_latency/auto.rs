@@ -93,11 +93,11 @@ fn link_loss_wakes_a_sleeping_driver() {
     let mut world = world(CONFIG);
     run(&mut world, secs(30));
     lose(&mut world);
-    let end = world.now().after(secs(12));
+    let end = world.now() + secs(12);
     world.uarts[TELEM].stall_writes_until(end);
     while !satellite(&mut world).is_on() {
         let now = world.now();
-        let next = world.stack.next_deadline(now).min(world.uarts[TELEM].next_arrival()).max(now.after(millis(1)));
+        let next = world.stack.next_deadline(now).min(world.uarts[TELEM].next_arrival()).max(now + millis(1));
         assert!(next < end, "asleep since {now:?}, until {next:?}");
         world.step_to(next);
     }
@@ -165,7 +165,7 @@ fn intermittent_radio_costs_one_message_per_period() {
     run(&mut world, secs(5));
     let mut rng = crate::support::Rng::new(3);
     let begin = world.now();
-    while world.now().since(begin) < secs(1_000) {
+    while world.now() - begin < secs(1_000) {
         lose(&mut world);
         run(&mut world, millis(5_200 + rng.below(3_000)));
         regain(&mut world);
@@ -173,7 +173,7 @@ fn intermittent_radio_costs_one_message_per_period() {
     }
     let sent: Vec<_> = std::iter::from_fn(|| world.gcs[SAT].take::<HighLatency2>()).map(|(at, _)| at).collect();
     assert!(sent.len() >= 10, "{}", sent.len());
-    assert!(sent.windows(2).all(|pair| pair[1].since(pair[0]) >= PERIOD), "{sent:?}");
+    assert!(sent.windows(2).all(|pair| pair[1] - pair[0] >= PERIOD), "{sent:?}");
 }
 
 /// L-14: one message is sent after the start, once there is a sample to report, and no other.
@@ -196,7 +196,7 @@ fn it_is_announced_once() {
 #[test]
 fn announcement_can_be_cancelled() {
     let mut world = world(HighLatencyConfig { announce_once: true, ..CONFIG });
-    let until = world.now().after(secs(10));
+    let until = world.now() + secs(10);
     world.uarts[SAT].stall_writes_until(until);
     let now = world.now();
     satellite(&mut world).sample(now, &HighLatencySample::UNKNOWN);
@@ -258,7 +258,7 @@ proptest! {
                 Step::Lose => lose(&mut world),
                 Step::Regain => regain(&mut world),
                 Step::Stall(seconds) => {
-                    stalled_until = begin.after(secs(seconds));
+                    stalled_until = begin + secs(seconds);
                     world.uarts[SAT].stall_writes_until(stalled_until);
                 }
                 Step::Fault(is_faulty) => world.vehicle.state = healthy.filter(|_| !is_faulty),
@@ -273,7 +273,7 @@ proptest! {
             let sent: Vec<_> = std::iter::from_fn(|| world.gcs[SAT].take::<HighLatency2>()).map(|(at, _)| at).collect();
             for &at in &sent {
                 let is_asked = |last| starts.iter().any(|start| *start >= last && *start <= at);
-                prop_assert!(last_sent.is_none_or(|last| at.since(last) >= PERIOD || is_asked(last)), "{last_sent:?}, {at:?}");
+                prop_assert!(last_sent.is_none_or(|last| at - last >= PERIOD || is_asked(last)), "{last_sent:?}, {at:?}");
                 last_sent = Some(at);
             }
             let is_on = satellite(&mut world).is_on();
@@ -283,7 +283,7 @@ proptest! {
                 prop_assert!(world.vehicle.state.is_some());
             }
             // If nothing blocked for a whole period, a message was sent.
-            let is_free = world.now().since(settled.max(stalled_until)) > PERIOD.max(secs(21));
+            let is_free = world.now() - settled.max(stalled_until) > PERIOD.max(secs(21));
             if was_on && is_on && world.vehicle.state.is_some() && is_free {
                 prop_assert!(!sent.is_empty(), "on since before {settled:?}");
             }

@@ -309,9 +309,9 @@ proptest! {
             } else if next <= now && let Some((starts, wait)) = steps.pop_front() {
                 let enable = if starts { START } else { STOP };
                 prop_assert_eq!(control(&mut world, RADIO, enable), DONE);
-                in_flight.push_back((now.after(secs(delay)), enable));
+                in_flight.push_back((now + secs(delay), enable));
                 is_on = starts;
-                next = now.after(secs(wait));
+                next = now + secs(wait);
             }
             prop_assert_eq!(satellite(&mut world).is_on(), is_on);
             run(&mut world, millis(500));

@@ -61,8 +61,8 @@ fn answer(rig: &mut Rig, link: usize, frame: &[u8]) -> (MavResult, bool) {
 
 /// Runs until the vehicle's clock reads `at` since its key was set.
 fn until(rig: &mut Rig, at: Duration) {
-    let end = Instant::from_millis(5_000).after(at);
-    rig.run_for(end.since(rig.now));
+    let end = Instant::from_millis(5_000) + at;
+    rig.run_for(end - rig.now);
 }
 
 /// L-16: the vehicle gets the age of a command, in both forms, as soon as it knows the time.

@@ -91,7 +91,7 @@ fn failing_transport_does_not_keep_the_driver_awake() {
                     errors.extend(world.stack.poll_link(now, LINK, line, &mut world.vehicle).err());
                     passes += 1;
                     assert!(passes < 1_000, "{fault:?}: the driver spins");
-                    now = world.stack.next_deadline(now).max(now.after(mavstack::Duration::from_micros(50))).min(until);
+                    now = world.stack.next_deadline(now).max(now + mavstack::Duration::from_micros(50)).min(until);
                 }
                 (passes, errors)
             };

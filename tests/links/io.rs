@@ -53,13 +53,13 @@ impl<D: Declares<Vehicle = TestVehicle>> Rig<D> {
 
     /// Advances to the next moment at which a byte may arrive or leave. Returns whether the loop is due.
     fn step(&mut self, by: Duration) -> bool {
-        let now = self.clock.now().after(by);
+        let now = self.clock.now() + by;
         self.clock.set(now);
         self.gcs.poll(now);
         if now < self.next_poll {
             return false;
         }
-        self.next_poll = now.after(self.poll_every);
+        self.next_poll = now + self.poll_every;
         self.setup.config.pulse.expect("a setup has a pulse").tick();
         self.stack.poll(now, &mut self.vehicle);
         true
@@ -78,7 +78,7 @@ impl<D: Declares<Vehicle = TestVehicle>> Rig<D> {
         within: Duration,
         mut done: impl FnMut(&mut Self) -> bool,
     ) -> bool {
-        let end = self.clock.now().after(within);
+        let end = self.clock.now() + within;
         while self.clock.now() < end {
             let is_due = self.step(Duration::from_micros(10));
             // The interrupt handler: moves the received byte, and one byte to send if the UART is ready.
@@ -242,7 +242,7 @@ fn circular_dma_works_through_the_byte_level_calls() {
         }
         if step == 250_000 {
             // Four times the buffer's length, while the loop stalls.
-            rig.next_poll = rig.clock.now().after(millis(60));
+            rig.next_poll = rig.clock.now() + millis(60);
             for _ in 0..12 {
                 rig.gcs.command_long(MavCmd::NAV_LAND, [2.0; 7]);
             }
@@ -423,7 +423,7 @@ fn saturated_lines_are_read_completely() {
             while polls < last + 2 {
                 // Every tenth poll is half a period late.
                 polls += 1;
-                now = now.after(Duration::from_micros(period.as_micros() * if polls % 10 == 0 { 3 } else { 2 } / 2));
+                now += Duration::from_micros(period.as_micros() * if polls % 10 == 0 { 3 } else { 2 } / 2);
                 while polls <= last && sent < now.as_micros() * u64::from(baud) / 10_000_000 {
                     sent += 1;
                     let byte = line.next().unwrap();

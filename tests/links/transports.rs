@@ -255,7 +255,7 @@ fn next_client_gets_no_old_heartbeat() {
     world.step();
     world.loop_runs = false;
     for _ in 0..60 {
-        world.clock.set(world.now().after(secs(1)));
+        world.clock.set(world.now() + secs(1));
         world.stack.poll(world.now(), &mut world.vehicle);
     }
     world.uarts[0].set_closed(false);

@@ -102,7 +102,7 @@ impl Lab {
 
     /// Runs one pass of the loop, one millisecond later.
     fn step(&mut self) {
-        self.now = self.now.after(millis(1));
+        self.now += millis(1);
         if self.flies {
             self.pulse.tick();
         }
@@ -111,7 +111,7 @@ impl Lab {
     }
 
     fn run_for(&mut self, time: mavstack::Duration) {
-        let end = self.now.after(time);
+        let end = self.now + time;
         while self.now < end {
             self.step();
         }

@@ -82,7 +82,7 @@ impl LogClient {
 
     fn request(&mut self, now: Instant, gcs: &mut Gcs, ofs: u32, count: u32) {
         self.requests += 1;
-        self.due = now.after(self.timeout());
+        self.due = now + self.timeout();
         let id = self.id;
         gcs.send_from(self.address, &LogRequestData { ofs, count, id, target_system: 1, target_component: 1 });
     }
@@ -131,7 +131,7 @@ impl LogClient {
         if self.phase != Phase::List {
             return;
         }
-        self.due = now.after(self.timeout());
+        self.due = now + self.timeout();
         if entry.num_logs == 0 {
             self.phase = Phase::Done;
             return;
@@ -152,7 +152,7 @@ impl LogClient {
         if self.phase != Phase::Data || data.id != self.id {
             return;
         }
-        self.due = now.after(self.timeout());
+        self.due = now + self.timeout();
         assert_eq!(data.ofs % BLOCK, 0, "clients ignore misaligned data");
         let block = (data.ofs / BLOCK) as usize;
         if self.kind == Kind::MavProxy {
@@ -214,7 +214,7 @@ impl LogClient {
         let known = (start..count).find(|id| self.entries.contains_key(id));
         let end = known.unwrap_or(count).saturating_sub(1);
         self.requests += 1;
-        self.due = now.after(self.timeout());
+        self.due = now + self.timeout();
         gcs.send_from(self.address, &LogRequestList { start, end, target_system: 1, target_component: 1 });
     }
 }

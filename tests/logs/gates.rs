@@ -58,7 +58,7 @@ fn a_flight_ends_what_was_listed() {
         let mut field = field(&[60_000, 60_000]);
         let mut client = LogClient::new(kind, STATION, 0);
         let mut run = |field: &mut Field, duration| {
-            let end = field.now().after(duration);
+            let end = field.now() + duration;
             field.run_until(secs(60), |field| {
                 let now = field.now();
                 client.poll(now, &mut field.gcs[0]) || now >= end

@@ -81,7 +81,7 @@ impl Busy {
 
     /// Runs for some milliseconds.
     fn run(&mut self, ms: u64) {
-        let end = self.world.now().after(millis(ms));
+        let end = self.world.now() + millis(ms);
         let last = Tuning::INFO.len() as u16 - 1;
         let mut seen = self.world.gcs[0].received.len();
         let mut is_asked = false;
@@ -110,7 +110,7 @@ impl Busy {
         };
         let values = gcs.all::<ParamValue>();
         let pairs = values.windows(2).filter(|pair| pair[1].1.param_index > pair[0].1.param_index);
-        let pauses: Vec<_> = pairs.map(|pair| pair[1].0.since(pair[0].0).as_micros() as usize).collect();
+        let pauses: Vec<_> = pairs.map(|pair| (pair[1].0 - pair[0].0).as_micros() as usize).collect();
         let list = (37 * 1_000_000 * 100 * pauses.len()).checked_div(pauses.iter().sum::<usize>() * self.rate);
         Parts {
             list: list.unwrap_or(0),

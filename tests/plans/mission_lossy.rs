@@ -85,7 +85,7 @@ fn upload_within(
     items: &[MissionItemInt],
 ) -> Result<MissionAck, TransferError> {
     let mut upload = begin(world, link, client, items);
-    let end = world.now().after(limit);
+    let end = world.now() + limit;
     while advance(world, link, &mut upload) {
         assert!(world.now() < end, "an upload ends within {} s", limit.as_millis() / 1_000);
     }
@@ -124,7 +124,7 @@ fn download(world: &mut TestWorld, link: usize) -> Result<Vec<MissionItemInt>, T
 
 /// Completes a download. Asserts that it ends within two minutes.
 fn finish(world: &mut TestWorld, link: usize, mut download: Download) -> Result<Vec<MissionItemInt>, TransferError> {
-    let end = world.now().after(secs(120));
+    let end = world.now() + secs(120);
     loop {
         world.skip_to(download.due());
         let now = world.now();
@@ -161,7 +161,7 @@ fn upload_over(setup: Setup<2>, faults: Faults, name: Client, tally: &mut Tally)
 
     let result = upload(&mut world, 0, name, &new);
 
-    tally.longest = tally.longest.max(world.now().since(began));
+    tally.longest = tally.longest.max(world.now() - began);
     // The vehicle times out too, unless the last item was already in flight.
     if result.is_err() {
         run_for(&mut world, PATIENCE);
@@ -298,9 +298,9 @@ fn dead_line_keeps_the_plan_and_blocks_no_client() {
                     if world.stack.plan_counters().abandoned == 1 {
                         break world.now();
                     }
-                    assert!(world.now().since(broken) < PATIENCE, "{what}");
+                    assert!(world.now() - broken < PATIENCE, "{what}");
                 };
-                longest = longest.max(idle_at.since(broken));
+                longest = longest.max(idle_at - broken);
 
                 assert_eq!(world.stack.mission().items(), before.0, "{what}");
                 assert_eq!(world.stack.mission().id(), before.1, "{what}");

@@ -55,7 +55,7 @@ fn run(world: &mut TestWorld, mut poll: impl FnMut(&mut TestWorld) -> bool) -> D
         let now = world.gcs[0].end.next_arrival().max(world.now()).min(next_pass);
         if now == next_pass {
             world.step_to(now);
-            next_pass = next_pass.after(PERIOD);
+            next_pass += PERIOD;
         }
         world.clock.set(now);
         // Receives, then sends.
@@ -63,7 +63,7 @@ fn run(world: &mut TestWorld, mut poll: impl FnMut(&mut TestWorld) -> bool) -> D
         let is_done = poll(world);
         world.gcs[0].poll(now);
         if is_done {
-            return now.since(began);
+            return now - began;
         }
     }
 }

@@ -87,7 +87,7 @@ fn slowest_answer(mut load: impl FnMut(&mut Gcs)) -> Duration {
             load(&mut world.gcs[COMPANION]);
             world.run_for(millis(1));
         }
-        slowest = slowest.max(world.now().since(begin));
+        slowest = slowest.max(world.now() - begin);
     }
     slowest
 }
@@ -110,7 +110,7 @@ fn answers_wait_for_one_forwarded_frame_at_most() {
 fn full_queue_drops_whole_frames() {
     for (stall, arrive, stale) in [(550, 6, 0), (650, 0, 6)] {
         let mut world = world(setup(StreamProfile::Off));
-        world.uarts[RADIO].stall_writes_until(world.now().after(millis(stall)));
+        world.uarts[RADIO].stall_writes_until(world.now() + millis(stall));
         world.run_for(millis(2));
         // 50 bytes each, and 6 for the queue's header: 6 of them fit into three quarters of 512 bytes.
         let frames: Vec<_> = (0..20).map(|_| world.gcs[COMPANION].frame_from(WINGMAN, &tunnel(38))).collect();
@@ -186,7 +186,7 @@ fn frames_expire_sooner_in_a_loop() {
             assert_eq!(counters(&world, link).duplicates, 1);
         }
         world.run_for(millis(pause));
-        world.uarts[RADIO].stall_writes_until(world.now().after(millis(300)));
+        world.uarts[RADIO].stall_writes_until(world.now() + millis(300));
         // A source that is heard on this link only.
         for _ in 0..3 {
             world.gcs[COMPANION].send_from(OTHER_STATION, &tunnel(38));
@@ -225,14 +225,14 @@ fn next_deadline_includes_queues() {
     let (stack, vehicle, now) = (&mut world.stack, &mut world.vehicle, world.clock.now());
     assert!(stack.transmit(now, LinkId(0), vehicle).is_empty());
     let resting = stack.next_deadline(now);
-    assert!(resting > now.after(millis(20)), "a heartbeat at most");
+    assert!(resting > now + millis(20), "a heartbeat at most");
     for frame in &frames {
         assert_eq!(stack.receive(now, LinkId(1), frame, vehicle), frame.len());
     }
     let (mut at, mut sent, mut passes) = (now, Vec::new(), 0);
     while sent.len() < 3 {
         at = stack.next_deadline(at);
-        assert!(at < now.after(millis(150)), "{} sent at {at:?}", sent.len());
+        assert!(at < now + millis(150), "{} sent at {at:?}", sent.len());
         passes += 1;
         assert!(passes < 20, "woken without anything to send");
         let bytes = stack.transmit(at, LinkId(0), vehicle).to_vec();
@@ -246,8 +246,8 @@ fn next_deadline_includes_queues() {
     while stack.next_deadline(at) <= at {
         assert!(stack.transmit(at, LinkId(0), vehicle).is_empty());
         stack.transmit(at, LinkId(1), vehicle);
-        at = at.after(millis(1));
-        assert!(at < now.after(millis(300)), "woken without anything to send");
+        at += millis(1);
+        assert!(at < now + millis(300), "woken without anything to send");
     }
 }
 
@@ -302,10 +302,10 @@ fn step_over(
     mut is_done: impl FnMut(Instant, &mut Gcs) -> bool,
 ) {
     let begin = world.now();
-    let (silent, back) = (begin.after(millis(cut)), begin.after(millis(cut + 2_001)));
+    let (silent, back) = (begin + millis(cut), begin + (millis(cut + 2_001)));
     loop {
         let now = world.now();
-        assert!(now < begin.after(secs(20)), "cut at {cut} ms");
+        assert!(now < begin + secs(20), "cut at {cut} ms");
         if now < silent {
             world.gcs[1].forget();
             if is_done(now, &mut world.gcs[0]) {
@@ -316,7 +316,7 @@ fn step_over(
         } else {
             let heard = std::mem::take(&mut world.gcs[0].received);
             // The next request is sent where the station was last heard, and is retransmitted after 250 ms.
-            let is_late = now > back.after(millis(260));
+            let is_late = now > back + millis(260);
             let answers = [MissionRequestInt::ID, MissionAck::ID, MissionCount::ID, MissionItemInt::ID];
             let is_answer = |frame: &Received| is_late && answers.contains(&frame.header.id);
             assert!(!heard.iter().any(is_answer), "the station is answered where it was heard last");

@@ -178,18 +178,18 @@ fn forgotten_poll_stops_the_heartbeats_and_keeps_no_station_alive() {
     let last = world.stack.peers(world.now()).find_map(|info| info.last_heartbeat()).expect("a station");
     let (polled, before) = (world.now(), heartbeats(&world));
     for _ in 0..20_000 {
-        let now = world.now().after(millis(1));
+        let now = world.now() + millis(1);
         world.clock.set(now);
         world.pulse.tick();
         world.stack.poll_link(now, LINK, &mut world.uarts[0], &mut world.vehicle).unwrap();
         world.gcs[0].poll(now);
-        let is_alive = now.since(last) < secs(5);
+        let is_alive = now - last < secs(5);
         assert_eq!(world.stack.has_ground_station(now), is_alive, "{now:?}");
         assert_eq!(world.stack.has_controller(now, ControlSource::System(SystemId(255))), is_alive);
         assert_eq!(world.stack.peers(now).filter(|info| info.is_alive).count(), usize::from(is_alive));
         assert_eq!(world.stack.peers(now).filter(|info| info.is_living_station()).count(), usize::from(is_alive));
         let is_due = world.stack.next_deadline(now) == now;
-        assert!(is_due || now.since(polled) < millis(500), "it must be polled");
+        assert!(is_due || now - polled < millis(500), "it must be polled");
     }
     assert_eq!(heartbeats(&world), before, "the next was due 700 ms after the last poll");
     let now = world.now();
@@ -215,7 +215,7 @@ fn heartbeat_needs_a_recent_poll() {
         world.clock.set(polled);
         world.pulse.tick();
         world.stack.poll(polled, &mut world.vehicle);
-        let now = polled.after(millis(late));
+        let now = polled + millis(late);
         world.clock.set(now);
         world.pulse.tick();
         let before = world.stack.link_counters(LINK).unwrap().tx_frames;
@@ -235,8 +235,8 @@ fn sleeping_firmware_keeps_its_heartbeats() {
     while world.now() < Instant::from_millis(60_500) {
         let now = world.now();
         let due = world.stack.next_deadline(now);
-        assert!(due <= now.after(millis(500)), "{due:?} at {now:?}");
-        world.step_to(due.max(now.after(millis(1))));
+        assert!(due <= now + millis(500), "{due:?} at {now:?}");
+        world.step_to(due.max(now + millis(1)));
         passes += 1;
     }
     assert_eq!(heartbeats(&world), 61);
@@ -258,11 +258,11 @@ fn operator_is_judged_at_the_call() {
     }
     let owner = Some(SystemId(255));
     for (after, expected) in [(0, owner), (4_999, owner), (5_000, None), (60_000, None)] {
-        let now = now.after(millis(after));
+        let now = now + millis(after);
         assert_eq!((stack.operator(now), stack.allows_takeover(now)), (expected, expected.is_none()), "{after} ms");
     }
     stack.operator_control_mut().set_release_on_loss(false);
-    assert_eq!(stack.operator(now.after(secs(60))), owner, "control is kept");
+    assert_eq!(stack.operator(now + secs(60)), owner, "control is kept");
 }
 
 #[derive(mavstack::Stack)]

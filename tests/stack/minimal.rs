@@ -105,7 +105,7 @@ fn without_plans_only_requests_are_answered() {
 #[test]
 fn refusals_stay_pending_on_a_backpressured_link() {
     let mut world = world();
-    let until = world.now().after(secs(2));
+    let until = world.now() + secs(2);
     world.uarts[0].stall_writes_until(until);
     let list = |mission_type| MissionRequestList { target_system: 1, target_component: 1, mission_type };
     for station in 0..40 {

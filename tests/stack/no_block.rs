@@ -16,7 +16,7 @@ fn longest_silence<const N: usize, D: Declares<Vehicle: Default>>(
 ) -> mavstack::Duration {
     let mut times: Vec<Instant> = world.gcs[link].all::<Heartbeat>().into_iter().map(|(at, _)| at).collect();
     times.push(world.now());
-    times.windows(2).map(|pair| pair[1].since(pair[0])).max().expect("there is a heartbeat")
+    times.windows(2).map(|pair| pair[1] - pair[0]).max().expect("there is a heartbeat")
 }
 
 /// A radio at 57,600 bit/s behind a UART with a small buffer; bytes in a large one would delay the heartbeat too.
@@ -36,7 +36,7 @@ fn stalled_link_loses_nothing_that_was_accepted() {
         world.gcs[0].command_long(MavCmd::NAV_TAKEOFF, [0.0; 7]);
         world.run_for(millis(1 + begin));
         let stalled = world.now();
-        world.uarts[0].stall_writes_until(stalled.after(secs(10)));
+        world.uarts[0].stall_writes_until(stalled + secs(10));
         for request in 1..=20 {
             world.gcs[0].command_long(MavCmd::NAV_LAND, [request as f32; 7]);
             world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, [148.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);

@@ -134,7 +134,7 @@ impl Bench {
     }
 
     fn wait(&mut self, millis: u64) {
-        self.now = self.now.after(Duration::from_millis(millis));
+        self.now += Duration::from_millis(millis);
         self.pulse.tick();
         self.stack.poll(self.now, &mut self.vehicle);
     }
@@ -267,8 +267,8 @@ impl Bench {
         // D-4, H-1, H-6: a heartbeat exactly when it is due, then acknowledgements, then everything else.
         assert_eq!(id == Heartbeat::ID, is_heartbeat_due, "message {id}");
         if is_heartbeat_due {
-            let next = line.heartbeat.after(secs(1));
-            line.heartbeat = if next > self.now { next } else { self.now.after(secs(1)) };
+            let next = line.heartbeat + secs(1);
+            line.heartbeat = if next > self.now { next } else { self.now + secs(1) };
             return;
         }
         // C-3, D-3: the pending acknowledgements, in order, each once.

@@ -27,7 +27,7 @@ fn final_ack_of_a_timed_out_upload_is_not_sent_to_the_next() {
     world.run_for(secs(1));
     world.gcs[0].send(&count(5));
     world.expect::<MissionRequestInt>(0, millis(50));
-    let until = world.now().after(secs(7));
+    let until = world.now() + secs(7);
     world.uarts[0].stall_writes_until(until);
     world.run_for(millis(6_500));
     world.gcs[0].send(&count(6));
@@ -45,7 +45,7 @@ fn final_ack_of_a_timed_out_upload_is_not_sent_to_the_next_client() {
     world.gcs[0].send(&count(5));
     world.expect::<MissionRequestInt>(0, millis(50));
     for _ in 0..60_000 {
-        let now = world.now().after(millis(1));
+        let now = world.now() + millis(1);
         world.clock.set(now);
         world.pulse.tick();
         world.stack.poll(now, &mut world.vehicle);
@@ -132,12 +132,12 @@ fn sleeping_driver_sends_no_heartbeat_after_the_loop_stopped() {
         let mut last = None;
         let sent = |world: &World<1>| world.stack.link_counters(LinkId(0)).unwrap().tx_frames;
         while now < Instant::from_millis(10_000) {
-            let wake = world.stack.next_deadline(now).max(now.after(Duration::from_micros(100)));
-            let wake = wake.min(now.after(secs(20)));
+            let wake = world.stack.next_deadline(now).max(now + Duration::from_micros(100));
+            let wake = wake.min(now + secs(20));
             let mut tick = Instant::from_millis(now.as_millis() / 10 * 10 + 10);
             while tick <= wake && tick <= stop {
                 world.pulse.tick();
-                tick = tick.after(millis(10));
+                tick += millis(10);
             }
             now = wake;
             world.clock.set(now);
@@ -149,7 +149,7 @@ fn sleeping_driver_sends_no_heartbeat_after_the_loop_stopped() {
             }
         }
         let last = last.unwrap();
-        assert!(last <= stop.after(millis(500)), "{:?} after the loop stopped", last.since(stop));
+        assert!(last <= stop + millis(500), "{:?} after the loop stopped", last - stop);
         assert!(last >= Instant::from_millis(2_900), "until then one per second");
     }
 }
@@ -168,8 +168,8 @@ fn full_fifo_does_not_hide_a_deadline() {
         world.stack.poll_link(now, LinkId(0), &mut world.uarts[0], &mut world.vehicle).unwrap();
         let has_rest = !world.stack.transmit(now, LinkId(0), &mut world.vehicle).is_empty();
         let next = world.stack.next_deadline(now);
-        assert!(has_rest || next < now.after(secs(2)), "no deadline at {now:?}");
-        now = if has_rest { now.after(millis(1)) } else { next.max(now.after(millis(1))) };
+        assert!(has_rest || next < now + secs(2), "no deadline at {now:?}");
+        now = if has_rest { now + millis(1) } else { next.max(now + millis(1)) };
     }
     assert!(world.stack.link_counters(LinkId(0)).unwrap().tx_frames >= 2);
 }

@@ -173,7 +173,7 @@ impl Log {
         if frame.header.id == Heartbeat::ID {
             self.heartbeats += 1;
             if let Some(last) = self.last_heartbeat.replace(frame.at) {
-                let micros = frame.at.since(last).as_micros().abs_diff(1_000_000);
+                let micros = (frame.at - last).as_micros().abs_diff(1_000_000);
                 let jitter = if self.is_stalling { &mut self.stalled_jitter } else { &mut self.jitter };
                 *jitter = (*jitter).max(Duration::from_micros(micros));
             }
@@ -212,7 +212,7 @@ impl Flight {
     fn step(&mut self, now: Instant, world: &mut World<1, Served>) {
         const CALIBRATION: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
         if world.stack.long_commands_mut().is_running(CALIBRATION) {
-            let ran = now.since(*self.calibration.get_or_insert(now)).as_millis();
+            let ran = (now - (*self.calibration.get_or_insert(now))).as_millis();
             world.stack.long_commands_mut().progress(CALIBRATION, (ran / 50) as u8);
             if ran >= 5_000 {
                 world.stack.long_commands_mut().finish(CALIBRATION, MavResult::ACCEPTED);
@@ -220,7 +220,7 @@ impl Flight {
             }
         }
         if now >= self.text_due {
-            self.text_due = now.after(secs(7));
+            self.text_due = now + secs(7);
             let number = self.texts.len();
             let text = format!("Event {number} {}", "of some length ".repeat(number % 7)).trim_end().to_owned();
             world.stack.send_text(now, MavSeverity::NOTICE, &text);
@@ -265,9 +265,9 @@ fn two_hours_of_three_ground_stations() {
         chunks: BTreeMap::new(),
     };
     let mut flight = Flight::default();
-    let (end, mut minute, mut radio_due) = (Instant::ZERO.after(END), None, Instant::ZERO);
+    let (end, mut minute, mut radio_due) = (Instant::ZERO + END, None, Instant::ZERO);
 
-    while world.now() < end.after(secs(15)) {
+    while world.now() < end + secs(15) {
         let before = world.now();
         world.step();
         let now = world.now();
@@ -283,9 +283,9 @@ fn two_hours_of_three_ground_stations() {
             clients[1].act(now, &mut world.gcs[0], Act::SetRates(rates));
         }
         if weather == Weather::Radio && now >= radio_due && !is_over {
-            radio_due = now.after(secs(4));
+            radio_due = now + secs(4);
             world.gcs[0].send_from(Address::new(51, 68), &RadioStatus { txbuf: 10, ..RadioStatus::default() });
-            world.uarts[0].stall_writes_until(now.after(STALL));
+            world.uarts[0].stall_writes_until(now + STALL);
             // At that moment every client sends requests, more than the vehicle has slots for.
             clients.iter_mut().for_each(|client| client.act(now, &mut world.gcs[0], Act::Commands(8)));
         }
@@ -297,7 +297,7 @@ fn two_hours_of_three_ground_stations() {
         // The first seconds of a minute are not judged.
         let is_judged = weather == Weather::Calm && second >= 10 && !is_over;
         if is_judged {
-            log.rates.pass(now.since(before));
+            log.rates.pass(now - before);
         }
         log.is_stalling = weather == Weather::Radio;
         for frame in &world.gcs[0].received[log.seen..] {

@@ -268,7 +268,7 @@ fn a_new_key_replaces_what_cannot_be_read() {
 
 /// Runs the world while storage runs, until the power is cut.
 pub(crate) fn run(world: &mut World<1>, store: &mut Params<'_>, time: mavstack::Duration) {
-    let end = world.now().after(time);
+    let end = world.now() + time;
     while world.now() < end && !store.flash().is_off() {
         world.step();
         world.stack.persist(world.now(), store, &mut world.vehicle);
@@ -499,7 +499,7 @@ fn a_log_of_another_version_is_not_written() {
     assert_eq!((result, world.stack.fence().items().len()), (Err(RestoreError::Foreign), 0));
     let began = world.now();
     assert_eq!(upload(&mut world, &mut store, &fence()), MavMissionResult::ERROR);
-    assert!(world.now().since(began) <= secs(1));
+    assert!(world.now() - began <= secs(1));
     assert_eq!(store.flash().bytes, bytes);
     let mut flash = with_page(&with_params(), another_version);
     let mut store = Params::new(&mut flash, 0..PARAMS);
@@ -514,7 +514,7 @@ fn a_log_of_another_version_is_not_written() {
 /// Returns the number of passes of a sleeping loop in a minute.
 fn passes(world: &mut World<1>, store: &mut Params<'_>) -> usize {
     let mut passes = 0;
-    let end = world.now().after(secs(60));
+    let end = world.now() + secs(60);
     while world.now() < end {
         world.skip_to(end);
         while world.stack.persist(world.now(), store, &mut world.vehicle) {}
@@ -547,7 +547,7 @@ fn a_region_that_is_too_small_is_reported() {
 
 /// Runs the world while storage runs.
 fn run_plans(world: &mut PlanWorld, store: &mut Plans<'_>, time: mavstack::Duration) {
-    let end = world.now().after(time);
+    let end = world.now() + time;
     while world.now() < end {
         world.step();
         world.stack.persist(world.now(), store, &mut world.vehicle);

@@ -170,11 +170,11 @@ fn own(world: &mut LongWorld, index: u16, value: f32) {
 }
 
 fn run_long(world: &mut LongWorld, store: &mut Store<&mut Flash>, time: mavstack::Duration) {
-    let end = world.now().after(time);
+    let end = world.now() + time;
     while world.now() < end {
         world.stack.exchange_job(world.now(), store.slot(), &mut world.vehicle);
         store.run();
-        world.step_to(world.now().after(millis(20)));
+        world.step_to(world.now() + millis(20));
     }
 }
 

@@ -38,11 +38,11 @@ fn wear<const ERASE: usize>(units: u32, saves: u32) -> Vec<u32> {
         stack.parameters_mut().set(Tuning::CRUISE, 1.0 + (save % 100) as f32 / 10.0);
         let before = store.flash().bytes_written;
         while store.flash().bytes_written == before {
-            now = now.after(secs(1));
+            now += secs(1);
             stack.save_parameters(now);
             while stack.persist(now, &mut store, &mut vehicle) {}
         }
-        now = now.after(secs(10));
+        now += secs(10);
         while stack.persist(now, &mut store, &mut vehicle) {}
     }
     store.into_inner().erases_of

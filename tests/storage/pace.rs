@@ -131,7 +131,7 @@ impl<const ERASE: usize> Store<ERASE> {
     }
 
     fn run(&mut self, world: &mut PaceWorld, time: Duration) {
-        let end = world.now().after(time);
+        let end = world.now() + time;
         while world.now() < end {
             world.step();
             self.persist(world);
@@ -325,7 +325,7 @@ fn a_flood_of_saves_erases_little() {
 
 /// Requests writes for an hour. Returns the number of refused saves, plans and keys.
 fn flood<const ERASE: usize>(world: &mut PaceWorld, store: &mut Store<ERASE>, with_keys: bool) -> [u32; 3] {
-    let end = world.now().after(secs(3_600));
+    let end = world.now() + secs(3_600);
     let (mut rejected, mut denied, mut refused) = (0, 0, 0);
     let mut round = 0u16;
     while world.now() < end {
@@ -407,7 +407,7 @@ fn a_refusal_is_reported_and_temporary() {
     world.gcs[0].forget();
     world.gcs[0].send(&clear_all());
     assert_eq!(world.expect::<MissionAck>(0, millis(100)).r#type, MavMissionResult::DENIED);
-    let left = began.after(secs(u64::from(REFILL) + 60)).since(world.now());
+    let left = (began + (secs(u64::from(REFILL) + 60))) - world.now();
     store.run(&mut world, left);
     assert_eq!(upload(&mut world, &mut store.0, &full(99)), MavMissionResult::DENIED);
     assert_eq!(upload(&mut world, &mut store.0, &items(MavMissionType::FENCE, 1, 3)), MavMissionResult::ACCEPTED);

@@ -45,7 +45,7 @@ fn run(
     time: Duration,
     mut store: Option<&mut Store<Flash>>,
 ) -> Option<Result<(), MavFtpErr>> {
-    let end = world.now().after(time);
+    let end = world.now() + time;
     let mut result = None;
     while world.now() < end && result.is_none() {
         world.step();

@@ -86,9 +86,9 @@ impl<'a> Rig<'a> {
 
     /// Runs storage for this time.
     fn run(&mut self, time: mavstack::Duration) {
-        let end = self.now.after(time);
+        let end = self.now + time;
         while self.now < end {
-            self.now = self.now.after(millis(100));
+            self.now += millis(100);
             self.stack.poll(self.now, &mut self.vehicle);
             for _ in 0..100 {
                 if !self.stack.persist(self.now, &mut self.store, &mut self.vehicle) || self.store.flash().is_off() {

@@ -70,9 +70,9 @@ fn restarted(flash: &Flash) -> (Option<[u8; 32]>, u64) {
     if result == Err(RestoreError::Unreadable) {
         // The write of a page was cut off, and its ECC is wrong: after four attempts it does not count.
         while rig.stack.restore_errors().signing.is_some() {
-            now = now.after(millis(100));
+            now += millis(100);
             rig.stack.persist(now, &mut store, &mut rig.vehicle);
-            assert!(now < rig.now.after(secs(5)));
+            assert!(now < rig.now + secs(5));
         }
     } else {
         assert_eq!(result, Ok(()));

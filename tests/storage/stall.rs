@@ -67,7 +67,7 @@ impl<const ERASE_SIZE: usize> Task<ERASE_SIZE> {
             self.running = None;
         }
         while world.stack.exchange_job(now, &mut self.slot, &mut world.vehicle) {
-            self.running = self.slot.take().map(|(job, _)| (now.after(time_of(&job)), job));
+            self.running = self.slot.take().map(|(job, _)| (now + time_of(&job), job));
             if self.running.is_some() {
                 break;
             }
@@ -83,7 +83,7 @@ struct Blocking<const ERASE_SIZE: usize> {
 
 impl<const ERASE_SIZE: usize> Blocking<ERASE_SIZE> {
     fn wait(&self, time: Duration) {
-        self.clock.set(self.clock.now().after(time));
+        self.clock.set(self.clock.now() + time);
     }
 }
 
@@ -159,7 +159,7 @@ fn run(durability: Durability, mut storage: impl FnMut(&mut StallWorld) -> bool)
     let mut figures = Figures::default();
     let mut upload: Option<(Instant, Upload)> = None;
     let (mut variant, mut set_at, mut upload_at) = (0, Instant::ZERO, Instant::from_millis(2_000));
-    let end = world.now().after(RUN);
+    let end = world.now() + RUN;
     // The first pass attaches the storage.
     storage(&mut world);
     while world.now() < end {
@@ -167,15 +167,15 @@ fn run(durability: Durability, mut storage: impl FnMut(&mut StallWorld) -> bool)
         let was_erasing = storage(&mut world);
         let now = world.now();
         if now >= set_at {
-            set_at = now.after(secs(5));
+            set_at = now + secs(5);
             variant += 1;
             let (param_id, param_type) = (Text::new("CRUISE"), MavParamType::REAL32);
             let param_value = 5.0 + f32::from(variant % 100) / 10.0;
             world.gcs[0].send(&ParamSet { param_value, target_system: 1, target_component: 1, param_id, param_type });
         }
         // An upload begins while an erase runs, if one does within five seconds.
-        if upload.is_none() && now >= upload_at.after(if was_erasing { Duration::ZERO } else { secs(5) }) {
-            upload_at = now.after(secs(1));
+        if upload.is_none() && now >= upload_at + (if was_erasing { Duration::ZERO } else { secs(5) }) {
+            upload_at = now + secs(1);
             variant += 1;
             upload = Some((now, Upload::new(&world.gcs[0], &plan(250, variant)).like_qgroundcontrol()));
         }
@@ -185,12 +185,12 @@ fn run(durability: Durability, mut storage: impl FnMut(&mut StallWorld) -> bool)
             figures.accepted += u32::from(is_accepted);
             figures.failed += u32::from(!is_accepted);
             figures.meanwhile += u32::from(is_accepted && was_erasing);
-            figures.longest = figures.longest.max(now.since(*began));
+            figures.longest = figures.longest.max(now - *began);
             upload = None;
         }
     }
     let beats: Vec<Instant> = world.gcs[0].all::<Heartbeat>().into_iter().map(|(at, _)| at).collect();
-    let silence = beats.windows(2).map(|pair| pair[1].since(pair[0])).max().expect("it sends heartbeats");
+    let silence = beats.windows(2).map(|pair| pair[1] - pair[0]).max().expect("it sends heartbeats");
     figures.late = Duration::from_micros(silence.as_micros().saturating_sub(BEAT.as_micros()));
     figures
 }
@@ -342,12 +342,12 @@ fn an_erase_does_not_keep_a_sleeping_loop_awake() {
     let mut passes = 0;
     let began = world.now();
     while task.flash.bytes_written < 256 {
-        let next = world.now().after(millis(200));
+        let next = world.now() + millis(200);
         // The task wakes by itself.
         world.skip_to(task.running.as_ref().map_or(next, |(end, _)| next.min(*end)));
         passes += u32::from(task.is_erasing());
         task.poll(&mut world);
-        assert!(world.now().since(began) < secs(5), "it is not written");
+        assert!(world.now() - began < secs(5), "it is not written");
     }
     assert!(passes > 5 && passes < 100, "{passes} passes during an erase of two seconds");
 }

@@ -363,7 +363,7 @@ fn run(chip: &RefCell<Chip>, missions: Range<i32>, mut stored: impl FnMut(i32)) 
         let item = Item { command: MavCmd::NAV_WAYPOINT, autocontinue: 1, x, y: 1, ..Item::default() };
         stack.load_plan(now, PlanType::Mission, (0..20).map(|_| item), &mut vehicle).unwrap();
         for _ in 0..20 {
-            now = now.after(secs(1));
+            now += secs(1);
             while !chip.borrow().is_off() && stack.persist(now, &mut store, &mut vehicle) {}
         }
         stored(x);

@@ -102,7 +102,7 @@ impl Transfer {
     fn resend(&mut self, now: Instant, gcs: &mut Gcs) {
         gcs.send_from(self.address, &self.last);
         self.tries += 1;
-        self.due = now.after(self.timeout);
+        self.due = now + self.timeout;
     }
 
     fn next_gap(&mut self, now: Instant, gcs: &mut Gcs) {
@@ -180,7 +180,7 @@ impl Transfer {
         }
         match self.phase {
             Phase::Open if is_answer => match packet.error() {
-                Some(MavFtpErr::NOSESSIONSAVAILABLE) => self.due = now.after(self.timeout),
+                Some(MavFtpErr::NOSESSIONSAVAILABLE) => self.due = now + self.timeout,
                 Some(error) => self.phase = Phase::Done(Err(error)),
                 None if self.upload.is_some() => self.next_write(now, gcs, 0),
                 None => {
@@ -189,7 +189,7 @@ impl Transfer {
                 }
             },
             Phase::Burst if packet.request == MavFtpOpcode::BURSTREADFILE => {
-                self.due = now.after(self.timeout);
+                self.due = now + self.timeout;
                 match packet.error() {
                     Some(MavFtpErr::EOF) => self.next_gap(now, gcs),
                     Some(error) => self.phase = Phase::Done(Err(error)),

@@ -183,7 +183,7 @@ impl Gcs {
         if let Some(period) = self.heartbeat_period
             && now >= self.heartbeat_due
         {
-            self.heartbeat_due = now.after(period);
+            self.heartbeat_due = now + period;
             self.send(&Self::heartbeat());
         }
         while !self.outgoing.is_empty() && self.end.write_ready() == Ok(true) {

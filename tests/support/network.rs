@@ -114,7 +114,7 @@ impl<const PEERS: usize> Network<PEERS> {
 
     /// Runs one pass of every flight loop.
     pub fn step(&mut self) {
-        self.now = self.now.after(millis(1));
+        self.now += millis(1);
         let Self { nodes, lines, now, has_heartbeats, rng } = self;
         for node in nodes.iter_mut() {
             if *has_heartbeats {
@@ -162,10 +162,10 @@ impl Line {
                     break;
                 }
                 if let Some(micros) = (frame.len() as u64 * 1_000).checked_div(self.rate) {
-                    lane.busy_until = lane.busy_until.max(now).after(Duration::from_micros(micros));
+                    lane.busy_until = lane.busy_until.max(now) + Duration::from_micros(micros);
                 }
                 if !rng.chance(self.loss) {
-                    lane.in_flight.push_back((lane.busy_until.max(now).after(self.latency), frame));
+                    lane.in_flight.push_back((lane.busy_until.max(now) + self.latency, frame));
                 }
             }
             while lane.in_flight.front().is_some_and(|(at, _)| *at <= now) {

@@ -386,11 +386,11 @@ impl Direction {
         let now = self.clock.now();
         let begin = self.departures.back().copied().unwrap_or(now).max(now);
         let micros = 1_000_000_u64.checked_div(self.wire.bytes_per_second).unwrap_or(0);
-        let departure = begin.after(Duration::from_micros(micros));
+        let departure = begin + Duration::from_micros(micros);
         if micros > 0 {
             self.departures.push_back(departure);
         }
-        let arrival = departure.after(self.wire.latency);
+        let arrival = departure + self.wire.latency;
         if self.wire.faults.are_per_frame() {
             self.unfinished.push(byte);
             if self.unfinished.len() == frame_len(&self.unfinished) {
@@ -405,7 +405,7 @@ impl Direction {
     fn send_byte(&mut self, arrival: Instant, byte: u8) {
         let faults = self.wire.faults;
         if self.rng.chance(faults.stall) {
-            self.write_stalled = self.clock.now().after(faults.stall_for);
+            self.write_stalled = self.clock.now() + faults.stall_for;
         }
         if self.rng.chance(faults.burst) {
             for _ in 0..=self.rng.below(faults.burst_len) {
@@ -433,7 +433,7 @@ impl Direction {
         for _ in 0..copies {
             let late = self.rng.chance(faults.frame_reorder);
             let late = if late { self.rng.below(faults.reorder_by.as_micros() + 1) } else { 0 };
-            let arrival = arrival.after(Duration::from_micros(late));
+            let arrival = arrival + Duration::from_micros(late);
             let place = self.in_flight.partition_point(|&(at, _)| at <= arrival);
             let rest = self.in_flight.split_off(place);
             self.in_flight.extend(frame.iter().map(|&byte| (arrival, byte)));

@@ -178,9 +178,9 @@ impl<const N: usize, O: Options<Tested<NoPlans, 8, O>>> Rig<N, O> {
 
     /// Runs the flight loop for `duration`, without sending.
     pub fn run_for(&mut self, duration: Duration) {
-        let end = self.now.after(duration);
+        let end = self.now + duration;
         while self.now < end {
-            self.now = self.now.after(millis(100)).min(end);
+            self.now = (self.now + millis(100)).min(end);
             self.pulse.tick();
             self.stack.poll(self.now, &mut self.vehicle);
             for link in 0..N {

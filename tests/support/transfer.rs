@@ -80,7 +80,7 @@ impl Session {
     }
 
     fn refresh(&mut self, now: Instant) {
-        self.due = Some(now.after(self.timeout));
+        self.due = Some(now + self.timeout);
     }
 
     /// Whether it is time to send; true on the first call.

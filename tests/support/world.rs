@@ -101,7 +101,7 @@ impl<const N: usize, D: Declares<Vehicle: Default>> World<N, D> {
     /// Runs one pass of the flight loop, then the ground stations.
     pub fn step(&mut self) {
         let late = self.rng.below(self.jitter.as_micros() + 1);
-        let now = self.now().after(self.step).after(Duration::from_micros(late));
+        let now = (self.now() + self.step) + Duration::from_micros(late);
         self.step_to(now);
     }
 
@@ -127,12 +127,12 @@ impl<const N: usize, D: Declares<Vehicle: Default>> World<N, D> {
     pub fn skip_to(&mut self, due: Instant) {
         // The flight loop must not seem to hang.
         let now = self.now();
-        let mut next = due.min(now.after(millis(200))).min(self.stack.next_deadline(now));
+        let mut next = due.min(now + millis(200)).min(self.stack.next_deadline(now));
         for (uart, gcs) in self.uarts.iter().zip(&self.gcs) {
             next = next.min(uart.next_arrival()).min(gcs.end.next_arrival());
             next = if gcs.is_idle() { next } else { now };
         }
-        self.step_to(next.max(now.after(self.step)));
+        self.step_to(next.max(now + self.step));
     }
 
     /// Runs for `duration`.
@@ -143,7 +143,7 @@ impl<const N: usize, D: Declares<Vehicle: Default>> World<N, D> {
     /// Runs until `done` returns true, which is called after every step. Returns false if that did not happen `within` the
     /// time.
     pub fn run_until(&mut self, within: Duration, mut done: impl FnMut(&mut Self) -> bool) -> bool {
-        let end = self.now().after(within);
+        let end = self.now() + within;
         while self.now() < end {
             self.step();
             if done(self) {
@@ -174,7 +174,7 @@ impl<const N: usize, D: Declares<Vehicle: Default>> World<N, D> {
 
     /// Runs for `duration` as a sleeping loop does, and returns the number of passes.
     pub fn sleep_for(&mut self, duration: Duration) -> usize {
-        let end = self.now().after(duration);
+        let end = self.now() + duration;
         let mut passes = 0;
         while self.now() < end {
             self.skip_to(end);

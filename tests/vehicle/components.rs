@@ -581,7 +581,7 @@ fn components_send_mavlink_1_too() {
 fn restart_in_the_middle_of_a_components_frame() {
     let mut world = sky();
     world.run_for(millis(1_885));
-    let now = world.now().after(millis(20));
+    let now = world.now() + millis(20);
     world.pulse.tick();
     world.stack.poll(now, &mut world.vehicle);
     let mut sources = Vec::new();

@@ -270,7 +270,7 @@ fn sticks_time_out() {
         send(&mut world, 0, STATION, &stick(700));
         let sent = world.now();
         send(&mut world, 0, STATION, &override_of(1_700, 0));
-        let end = sent.after(timeout);
+        let end = sent + timeout;
         world.step_to(Instant::from_micros(end.as_micros() - 1));
         send(&mut world, 0, STATION, &Gcs::heartbeat());
         send(&mut world, 0, STATION, &untouched());

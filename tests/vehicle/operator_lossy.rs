@@ -172,7 +172,7 @@ fn setpoints_of_the_owner_are_followed() {
                 continue;
             };
             assert_eq!(setpoint.from.address, STATION, "seed {seed}");
-            assert!(now.since(setpoint.at) < millis(500) && setpoint.at >= last, "seed {seed}");
+            assert!(now - setpoint.at < millis(500) && setpoint.at >= last, "seed {seed}");
             followed += u32::from(setpoint.at > last);
             last = setpoint.at;
         }

@@ -90,7 +90,7 @@ fn tunnels(world: &Sky, link: usize) -> Vec<u16> {
 }
 
 fn stall(world: &Sky, link: usize, time: mavstack::Duration) {
-    let until = world.now().after(time);
+    let until = world.now() + time;
     world.uarts[link].stall_writes_until(until);
 }
 
@@ -197,7 +197,7 @@ fn flood(config: LinkConfig, shares: core::ops::RangeInclusive<u64>) {
     let lines = [LineConfig { down, ..LineConfig::default() }, LineConfig::default(), LineConfig::default()];
     let mut world = Sky::of(Setup { links: [uart; 3], lines, ..Setup::new() });
     let flood = |world: &mut Sky, time: mavstack::Duration| {
-        let end = world.now().after(time);
+        let end = world.now() + time;
         while world.now() < end {
             for index in 0..4 {
                 let _ = world.stack.send::<Tunnel>(LinkId(0), index);
@@ -222,7 +222,7 @@ fn flood(config: LinkConfig, shares: core::ops::RangeInclusive<u64>) {
     }
     let beats: Vec<Instant> = world.gcs[0].all::<Heartbeat>().into_iter().map(|(at, _)| at).collect();
     for pair in beats.windows(2) {
-        let gap = pair[1].since(pair[0]).as_millis();
+        let gap = (pair[1] - pair[0]).as_millis();
         assert!(gap.abs_diff(1_000) <= 70, "{gap} ms between heartbeats");
     }
 
@@ -232,7 +232,7 @@ fn flood(config: LinkConfig, shares: core::ops::RangeInclusive<u64>) {
     world.gcs[0].forget();
     flood(&mut world, secs(2));
     let (at, _) = world.gcs[0].all::<CommandAck>()[0];
-    assert!(at.since(asked).as_millis() <= 70, "the answer takes {} ms", at.since(asked).as_millis());
+    assert!((at - asked).as_millis() <= 70, "the answer takes {} ms", (at - asked).as_millis());
     let values = world.gcs[0].all::<ParamValue>();
     assert_eq!(values.len(), Tuning::INFO.len());
 }

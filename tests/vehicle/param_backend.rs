@@ -76,7 +76,7 @@ fn saves_are_limited() {
     assert_eq!((accepted, world.vehicle.backend.actions.len()), (128, 128));
     assert_eq!(storage(&mut world, 2.0), MavResult::TEMPORARILY_REJECTED);
     assert_eq!(storage(&mut world, 0.0), MavResult::ACCEPTED);
-    let later = world.now().after(secs(901));
+    let later = world.now() + secs(901);
     world.step_to(later);
     assert_eq!(storage(&mut world, 1.0), MavResult::ACCEPTED);
     assert_eq!(storage(&mut world, 1.0), MavResult::TEMPORARILY_REJECTED);
@@ -93,7 +93,7 @@ fn all_values_are_sent_at_the_pace_of_a_list() {
     world.run_for(secs(1));
     for link in 0..2 {
         let times: Vec<_> = world.gcs[link].all::<ParamValue>().into_iter().map(|(at, _)| at).collect();
-        assert!(times.windows(2).all(|pair| pair[1].since(pair[0]) >= millis(15)), "{times:?}");
+        assert!(times.windows(2).all(|pair| pair[1] - pair[0] >= millis(15)), "{times:?}");
         assert_eq!(values(&mut world, link), all(&world));
     }
     let now = world.now();
@@ -236,7 +236,7 @@ fn a_backend_is_checked() {
 fn a_reopened_link_has_nothing_pending() {
     let mut world = world();
     world.run_for(secs(1));
-    world.uarts[0].stall_writes_until(world.now().after(secs(60)));
+    world.uarts[0].stall_writes_until(world.now() + secs(60));
     world.vehicle.backend.updates.push_back(ParamUpdate::All);
     world.run_for(millis(20));
     world.stack.restart_link(LinkId(0));

@@ -408,7 +408,7 @@ fn radio_channels_are_preferred() {
     }
     // Without RADIO_RC_CHANNELS for the timeout, the other message steers again.
     scene.receiver.channels = MlrsChannels::Override;
-    let end = scene.world.now().after(millis(TIMEOUT));
+    let end = scene.world.now() + millis(TIMEOUT);
     scene.world.step_to(Instant::from_micros(end.as_micros() - 1));
     scene.send(1, MLRS, &other);
     assert_eq!(scene.channel(), None);

@@ -77,7 +77,7 @@ fn interval_takes_effect() {
 
 /// Sends commands that wait on the same link, and returns the answers.
 fn results(world: &mut World<1>, commands: &[(MavCmd, [f32; 2])]) -> Vec<MavResult> {
-    let stalled_until = world.now().after(millis(50));
+    let stalled_until = world.now() + millis(50);
     world.uarts[0].stall_writes_until(stalled_until);
     for &(command, [param1, param2]) in commands {
         world.gcs[0].command_long(command, [param1, param2, 0.0, 0.0, 0.0, 0.0, 0.0]);
@@ -273,15 +273,15 @@ fn overload_delays_only_streams() {
             // The uplink takes time too.
             let up = 45 * 10_000 / u64::from(baud) + 1;
             world.expect::<CommandAck>(0, millis(up + patience));
-            assert!(world.now().since(asked).as_millis() <= up + patience);
+            assert!((world.now() - asked).as_millis() <= up + patience);
         }
         let heartbeats: Vec<_> = world.gcs[0].all::<Heartbeat>().into_iter().map(|(at, _)| at).collect();
         for pair in heartbeats.windows(2) {
-            let late = pair[1].since(pair[0]).as_millis().abs_diff(1_000);
+            let late = (pair[1] - pair[0]).as_millis().abs_diff(1_000);
             assert!(late <= patience, "{baud}: a heartbeat {late} ms off");
         }
         let bytes: usize = world.gcs[0].received.iter().map(|frame| frame.payload.len() + 12).sum();
-        let seconds = world.now().since(begun).as_micros() as f64 / 1e6;
+        let seconds = (world.now() - begun).as_micros() as f64 / 1e6;
         let share = bytes as f64 / (seconds * f64::from(baud) / 10.0);
         assert!((0.8..=1.01).contains(&share), "{baud}: {share} of the line is used");
         let [a, b, c, d] = [Attitude::ID, GlobalPositionInt::ID, SysStatus::ID, BatteryStatus::ID]
@@ -303,7 +303,7 @@ fn upload_has_precedence_over_streams() {
         let start = world.now();
         let ack = world.upload(0, &plan(100, 0)).unwrap();
         assert_eq!(ack.r#type, MavMissionResult::ACCEPTED);
-        world.now().since(start).as_millis()
+        (world.now() - start).as_millis()
     };
     let (alone, with_streams) = (run(StreamProfile::Off), run(ONBOARD));
     // At most one frame of 54 bytes (9 ms) is in transmission when a request becomes due.

@@ -197,7 +197,7 @@ impl<F: Firmware<Vehicle: TrafficHooks>, const N: usize> Service<F> for Traffic<
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut TrafficLink>) {
         let now = cx.now();
         for aircraft in &mut self.table {
-            if !aircraft.is_free() && now >= aircraft.heard.after(FORGOTTEN_AFTER) {
+            if !aircraft.is_free() && now >= aircraft.heard + FORGOTTEN_AFTER {
                 let lost = core::mem::replace(aircraft, Aircraft::NONE);
                 let (vehicle, mut context) = cx.hook();
                 vehicle.aircraft_lost(&mut context, &lost);
@@ -211,7 +211,7 @@ impl<F: Firmware<Vehicle: TrafficHooks>, const N: usize> Service<F> for Traffic<
 
     fn deadline(&self) -> Instant {
         let oldest = self.aircraft().map(|aircraft| aircraft.heard).min();
-        oldest.map_or(Instant::NEVER, |heard| heard.after(FORGOTTEN_AFTER))
+        oldest.map_or(Instant::NEVER, |heard| heard + FORGOTTEN_AFTER)
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut TrafficLink, received: &Received<'_>) -> Handled {
@@ -272,7 +272,7 @@ impl<F: Firmware<Vehicle: TrafficHooks>, const N: usize> Service<F> for Traffic<
         let next = place.saturating_add(1);
         *link = TrafficLink { is_asked: self.next_from(next).is_some(), next };
         let Some(aircraft) = self.table.get(usize::from(place)) else { return false };
-        let silent = u8::try_from(cx.now().since(aircraft.heard).as_millis() / 1_000).unwrap_or(u8::MAX);
+        let silent = u8::try_from((cx.now() - aircraft.heard).as_millis() / 1_000).unwrap_or(u8::MAX);
         port.send(&AdsbVehicle { tslc: aircraft.report.tslc.saturating_add(silent), ..aircraft.report })
     }
 

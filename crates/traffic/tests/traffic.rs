@@ -75,7 +75,7 @@ impl World {
     /// Lets time pass, and returns the payloads of the messages `M` that a link sends.
     fn sent<M: Message>(&mut self, link: LinkId, time: Duration) -> Vec<M> {
         let mut sent = Vec::new();
-        let end = self.now.after(time);
+        let end = self.now + time;
         while self.now < end {
             self.pulse.tick();
             self.stack.poll(self.now, &mut self.drone);
@@ -88,7 +88,7 @@ impl World {
                 }
                 self.stack.transmitted(at, bytes.len());
             }
-            self.now = self.now.after(Duration::from_millis(10));
+            self.now += Duration::from_millis(10);
         }
         sent
     }
@@ -160,7 +160,7 @@ fn an_aircraft_without_an_address_is_counted() {
 fn a_silent_aircraft_is_forgotten() {
     let mut world = World::new();
     world.report(1, 100);
-    let forgotten = world.now.after(FORGOTTEN_AFTER);
+    let forgotten = world.now + FORGOTTEN_AFTER;
     while world.now < forgotten {
         assert!(world.stack.next_deadline(world.now) <= forgotten);
         assert!(world.drone.lost.is_empty());

@@ -278,7 +278,7 @@ impl<S: DerefMut<Target = StackOf<Mavlink>>> App<S> {
         self.stack.poll(now, &mut self.vehicle);
         #[cfg(feature = "defmt")]
         if now >= self.status_due {
-            self.status_due = now.after(Duration::from_secs(1));
+            self.status_due = now + Duration::from_secs(1);
             self.status(now).log();
         }
     }

@@ -171,9 +171,7 @@ pub fn action(item: &Item, now: &Situation) -> Action {
         MavCmd::NAV_TAKEOFF => fly(Maneuver::Climb(to), Duration::ZERO),
         MavCmd::NAV_LAND => fly(Maneuver::Land(Vector { down, ..to }), Duration::ZERO),
         MavCmd::NAV_RETURN_TO_LAUNCH => fly(Maneuver::Return, Duration::ZERO),
-        MavCmd::NAV_DELAY => {
-            fly(Maneuver::Wait { at: now.position, until: now.time.after(seconds(p1)) }, Duration::ZERO)
-        }
+        MavCmd::NAV_DELAY => fly(Maneuver::Wait { at: now.position, until: now.time + seconds(p1) }, Duration::ZERO),
         // Without wind airspeed equals ground speed. -1 keeps the speed, -2 restores the default.
         MavCmd::DO_CHANGE_SPEED if p2 > 0.0 => Action::Speed(Some(p2)),
         MavCmd::DO_CHANGE_SPEED if p2 == -2.0 => Action::Speed(None),

@@ -59,7 +59,7 @@ impl SlowFlash {
     const CYCLES: u32 = 1_000;
 
     fn wait(time: Duration) {
-        let end = board::now().after(time);
+        let end = board::now() + time;
         while board::now() < end {
             cortex_m::asm::delay(Self::CYCLES);
         }
@@ -122,7 +122,7 @@ impl SlowStore {
     pub fn step(&mut self, app: &mut App) -> bool {
         let now = board::now();
         if now >= self.due {
-            self.due = now.after(Duration::from_millis(100));
+            self.due = now + Duration::from_millis(100);
             self.value = self.value.wrapping_add(1) % 1_000;
             let (stack, _) = app.parts();
             stack.parameters_mut().set(Tuning::MAV_HL_LOSS_T, self.value);
@@ -158,7 +158,7 @@ impl Delays {
     /// Counts a pass that was due at `due` and has the lock now. The last pass prints the result and exits the emulator.
     pub fn started(&mut self, due: Instant, app: &App) {
         let now = board::now();
-        let late = now.since(due).as_micros();
+        let late = (now - due).as_micros();
         self.max = self.max.max(late);
         self.sum += late;
         self.passes += 1;

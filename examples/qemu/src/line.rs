@@ -85,7 +85,7 @@ impl<const LEN: usize> Write for Line<LEN> {
         if let [0xFD, _, _, _, _, 1, 1, 0, 0, 0, ..] = bytes
             && let Some(last) = self.heartbeat.replace(self.now)
         {
-            self.gap = self.gap.max(self.now.since(last));
+            self.gap = self.gap.max(self.now - last);
         }
         Ok(bytes.len())
     }

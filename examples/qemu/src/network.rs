@@ -112,7 +112,7 @@ impl Network {
             Some(dhcpv4::Event::Configured(config)) => (config.address, config.router, "DHCP"),
             // The lease has expired. It is also the first event.
             Some(dhcpv4::Event::Deconfigured) => {
-                self.fixed_due = Some(now.after(PATIENCE));
+                self.fixed_due = Some(now + PATIENCE);
                 net.interface.update_ip_addrs(|addresses| addresses.clear());
                 net.interface.routes_mut().remove_default_ipv4_route();
                 self.links.set_broadcast(None);

@@ -198,7 +198,7 @@ impl Vehicle {
         if let Some(store) = store {
             app.persist(now, store);
         }
-        if self.index == 0 && now >= shown.after(STATUS_PERIOD) {
+        if self.index == 0 && now >= *shown + STATUS_PERIOD {
             *shown = now;
             console.show(app.status(now));
         }

@@ -46,7 +46,7 @@ impl Bench {
         self.stack.poll(self.now, &mut self.copter);
         let (mut armed, mut result) = (None, None);
         for _ in 0..20 {
-            self.now = self.now.after(Duration::from_micros(50));
+            self.now += Duration::from_micros(50);
             let bytes = self.stack.transmit(self.now, LINK, &mut self.copter).to_vec();
             self.stack.transmitted(LINK, bytes.len());
             let _ = self.decoder.push(&bytes, self.now);

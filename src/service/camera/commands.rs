@@ -37,7 +37,6 @@ impl Start {
     pub(super) const NONE: Self = Self { from: Address::new(0, 0), interval: 0, count: 0, sequence: 0 };
 
     /// Reads interval, number and sequence. `None` if they are invalid.
-    #[inline(never)]
     fn new(from: Address, [interval, count, sequence]: [f32; 3]) -> Option<Self> {
         let given = |param: f32| if param.is_nan() { 0.0 } else { param };
         let interval = Some(given(interval)).filter(|interval| (0.0..=MAX_INTERVAL).contains(interval))?;
@@ -62,7 +61,6 @@ fn is_target(component: Option<ComponentId>, param: f32) -> bool {
 }
 
 /// Handles a command; `None` for one that is not for the camera.
-#[inline(never)]
 pub(super) fn handle<F: Firmware<Vehicle: Camera>>(
     control: &mut CameraControl,
     cx: &mut Cx<'_, F>,
@@ -81,7 +79,6 @@ pub(super) fn handle<F: Firmware<Vehicle: Camera>>(
 
 /// Handles a request for a message; `None` if it is none, or for no message of the camera. `counts` are the instances of each
 /// message.
-#[inline(never)]
 fn request(
     counts: [u8; ROWS.len()],
     control: &CameraControl,
@@ -165,14 +162,13 @@ impl CameraControl {
     }
 
     /// Handles MAV_CMD_IMAGE_START_CAPTURE up to the decision whether the camera can. Returns the result if it is decided.
-    #[inline(never)]
     fn check_start(&self, now: Instant, start: &Start) -> Option<MavResult> {
         let is_repeated = *start == self.started
             && match (start.count, start.sequence) {
                 // Without a sequence number, a second press of the button is a second image.
                 (1, 0) => false,
                 (_, 0) => self.left > 0,
-                _ => self.left > 0 || now < self.started_at.after(REPEATED),
+                _ => self.left > 0 || now < self.started_at + REPEATED,
             };
         if is_repeated {
             return Some(MavResult::ACCEPTED);
@@ -181,7 +177,6 @@ impl CameraControl {
     }
 
     /// Starts what a checked command wants.
-    #[inline(never)]
     fn start(&mut self, now: Instant, start: Start, min_interval: u32) {
         (self.started, self.started_at) = (start, now);
         if start.count == 1 {
@@ -194,7 +189,6 @@ impl CameraControl {
 }
 
 /// Carries out a command; `None` for one that the camera does not have.
-#[inline(never)]
 fn act<F: Firmware<Vehicle: Camera>>(
     control: &mut CameraControl,
     cx: &mut Cx<'_, F>,
@@ -263,7 +257,6 @@ fn act<F: Firmware<Vehicle: Camera>>(
 }
 
 /// Handles a command to take images (CAM-4). `params` are interval, number and sequence.
-#[inline(never)]
 fn start_capture<F: Firmware<Vehicle: Camera>>(
     control: &mut CameraControl,
     cx: &mut Cx<'_, F>,
@@ -298,7 +291,6 @@ fn is_wrong_mode<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, capability: Camer
 }
 
 /// Handles MAV_CMD_VIDEO_START_CAPTURE (CAM-6).
-#[inline(never)]
 fn start_video<F: Firmware<Vehicle: Camera>>(
     control: &mut CameraControl,
     cx: &mut Cx<'_, F>,
@@ -338,7 +330,6 @@ pub(super) fn record<F: Firmware<Vehicle: Camera>>(
 }
 
 /// Handles MAV_CMD_STORAGE_FORMAT (CAM-8): storage, whether to format it, whether to reset the image log.
-#[inline(never)]
 fn format<F: Firmware<Vehicle: Camera>>(
     control: &mut CameraControl,
     cx: &mut Cx<'_, F>,
@@ -370,7 +361,6 @@ fn format<F: Firmware<Vehicle: Camera>>(
 }
 
 /// Handles a command that changes settings (CAM-7). The vehicle decides.
-#[inline(never)]
 fn set<F: Firmware<Vehicle: Camera>>(cx: &mut Cx<'_, F>, command: &Command) -> MavResult {
     let has = |flags: CameraCapFlags| F::Vehicle::FLAGS.contains(flags);
     let [first, second, third, _] = command.params;
@@ -401,7 +391,6 @@ fn set<F: Firmware<Vehicle: Camera>>(cx: &mut Cx<'_, F>, command: &Command) -> M
 }
 
 /// Explains a refusal of the stack itself by a text, and returns it (C-16). The vehicle explains its own.
-#[inline(never)]
 fn refused<F: Firmware>(cx: &mut Cx<'_, F>, result: MavResult) -> MavResult {
     if cfg!(feature = "plan-texts") {
         let text: &[u8] = match result {

@@ -58,7 +58,6 @@ pub enum CameraReply {
 
 impl CameraControl {
     /// Returns the message that is pending on a link, and when it is due.
-    #[inline(never)]
     pub(super) fn pending(&self, now: Instant, port: &Port, link: &CameraLink) -> Option<(Instant, CameraReply)> {
         if !can_send(port) {
             return None;
@@ -79,7 +78,6 @@ impl CameraControl {
     }
 
     /// Records that a message is being sent.
-    #[inline(never)]
     fn sent(&mut self, now: Instant, link: &mut CameraLink, reply: CameraReply) {
         match reply {
             CameraReply::Asked(row, _) => {
@@ -108,7 +106,7 @@ impl CameraControl {
             CameraReply::Status => {}
         }
         link.changes = self.changes;
-        link.status_at = now.after(Duration::from_millis(u64::from(self.status_interval(link))));
+        link.status_at = now + Duration::from_millis(u64::from(self.status_interval(link)));
     }
 }
 
@@ -135,7 +133,6 @@ pub(super) fn send<F: Firmware<Vehicle: Camera>>(
 
 // Each message has a function of its own, so that only one of them takes stack.
 
-#[inline(never)]
 fn send_information<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port) -> bool {
     // Unknown, without a table of its bytes in flash.
     let mut information = CameraInformation {
@@ -151,7 +148,6 @@ fn send_information<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Por
     port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &information)
 }
 
-#[inline(never)]
 fn send_settings<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port) -> bool {
     let mut settings = CameraSettings::UNKNOWN;
     cx.vehicle.camera_settings(&mut settings);
@@ -169,7 +165,6 @@ fn storage<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, id: u8) -> StorageInfor
     information
 }
 
-#[inline(never)]
 fn send_storage<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port, id: u8) -> bool {
     port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &storage(cx, id))
 }
@@ -181,14 +176,12 @@ fn describe_stream<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, id: u8, informa
     information.camera_device_id = device::<F::Vehicle>();
 }
 
-#[inline(never)]
 fn send_stream<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port, id: u8) -> bool {
     let mut information = VideoStreamInformation::default();
     describe_stream(cx, id, &mut information);
     port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &information)
 }
 
-#[inline(never)]
 fn send_stream_state<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port, id: u8) -> bool {
     let mut information = VideoStreamInformation::default();
     describe_stream(cx, id, &mut information);
@@ -206,7 +199,6 @@ fn send_stream_state<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Po
     port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &state)
 }
 
-#[inline(never)]
 fn send_image<F: Firmware<Vehicle: Camera>>(
     control: &CameraControl,
     cx: &Cx<'_, F>,
@@ -234,9 +226,8 @@ fn send_image<F: Firmware<Vehicle: Camera>>(
     port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &message)
 }
 
-#[inline(never)]
 fn send_status<F: Firmware<Vehicle: Camera>>(control: &CameraControl, cx: &Cx<'_, F>, port: &mut Port) -> bool {
-    let recording = if control.is_recording { cx.now.since(control.recording_since) } else { Duration::ZERO };
+    let recording = if control.is_recording { cx.now - control.recording_since } else { Duration::ZERO };
     // 1: an image is being taken; 2: images are taken at an interval.
     let image_status = u8::from(control.is_busy || control.is_ordered) | (u8::from(control.left > 0) << 1);
     let message = CameraCaptureStatus {

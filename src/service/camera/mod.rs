@@ -221,7 +221,6 @@ impl CameraControl {
 
     /// Reports the end of an image after [`Shot::Started`]. Also reports an image that the camera took by itself, such as by a button:
     /// it is counted like all others.
-    #[inline(never)]
     pub fn image_captured(&mut self, image: Image) {
         if !image.is_success {
             increment(&mut self.counters.failed);
@@ -356,15 +355,14 @@ impl CameraControl {
             }
             // A late poll does not shift the ones after it. What was missed is not made up.
             let interval = Duration::from_millis(u64::from(self.interval));
-            let next = self.at.after(interval);
-            self.at = if next > now { next } else { now.after(interval) };
+            let next = self.at + interval;
+            self.at = if next > now { next } else { now + interval };
         }
         true
     }
 }
 
 /// Runs the schedule.
-#[inline(never)]
 fn run<F: Firmware<Vehicle: Camera>>(control: &mut CameraControl, cx: &mut Cx<'_, F>) {
     if control.is_busy && cx.now >= control.until {
         increment(&mut control.counters.timed_out);
@@ -397,7 +395,7 @@ fn run<F: Firmware<Vehicle: Camera>>(control: &mut CameraControl, cx: &mut Cx<'_
             Shot::Taken(image) => control.image_captured(image),
             Shot::Failed => control.image_captured(Image::failed(cx.now)),
             Shot::Started => {
-                (control.is_busy, control.until) = (true, cx.now.after(F::Vehicle::IMAGE_TIMEOUT));
+                (control.is_busy, control.until) = (true, cx.now + F::Vehicle::IMAGE_TIMEOUT);
                 control.changed();
             }
         }

@@ -235,7 +235,7 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
 
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), number: usize) -> bool {
         let Some(slot) = self.slots.get_mut(number) else { return false };
-        (slot.state, slot.at) = (State::Sent, cx.now.after(TIMEOUT));
+        (slot.state, slot.at) = (State::Sent, cx.now + TIMEOUT);
         let confirmation = slot.sent;
         slot.sent = slot.sent.saturating_add(1);
         match &slot.what {
@@ -266,11 +266,10 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> OwnCommands<F> for Cli
 }
 
 /// Takes a transmission that is pending for one of our components.
-#[inline(never)]
 fn take_own(slots: &mut [Slot], now: Instant, own: Address) -> Option<(Command, bool)> {
     let slot = slots.iter_mut().find(|slot| slot.state == State::Due && slot.to.link == LinkId::NONE)?;
     let What::Command(OutgoingCommand { id, params, position, z }) = slot.what else { return None };
-    (slot.state, slot.at) = (State::Sent, now.after(TIMEOUT));
+    (slot.state, slot.at) = (State::Sent, now + TIMEOUT);
     slot.sent = slot.sent.saturating_add(1);
     let command = Command {
         id,
@@ -289,7 +288,6 @@ fn take_own(slots: &mut [Slot], now: Instant, own: Address) -> Option<(Command, 
 
 /// Returns the index of a slot whose transmission is pending on a link that can carry it: MAVLink 1 has no extended
 /// parameters (S-10).
-#[inline(never)]
 fn due_on(slots: &[Slot], port: &Port) -> Option<usize> {
     let is_due = |slot: &Slot| {
         let has_target = !slot.is_cancelled || slot.executor.0 != 0;
@@ -304,7 +302,6 @@ fn answer_of(ack: CommandAck) -> Answer {
 }
 
 /// Handles what may be an answer.
-#[inline(never)]
 fn take_answer<F: Firmware<Vehicle: CommandClient>>(
     slots: &mut [Slot],
     cx: &mut Cx<'_, F>,
@@ -326,7 +323,7 @@ fn take_answer<F: Firmware<Vehicle: CommandClient>>(
         (slot.is_running, slot.to.address) = (true, from);
         // The cancellation of a running command is sent all the same, and again now that it is known which component to tell.
         if !slot.is_cancelled {
-            (slot.state, slot.at) = (State::Running, cx.now.after(PROGRESS_TIMEOUT));
+            (slot.state, slot.at) = (State::Running, cx.now + PROGRESS_TIMEOUT);
         } else if is_for_all {
             slot.start(cx.now);
             slot.executor = from.component;
@@ -350,7 +347,7 @@ fn run_timers<F: Firmware<Vehicle: CommandClient>>(slots: &mut [Slot], cx: &mut 
             State::Due | State::Sent if slot.tries < TRANSMISSIONS => slot.try_again(cx.now, cx.peers, cx.shared),
             // It cannot be cancelled.
             State::Due | State::Sent if slot.is_running && slot.is_cancelled => {
-                (slot.state, slot.at) = (State::Running, cx.now.after(PROGRESS_TIMEOUT));
+                (slot.state, slot.at) = (State::Running, cx.now + PROGRESS_TIMEOUT);
             }
             State::Due | State::Sent | State::Running => {
                 let failure = if slot.sent == 0 { Failure::NotSent } else { Failure::TimedOut };
@@ -447,8 +444,7 @@ fn fail<F: Firmware<Vehicle: CommandClient>>(cx: &mut Cx<'_, F>, is_command: boo
 }
 
 /// Passes a reply to the vehicle, which may refuse the command of a ground station because of it: its texts are answers, also those
-/// about silence (C-16). Not inlined: it has many callers.
-#[inline(never)]
+/// about silence (C-16).
 fn answered<F: Firmware<Vehicle: CommandClient>>(cx: &mut Cx<'_, F>, token: u16, reply: CommandReply) {
     let was_answering = core::mem::replace(&mut cx.texts.is_answering, true);
     let (vehicle, mut context) = cx.hook();

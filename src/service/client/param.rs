@@ -41,7 +41,6 @@ impl Query {
     }
 
     /// Sends the request.
-    #[inline(never)]
     pub(super) fn send(&self, to: Address, port: &mut Port) -> bool {
         let (param_index, param_id) = (-1, self.name);
         let (target_system, target_component) = (to.system.0, to.component.0);
@@ -79,7 +78,6 @@ impl ExtParamValue<'_> {
 }
 
 /// Handles a frame that may be an answer.
-#[inline(never)]
 pub(super) fn take_answer<F: Firmware<Vehicle: CommandClient>>(
     slots: &mut [Slot],
     cx: &mut Cx<'_, F>,

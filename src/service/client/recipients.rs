@@ -7,7 +7,6 @@ use crate::types::{Component, LinkId, LinkMask, Peer, Recipient};
 
 /// Returns the recipient, and a normal link on which it is alive: the wanted one, or the one with the next number. If none is wanted,
 /// the link of its last answer, or else the one on which it was heard first.
-#[inline(never)]
 pub(super) fn find(peers: &Peers, shared: &Shared, to: Recipient) -> Option<Peer> {
     let (system, mut component, mut kind, mut first) = (shared.config.address.get().system, ComponentId(0), None, None);
     let mut wanted = Address { system, component };

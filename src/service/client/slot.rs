@@ -89,7 +89,7 @@ impl Slot {
 
     /// Schedules the first attempt.
     pub(super) fn start(&mut self, now: Instant) {
-        (self.state, self.tries, self.at) = (State::Due, 1, now.after(TIMEOUT));
+        (self.state, self.tries, self.at) = (State::Due, 1, now + TIMEOUT);
     }
 
     /// Schedules another attempt, on another link if the recipient is alive there.
@@ -108,7 +108,6 @@ impl Slot {
 
     /// Selects the component that is told to cancel a command: COMMAND_CANCEL is for exactly one (C-23). Of a command to a whole
     /// system that none has answered, the living components take turns.
-    #[inline(never)]
     pub(super) fn aim(&mut self, peers: &Peers, shared: &Shared) {
         let Address { system, component } = self.to.address;
         self.executor = component;
@@ -129,7 +128,7 @@ impl Slot {
     pub(super) fn end(&mut self, now: Instant, has_answer: bool) {
         let is_late = self.command().is_some() && self.sent > u8::from(has_answer);
         self.state = if is_late { State::Ended } else { State::Free };
-        self.at = now.after(LATE);
+        self.at = now + LATE;
     }
 
     /// Returns the id of the message of a request for a parameter; COMMAND_LONG for a command.
@@ -138,7 +137,6 @@ impl Slot {
     }
 
     /// Sends the command, or its cancellation.
-    #[inline(never)]
     pub(super) fn send_command(&self, command: &OutgoingCommand, confirmation: u8, port: &mut Port) -> bool {
         let OutgoingCommand { id: command, params: [param1, param2, param3, param4], position, z } = *command;
         let (target_system, target_component) = (self.to.address.system.0, self.to.address.component.0);

@@ -61,8 +61,7 @@ impl Acks {
     }
 
     /// Queues the answer of a component to `to`. The caller checks [`is_full`](Self::is_full) before the command is carried
-    /// out. Not inlined: few commands are answered, and the path to them needs the stack space.
-    #[inline(never)]
+    /// out.
     pub(crate) fn push(&mut self, from: ComponentId, to: Address, command: MavCmd, outcome: Outcome) {
         if self.is_full() {
             return;

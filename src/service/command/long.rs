@@ -145,9 +145,9 @@ impl CommandSlot {
     /// Whether `command`, which is equal to this one and was received on its link before, is a retransmission because of a lost
     /// answer (C-12).
     fn is_repeated_by(&self, now: Instant, command: &Command) -> bool {
-        let pause = millis(now.since(self.at)).saturating_sub(self.repeated_after);
+        let pause = millis(now - self.at).saturating_sub(self.repeated_after);
         (command.confirmation, command.is_broadcast) == (self.confirmation, self.is_broadcast)
-            && now.since(self.at) < SOON
+            && now - self.at < SOON
             && pause <= REPEATED_WITHIN
     }
 
@@ -160,13 +160,13 @@ impl CommandSlot {
         } else {
             self.duplicates.note(link);
         }
-        self.repeated_after = millis(now.since(self.at));
+        self.repeated_after = millis(now - self.at);
     }
 
     /// Returns the answer if this command is done and `command` is a duplicate of it (C-12, C-24).
     fn answer(&self, now: Instant, command: &Command, signed_at: SignedAt, once: Once) -> Option<Outcome> {
         let is_done = matches!(self.state, State::Done | State::Evictable);
-        let age = now.since(self.at);
+        let age = now - self.at;
         // Only a high-latency link delays a command for long.
         let may_be_late = once != Once::No && command.class == LinkClass::HighLatency;
         if !is_done || age >= if may_be_late { LATE } else { SOON } || !self.is_same(command) {
@@ -380,7 +380,6 @@ impl LongCommands {
     }
 
     /// Returns the answer to `command` if it is known without carrying it out.
-    #[inline(never)]
     pub(crate) fn recall(
         &mut self,
         now: Instant,
@@ -408,7 +407,6 @@ impl LongCommands {
     }
 
     /// Returns the answer to a command of the firmware itself, if it is running.
-    #[inline(never)]
     pub(crate) fn recall_own(&mut self, now: Instant, command: &Command) -> Option<Outcome> {
         self.poll(now);
         let slot = self.running(command.id)?;
@@ -421,7 +419,6 @@ impl LongCommands {
     }
 
     /// Records the vehicle's outcome of `command`.
-    #[inline(never)]
     pub(crate) fn settle(
         &mut self,
         now: Instant,
@@ -470,7 +467,7 @@ impl LongCommands {
             if core::mem::take(&mut slot.is_untimed) {
                 slot.at = now;
             }
-            let age = now.since(slot.at);
+            let age = now - slot.at;
             match slot.state {
                 State::Running if age >= REPEAT_EVERY || (slot.has_changed && age >= CHANGE_EVERY) => {
                     slot.has_changed = false;
@@ -490,7 +487,7 @@ impl LongCommands {
     /// Returns when [`poll`](Self::poll) has an IN_PROGRESS to send.
     pub(crate) fn deadline(&self) -> Instant {
         let running = self.slots.iter().filter(|slot| slot.state == State::Running);
-        let next = running.map(|slot| slot.at.after(if slot.has_changed { CHANGE_EVERY } else { REPEAT_EVERY }));
+        let next = running.map(|slot| slot.at + (if slot.has_changed { CHANGE_EVERY } else { REPEAT_EVERY }));
         next.min().unwrap_or(Instant::NEVER)
     }
 

@@ -245,7 +245,6 @@ impl<S: CommandMemory> CommandService<S> {
 
     /// Returns the answer to a command that must not be carried out: its declaration refuses it, it is running, or it is a
     /// duplicate (C-5, C-12, C-14, C-21, C-24). For a vehicle that declares nothing, this compiles to almost nothing.
-    #[inline(never)]
     pub(crate) fn admit<F: Firmware<Vehicle: Commands + Vehicle>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -336,7 +335,6 @@ impl<S: CommandMemory> CommandService<S> {
     }
 
     /// Passes a command that no service handles to the vehicle: to the hook of the component to which it is addressed.
-    #[inline(never)]
     fn execute<F: Firmware<Vehicle: Commands>>(&mut self, cx: &mut Cx<'_, F>, command: &Command) -> Outcome {
         if F::is_component(command.component) {
             return self.execute_of_component(cx, command);
@@ -373,7 +371,6 @@ impl<S: CommandMemory> CommandService<S> {
 
     /// Records the outcome of a command that was carried out. IN_PROGRESS is a promise, which only a slot keeps, and only the hooks
     /// for commands get one: otherwise it becomes FAILED, and a text says so (C-20).
-    #[inline(never)]
     fn settle<F: Firmware<Vehicle: Commands>>(
         &mut self,
         cx: &mut Cx<'_, F>,

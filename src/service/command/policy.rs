@@ -187,7 +187,6 @@ pub(super) fn once<V: Commands>(command: MavCmd) -> Once {
 }
 
 /// Checks a command against its declaration, if there is one. Also for messages that are equivalent to a command (M-46).
-#[inline(never)]
 pub(super) fn check<V: Commands + Vehicle>(
     vehicle: &V,
     cx: &mut Context<'_>,

@@ -21,7 +21,6 @@ fn period(now: Instant) -> u16 {
 }
 
 /// Explains a refusal by a text on the link on which `command` was received.
-#[inline(never)]
 pub(super) fn explain<F: Firmware>(
     cx: &mut Cx<'_, F>,
     port: &Port,
@@ -46,7 +45,6 @@ pub(super) fn explain<F: Firmware>(
 }
 
 /// Returns the reason for a refusal. `own` is our system id.
-#[inline(never)]
 fn reason(own: SystemId, command: MavCmd, Refusal { result, why }: Refusal) -> Option<Reason> {
     Some(match (result, why) {
         _ if command == MavCmd::REQUEST_MESSAGE => return None,
@@ -95,8 +93,7 @@ impl Reason {
     }
 }
 
-/// Queues the text. Not inlined, so that its stack is free again when it returns.
-#[inline(never)]
+/// Queues the text.
 fn push(
     now: Instant,
     port: &Port,

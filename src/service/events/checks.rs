@@ -170,7 +170,6 @@ impl<'a> HealthReport<'a> {
         self.summary.cannot_arm & modes.bits() == 0
     }
 
-    #[inline(never)]
     fn add(&mut self, event: &EventEntry, component: u32, is_health: bool) {
         let Summary { arming, health, .. } = &mut self.summary;
         let marks = if is_health { health } else { arming };
@@ -217,7 +216,6 @@ impl fmt::Debug for HealthReport<'_> {
 }
 
 /// Records a summary: a chunk's number and the masks.
-#[inline(never)]
 fn summarize(log: &mut EventLog, now: Instant, id: u32, levels: u8, masks: &[u32]) {
     let mut event = EventEntry::new(now, id, levels);
     let mut out = FieldWriter::new(&mut event.arguments);
@@ -322,12 +320,11 @@ impl<const N: usize, F: Firmware<Vehicle: HealthChecks>> Checker<F> for Checking
         if now < self.at {
             return 0;
         }
-        self.at = now.after(PERIOD);
+        self.at = now + PERIOD;
         let (vehicle, context) = cx.hook();
         let mut report = HealthReport::of(vehicle, &context);
         let hash = report.finish();
-        let is_due =
-            self.reported == AT_ONCE || (hash != self.reported && now >= self.reported_at.after(REPORT_INTERVAL));
+        let is_due = self.reported == AT_ONCE || (hash != self.reported && now >= self.reported_at + REPORT_INTERVAL);
         if !is_due {
             return 0;
         }

@@ -105,7 +105,7 @@ pub enum EventReply {
 impl EventLink {
     /// Sends CURRENT_EVENT_SEQUENCE.
     fn send_sequence(&mut self, now: Instant, port: &mut Port) -> bool {
-        (self.at, self.told) = (now.after(SEQUENCE_INTERVAL), self.sent);
+        (self.at, self.told) = (now + SEQUENCE_INTERVAL, self.sent);
         let flags =
             if self.has_sent { MavEventCurrentSequenceFlags::EMPTY } else { MavEventCurrentSequenceFlags::RESET };
         port.outbox.send(&CurrentEventSequence { sequence: self.sent, flags })
@@ -151,8 +151,7 @@ impl EventLink {
     }
 }
 
-/// Broadcasts an event. Not inlined: the message is large.
-#[inline(never)]
+/// Broadcasts an event.
 fn send(port: &mut Port, event: &EventEntry, sequence: u16) -> bool {
     let EventEntry { id, time_boot_ms, log_levels, arguments } = *event;
     let mut message =
@@ -209,7 +208,7 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         let last = if is_ahead(last) || last.wrapping_sub(first) > u16::MAX / 2 { newest } else { last };
         // libevents' receiver does not remember the newer events that it has dropped: it goes on requesting up to the number that it
         // was told last.
-        let is_told = link.told == link.sent && link.at > cx.now.after(SEQUENCE_RECENT);
+        let is_told = link.told == link.sent && link.at > cx.now + SEQUENCE_RECENT;
         if link.sent != last && !is_told {
             link.at = cx.now;
         }
@@ -281,8 +280,7 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
 }
 
 impl<C> EventService<C> {
-    /// A peer was heard while there are links that were opened. Not inlined: this is rare, and a frame is received often.
-    #[inline(never)]
+    /// A peer was heard while there are links that were opened.
     fn on_opened<F: Firmware>(&mut self, from: Peer)
     where
         C: Checker<F>,

@@ -50,7 +50,6 @@ impl Entries<'_> {
     }
 
     /// Ends an entry behind its name. `size`: of a file.
-    #[inline(never)]
     fn end(&mut self, size: Option<u32>, time: u32, has_time: bool) {
         let numbers = [size.or(has_time.then_some(0)), has_time.then_some(time)];
         for number in numbers.into_iter().flatten() {
@@ -61,7 +60,6 @@ impl Entries<'_> {
     }
 
     /// Writes an entry.
-    #[inline(never)]
     fn put(&mut self, name: &[u8], size: Option<u32>, time: u32, has_time: bool) {
         if name.len() > LONGEST_NAME || !path::is_name(name) {
             // Also a name that a client could not ask for (F-32).
@@ -76,7 +74,6 @@ impl Entries<'_> {
 
 /// Returns the number that stands for a directory: a static file that is in or below it, the length of the path, and the number
 /// of the vehicle's or the virtual directory.
-#[inline(never)]
 pub(super) fn directory<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(cx: &mut Cx<'_, F>, path: &[u8]) -> Outcome {
     let mut place = NO_ENTRIES;
     let mut number = NO_DIRECTORY;
@@ -97,7 +94,6 @@ pub(super) fn directory<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(cx: &mu
 }
 
 /// Writes the entries of a directory from an index on: as many as fit (F-9).
-#[inline(never)]
 pub(super) fn list<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     cx: &mut Cx<'_, F>,
     directory: u32,

@@ -208,7 +208,6 @@ where
         }
     }
 
-    #[inline(never)]
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut FileLink, reply: FileReply) -> bool {
         let is_sent = self.server(cx).send(port, link, reply);
         self.slow_streams::<F>(cx.now, port);

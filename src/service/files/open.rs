@@ -27,7 +27,6 @@ pub(super) fn is_virtual(path: &[u8]) -> bool {
 }
 
 /// Opens a file: returns it and its size.
-#[inline(never)]
 pub(super) fn open<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     cx: &mut Cx<'_, F>,
     path: &[u8],
@@ -71,7 +70,6 @@ pub(super) const fn end<V>(open: &Open<V>, size: u32) -> u32 {
 }
 
 /// Reads from a file up to its `end`. Returns the number of bytes.
-#[inline(never)]
 pub(super) fn read<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     cx: &mut Cx<'_, F>,
     open: &mut Open<V>,

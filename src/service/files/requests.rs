@@ -66,7 +66,6 @@ const fn set(mut opcodes: &[MavFtpOpcode]) -> u32 {
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
     /// Ends the sessions of silent clients, and the upload if it has stalled (F-26). If a session is given, closes all
     /// files of its client.
-    #[inline(never)]
     pub(super) fn end(&mut self, of: Option<Key>) {
         let now = self.cx.now.coarse();
         let mut left = u32::MAX;
@@ -101,12 +100,11 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
         }
         self.status.is_used = left != u32::MAX;
         // Without a session, in fifty days.
-        self.status.wake = self.cx.now.after(Duration::from_micros(u64::from(left).wrapping_shl(10)));
+        self.status.wake = self.cx.now + Duration::from_micros(u64::from(left).wrapping_shl(10));
     }
 
     /// Closes the file of a session, and drops its pending data and its pending checksum. Returns false if it was an upload that
     /// is not whole: it is refused (F-31).
-    #[inline(never)]
     pub(super) fn close(&mut self, place: usize) -> bool {
         let Some(session) = self.sessions.get_mut(place) else { return true };
         session.drop_data();
@@ -133,7 +131,6 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
     }
 
     /// Handles a packet.
-    #[inline(never)]
     pub(super) fn on_packet(&mut self, received: &Received<'_>) -> Handled {
         let request = Request::of(received.frame.payload());
         let Request { head, digest, .. } = request;
@@ -225,7 +222,6 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
     }
 
     /// Handles a request with a path, except those that open a file.
-    #[inline(never)]
     fn on_path(&mut self, place: usize, request: &Request<'_>, from: Peer) -> Outcome {
         let Some(path) = path::of(request.data) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
         let change = match request.head.opcode {
@@ -264,7 +260,6 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
     }
 
     /// Opens a file in a session (F-6).
-    #[inline(never)]
     fn open(&mut self, place: usize, request: &Request<'_>, from: Peer) -> Outcome {
         let Some(path) = path::of(request.data) else { return Err(MavFtpErr::FILENOTFOUND.into()) };
         let access = match request.head.opcode {

@@ -17,7 +17,6 @@ use crate::types::Firmware;
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
     /// Sends an answer with or without data. The link's sessions take turns to send data; reads and listings come
     /// before the packets of bursts. A session whose file has no data yet leaves its turn to the next one (LOG-9).
-    #[inline(never)]
     pub(super) fn send(&mut self, port: &mut Port, link: &mut FileLink, reply: FileReply) -> bool {
         let (first, state) = match reply {
             FileReply::Answer(place) => (place, State::Pending),
@@ -42,7 +41,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
             }
         }
         if V::COUNT > 0 {
-            link.retry_at = self.cx.now.after(RETRY);
+            link.retry_at = self.cx.now + RETRY;
         }
         false
     }

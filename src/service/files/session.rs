@@ -154,7 +154,6 @@ impl<V> Session<V> {
     };
 
     /// Assigns the session to a client, or frees it. Not an assignment, which would be a call.
-    #[inline(never)]
     pub(super) fn begin(&mut self, key: Key) {
         self.key = key;
         (self.open, self.opened_by) = (Open::Nothing, 0);
@@ -233,7 +232,6 @@ impl<V> Session<V> {
 
     /// Forgets what was sent: from now on, an identical request is a new one. `ends`: the ends of sessions. `others`: everything
     /// else.
-    #[inline(never)]
     pub(super) fn forget_sent(&mut self, ends: bool, others: bool) {
         self.forget(|answer| {
             let forgets = if answer.head.opcode == MavFtpOpcode::TERMINATESESSION { ends } else { others };
@@ -243,7 +241,6 @@ impl<V> Session<V> {
 
     /// Drops pending data of the open file, and a size or checksum that is being computed: the client no longer waits
     /// for them.
-    #[inline(never)]
     pub(super) fn drop_data(&mut self) {
         self.forget(|answer| match answer.head.opcode {
             MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE => true,
@@ -266,7 +263,6 @@ pub(super) fn find<V>(sessions: &mut [Session<V>], key: Key, now: u32) -> Option
 
 /// Returns the index of the session that was idle for the longest, among those with an open file or among those with
 /// neither an open file nor a pending answer.
-#[inline(never)]
 pub(super) fn oldest<V>(sessions: &[Session<V>], is_open: bool, now: u32) -> Option<usize> {
     let (mut oldest, mut longest, mut place) = (None, 0, 0usize);
     for session in sessions {
@@ -281,7 +277,6 @@ pub(super) fn oldest<V>(sessions: &[Session<V>], is_open: bool, now: u32) -> Opt
 }
 
 /// Returns the index of the session of a link that sends next, from `first` on: one with an answer in this state.
-#[inline(never)]
 pub(super) fn next<V>(sessions: &[Session<V>], link: LinkId, first: usize, state: State) -> Option<usize> {
     let mut place = first;
     for _ in sessions {
@@ -306,5 +301,5 @@ pub(super) fn transferring_until<V>(sessions: &[Session<V>], link: LinkId, now: 
             longest = longest.max(TAKEOVER.saturating_sub(now.coarse().wrapping_sub(session.touched)));
         }
     }
-    now.after(Duration::from_micros(u64::from(longest).wrapping_shl(10)))
+    now + Duration::from_micros(u64::from(longest).wrapping_shl(10))
 }

@@ -68,7 +68,6 @@ impl<V> Work<V> {
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {
     /// Begins a checksum. A client that asks for the same one again, as another request, gets the answer to that one:
     /// MAVSDK repeats with new numbers, and takes only the last one's answer.
-    #[inline(never)]
     pub(super) fn begin_checksum(&mut self, place: usize, path: &[u8], from: Peer) -> Outcome {
         let mut sum = Crc32::new();
         sum.add(path);
@@ -103,7 +102,6 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
 
     /// Makes way for an operation: a checksum fails, because what a client waits for to open a file is worth more.
     /// Returns whether another operation can begin.
-    #[inline(never)]
     pub(super) fn make_way(&mut self) -> bool {
         if let Work::Checksum { session, .. } = self.work {
             let session = *session;
@@ -127,7 +125,6 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
     }
 
     /// Writes to a file.
-    #[inline(never)]
     pub(super) fn write(&mut self, place: usize, request: &Request<'_>) -> Outcome {
         let Some(session) = self.sessions.get(place) else { return Err(Stop::DROPPED) };
         match session.open {
@@ -150,7 +147,6 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
     }
 
     /// Begins to apply the upload of a session.
-    #[inline(never)]
     fn complete_upload(&mut self, place: usize) -> Outcome {
         self.make_way();
         if let Some(Session { open: Open::Upload(file), key, .. }) = self.sessions.get(place) {
@@ -207,14 +203,13 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
     }
 
     /// Runs a step of the operation.
-    #[inline(never)]
     pub(super) fn work(&mut self) {
         let (session, outcome) = match self.work {
             Work::Upload { session, client, file } if V::UPLOADS => {
                 let content = self.upload.get(..usize::from(self.status.kept)).unwrap_or_default();
                 let Some(finished) = file.finish(self.cx, *client, content) else {
                     // It waits for storage.
-                    self.status.work_at = self.cx.now.after(RETRY);
+                    self.status.work_at = self.cx.now + RETRY;
                     return;
                 };
                 match finished {
@@ -250,7 +245,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_,
                     close(self.cx, open);
                 } else if V::COUNT > 0 && *offset == from {
                     // The log has no data yet (LOG-9).
-                    self.status.work_at = self.cx.now.after(RETRY);
+                    self.status.work_at = self.cx.now + RETRY;
                 } else if now.wrapping_sub(*began) < LONGEST_CHECKSUM
                     && let Some(session) = self.sessions.get_mut(usize::from(*session))
                     && !session.is_open()
@@ -273,8 +268,7 @@ fn is_later(outcome: Outcome) -> bool {
     outcome == Err(Stop::LATER)
 }
 
-/// Adds the next part of a file to its checksum. Returns the checksum at its end. Not inlined: the part needs a buffer.
-#[inline(never)]
+/// Adds the next part of a file to its checksum. Returns the checksum at its end.
 fn add_to_checksum<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     cx: &mut Cx<'_, F>,
     open: &mut Open<V>,
@@ -297,8 +291,7 @@ fn add_to_checksum<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>>(
     Err(Stop::LATER)
 }
 
-/// Writes to a file of the vehicle. Not inlined: the zeros that MAVLink 2 does not send need a buffer.
-#[inline(never)]
+/// Writes to a file of the vehicle.
 fn write_hook<F: Firmware<Vehicle: Files>>(
     cx: &mut Cx<'_, F>,
     number: u16,

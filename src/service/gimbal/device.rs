@@ -151,7 +151,6 @@ impl DeviceService {
 }
 
 /// Returns the setpoint in a message; `None` if it is invalid.
-#[inline(never)]
 fn read(frame: &Frame<'_>) -> Option<DeviceSetpoint> {
     let message = frame.decode::<GimbalDeviceSetAttitude>()?;
     let GimbalDeviceSetAttitude {
@@ -213,8 +212,6 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         Handled::Yes
     }
 
-    // Not inlined: all services need the stack space of the call.
-    #[inline(never)]
     fn on_command(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -271,8 +268,6 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
     }
 }
 
-/// Not inlined: the message is large.
-#[inline(never)]
 fn send_information<F: Firmware<Vehicle: GimbalDevice>>(cx: &Cx<'_, F>, port: &mut Port) -> bool {
     let mut information = cx.vehicle.device_information();
     information.time_boot_ms = cx.now.time_boot_ms();
@@ -280,7 +275,6 @@ fn send_information<F: Firmware<Vehicle: GimbalDevice>>(cx: &Cx<'_, F>, port: &m
     send::<F, _>(port, F::Vehicle::COMPONENT, &information)
 }
 
-#[inline(never)]
 fn send_status<F: Firmware<Vehicle: GimbalDevice>>(cx: &Cx<'_, F>, port: &mut Port) -> bool {
     let Some(mut status) = cx.vehicle.device_status() else { return false };
     let own = cx.shared.config.address.get();

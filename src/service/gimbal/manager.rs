@@ -229,7 +229,6 @@ impl ManagerService {
     }
 
     /// Returns who has control after a pair of MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE; `None` if it is invalid.
-    #[inline(never)]
     fn configured(pair: [f32; 2], has: Who, from: Who) -> Option<Who> {
         // NaN leaves it as it is (C-8), and -9 is invalid.
         let [system, component] =
@@ -254,7 +253,6 @@ impl ManagerService {
     /// # Errors
     ///
     /// The result of what the vehicle was not asked for: a parameter is out of range, or the frame is not supported.
-    #[inline(never)]
     pub(crate) fn carry_out<F: Firmware<Vehicle: GimbalManager + Vehicle>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -295,7 +293,6 @@ impl ManagerService {
     }
 
     /// Has the vehicle point, unless the order only takes control; `None` if the setpoint is invalid.
-    #[inline(never)]
     fn set_point<F: Firmware<Vehicle: GimbalManager>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -315,7 +312,6 @@ impl ManagerService {
     }
 
     /// Handles a setpoint in a message. Returns false if it is none.
-    #[inline(never)]
     fn on_message<F: Firmware<Vehicle: GimbalManager>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -341,7 +337,6 @@ impl ManagerService {
     }
 
     /// Handles a message of a remote device.
-    #[inline(never)]
     fn on_device<F: Firmware<Vehicle: GimbalManager>>(&mut self, cx: &mut Cx<'_, F>, frame: &Frame<'_>) -> bool {
         let (vehicle, mut context) = cx.hook();
         if let Some(status) = &frame.decode::<GimbalDeviceAttitudeStatus>() {
@@ -365,19 +360,18 @@ impl ManagerService {
     }
 
     /// Sends the first thing that is due to a remote device, and that the vehicle has.
-    #[inline(never)]
     fn send_to_device<F: Firmware<Vehicle: GimbalManager>>(&mut self, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
         let (target_system, target_component) = (cx.shared.config.address.get().system.0, F::Vehicle::DEVICE);
         let [setpoint_at, state_at, ask_at] = self.device_times(port);
         if setpoint_at <= cx.now {
-            self.setpoint_at = cx.now.after(F::Vehicle::SETPOINT_INTERVAL);
+            self.setpoint_at = cx.now + F::Vehicle::SETPOINT_INTERVAL;
             if let Some(setpoint) = cx.vehicle.device_setpoint(cx.shared.clock.shown(cx.now)) {
                 let setpoint = GimbalDeviceSetAttitude { target_system, target_component, ..setpoint };
                 return send::<F, _>(port, None, &setpoint);
             }
         }
         if state_at <= cx.now {
-            self.state_at = cx.now.after(F::Vehicle::STATE_INTERVAL);
+            self.state_at = cx.now + F::Vehicle::STATE_INTERVAL;
             if let Some(state) = cx.vehicle.autopilot_state(cx.shared.clock.shown(cx.now)) {
                 let time_boot_us = cx.now.as_micros();
                 let state = AutopilotStateForGimbalDevice { time_boot_us, target_system, target_component, ..state };
@@ -387,7 +381,7 @@ impl ManagerService {
         if ask_at > cx.now {
             return false;
         }
-        self.ask_at = cx.now.after(ASK_PERIOD);
+        self.ask_at = cx.now + ASK_PERIOD;
         let param1 = num::f32_from_u32(GimbalDeviceInformation::ID);
         let command = MavCmd::REQUEST_MESSAGE;
         send::<F, _>(
@@ -398,8 +392,6 @@ impl ManagerService {
     }
 }
 
-/// Not inlined: the message is large.
-#[inline(never)]
 fn tell_found<F: Firmware<Vehicle: GimbalManager>>(
     vehicle: &mut F::Vehicle,
     context: &mut Context<'_>,
@@ -506,8 +498,6 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
         if is_handled { Handled::Yes } else { Handled::No }
     }
 
-    // Not inlined: all services need the stack space of the call.
-    #[inline(never)]
     fn on_command(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -584,8 +574,6 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
     }
 }
 
-/// Not inlined, so that the messages share the stack.
-#[inline(never)]
 fn send_information<F: Firmware<Vehicle: GimbalManager>>(cx: &Cx<'_, F>, port: &mut Port) -> bool {
     let information = GimbalManagerInformation {
         time_boot_ms: cx.now.time_boot_ms(),
@@ -596,7 +584,6 @@ fn send_information<F: Firmware<Vehicle: GimbalManager>>(cx: &Cx<'_, F>, port: &
 }
 
 impl ManagerService {
-    #[inline(never)]
     fn send_status<F: Firmware<Vehicle: GimbalManager>>(&self, cx: &Cx<'_, F>, port: &mut Port) -> bool {
         let [primary, secondary] = [self.primary, self.secondary].map(Who::address);
         let status = GimbalManagerStatus {

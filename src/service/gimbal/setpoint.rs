@@ -205,7 +205,6 @@ impl Raw {
     }
 
     /// Reads a message. Returns the gimbal device that it is for; `None` if it is no setpoint.
-    #[inline(never)]
     pub(super) fn read_message(&mut self, frame: &Frame<'_>) -> Option<u8> {
         self.kind = match frame.id() {
             GimbalManagerSetAttitude::ID => {
@@ -226,7 +225,6 @@ impl Raw {
     }
 
     /// Checks the setpoint; `None` if it is invalid (GIM-5).
-    #[inline(never)]
     pub(super) fn target(&self) -> Option<GimbalTarget> {
         let limit = if self.kind == Kind::Manual { 1.0 } else { f32::MAX };
         let is_off = |number: &f32| number.abs() > limit;
@@ -311,7 +309,6 @@ impl Order {
     /// # Errors
     ///
     /// The result for the answer: a parameter is out of range, or the frame is not supported.
-    #[inline(never)]
     pub(super) fn read(&self, raw: &mut Raw, has_terrain: bool) -> Result<(), MavResult> {
         let [p1, p2, p3, p4] = self.params;
         // The older protocol: MAV_CMD_DO_MOUNT_CONTROL has the mode in parameter 7, all others theirs in parameter 1.
@@ -408,14 +405,12 @@ impl Order {
 }
 
 /// Returns degrees, or what is scaled already, in 1e-7 degrees; `i32::MAX` if it is none.
-#[inline(never)]
 fn scaled(param: f32, is_scaled: bool) -> i32 {
     let scaled = if is_scaled { num::integer(param) } else { num::scale_1e7(param) };
     scaled.unwrap_or(i32::MAX)
 }
 
 /// Returns an attitude, which is not given if all of it is NaN; `None` if it is not normalised.
-#[inline(never)]
 pub(super) fn attitude(q: [f32; 4]) -> Option<Option<[f32; 4]>> {
     if q.iter().all(|number| number.is_nan()) {
         return Some(None);

@@ -268,7 +268,7 @@ impl HighLatency {
         let now = self.clock.peek(now);
         // Samples from before the service was on are discarded, except those of the last period.
         let waits = self.is_on() || !self.announcing.is_empty();
-        if !waits && now.since(self.open.begun) >= self.config.period() {
+        if !waits && now - self.open.begun >= self.config.period() {
             self.open = Window::new(now);
         }
         self.open.add(sample);
@@ -378,14 +378,14 @@ impl HighLatency {
             self.ground = Ground::LostSince(now);
         }
         if let Ground::LostSince(since) = self.ground
-            && now.since(since) >= after
+            && now - since >= after
         {
             self.ground = Ground::Unknown;
             if self.state == State::Off {
                 event!("high latency: on, no ground station is left");
                 self.state = State::LinkLost;
                 let is_first = self.counters.reports == 0;
-                self.schedule(if is_first { Instant::ZERO } else { self.sent.after(self.config.period()) });
+                self.schedule(if is_first { Instant::ZERO } else { self.sent + self.config.period() });
             }
         }
     }
@@ -393,7 +393,7 @@ impl HighLatency {
     /// Returns when the ground stations have been lost for so long that the service switches itself on.
     fn loss_deadline(&self) -> Instant {
         match (self.ground, self.config.on_link_loss_after) {
-            (Ground::LostSince(since), Some(after)) => since.after(after),
+            (Ground::LostSince(since), Some(after)) => since + after,
             _ => Instant::NEVER,
         }
     }
@@ -450,7 +450,6 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
     const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::HighLatency]);
     type Reply = ();
 
-    #[inline(never)]
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Instant>) {
         self.clock = cx.shared.clock;
         if self.config.announce_once && !self.has_announced && self.sampled.is_some() {
@@ -466,7 +465,6 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         self.loss_deadline()
     }
 
-    #[inline(never)]
     fn on_command(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -504,10 +502,10 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         let now = cx.now;
         self.take_over(port, link);
         let Some(state) = cx.vehicle.state() else {
-            *link = now.after(RETRY);
+            *link = now + RETRY;
             return false;
         };
-        *link = if self.is_on() { now.after(self.config.period()) } else { Instant::NEVER };
+        *link = if self.is_on() { now + self.config.period() } else { Instant::NEVER };
         let message = self.report(now, LinkMask::of(port.id), &cx.shared.config, state.custom_mode);
         let sent = port.outbox.send(&message);
         self.counters.reports = self.counters.reports.wrapping_add(u32::from(sent));

@@ -46,16 +46,15 @@ impl Order {
 
     /// Returns when it was signed, and when another command from a satellite was signed, if that shows which came
     /// first.
-    #[inline(never)]
     fn signed(&self, now: Instant, signed_at: SignedAt) -> Option<(NonZeroU64, NonZeroU64)> {
-        self.signed_at.zip(signed_at).filter(|_| now.since(self.at) < SUPERSEDED_WITHIN)
+        self.signed_at.zip(signed_at).filter(|_| now - self.at < SUPERSEDED_WITHIN)
     }
 
     /// Whether `command`, to the same effect, is a duplicate of it, or a retransmission (C-12).
     fn is_copied_by(&self, now: Instant, command: &Command, signed_at: SignedAt) -> bool {
         // Only a satellite delivers a duplicate late.
         let may_be_late = command.class == LinkClass::HighLatency;
-        let is_within = now.since(self.at) < if may_be_late { LATE } else { SOON };
+        let is_within = now - self.at < if may_be_late { LATE } else { SOON };
         let lacks = self.duplicates.lacks(command.from.link);
         let is_repetition = is_within
             && command.confirmation > self.confirmation
@@ -70,7 +69,7 @@ impl Order {
     /// Whether its sender, which gave it recently on a normal link, is alive there. Peers on satellite links are never
     /// alive.
     fn is_current(&self, now: Instant, peers: &Peers) -> bool {
-        now.since(self.at) < LATE && peers.iter().any(|info| info.peer == self.from && info.is_alive)
+        now - self.at < LATE && peers.iter().any(|info| info.peer == self.from && info.is_alive)
     }
 }
 
@@ -98,7 +97,7 @@ impl HighLatency {
         let is_newer = later.is_some() && signed.is_some_and(|(opposite, sent)| sent > opposite);
         let is_copy = !is_newer && known.is_some_and(|known| known.is_copied_by(now, command, signed_at));
         // An old command has no more duplicates to come.
-        let recent = known.filter(|known| now.since(known.at) < LATE);
+        let recent = known.filter(|known| now - known.at < LATE);
         let mut duplicates = recent.map_or(Duplicates::NONE, |known| known.duplicates);
         let is_obeyed = !is_superseded && !is_copy;
         let touched = self.place(from.address, starts != is_obeyed);
@@ -125,8 +124,7 @@ impl HighLatency {
         is_obeyed
     }
 
-    /// Returns the place of a sender's last START or STOP. Not inlined, because it has several callers.
-    #[inline(never)]
+    /// Returns the place of a sender's last START or STOP.
     fn place(&self, from: Address, starts: bool) -> Option<usize> {
         self.orders.iter().position(|order| order.is_given && order.starts == starts && order.from.address == from)
     }

@@ -175,7 +175,6 @@ fn signed(value: f32) -> Option<i8> {
     num::nearest(value, -127, 127).and_then(|value| i8::try_from(value).ok())
 }
 
-#[inline(never)]
 fn metres(value: f32) -> i16 {
     let value = num::nearest(value, i32::from(i16::MIN), i32::from(i16::MAX));
     value.and_then(|value| i16::try_from(value).ok()).unwrap_or(0)
@@ -187,13 +186,11 @@ fn decametres(value: f32) -> u16 {
 }
 
 /// Converts m/s to steps of 0.2.
-#[inline(never)]
 fn speed(value: f32) -> u8 {
     unsigned(value * 5.0).unwrap_or(0)
 }
 
 /// Converts m to steps of 0.1.
-#[inline(never)]
 fn error(value: f32) -> u8 {
     unsigned(value * 10.0).unwrap_or(u8::MAX)
 }

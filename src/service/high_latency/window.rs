@@ -16,7 +16,6 @@ impl Mean {
     const NONE: Self = Self { mean: 0.0, count: 0.0 };
 
     /// Adds a value, clamped to the range of the message: one insane value must not hide all others.
-    #[inline(never)]
     fn add(&mut self, value: f32, min: f32, max: f32) {
         if value.is_nan() {
             return;
@@ -26,7 +25,6 @@ impl Mean {
     }
 
     /// Returns the mean; `last` if there was no sample.
-    #[inline(never)]
     fn or(&self, last: f32) -> f32 {
         if self.count > 0.0 { self.mean } else { last }
     }

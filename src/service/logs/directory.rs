@@ -67,7 +67,7 @@ impl<F: Firmware<Vehicle: Logs>> VirtualFile<F> for LogFile {
             cx.shared.logs_read_until = Instant::ZERO;
             return Body::Data(0);
         }
-        cx.shared.logs_read_until = cx.now.after(IDLE);
+        cx.shared.logs_read_until = cx.now + IDLE;
         match cx.vehicle.read_log(self.id, offset, out) {
             LogRead::Done => Body::Data(len),
             LogRead::Later => Body::Later,

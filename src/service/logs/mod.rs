@@ -157,14 +157,14 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
         if !watch(self, cx) {
             self.work = Work::Nothing;
         }
-        if self.work != Work::Nothing && cx.now >= self.heard.after(SILENCE) {
+        if self.work != Work::Nothing && cx.now >= self.heard + SILENCE {
             increment(&mut self.counters.timed_out);
             self.work = Work::Nothing;
         }
     }
 
     fn deadline(&self) -> Instant {
-        if self.work == Work::Nothing { Instant::NEVER } else { self.heard.after(SILENCE) }
+        if self.work == Work::Nothing { Instant::NEVER } else { self.heard + SILENCE }
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
@@ -229,7 +229,6 @@ fn watch<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>)
 }
 
 /// Handles a request.
-#[inline(never)]
 fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, received: &Received<'_>) {
     let (frame, from) = (received.frame, received.from);
     if frame.id() == LogRequestEnd::ID {
@@ -314,7 +313,6 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
 }
 
 /// Sends a LOG_ENTRY.
-#[inline(never)]
 fn send_entry<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &Cx<'_, F>, port: &mut Port) -> bool {
     let LogServer { id, last: last_log_num, .. } = *server;
     let LogInfo { size, time_utc } = cx.vehicle.log_info(id).unwrap_or_default();
@@ -326,7 +324,6 @@ fn send_entry<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &Cx<'_, F>
 }
 
 /// Sends a LOG_DATA.
-#[inline(never)]
 fn send_data<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
     let LogServer { id, offset, left, .. } = *server;
     let len = usize::try_from(left).unwrap_or(BLOCK).min(BLOCK);
@@ -350,7 +347,7 @@ fn send_data<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_,
     match read {
         LogRead::Done if server.left > 0 => {}
         LogRead::Done => server.work = Work::Nothing,
-        LogRead::Later => (server.offset, server.left, server.ready_at) = (offset, left, cx.now.after(RETRY)),
+        LogRead::Later => (server.offset, server.left, server.ready_at) = (offset, left, cx.now + RETRY),
         LogRead::Failed => {
             increment(&mut server.counters.failed);
             server.work = Work::Nothing;

@@ -323,7 +323,6 @@ impl ManualInput {
     }
 
     /// Handles one of the messages. Returns whether it is input that is accepted.
-    #[inline(never)]
     fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) -> bool {
         let (holder, rank, radio) = (self.holder(now), self.rank(from), Radio::of(frame));
         let is_receiver = rank < RECEIVERS;
@@ -356,7 +355,7 @@ impl ManualInput {
             if holder != Some(from) {
                 self.forget();
             }
-            self.holder = Some((from, now.after(self.timeout)));
+            self.holder = Some((from, now + self.timeout));
             self.take(now, from, frame, radio);
             increment(&mut self.counters.taken);
             return true;
@@ -374,7 +373,7 @@ impl ManualInput {
     }
 
     fn take(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, radio: Option<Radio>) {
-        let valid_until = now.after(self.timeout);
+        let valid_until = now + self.timeout;
         if let Some(message) = frame.decode::<ManualControl>() {
             self.sticks = Some((sticks(now, from, &message, &mut self.counters.bad_axes), valid_until));
             return;
@@ -393,7 +392,6 @@ impl ManualInput {
 }
 
 /// Reports that another sender steers, or nobody (J-13).
-#[inline(never)]
 fn report<F: Firmware<Vehicle: Vehicle>>(cx: &mut Cx<'_, F>, holder: Option<Peer>) {
     let (vehicle, mut context) = cx.hook();
     vehicle.stick_holder(&mut context, holder);
@@ -462,7 +460,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
     fn deadline(&self) -> Instant {
         match self.holder {
             None if self.reported.is_none() => Instant::NEVER,
-            Some((holder, until)) if self.reported == Some(holder) => until.after(self.lead),
+            Some((holder, until)) if self.reported == Some(holder) => until + self.lead,
             _ => Instant::ZERO,
         }
     }

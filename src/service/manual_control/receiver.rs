@@ -46,7 +46,7 @@ impl Receiver {
     /// Handles a frame of this receiver, and says what it is.
     pub(super) fn hear(&mut self, now: Instant, timeout: Duration, id: u32, radio: Option<Radio>) -> Heard {
         if let Some(Radio { flags, .. }) = radio {
-            self.radio_until = now.after(timeout);
+            self.radio_until = now + timeout;
             if flags.contains(RadioRcChannelsFlags::FAILSAFE) {
                 // The next input is the first after a gap.
                 (self.since, self.heard) = (now, Instant::ZERO);
@@ -58,7 +58,7 @@ impl Receiver {
         } else if id == RcChannelsOverride::ID && now < self.radio_until {
             return Heard::Redundant;
         }
-        if now.since(self.heard) >= timeout.min(TAKEOVER) {
+        if now - self.heard >= timeout.min(TAKEOVER) {
             self.since = now;
         }
         self.heard = now;
@@ -72,7 +72,7 @@ impl Receiver {
 
     /// Whether it has sent for long enough to take over.
     pub(super) fn has_returned(&self, now: Instant) -> bool {
-        now.since(self.since) >= TAKEOVER
+        now - self.since >= TAKEOVER
     }
 }
 

@@ -7,7 +7,6 @@ use crate::types::{Firmware, Peer, PlanType};
 
 impl Missions {
     /// Handles MISSION_CLEAR_ALL for `only` one plan, or for all.
-    #[inline(never)]
     pub(super) fn on_clear<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,

@@ -240,7 +240,7 @@ impl Missions {
         cx.plans.clear_staging();
         let reply = Reply::of_result(client.address, mission_type, result, id);
         if cx.shared.config.second_mission_ack && id != 0 {
-            self.second_answer = Some((cx.now.after(SECOND_ACK), client.link, reply));
+            self.second_answer = Some((cx.now + SECOND_ACK, client.link, reply));
         }
         reply
     }
@@ -251,7 +251,6 @@ impl Missions {
     }
 
     /// Loads a plan from the firmware. `item` returns the items in order. The plan is checked like an upload, and goes live at once.
-    #[inline(never)]
     pub(crate) fn load_plan<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -273,9 +272,7 @@ impl Missions {
         loaded
     }
 
-    /// Checks the next item of a plan that is loaded, and adds it to the staging area. Not inlined, so that this stack frame is
-    /// free when the whole plan is checked.
-    #[inline(never)]
+    /// Checks the next item of a plan that is loaded, and adds it to the staging area.
     pub(crate) fn stage_item<F: Firmware<Vehicle: Plans>>(
         cx: &mut Cx<'_, F>,
         plan: PlanType,
@@ -295,7 +292,6 @@ impl Missions {
 
     /// Checks the staged plan as a whole, and makes it live. A plan from storage has an `expected` count and id; one from the
     /// firmware is stored.
-    #[inline(never)]
     pub(crate) fn make_loaded<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -326,12 +322,12 @@ impl Missions {
     /// Abandons the change that is being written if it takes too long.
     pub(super) fn poll_commit<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<(LinkId, Reply)> {
         let commit = self.committing()?;
-        if cx.now.since(commit.since) < TIMEOUT { None } else { self.on_save_failed(cx) }
+        if cx.now - commit.since < TIMEOUT { None } else { self.on_save_failed(cx) }
     }
 
     /// When [`poll_commit`](Self::poll_commit) is due.
     pub(super) fn commit_deadline(&self) -> Instant {
-        self.committing().map_or(Instant::NEVER, |commit| commit.since.after(TIMEOUT))
+        self.committing().map_or(Instant::NEVER, |commit| commit.since + TIMEOUT)
     }
 }
 
@@ -358,8 +354,7 @@ pub(super) fn check_plan<F: Firmware<Vehicle: Plans>>(
     ask_vehicle(cx, plan).map_err(|fault| Problem::Refused(plan, fault))
 }
 
-/// Checks the rules for all vehicles. Not inlined, so that this stack frame is free when the vehicle is asked.
-#[inline(never)]
+/// Checks the rules for all vehicles.
 fn check_rules<V: Plans>(items: &[Item], vehicle: &V, plan: PlanType) -> Result<(), Problem<'static>> {
     validate::check_plan(plan, items).map_err(|fault| Problem::Refused(plan, fault))?;
     if plan == PlanType::Mission
@@ -372,7 +367,6 @@ fn check_rules<V: Plans>(items: &[Item], vehicle: &V, plan: PlanType) -> Result<
 }
 
 /// Checks the vehicle's own rules.
-#[inline(never)]
 fn ask_vehicle<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, plan: PlanType) -> Result<(), PlanFault> {
     let (vehicle, mut context) = cx.hook();
     let items = context.plans.staged_items();
@@ -391,7 +385,6 @@ fn tokens(plans: &PlansMut<'_>, count: u16) -> u8 {
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the engine's own"))]
 impl Missions {
     /// Reports by a text that a plan was not restored from storage.
-    #[inline(never)]
     pub(crate) fn report_refused<F: Firmware>(cx: &mut Cx<'_, F>, plan: PlanType, fault: PlanFault) {
         Problem::Refused(plan, fault).report(cx);
     }

@@ -48,8 +48,8 @@ impl Current {
 
     pub(super) fn poll(&mut self, now: Instant, progress: Progress, links: LinkMask) {
         if now >= self.due {
-            let next = self.due.after(PERIOD);
-            self.due = if next > now { next } else { now.after(PERIOD) };
+            let next = self.due + PERIOD;
+            self.due = if next > now { next } else { now + PERIOD };
             self.announce(links);
         }
         if self.reported != Some(progress) {

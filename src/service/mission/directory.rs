@@ -157,7 +157,6 @@ impl<F: Firmware<Vehicle: Plans + Commands>> VirtualFile<F> for PlanFile {
 }
 
 /// Reads from the file of a plan. Returns the number of bytes.
-#[inline(never)]
 fn read(plan: PlanType, items: &[Item], current: u16, offset: u32, out: &mut [u8]) -> usize {
     let offset = usize::try_from(offset).unwrap_or(usize::MAX);
     let mut len = 0usize;
@@ -189,7 +188,6 @@ fn read(plan: PlanType, items: &[Item], current: u16, offset: u32, out: &mut [u8
 }
 
 /// Takes the header or an item of an upload: returns its length, 0 for too few bytes, or `None` behind the last item.
-#[inline(never)]
 fn take<F: Firmware<Vehicle: Plans>>(
     cx: &mut Cx<'_, F>,
     plan: PlanType,
@@ -252,7 +250,6 @@ impl Missions {
     }
 
     /// Lends the staging area to an upload as a file, makes its plan live, and takes the area back (F-23, F-26).
-    #[inline(never)]
     pub(super) fn poll_file<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) {
         let Some(upload) = cx.plans.upload().copied() else { return };
         let is_lent = self.upload.as_ref().is_some_and(Upload::is_of_file);

@@ -17,7 +17,6 @@ const HALF_TURN: i64 = 1_800_000_000;
 
 /// Returns the first waypoint of a mission if it is farther from `from` than `limit` (m). `rules` are the rules of the mission's
 /// commands. An item without a position, or at 0, 0 if its command takes that as "here", is not a waypoint.
-#[inline(never)]
 pub(super) fn first_too_far(items: &[Item], rules: &[CommandRule], from: LatLon, limit: u32) -> Option<u16> {
     let is_flown_to = |item: &Item| {
         is_waypoint(item.command)

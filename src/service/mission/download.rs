@@ -56,14 +56,12 @@ impl Sessions {
         Self { sessions: [free; SESSIONS], refused: RefusalLog::NEW }
     }
 
-    /// Returns the session of `client` on its link or, if `anywhere`, the first one of its ids on any link. Not inlined, because it
-    /// has several callers.
-    #[inline(never)]
+    /// Returns the session of `client` on its link or, if `anywhere`, the first one of its ids on any link.
     fn find(&mut self, now: Instant, client: Peer, plan: PlanType, anywhere: bool) -> Option<&mut Session> {
         self.sessions.iter_mut().find(|session| {
             let Session { client: Peer { address, link }, plan: of, is_open, at, .. } = **session;
             let is_client = address == client.address && (anywhere || link == client.link);
-            is_client && of == plan && is_open && now.since(at) < EXPIRY
+            is_client && of == plan && is_open && now - at < EXPIRY
         })
     }
 

@@ -81,14 +81,12 @@ counters! {
 }
 
 impl Problem<'_> {
-    /// Sends a text to the operators. Not inlined: the text takes stack, and the callers are deep in the call graph.
-    #[inline(never)]
+    /// Sends a text to the operators.
     fn report<F: Firmware>(&self, cx: &mut Cx<'_, F>) {
         self.push(cx.now, cx.shared.normal, cx.texts);
     }
 
     /// The same, from a hook.
-    #[inline(never)]
     fn say(&self, cx: &mut Context<'_>) {
         self.push(cx.now, cx.normal, cx.texts);
     }
@@ -221,7 +219,6 @@ impl Missions {
     }
 
     /// Handles a frame with one of the messages of [`handles`](Self::handles), addressed to exactly our system (M-10).
-    #[inline(never)]
     fn receive<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -361,7 +358,6 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         Handled::Yes
     }
 
-    #[inline(never)]
     fn on_command(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut Replies, request: &Request) -> Option<Verdict> {
         Some(match self.command(cx, &request.command)? {
             Ok(result) => Verdict::done(result),
@@ -436,7 +432,6 @@ pub(crate) fn is_for_planner(component: ComponentId, id: u32) -> bool {
 }
 
 /// Returns the item of a MISSION_SET_CURRENT whose sender is not authorised to give the equivalent command (M-46).
-#[inline(never)]
 fn refused_item<F: Firmware<Vehicle: Commands + Vehicle>>(
     cx: &mut Cx<'_, F>,
     port: &Port,

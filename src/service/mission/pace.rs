@@ -52,13 +52,12 @@ impl Pace {
             ambiguous: 0,
             requested_at: None,
             retries: 0,
-            retry_at: now.after(MIN_INTERVAL),
+            retry_at: now + MIN_INTERVAL,
             progress_at: now,
         }
     }
 
     /// Returns how long to wait for the item before the next request, within the bounds.
-    #[inline(never)]
     fn interval(&self) -> Duration {
         let wait = match self.round_trip {
             0 => MIN_INTERVAL.as_micros().wrapping_shl(self.retries.min(DOUBLINGS).into()),
@@ -70,12 +69,12 @@ impl Pace {
     /// Records that a request was sent.
     pub(super) fn requested(&mut self, now: Instant) {
         self.requested_at.get_or_insert(now);
-        self.retry_at = now.after(self.interval());
+        self.retry_at = now + self.interval();
     }
 
     /// Records that the requested item was received.
     pub(super) fn received(&mut self, now: Instant) {
-        let elapsed = self.requested_at.take().map_or(0, |at| micros(now.since(at)));
+        let elapsed = self.requested_at.take().map_or(0, |at| micros(now - at));
         if self.retries == 0 {
             self.adapt(elapsed);
             self.ambiguous = 0;
@@ -84,7 +83,7 @@ impl Pace {
         }
         self.retries = 0;
         self.progress_at = now;
-        self.retry_at = now.after(self.interval());
+        self.retry_at = now + self.interval();
     }
 
     /// Records that the last item was received a second time. So its repeated request was premature, and the round trip is the
@@ -93,7 +92,7 @@ impl Pace {
         if self.ambiguous > self.round_trip {
             self.adapt(self.ambiguous);
             if let Some(requested_at) = self.requested_at.filter(|_| self.retries == 0) {
-                self.retry_at = requested_at.after(self.interval());
+                self.retry_at = requested_at + self.interval();
             }
         }
         self.ambiguous = 0;
@@ -114,7 +113,7 @@ impl Pace {
 
     /// Returns the time since the last item.
     fn since_progress(&self, now: Instant) -> Duration {
-        now.since(self.progress_at)
+        now - self.progress_at
     }
 
     /// Whether the upload has timed out.
@@ -125,7 +124,7 @@ impl Pace {
     /// Counts a repeated request, whether or not the link accepts it.
     pub(super) fn retry(&mut self, now: Instant) {
         self.retries = self.retries.saturating_add(1);
-        self.retry_at = now.after(self.interval());
+        self.retry_at = now + self.interval();
     }
 
     /// Returns the number of repeated requests for the item.
@@ -175,7 +174,7 @@ mod tests {
             let mut waits = [0; 5];
             for wait in &mut waits {
                 pace.requested(at(0));
-                *wait = pace.deadline().since(at(0)).as_millis();
+                *wait = (pace.deadline() - at(0)).as_millis();
                 pace.retry(at(0));
             }
             assert_eq!(waits, [250, 500, 1_000, 1_000, 1_000]);
@@ -226,7 +225,7 @@ mod tests {
                 retries += 1;
                 pace.retry(pace.deadline());
             }
-            let waited = pace.deadline().since(at(now)).as_millis();
+            let waited = (pace.deadline() - at(now)).as_millis();
             assert!(retries >= 5 && (end - 100..end + 250).contains(&waited), "{retries} retries, {waited} ms");
         }
     }

@@ -57,7 +57,7 @@ impl Reached {
     pub(super) fn poll(&mut self, now: Instant, links: LinkMask) {
         for entry in self.0.iter_mut().filter(|entry| entry.repeats > 0 && now >= entry.at) {
             entry.repeats = entry.repeats.saturating_sub(1);
-            entry.at = now.after(PERIOD);
+            entry.at = now + PERIOD;
             entry.pending = links;
         }
     }
@@ -86,14 +86,12 @@ impl Reached {
 impl Missions {
     /// Queues MISSION_ITEM_REACHED on `links`: the vehicle has reached item `seq` (M-91).
     pub(crate) fn reached(&mut self, now: Instant, seq: u16, links: LinkMask, repeats: u8) {
-        self.reached.push(Entry { seq, pending: links, repeats: repeats.min(MAX_REPEATS), at: now.after(PERIOD) });
+        self.reached.push(Entry { seq, pending: links, repeats: repeats.min(MAX_REPEATS), at: now + PERIOD });
     }
 
     /// Handles MISSION_SET_CURRENT. It has no acknowledgement: MISSION_CURRENT shows success and failure, and a text reports a
     /// failure (M-93).
     ///
-    /// Not inlined, because it needs a context for a hook, which would be on the call stack below the other handlers.
-    #[inline(never)]
     pub(super) fn on_set_current<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, seq: u16) {
         let is_there = seq < cx.plans.count(PlanType::Mission);
         if is_there && go_to(cx, seq, false) == MavResult::ACCEPTED {
@@ -228,7 +226,6 @@ fn start<F: Firmware<Vehicle: Plans>>(
 }
 
 /// Checks the distance of the live mission's first waypoint before a start (M-48): see [`Plans::check_start`].
-#[inline(never)]
 pub(super) fn check_start<V: Plans>(vehicle: &V, cx: &mut Context<'_>) -> Result<(), MavResult> {
     if !vehicle.limits_first_waypoint() {
         return Ok(());
@@ -245,7 +242,6 @@ pub(super) fn check_start<V: Plans>(vehicle: &V, cx: &mut Context<'_>) -> Result
 }
 
 /// Returns the item that a parameter names; `None` for NaN.
-#[inline(never)]
 fn item(param: f32, count: u16) -> Result<Option<u16>, MavResult> {
     let item = num::integer::<u16>(param).filter(|&seq| seq < count);
     if item.is_none() && !param.is_nan() { Err(MavResult::DENIED) } else { Ok(item) }

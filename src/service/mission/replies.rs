@@ -140,8 +140,7 @@ impl Replies {
         }
     }
 
-    /// Queues a refusal. Not inlined, because it has many callers.
-    #[inline(never)]
+    /// Queues a refusal.
     pub(super) fn refuse(&mut self, to: Peer, mission_type: MavMissionType, result: MavMissionResult) {
         self.push(Reply::of_result(to.address, mission_type, result, 0));
     }

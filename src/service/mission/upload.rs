@@ -149,7 +149,6 @@ impl Upload {
 
 impl Missions {
     /// Handles MISSION_COUNT: starts or restarts an upload.
-    #[inline(never)]
     pub(super) fn on_count<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -195,7 +194,7 @@ impl Missions {
         let is_duplicate = |done: &&Done| {
             (done.client, done.plan) == (from.address, plan)
                 && done.seq.checked_add(1) == Some(count)
-                && cx.now.since(done.at) < DUPLICATE_WINDOW
+                && cx.now - done.at < DUPLICATE_WINDOW
                 && !number.is_after(done.last)
         };
         let duplicate_of = self.done.as_ref().filter(is_duplicate).map(|done| done.last);
@@ -273,7 +272,7 @@ impl Missions {
     /// frame is then from another station with the same ids, or a duplicate by a second route (M-45).
     pub(super) fn is_on_other_link(&self, now: Instant, from: Peer) -> bool {
         self.client().is_some_and(|client| client.address == from.address && client.link != from.link)
-            && now.since(self.heard_at) < LINK_HOLD
+            && now - self.heard_at < LINK_HOLD
     }
 
     /// Whether a COUNT from another link is a duplicate of one of this upload's COUNTs, or repeats it before the first item. A
@@ -288,7 +287,6 @@ impl Missions {
 
     /// Handles MISSION_ITEM_INT or MISSION_ITEM. Returns the sequence number of the last item, if the upload is to be
     /// [completed](Self::complete). That is a separate call, so that the stack frame with the item is free by then.
-    #[inline(never)]
     pub(super) fn on_item<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -381,7 +379,6 @@ impl Missions {
     }
 
     /// Completes the upload after its last item: the plan goes live, or is stored first, unless it is refused as a whole (M-39).
-    #[inline(never)]
     pub(super) fn complete<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -476,7 +473,7 @@ impl Missions {
             done.client == from.address
                 && done.plan.mission_type() == mission_type
                 && done.seq == seq
-                && now.since(done.at) < ANSWER_REPEAT
+                && now - done.at < ANSWER_REPEAT
         };
         if let Some(done) = self.done.as_ref().filter(is_last) {
             if let Some(repeated) = self.repeated.count(now) {
@@ -525,14 +522,12 @@ impl Missions {
     }
 
     /// Cancels the pending result of the previous request of `client`.
-    #[inline(never)]
     pub(super) fn forget_answer(&mut self, client: Peer, replies: &mut Replies) {
         replies.forget_result(client.address);
         self.second_answer = None;
     }
 
-    /// Drops the upload in progress. Not inlined, because it has several callers.
-    #[inline(never)]
+    /// Drops the upload in progress.
     pub(super) fn abandon(&mut self, plans: &mut PlansMut<'_>) {
         if self.upload.take().is_some() {
             increment(&mut self.counters.abandoned);

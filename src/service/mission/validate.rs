@@ -42,8 +42,7 @@ const fn circle(rule: CommandRule) -> CommandRule {
 }
 
 /// Returns the rule of a command in this plan. `mission` has the rules of the vehicle's missions; fences and rally points have
-/// fixed ones. Not inlined, because it has several callers.
-#[inline(never)]
+/// fixed ones.
 pub(super) fn rule(
     plan: PlanType,
     mission: &'static [CommandRule],
@@ -121,9 +120,7 @@ impl Problem<'_> {
         }
     }
 
-    /// Writes the text into `text`, which is empty, so that only one text is on the stack. Not inlined, so that this stack frame
-    /// is free when the text is queued.
-    #[inline(never)]
+    /// Writes the text into `text`, which is empty, so that only one text is on the stack.
     pub(super) fn write(&self, text: &mut Text<ONE_FRAME>) {
         let name = |plan| match plan {
             PlanType::Mission => "Mission",

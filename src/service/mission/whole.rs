@@ -13,7 +13,6 @@ type Checked = Result<(), PlanFault>;
 
 /// Refuses jumps to missing items, and fences with incomplete polygons. The items have passed
 /// [`check_item`](super::validate::check_item).
-#[inline(never)]
 pub(super) fn check_plan(plan: PlanType, items: &[Item]) -> Checked {
     match plan {
         PlanType::Mission => check_jumps(items),

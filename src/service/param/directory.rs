@@ -97,7 +97,6 @@ where
 
 /// Sets the parameters of an uploaded file: all, or none. Returns whether they are set. Checks all values first, as PARAM_SET
 /// does, then sets them. They are stored together, because changes are collected. The service's next poll takes them up.
-#[inline(never)]
 fn set_all<F>(cx: &mut Cx<'_, F>, from: Peer, content: &[u8]) -> bool
 where
     F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
@@ -131,7 +130,6 @@ where
 }
 
 /// Returns index and value of a parameter that an uploaded file changes; `None` if it has that value already.
-#[inline(never)]
 fn check_packed(table: &TableMut<'_>, record: &packed::Uploaded) -> Result<Option<(u16, u32)>, MavParamError> {
     let found = table.find(&record.name).and_then(|index| Some((index, table.get(index)?)));
     let Some((index, (info, old))) = found else { return Err(MavParamError::DOES_NOT_EXIST) };

@@ -185,7 +185,6 @@ where
         self.links.hash_deadline()
     }
 
-    #[inline(never)]
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut List, received: &Received<'_>) -> Handled {
         if !handles(received.frame.id()) {
             return Handled::No;
@@ -213,7 +212,6 @@ where
     }
 
     /// MAV_CMD_PREFLIGHT_STORAGE (P-17).
-    #[inline(never)]
     fn on_command(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut List, request: &Request) -> Option<Verdict> {
         let command = &request.command;
         if command.id != MavCmd::PREFLIGHT_STORAGE {

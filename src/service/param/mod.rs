@@ -134,8 +134,7 @@ impl Links {
     const NEW: Self =
         Self { pending: LinkMask::NONE, hash: LinkMask::NONE, is_hashing: false, restarted: LinkMask::NONE };
 
-    /// Updates the table for reopened links. Not inlined, because it is the same for every table.
-    #[inline(never)]
+    /// Updates the table for reopened links.
     fn catch_up<K>(&mut self, state: &mut state::State<K>) {
         if !self.restarted.is_empty() {
             state.forget(core::mem::take(&mut self.restarted));
@@ -192,9 +191,7 @@ const fn handles(id: u32) -> bool {
 }
 
 impl ParamService {
-    /// Sets a parameter for a client, if the vehicle permits it. Not inlined, so that this stack frame is free when a refusal is
-    /// queued.
-    #[inline(never)]
+    /// Sets a parameter for a client, if the vehicle permits it.
     fn set<F>(&mut self, cx: &mut Cx<'_, F>, index: u16, bits: u32, from: Peer) -> Result<(), MavParamError>
     where
         F: Firmware<Parameters: ParamTable, Vehicle: Parameters<Table = F::Parameters>>,
@@ -278,7 +275,6 @@ where
         self.links.hash_deadline()
     }
 
-    #[inline(never)]
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut List, received: &Received<'_>) -> Handled {
         if !handles(received.frame.id()) {
             return Handled::No;
@@ -303,7 +299,6 @@ where
     }
 
     /// MAV_CMD_PREFLIGHT_STORAGE (P-17).
-    #[inline(never)]
     fn on_command(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut List, request: &Request) -> Option<Verdict> {
         let command = &request.command;
         if command.id != MavCmd::PREFLIGHT_STORAGE {

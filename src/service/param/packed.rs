@@ -72,7 +72,6 @@ pub struct Pack {
 impl Pack {
     /// Returns the file of a table of `total` parameters that a client asks for: `path` is its name and the query. Refused if the
     /// query is wrong, or there is no such parameter; also any query for an upload.
-    #[inline(never)]
     pub(super) fn open(path: &[u8], total: u16, is_upload: bool) -> Result<Self, MavFtpErr> {
         let query = match path.strip_prefix(NAME) {
             Some([]) => b"",
@@ -116,7 +115,6 @@ impl Pack {
     }
 
     /// Reads from any place of the file. [`Body::Later`] if it takes another call to find that place.
-    #[inline(never)]
     pub(super) fn read<R: Rows>(&mut self, rows: &R, offset: u32, out: &mut [u8]) -> Body {
         if offset < self.at {
             (self.index, self.at) = (0, HEADER_LEN);
@@ -259,7 +257,6 @@ fn decimal(digits: &[u8]) -> Option<u16> {
 }
 
 /// Returns the type of the format, the value in it, and its length. The type fits the default too, if that follows.
-#[inline(never)]
 fn packed(info: &ParamInfo, bits: u32, has_default: bool) -> (u8, u32, usize) {
     let default = if has_default { info.default_bits() } else { 0 };
     match info.param_type() {

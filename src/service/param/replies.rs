@@ -143,7 +143,7 @@ impl List {
 
     /// Returns when the list falls behind its share unless the next value is sent; [`Instant::NEVER`] without a list.
     pub(crate) fn late_at(&self) -> Instant {
-        if self.is_active { self.share.due().after(MAX_LATENESS) } else { Instant::NEVER }
+        if self.is_active { self.share.due() + MAX_LATENESS } else { Instant::NEVER }
     }
 
     /// Returns when the list's next value is due; [`Instant::NEVER`] without a list.

@@ -128,8 +128,7 @@ impl<R: Rows> Table<'_, R> {
     }
 
     /// Queues a PARAM_ERROR. Clients that do not know it get a text too: after a PARAM_SET, and where PARAM_ERROR is not
-    /// available, as in MAVLink 1 (P-31, P-32). Not inlined: a second copy would cost 300 bytes of flash.
-    #[inline(never)]
+    /// available, as in MAVLink 1 (P-31, P-32).
     fn refuse(
         &mut self,
         now: Instant,
@@ -149,7 +148,7 @@ impl<R: Rows> Table<'_, R> {
         }
         let has_text = !has_error || !matches!(asked, Asked::Read(_));
         if cfg!(feature = "plan-texts") && has_text && now >= self.state.texts_from {
-            self.state.texts_from = now.after(TEXT_PAUSE);
+            self.state.texts_from = now + TEXT_PAUSE;
             let text = if asked == Asked::SetUnclear { ": firmware should declare it i32" } else { reason(error) };
             warn(now, texts, from.link, text, name);
         }
@@ -198,8 +197,7 @@ fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u3
     bits.filter(|bits| info.has_room(*bits)).ok_or((asked, MavParamError::VALUE_OUT_OF_RANGE))
 }
 
-/// Queues a text about a refusal. Not inlined, so that its buffer takes no stack while a refusal is queued.
-#[inline(never)]
+/// Queues a text about a refusal.
 pub(super) fn warn(now: Instant, texts: &mut StatusTexts, link: LinkId, why: &str, name: &[u8; 16]) {
     // A name of 16 bytes leaves 34 for the reason.
     let mut text = Text::<ONE_FRAME>::EMPTY;

@@ -138,7 +138,6 @@ impl<const N: usize> RuntimeTable<N> {
 }
 
 /// Inserts a row into the first `count` rows, which are sorted by name. Returns the new number of rows.
-#[inline(never)]
 fn insert(rows: &mut [ParamInfo], values: &mut [u32], count: u16, info: ParamInfo) -> Result<u16, ParamFault> {
     let (used, spare) = rows.split_at_checked(usize::from(count)).ok_or(ParamFault::NoRoom)?;
     let Err(at) = used.binary_search_by(|row| row.wire_name().cmp(info.wire_name())) else {

@@ -74,7 +74,7 @@ impl Saving {
     /// so that it does not replace what is still unread.
     pub(crate) fn reread(&mut self, now: Instant, is_read: bool) {
         if self.schedule.is_pending() {
-            self.schedule.postpone(if is_read { Instant::ZERO } else { now.after(COOLDOWN) });
+            self.schedule.postpone(if is_read { Instant::ZERO } else { now + COOLDOWN });
         }
     }
 
@@ -88,7 +88,6 @@ impl Saving {
     }
 
     /// Checks whether there is something to write.
-    #[inline(never)]
     pub(super) fn notice(&mut self, now: Instant, generation: u32) {
         if generation != self.stored {
             self.schedule.collect(now, COLLECT);

@@ -51,9 +51,7 @@ impl<K> State<K> {
         }
     }
 
-    /// Drops the pending answers of these links, which were reopened: the clients are gone. Not inlined, because it is rare and
-    /// every entry point of the service calls it.
-    #[inline(never)]
+    /// Drops the pending answers of these links, which were reopened: the clients are gone.
     pub(super) fn forget(&mut self, links: LinkMask) {
         self.refusals.forget(links);
         self.hash_pending = self.hash_pending.without(links);

@@ -175,8 +175,7 @@ pub(super) fn from_wire(encoding: ParamEncoding, r#type: MavParamType, value: f3
     if encoding == ParamEncoding::Bytewise && is_extended { Some((r#type, low)) } else { whole(value) }
 }
 
-/// Returns a float as an integer, and its type; `None` if it is not a whole number. Not inlined, because it has several callers.
-#[inline(never)]
+/// Returns a float as an integer, and its type; `None` if it is not a whole number.
 pub(super) fn whole(value: f32) -> Option<(MavParamType, u32)> {
     match num::unsigned(value) {
         Some(bits) => Some((MavParamType::UINT32, bits)),

@@ -28,7 +28,7 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing
             && F::HAS_TEXTS
             && cx.now >= self.text_from
         {
-            self.text_from = cx.now.after(TEXT_PAUSE);
+            self.text_from = cx.now + TEXT_PAUSE;
             let mut text = Text::<ONE_FRAME>::new("System ");
             text.push_number(u32::from(system.0));
             text.push_str(" refused: its clock is too far ahead");

@@ -271,14 +271,11 @@ impl Signing {
     }
 
     /// As [`timestamp`](Self::timestamp), by the stack's clock.
-    #[inline(never)]
     fn timestamp_at(&self, now: Instant) -> u64 {
         self.time(now).min(MAX_TIMESTAMP)
     }
 
-    /// Like [`timestamp`](Self::timestamp), but beyond the last timestamp once that was used. Not inlined, because it has many
-    /// callers.
-    #[inline(never)]
+    /// Like [`timestamp`](Self::timestamp), but beyond the last timestamp once that was used.
     fn time(&self, now: Instant) -> u64 {
         self.last.max(at(now, self.boot))
     }
@@ -430,7 +427,6 @@ impl Signing {
     }
 
     /// Moves the time forward (G-6).
-    #[inline(never)]
     fn advance(&mut self, now: Instant, timestamp: u64) {
         self.boot = self.boot.max(offset(now, timestamp));
     }
@@ -580,16 +576,13 @@ const fn units(now: Instant) -> u64 {
     num::quotient(now.as_micros(), TEN)
 }
 
-/// Returns a timestamp minus the clock. All timestamps beyond the last one count as the same. Not inlined, because it has many
-/// callers.
-#[inline(never)]
+/// Returns a timestamp minus the clock. All timestamps beyond the last one count as the same.
 fn offset(now: Instant, timestamp: u64) -> i64 {
     let timestamp = timestamp.min(MAX_TIMESTAMP.saturating_add(1));
     timestamp.cast_signed().saturating_sub(units(now).cast_signed())
 }
 
-/// Returns the time that has this [`offset`]. Not inlined, because it has many callers.
-#[inline(never)]
+/// Returns the time that has this [`offset`].
 const fn at(now: Instant, offset: i64) -> u64 {
     units(now).saturating_add_signed(offset)
 }

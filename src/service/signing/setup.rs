@@ -132,6 +132,6 @@ pub(super) fn hint(now: Instant, port: &Port, link: &mut SigningLink, answer: An
     let is_open = signing.provisioning && (answer == Answer::LostKey || signing.accept == Accept::Open);
     if is_open && link.setup == Answer::None && now >= link.hint_from {
         link.setup = answer;
-        link.hint_from = now.after(HINT_PAUSE);
+        link.hint_from = now + HINT_PAUSE;
     }
 }

@@ -43,7 +43,7 @@ fn a_failed_write_is_retried_after_ten_seconds() {
     let mut signing = stored(Some(KEY));
     signing.clear_key();
     signing.on_save_failed(NOW);
-    let again = NOW.after(Duration::from_secs(10));
+    let again = NOW + Duration::from_secs(10);
     assert_eq!(signing.pending_write(Instant::from_micros(again.as_micros() - 1)), None);
     assert!(signing.pending_write(again).is_some());
 }
@@ -87,7 +87,7 @@ fn another_key_may_start_with_an_early_time() {
     let hour = Instant::from_millis(3_600_000);
     signing.set_key(hour, SigningKey::new(KEY), 5);
     assert_eq!(signing.timestamp(hour), 5);
-    assert_eq!(signing.timestamp(hour.after(Duration::from_millis(1))), 105);
+    assert_eq!(signing.timestamp(hour + Duration::from_millis(1)), 105);
     assert_eq!(signing.timestamp(NOW), 0);
 }
 

@@ -173,7 +173,6 @@ pub(crate) const fn is_own(id: u32) -> bool {
 
 /// Returns the rows of a message in a table, a bit for each: of one component or of all of them, and of one instance, or of all of
 /// them if `index` is 0.
-#[inline(never)]
 pub(crate) const fn rows(mut table: &[Stream], of: Option<ComponentId>, id: u32, index: u16) -> u32 {
     let (mut rows, mut bit) = (0u32, 1u32);
     while let [stream, rest @ ..] = table {
@@ -185,9 +184,8 @@ pub(crate) const fn rows(mut table: &[Stream], of: Option<ComponentId>, id: u32,
     rows
 }
 
-/// Clamps an interval to the bounds. Not inlined, because it compares 64 bits and has six callers.
+/// Clamps an interval to the bounds.
 #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; what is cast was bounded")]
-#[inline(never)]
 const fn clamped(micros: u64) -> u32 {
     if micros < MIN_INTERVAL as u64 {
         MIN_INTERVAL
@@ -223,7 +221,7 @@ impl<'a> Fill<'a> {
 
     /// Returns the time of the call by the firmware's clock, for the time fields.
     pub fn now(&self) -> Instant {
-        self.now.before(self.outbox.lead())
+        self.now - self.outbox.lead()
     }
 
     /// Returns which instance is wanted, such as which battery: parameter 2 of MAV_CMD_REQUEST_MESSAGE, whose meaning each
@@ -358,7 +356,6 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         if is_handled { Handled::Yes } else { Handled::No }
     }
 
-    #[inline(never)]
     fn on_command(
         &mut self,
         cx: &mut Cx<'_, F>,

@@ -105,7 +105,6 @@ impl Asked {
         if self.id == Some(MessageInterval::ID) { self.index.map(u32::from) } else { self.id }
     }
 
-    #[inline(never)]
     fn of(command: &Command) -> Option<Self> {
         match command.id {
             MavCmd::REQUEST_MESSAGE | MavCmd::SET_MESSAGE_INTERVAL | MavCmd::GET_MESSAGE_INTERVAL => {}
@@ -127,7 +126,6 @@ fn index_of(param: f32) -> Option<u16> {
 }
 
 /// Handles a command about intervals. Not generic, so that it is compiled once.
-#[inline(never)]
 fn on_interval(
     fixed: Fixed,
     port: &Port,
@@ -178,7 +176,6 @@ fn on_interval(
 }
 
 /// Handles other messages about streams. Returns true if no other service needs the frame.
-#[inline(never)]
 pub(super) fn handle_frame(
     now: Instant,
     profile: StreamProfile,
@@ -280,9 +277,7 @@ pub(super) fn send_asked<F: Firmware<Vehicle: Telemetry>>(
     false
 }
 
-/// Asks the vehicle for a message. Not inlined: the code for all its messages would be duplicated for each of the four
-/// callers.
-#[inline(never)]
+/// Asks the vehicle for a message.
 pub(crate) fn fill<V: Telemetry>(vehicle: &mut V, out: &mut Fill<'_>) -> bool {
     vehicle.fill(out.id, out)
 }

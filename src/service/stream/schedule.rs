@@ -69,7 +69,6 @@ impl Slot {
     pub(super) const NEW: Self = Self { interval: 0, left: 0 };
 
     /// Sets the interval of the stream (µs); 0 is its default, `None` stops it. [`Streams::refresh`] takes it up.
-    #[inline(never)]
     pub(super) fn set_interval(&mut self, interval: Option<u32>) {
         self.interval = match interval {
             None => OFF,
@@ -311,7 +310,7 @@ impl Streams {
         }
         self.cursor = 0;
         // Each stream is sent once in a sweep, and there is one sweep at a time.
-        let next_sweep = self.swept.after(Duration::from_micros(1));
+        let next_sweep = self.swept + Duration::from_micros(1);
         self.wake = self.due(fast, shift_of(0)).min(self.due(slow, shift_of(SLOW))).max(next_sweep);
     }
 

@@ -118,9 +118,9 @@ fn transfers_slow_streams() {
         let mut next = |is_slowed: bool| {
             let before = at;
             while streams.next_due(at, TABLE, &mut slots, StreamProfile::Off, is_slowed) != Some(2) {
-                at = at.after(Duration::from_micros(100));
+                at += Duration::from_micros(100);
             }
-            at.since(before).as_micros()
+            (at - before).as_micros()
         };
         assert_eq!(next(true), 0, "it is due");
         for _ in 0..3 {

@@ -112,7 +112,7 @@ impl ClockFilter {
             self.begin(sample);
             return true;
         };
-        let gap = sample.at.since(self.at).as_micros();
+        let gap = (sample.at - self.at).as_micros();
         let error = sample.offset_ns.wrapping_sub(expected);
         // Half of both round trips, and the drift of two clocks.
         if error.unsigned_abs() > self.max_round_trip.saturating_add(gap) {
@@ -149,7 +149,7 @@ impl ClockFilter {
             return None;
         }
         // `now` may be before or after the last sample.
-        let (ahead, back) = (now.since(self.at), self.at.since(now));
+        let (ahead, back) = (now - self.at, self.at - now);
         let micros = |span: Duration| i64::try_from(span.as_micros()).unwrap_or(i64::MAX);
         let span = micros(ahead).saturating_sub(micros(back));
         Some(self.offset.wrapping_add(self.drift.saturating_mul(span) / 1_000_000))

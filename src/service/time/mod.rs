@@ -119,7 +119,6 @@ impl Time {
         self.sample.take()
     }
 
-    #[inline(never)]
     fn receive(&mut self, now: Instant, link: &mut TimeLink, from: Peer, frame: &Frame<'_>) -> Handled {
         let request = if let Some(ping) = frame.decode::<Ping>() {
             // A PING with a target is an answer (T-1).
@@ -162,7 +161,6 @@ impl Time {
         });
     }
 
-    #[inline(never)]
     fn send(&mut self, now: Instant, link: &mut TimeLink, tx: &mut Outbox, reply: TimeReply) -> bool {
         match reply {
             TimeReply::Answer => link.answer(now, tx),

@@ -172,7 +172,7 @@ impl Log {
             Stage::Body | Stage::Tail => self.stage = Stage::Check,
             Stage::Check if !is_done && self.attempts < ATTEMPTS => {
                 self.attempts = self.attempts.wrapping_add(1);
-                self.retry_at = now.after(PAUSE);
+                self.retry_at = now + PAUSE;
             }
             Stage::Check => {
                 let Segment { number: segment, head: position, .. } = self.write;
@@ -208,7 +208,7 @@ impl Log {
             }
             _ if self.attempts < ATTEMPTS => {
                 self.attempts = self.attempts.wrapping_add(1);
-                self.retry_at = now.after(PAUSE);
+                self.retry_at = now + PAUSE;
                 Event::Nothing
             }
             _ => {
@@ -253,7 +253,7 @@ impl Log {
         }
         self.set_entry(Entry { kind, is_damaged: false, schema, at, pages, moved: at });
         (self.open, self.task) = (self.write, Task::Idle);
-        (self.has_written, self.rest_until) = (true, now.after(GRACE));
+        (self.has_written, self.rest_until) = (true, now + GRACE);
         Event::Written
     }
 

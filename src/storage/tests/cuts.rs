@@ -15,7 +15,7 @@ fn cut_save<const W: usize, const E: usize>(
     rig.flash.fuel = fuel;
     let is_saved = rig.save_with(kind, new, is_secret, |_, _| {}) == Saved::Yes;
     if !rig.flash.is_off() {
-        rig.now = rig.now.after(Duration::from_secs(1));
+        rig.now += Duration::from_secs(1);
         rig.settle();
     }
     rig.flash.power_on();

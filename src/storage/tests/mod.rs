@@ -90,7 +90,7 @@ impl<const W: usize, const E: usize> Rig<W, E> {
                 Next::Job(job) => drop(self.run(&job)),
                 Next::Content(_) => panic!("nothing is written"),
                 Next::Idle if self.log.is_idle() || self.log.is_foreign() || self.flash.is_off() => return,
-                Next::Idle => self.now = self.now.after(Duration::from_secs(1)),
+                Next::Idle => self.now = self.now + Duration::from_secs(1),
             }
         }
         panic!("it never ends");
@@ -119,7 +119,7 @@ impl<const W: usize, const E: usize> Rig<W, E> {
                     self.log.put(&mut self.page, len as u8, len == rest.len());
                 }
                 Next::Idle if self.flash.is_off() => return Saved::No,
-                Next::Idle => self.now = self.now.after(Duration::from_secs(1)),
+                Next::Idle => self.now = self.now + Duration::from_secs(1),
             }
         }
         panic!("it never ends");

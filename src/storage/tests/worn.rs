@@ -30,7 +30,7 @@ fn check_with(rig: Rig<W, E>, saves: u32, pages: usize, retries: usize, what: &s
         let tries = (0..=retries).take_while(|_| rig.save(kind, &new) != Saved::Yes).count();
         assert!(tries <= retries, "{what}: save {salt}");
         model.insert(kind, new);
-        rig.now = rig.now.after(Duration::from_secs(1));
+        rig.now += Duration::from_secs(1);
         rig.settle();
         assert_eq!(rig.all(), model, "{what}: save {salt}");
         if salt % 5 == 0 {
@@ -171,7 +171,7 @@ fn an_old_key_is_erased_beside_a_worn_unit() {
         let model = rig.all();
         let mut erases = 0;
         for _ in 0..200 {
-            rig.now = rig.now.after(Duration::from_secs(1));
+            rig.now += Duration::from_secs(1);
             while let Next::Job(job) = rig.log.next(rig.now, true, &mut rig.page) {
                 erases += u32::from(matches!(job, Job::Erase { .. }));
                 rig.run(&job);

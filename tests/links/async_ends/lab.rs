@@ -393,7 +393,7 @@ impl<const N: usize> Firmware<N> {
         loop {
             self.give_to(link, &mut transmitter);
             select(transmitter.send(), async {}).await;
-            self.sleep_until(self.now().after(millis(1))).await;
+            self.sleep_until(self.now() + millis(1)).await;
         }
     }
 
@@ -408,7 +408,7 @@ impl<const N: usize> Firmware<N> {
     /// Runs a millisecond without flight.
     pub fn step(&self, executor: &mut Executor, rate: usize) {
         self.uarts.iter().for_each(|uart| uart.drain(rate));
-        self.set_time(self.now().after(millis(1)));
+        self.set_time(self.now() + millis(1));
         executor.run();
     }
 }

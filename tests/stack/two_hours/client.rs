@@ -148,7 +148,7 @@ impl Client {
             is_sure: true,
             rates: Vec::new(),
             rng: Rng::new(seed),
-            due: habits.routine.iter().map(|(period, _)| Instant::ZERO.after(*period)).collect(),
+            due: habits.routine.iter().map(|(period, _)| Instant::ZERO + *period).collect(),
             commands: VecDeque::new(),
             promised: Vec::new(),
             params: Vec::new(),
@@ -179,12 +179,12 @@ impl Client {
 
     pub fn poll(&mut self, now: Instant, gcs: &mut Gcs) {
         if now >= self.heartbeat {
-            self.heartbeat = now.after(Duration::from_secs(1));
+            self.heartbeat = now + Duration::from_secs(1);
             self.send(gcs, &Gcs::heartbeat());
         }
         for (number, (period, act)) in self.habits.routine.iter().enumerate() {
             if now >= self.due[number] && self.is_busy {
-                self.due[number] = now.after(*period);
+                self.due[number] = now + *period;
                 self.act(now, gcs, *act);
             }
         }
@@ -226,7 +226,7 @@ impl Client {
             Act::List if self.list.is_none() => {
                 let target_component = self.habits.list_component;
                 self.send(gcs, &ParamRequestList { target_system, target_component });
-                self.list = Some((BTreeSet::new(), now.after(Duration::from_secs(10))));
+                self.list = Some((BTreeSet::new(), now + Duration::from_secs(10)));
                 self.books.lists += 1;
             }
             Act::Read => {
@@ -291,7 +291,7 @@ impl Client {
         }
         self.send(gcs, &message);
         self.books.commands += 1;
-        let due = now.after(self.habits.command_timeout);
+        let due = now + self.habits.command_timeout;
         self.commands.push_back(Pending { message, due, retries: self.habits.command_retries, is_running: false });
     }
 
@@ -300,7 +300,7 @@ impl Client {
         if self.params.iter().any(|other| (other.name, other.index) == (param.name, param.index)) {
             return;
         }
-        param.due = now.after(self.habits.param_timeout);
+        param.due = now + self.habits.param_timeout;
         self.send_param(gcs, &param);
         self.params.push(param);
     }
@@ -326,7 +326,7 @@ impl Client {
                 self.books.in_vain += 1;
                 let Some(retries) = pending.retries.checked_sub(1) else { continue };
                 pending.retries = retries;
-                pending.due = now.after(self.habits.command_timeout);
+                pending.due = now + self.habits.command_timeout;
                 pending.message.confirmation = pending.message.confirmation.saturating_add(1);
                 self.send(gcs, &pending.message);
                 self.books.commands += 1;
@@ -336,14 +336,14 @@ impl Client {
         for index in 0..self.params.len() {
             if now >= self.params[index].due {
                 self.books.in_vain += 1;
-                self.params[index].due = now.after(self.habits.param_timeout);
+                self.params[index].due = now + self.habits.param_timeout;
                 let param = self.params[index].clone();
                 self.send_param(gcs, &param);
             }
         }
         let before = self.pings.len() + self.syncs.len();
-        self.pings.retain(|_, sent| now.since(*sent) < LATE);
-        self.syncs.retain(|_, sent| now.since(*sent) < LATE);
+        self.pings.retain(|_, sent| now - *sent < LATE);
+        self.syncs.retain(|_, sent| now - *sent < LATE);
         self.books.in_vain += (before - self.pings.len() - self.syncs.len()) as u64;
         if let Some((seen, due)) = &self.list {
             assert!(now < *due, "an incomplete list: {seen:?}");
@@ -391,7 +391,7 @@ impl Client {
         let pending = &mut self.commands[place.unwrap_or_else(|| panic!("no command for {ack:?}"))];
         if ack.result == MavResult::IN_PROGRESS {
             pending.is_running = true;
-            pending.due = now.after(Duration::from_secs(3));
+            pending.due = now + Duration::from_secs(3);
             return;
         }
         self.books.acks += 1;
@@ -408,7 +408,7 @@ impl Client {
             _ => return,
         };
         if self.is_sure && ack.result == MavResult::ACCEPTED {
-            self.promised.push((promised, now.after(Duration::from_secs(1))));
+            self.promised.push((promised, now + Duration::from_secs(1)));
         }
     }
 
@@ -474,7 +474,7 @@ impl Window {
         let Some(count) = self.count else {
             if self.due.is_none_or(|due| now >= due) {
                 self.repeats += u32::from(self.due.is_some());
-                self.due = Some(now.after(Self::PATIENCE));
+                self.due = Some(now + Self::PATIENCE);
                 let mission_type = MavMissionType::MISSION;
                 gcs.send_from(from, &MissionRequestList { target_system, target_component, mission_type });
             }
@@ -482,7 +482,7 @@ impl Window {
         };
         for seq in (0..count).filter(|seq| !self.got.contains(seq)).take(Self::SIZE) {
             let asked = self.asked.get(&seq);
-            if asked.is_none_or(|at| now.since(*at) >= Self::PATIENCE) {
+            if asked.is_none_or(|at| now - *at >= Self::PATIENCE) {
                 self.repeats += u32::from(asked.is_some());
                 self.asked.insert(seq, now);
                 let mission_type = MavMissionType::MISSION;

@@ -80,7 +80,7 @@ impl Photographer {
     }
 
     fn used(&self, now: Instant) -> f32 {
-        let recorded = self.recording.map_or(0.0, |since| VIDEO * now.since(since).as_millis() as f32 * 1e-3);
+        let recorded = self.recording.map_or(0.0, |since| VIDEO * (now - since).as_millis() as f32 * 1e-3);
         (self.used + recorded).min(CAPACITY)
     }
 }

@@ -129,7 +129,7 @@ impl Quadrotor {
             cx.event(&TookOff);
         }
         if !self.is_in_air && before.is_in_air {
-            let flown = self.times.landed.since(self.times.took_off).as_millis() / 1_000;
+            let flown = (self.times.landed - self.times.took_off).as_millis() / 1_000;
             cx.event(&Landed { flown: u32::try_from(flown).unwrap_or(u32::MAX), battery: self.percent() });
         }
         if !self.armed && before.armed {

@@ -69,7 +69,7 @@ impl Quadrotor {
     }
 
     pub(super) fn watch_calibration(&mut self, cx: &mut Context<'_>) {
-        if self.calibration.is_some_and(|since| self.time.since(since) >= CALIBRATION_TIME) {
+        if self.calibration.is_some_and(|since| self.time - since >= CALIBRATION_TIME) {
             self.calibration = None;
             cx.text(MavSeverity::INFO, "Calibration complete");
         }
@@ -80,7 +80,7 @@ impl Quadrotor {
         const COMMAND: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
 
         if let Some(since) = self.calibration {
-            let percent = 100 * self.time.since(since).as_millis() / const { CALIBRATION_TIME.as_millis() };
+            let percent = 100 * (self.time - since).as_millis() / const { CALIBRATION_TIME.as_millis() };
             commands.progress(COMMAND, percent as u8);
         } else {
             commands.finish(COMMAND, if self.is_rebooting() { MavResult::CANCELLED } else { MavResult::ACCEPTED });
@@ -120,7 +120,7 @@ impl Quadrotor {
     /// sent its pending answers.
     pub(crate) fn wants_reboot(&self, has_answered: impl FnOnce(LinkId) -> bool) -> bool {
         self.reboot.is_some_and(|Reboot { link, since }| {
-            let passed = self.time.since(since);
+            let passed = self.time - since;
             passed >= ANSWER_TIMEOUT || (passed >= DRAIN_TIME && has_answered(link))
         })
     }

@@ -305,7 +305,7 @@ impl Quadrotor {
         };
         // On the ground the vehicle cannot turn.
         let is_turn_done = self.body.is_turned() || self.is_landed();
-        if self.time.since(since) >= leg.stay && are_items_done && is_turn_done {
+        if self.time - since >= leg.stay && are_items_done && is_turn_done {
             self.end_leg(cx, &leg, items);
         }
     }
@@ -402,7 +402,7 @@ impl Quadrotor {
         let is_begun = self.mission.waiting.is_some();
         let since = *self.mission.waiting.get_or_insert(self.time);
         match condition {
-            Condition::Delay(delay) => self.time.since(since) >= delay,
+            Condition::Delay(delay) => self.time - since >= delay,
             Condition::Distance(distance) => {
                 leg.done.is_some() || leg.to().is_none_or(|to| self.body.position.distance(to) <= distance)
             }

@@ -243,10 +243,10 @@ impl Quadrotor {
     /// if passes are rare. The next pass catches up.
     fn take_steps(&mut self, cx: &mut Context<'_>) {
         for _ in 0..MAX_STEPS {
-            if self.time.after(STEP) > cx.now() {
+            if self.time + STEP > cx.now() {
                 return;
             }
-            self.time = self.time.after(STEP);
+            self.time += STEP;
             self.step(cx);
             if self.camera.has_triggered() {
                 return;
@@ -397,9 +397,7 @@ impl Quadrotor {
                         self.resume_mission(cx);
                     }
                 }
-                Mode::Return | Mode::Land if self.time.since(self.times.landed) >= disarm_delay(cx) => {
-                    self.touch_down(cx)
-                }
+                Mode::Return | Mode::Land if self.time - self.times.landed >= disarm_delay(cx) => self.touch_down(cx),
                 Mode::Return | Mode::Land => {}
                 Mode::Hold | Mode::Position | Mode::Offboard | Mode::Mission => {}
             }
@@ -429,7 +427,7 @@ impl Quadrotor {
             self.counts.flights += 1;
         } else {
             self.times.landed = self.time;
-            let flown = self.time.since(self.times.took_off).as_millis() / 1_000;
+            let flown = (self.time - self.times.took_off).as_millis() / 1_000;
             self.counts.flight_time += i32::try_from(flown).unwrap_or(i32::MAX);
         }
     }
@@ -462,7 +460,7 @@ impl Quadrotor {
     #[inline(never)]
     fn watch_time(&mut self, cx: &mut Context<'_>) {
         let most = u32::try_from(cx.parameter(Tuning::COM_FLT_TIME_MAX)).unwrap_or(0);
-        let is_over = most > 0 && self.time.since(self.times.took_off) >= Duration::from_secs(most.into());
+        let is_over = most > 0 && self.time - self.times.took_off >= Duration::from_secs(most.into());
         if self.armed && self.is_in_air && is_over && !self.is_overdue {
             self.is_overdue = true;
             cx.text(MavSeverity::WARNING, "Returning: flight time limit reached");
@@ -477,7 +475,7 @@ impl Quadrotor {
         let limit = cx.parameter(Tuning::COM_DISARM_PRFLT);
         let Times { armed, took_off, .. } = self.times;
         let is_idle = self.armed && self.is_landed() && took_off <= armed && self.mode != Mode::Mission;
-        if is_idle && limit > 0.0 && self.time.since(armed) >= Duration::from_micros((limit * 1e6) as u64) {
+        if is_idle && limit > 0.0 && self.time - armed >= Duration::from_micros((limit * 1e6) as u64) {
             self.disarm();
             cx.text(MavSeverity::INFO, "Disarmed: no takeoff after arming");
         }

@@ -37,7 +37,7 @@ impl Queue {
     fn push(&mut self, now: Instant, record: &[u8]) {
         let mut dropout = [0; ulog::DROPOUT_LEN];
         if let Some(since) = self.dropped {
-            dropout = ulog::dropout(now.since(since).as_millis());
+            dropout = ulog::dropout((now - since).as_millis());
         }
         let dropout = if self.dropped.is_some() { dropout.as_slice() } else { &[] };
         if dropout.len() + record.len() > QUEUE_LEN - self.len {
@@ -203,7 +203,7 @@ impl Quadrotor {
     fn record_topics(&mut self, now: Instant) {
         let periods = self.recorder.periods;
         self.recorder.periods = periods.wrapping_add(1);
-        self.recorder.due = self.recorder.due.after(PERIOD).max(now);
+        self.recorder.due = (self.recorder.due + PERIOD).max(now);
         self.record_attitude(now);
         if periods.is_multiple_of(2) {
             self.record_position(now);

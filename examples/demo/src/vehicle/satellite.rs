@@ -33,7 +33,7 @@ impl Quadrotor {
     /// Samples the values for HIGH_LATENCY2, and updates the parameters that count the cost of the link.
     #[inline(never)]
     pub(crate) fn watch_satellite(&mut self, stack: &mut StackOf<Mavlink>) {
-        if self.time.since(self.sampled) < SAMPLING {
+        if self.time - self.sampled < SAMPLING {
             return;
         }
         self.sampled = self.time;

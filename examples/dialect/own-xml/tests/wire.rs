@@ -46,7 +46,7 @@ impl Bench {
             let len = pending.len();
             sent.extend_from_slice(pending);
             self.stack.transmitted(LINK, len);
-            self.now = self.now.after(mavstack::Duration::from_millis(1));
+            self.now += mavstack::Duration::from_millis(1);
         }
         sent
     }

@@ -76,7 +76,7 @@ mod app {
                 app.fly(board::now());
             });
             next += PERIOD.millis();
-            due = due.after(Duration::from_millis(PERIOD.into()));
+            due += Duration::from_millis(PERIOD.into());
             Mono::delay_until(next).await;
         }
     }

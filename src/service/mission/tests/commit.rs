@@ -265,7 +265,7 @@ fn a_repeated_clear_waits_for_the_first() {
     assert_eq!(bench.ask(A_MOVED, &clear(MISSION)), [], "M-45: a duplicate");
     assert_eq!(bench.ask(A_MOVED, &clear(FENCE)), [(A.address, FENCE, Ack(DENIED, 0))]);
     // M-11: the client has moved, and is answered on the link where it was last heard.
-    bench.now = bench.now.after(Duration::from_secs(2));
+    bench.now += Duration::from_secs(2);
     assert_eq!(bench.ask(A_MOVED, &clear(MISSION)), []);
     bench.saved();
     assert_eq!((bench.drain_link(0), bench.drain_link(1)), (Vec::new(), [to_a(Ack(ACCEPTED, 0))].to_vec()));
@@ -393,7 +393,7 @@ fn the_last_item_waits_for_a_slot_for_its_answer() {
     let moved = Peer { link: A.link, ..B };
     bench.send(B, &count(MISSION, 1));
     assert_eq!(bench.drain_link(1), [to_b(Ask(0))]);
-    bench.now = bench.now.after(Duration::from_secs(2));
+    bench.now += Duration::from_secs(2);
     bench.send(moved, &int(MISSION, 0, &item(2, 0)));
     assert_eq!((bench.unsaved(), bench.missions.counters().no_answer_slot), (None, 1));
     assert_eq!(bench.drain_link(0)[0], to_a(Ack(ACCEPTED, id_of(&plan(1, 2)))));
@@ -415,7 +415,7 @@ fn a_result_of_storage_follows_its_client_to_a_free_link() {
         bench.send(A, &count(MISSION, 1));
         assert_eq!(bench.drain_link(0), [to_a(Ask(0))]);
         bench.send(A, &int(MISSION, 0, &item(1, 0)));
-        bench.now = bench.now.after(Duration::from_secs(2));
+        bench.now += Duration::from_secs(2);
         bench.send(A_MOVED, &int(MISSION, 0, &item(1, 0)));
         bench.saved();
         let answer = to_a(Ack(ACCEPTED, id_of(&plan(1, 1))));

@@ -9,7 +9,7 @@ use super::*;
 fn the_request_after_a_possible_duplicate_is_not_repeated() {
     let mut bench = Bench::new();
     assert_eq!(bench.upload(A, MISSION, &plan(1, 2)), Ack(ACCEPTED, id_of(&plan(1, 2))));
-    bench.now = bench.now.after(Duration::from_millis(900));
+    bench.now += Duration::from_millis(900);
     for _ in 0..2 {
         assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))]);
         assert_eq!(bench.wait(600), []);
@@ -30,7 +30,7 @@ fn upload_numbered(bench: &mut Bench, last: u8) {
     assert_eq!(ask_numbered(bench, number(1), A, &int(MISSION, 0, &item(1, 0))), [to_a(Ask(1))]);
     let end = ask_numbered(bench, last, A, &int(MISSION, 1, &item(1, 1)));
     assert_eq!(end, [to_a(Ack(ACCEPTED, id_of(&plan(1, 2))))]);
-    bench.now = bench.now.after(Duration::from_millis(900));
+    bench.now += Duration::from_millis(900);
 }
 
 /// M-22, M-40: a COUNT that was sent after the last item is not a duplicate, even if it is equal to the previous one: a lost

@@ -31,12 +31,12 @@ fn a_late_poll_sends_the_current_item_once() {
     let mut bench = Bench::new();
     bench.poll();
     bench.drain_progress();
-    bench.now = bench.now.after(Duration::from_secs(2));
+    bench.now += Duration::from_secs(2);
     bench.poll();
     assert!(bench.next_current(0).is_some() && bench.next_current(1).is_some());
     bench.poll();
     assert!(!bench.is_pending(0) && !bench.is_pending(1), "sent a moment ago");
-    assert_eq!(bench.deadline(), bench.now.after(Duration::from_secs(1)));
+    assert_eq!(bench.deadline(), bench.now + Duration::from_secs(1));
 }
 
 /// M-30: the deadline is when a request for an item must be repeated, not earlier.
@@ -47,7 +47,7 @@ fn a_request_is_repeated_at_the_deadline() {
     bench.drain_progress();
     assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))]);
     let due = bench.deadline();
-    assert!(due > bench.now && due < bench.now.after(Duration::from_secs(2)));
+    assert!(due > bench.now && due < bench.now + Duration::from_secs(2));
     bench.now = Instant::from_micros(due.as_micros() - 1);
     bench.poll();
     assert_eq!(bench.drain_link(0), []);
@@ -87,7 +87,7 @@ fn a_stalled_link_repeats_nothing() {
     bench.drain_progress();
     bench.missions.reached(bench.now, 3, both_links(), 0);
     assert_eq!(bench.next_reached(0), Some(3));
-    bench.now = bench.now.after(Duration::from_secs(2));
+    bench.now += Duration::from_secs(2);
     bench.poll();
     assert!(bench.deadline() > bench.now);
     assert_eq!(bench.next_reached(0), None);
@@ -99,9 +99,9 @@ fn a_stalled_link_repeats_nothing() {
 fn a_reached_item_is_repeated_at_the_deadline() {
     let mut bench = Bench::new();
     bench.poll();
-    bench.now = bench.now.after(Duration::from_millis(300));
+    bench.now += Duration::from_millis(300);
     bench.missions.reached(bench.now, 3, both_links(), 1);
-    let again = bench.now.after(Duration::from_secs(1));
+    let again = bench.now + Duration::from_secs(1);
     bench.now = bench.deadline();
     assert!(bench.now < again, "MISSION_CURRENT");
     bench.poll();
@@ -117,8 +117,8 @@ fn storage_pauses_after_a_record() {
     assert!(bench.missions.pending_write(bench.now).is_some());
     bench.saved();
     bench.upload(A, MISSION, &plan(2, 2));
-    assert!(bench.missions.pending_write(bench.now.after(Duration::from_micros(199_999))).is_none());
-    assert!(bench.missions.pending_write(bench.now.after(Duration::from_millis(200))).is_some());
+    assert!(bench.missions.pending_write(bench.now + Duration::from_micros(199_999)).is_none());
+    assert!(bench.missions.pending_write(bench.now + Duration::from_millis(200)).is_some());
 }
 
 /// M-22, M-44: frames that do not fit the state are counted.

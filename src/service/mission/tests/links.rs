@@ -7,7 +7,7 @@ use super::*;
 #[test]
 fn the_client_may_move_to_another_link() {
     let silence = |bench: &mut Bench| {
-        bench.now = bench.now.after(Duration::from_secs(2));
+        bench.now += Duration::from_secs(2);
         bench.poll();
         bench.drain();
     };
@@ -36,7 +36,7 @@ fn the_client_may_move_to_another_link() {
         bench.ask(A, &count(MISSION, 3));
         silence(&mut bench);
         send(&mut bench);
-        bench.now = bench.now.after(Duration::from_secs(1));
+        bench.now += Duration::from_secs(1);
         bench.poll();
         assert!(bench.drain_link(0).is_empty());
         assert_eq!(bench.drain_link(1).len(), 1);
@@ -55,7 +55,7 @@ fn a_station_with_the_same_ids_on_another_link_changes_nothing() {
         assert_eq!(asked, [to_a(Ask(seq as u16))]);
         // The client is heard; frames that are not about plans count too.
         for _ in 0..3 {
-            bench.now = bench.now.after(Duration::from_millis(1_500));
+            bench.now += Duration::from_millis(1_500);
             bench.missions.heard(bench.now, A);
         }
         let out_of_place = bench.missions.counters().out_of_place;

@@ -273,7 +273,7 @@ impl Bench {
     fn wait(&mut self, millis: u64) -> Vec<(u64, Sent)> {
         let mut sent = Vec::new();
         for step in 1..=millis / 10 {
-            self.now = self.now.after(Duration::from_millis(10));
+            self.now += Duration::from_millis(10);
             self.poll();
             sent.extend(self.drain().into_iter().map(|out| (step * 10, out)));
         }

@@ -255,7 +255,7 @@ impl Model for Protocol {
             bench.missions.attach_storage(durability);
             bench.saved();
         }
-        bench.now = bench.now.after(Duration::from_secs(60));
+        bench.now += Duration::from_secs(60);
         let client = Client::new(bench.now, self.manners);
         let (faults, is_counting) = (self.faults, self.is_counting);
         let (in_transit, stored) = (Vec::new(), initial());

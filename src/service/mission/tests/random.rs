@@ -122,7 +122,7 @@ proptest! {
                     }
                 }
                 Event::Wait(millis) => {
-                    bench.now = bench.now.after(Duration::from_millis(millis));
+                    bench.now += Duration::from_millis(millis);
                     bench.poll();
                 }
             }

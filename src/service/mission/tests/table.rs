@@ -166,7 +166,7 @@ fn every_event_in_every_state() {
             let mut bench = Bench::new();
             assert_eq!(bench.upload(B, MISSION, &live_mission()), Ack(ACCEPTED, id_of(&live_mission())));
             assert_eq!(bench.upload(B, FENCE, &live_fence()), Ack(ACCEPTED, id_of(&live_fence())));
-            bench.now = bench.now.after(Duration::from_secs(20));
+            bench.now += Duration::from_secs(20);
             let is_committing = matches!(column, Column::Committing | Column::OtherCommitting);
             if is_committing {
                 // A has sent both items of a mission.

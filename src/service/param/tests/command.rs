@@ -118,7 +118,7 @@ fn changes_are_collected() {
     let mut bench = with_storage();
     assert_eq!(bench.begins(), None);
     bench.set_byte(9);
-    assert_eq!(bench.deadline(), bench.now.after(Duration::from_secs(1)));
+    assert_eq!(bench.deadline(), bench.now + Duration::from_secs(1));
     bench.wait(500);
     bench.set_byte(10);
     assert_eq!(bench.begins(), Some(500));

@@ -209,7 +209,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
     }
 
     fn wait(&mut self, millis: u64) {
-        self.now = self.now.after(Duration::from_millis(millis));
+        self.now += Duration::from_millis(millis);
         self.poll();
     }
 

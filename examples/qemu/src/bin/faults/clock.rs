@@ -74,7 +74,7 @@ impl Client for Transcript {
         let slot = self.rows.iter_mut().find(|row| is_it(row)).expect("fewer message types");
         let fresh = Row { link, id, count: 0, last: self.from, longest: Duration::ZERO, shortest: Duration::MAX };
         let row = slot.get_or_insert(fresh);
-        let gap = now.since(row.last);
+        let gap = now - row.last;
         (row.count, row.last) = (row.count + 1, now);
         (row.longest, row.shortest) = (row.longest.max(gap), row.shortest.min(gap));
     }
@@ -91,7 +91,7 @@ impl Client for Script {
 
     fn tick(&mut self, now: Instant, network: &mut Network) {
         let due = Duration::from_millis(u64::from(self.next) * 500);
-        if now.since(self.from) < due {
+        if now - self.from < due {
             return;
         }
         // A ground station that times out and reconnects.
@@ -127,14 +127,14 @@ fn run_from(parts: Parts, start: Instant, what: &str) -> (Parts, Transcript) {
     // One upload completes before the wrap, one stalls during it because its client falls silent, and one follows.
     let mut silent = Upload::new(TELEMETRY, STATION, 20, 2).silent_after(9);
     let mut successor = None;
-    let end = start.after(Duration::from_secs(RUN_TIME));
+    let end = start + Duration::from_secs(RUN_TIME);
     let mut first = Upload::new(LinkId(1), OTHER, 20, 1);
     let mut is_accepted = false;
     // The vehicle reports at once that it has booted, 10 ms after its first heartbeat.
     world.run(Duration::from_millis(100), &mut [&mut transcript, &mut script]);
     world.reset_tally();
     while world.now < end {
-        let since = world.now.since(start);
+        let since = world.now - start;
         let mut clients: [&mut dyn Client; 4] = [&mut transcript, &mut script, &mut pinger, &mut first];
         if since >= Duration::from_secs(12) {
             let successor = successor.get_or_insert_with(|| Upload::new(LinkId(1), OTHER, 20, 3));

@@ -58,7 +58,7 @@ fn SysTick() {
 
 impl Scene {
     fn step(&mut self, now: Instant) {
-        let since = now.since(self.began);
+        let since = now - self.began;
         let set_hang = |world: &mut World, param_value| {
             let set = ParamSet {
                 target_system: 1,
@@ -92,9 +92,9 @@ impl Scene {
             && has_heartbeat
         {
             if HANGS.load(Relaxed) {
-                self.last_heartbeat = now.since(hung);
+                self.last_heartbeat = now - hung;
             } else if self.first_heartbeat == Duration::ZERO {
-                self.first_heartbeat = self.resumed.map_or(Duration::MAX, |resumed| now.since(resumed));
+                self.first_heartbeat = self.resumed.map_or(Duration::MAX, |resumed| now - resumed);
             }
         }
         // The parameter was reset: flight resumes.
@@ -140,7 +140,7 @@ pub fn hung_loop(parts: Parts) -> Parts {
             cortex_m::asm::wfi();
             continue;
         }
-        due = now.after(Duration::from_millis(10));
+        due = now + Duration::from_millis(10);
         let hangs = free(|cs| {
             let mut scene = SCENE.borrow(cs).borrow_mut();
             let Some(Scene { world, .. }) = scene.as_mut() else { return false };
@@ -172,7 +172,7 @@ pub fn hung_loop(parts: Parts) -> Parts {
     println!(
         "hung-loop: flight hangs for {} ms: last heartbeat {} ms after that, first one {} ms after it resumes; meanwhile {pings} \
          pings answered within {} ms and an upload accepted, in a timer interrupt",
-        resumed.since(hung).as_millis(),
+        (resumed - hung).as_millis(),
         last_heartbeat.as_millis(),
         first_heartbeat.as_millis(),
         pinger.slowest.as_millis()

@@ -53,7 +53,7 @@ impl Upload {
 
     /// Runs until the upload ends, and returns the result.
     pub fn finish(&mut self, world: &mut World) -> MavMissionResult {
-        let end = world.now.after(Duration::from_secs(30));
+        let end = world.now + Duration::from_secs(30);
         while self.result.is_none() {
             assert!(world.now < end, "an upload of {} items does not end: {} sent", self.count, self.sent);
             world.pass(&mut [self]);
@@ -63,7 +63,7 @@ impl Upload {
 
     /// Runs until the client falls silent.
     pub fn run_until_silent(&mut self, world: &mut World) {
-        let end = world.now.after(Duration::from_secs(30));
+        let end = world.now + Duration::from_secs(30);
         while !self.is_silent {
             assert!(world.now < end && self.result.is_none(), "not silent after {} items", self.silent_after);
             world.pass(&mut [self]);
@@ -86,7 +86,7 @@ impl Client for Upload {
                 return;
             }
             self.sent = self.sent.max(request.seq + 1);
-            self.due = frame.now.after(Duration::from_secs(1));
+            self.due = frame.now + Duration::from_secs(1);
             network.send(self.link, self.from, &item_of(request.seq, self.variant));
             self.is_silent = self.sent == self.count && self.silent_after == self.count;
         } else if let Some(ack) = frame.get::<MissionAck>()
@@ -100,7 +100,7 @@ impl Client for Upload {
         if self.is_silent || self.result.is_some() || now < self.due {
             return;
         }
-        self.due = now.after(Duration::from_millis(500));
+        self.due = now + Duration::from_millis(500);
         if !self.has_request {
             let (target_system, target_component, count) = (1, 1, self.count);
             let message = MissionCount { target_system, target_component, count, ..MissionCount::default() };
@@ -148,13 +148,13 @@ impl Client for Pinger {
         {
             self.is_answered = true;
             self.answers += 1;
-            self.slowest = self.slowest.max(frame.now.since(self.asked));
+            self.slowest = self.slowest.max(frame.now - self.asked);
         }
     }
 
     fn tick(&mut self, now: Instant, network: &mut Network) {
         if now >= self.due {
-            self.due = now.after(self.period);
+            self.due = now + self.period;
             self.sent += 1;
             (self.asked, self.is_answered) = (now, false);
             network.send(self.link, self.from, &Ping { seq: self.sent, ..Ping::default() });

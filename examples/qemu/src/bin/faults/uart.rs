@@ -31,7 +31,7 @@ pub fn damage(mut parts: Parts) -> Parts {
             let result = upload(&mut world, line, STATION, ITEMS, variant);
             assert!(result == MavMissionResult::ACCEPTED, "upload over a damaged line: {result:?}");
             assert!(world.live(variant) == Some(ITEMS), "the live mission differs from the one sent");
-            slowest = slowest.max(world.now.since(began));
+            slowest = slowest.max(world.now - began);
         }
         // A thousand more frames.
         let mut pinger = Pinger::new(line, STATION, Duration::ZERO);
@@ -132,7 +132,7 @@ pub fn stall(parts: Parts) -> Parts {
             |pending: &Pending| pending.version && pending.ack && pending.ping && pending.count && pending.value;
         while !is_answered(&pending) || pending.listed & all != all || pending.heartbeats == 0 {
             world.pass(&mut [&mut pending, &mut pinger]);
-            let waited = world.now.since(resumed);
+            let waited = world.now - resumed;
             assert!(
                 waited < Duration::from_secs(5),
                 "stall {turn}: ack {}, version {}, ping {}, count {}, value {}, \

@@ -181,7 +181,7 @@ impl World {
 
     /// Runs one pass of flight, communication and the clients.
     pub fn pass(&mut self, clients: &mut [&mut dyn Client]) {
-        self.now = self.now.after(self.step);
+        self.now += self.step;
         self.app.fly(self.now);
         self.serve(self.now, clients);
     }
@@ -227,7 +227,7 @@ impl World {
 
     /// Runs passes for `time`.
     pub fn run(&mut self, time: Duration, clients: &mut [&mut dyn Client]) {
-        let end = self.now.after(time);
+        let end = self.now + time;
         while self.now < end {
             self.pass(clients);
         }
@@ -247,7 +247,7 @@ impl World {
     /// Returns the longest time between heartbeats, including the time since the last one.
     pub fn longest_silence(&self, link: LinkId) -> Duration {
         let tally = &self.tally[usize::from(link.0)];
-        let since = tally.last.map_or(Duration::MAX, |last| self.now.since(last));
+        let since = tally.last.map_or(Duration::MAX, |last| self.now - last);
         tally.longest.max(since)
     }
 
@@ -262,7 +262,7 @@ impl World {
 fn update(tally: &mut Tally, frame: &Received<'_>) {
     if frame.id == Heartbeat::ID {
         if let Some(last) = tally.last.replace(frame.now) {
-            let gap = frame.now.since(last);
+            let gap = frame.now - last;
             tally.longest = tally.longest.max(gap);
             // The first interval starts at the reset, not at a heartbeat.
             if tally.heartbeats > 0 {

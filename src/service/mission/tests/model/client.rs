@@ -76,7 +76,7 @@ impl Client {
     pub(super) fn begin(&mut self, now: Instant, op: Op) -> Msg {
         self.begun += 1;
         self.result = None;
-        let due = now.after(TIMEOUT);
+        let due = now + TIMEOUT;
         self.phase = match op {
             Op::Upload(_) => Phase::Uploading { next: 0, is_asked: false, tries: 1, due },
             Op::Clear => Phase::Clearing { tries: 1, due },
@@ -102,12 +102,12 @@ impl Client {
             return None;
         }
         *tries += 1;
-        *due = now.after(TIMEOUT);
+        *due = now + TIMEOUT;
         if matches!(self.phase, Phase::Uploading { is_asked: true, .. }) { None } else { Some(request) }
     }
 
     fn give_up(&mut self, now: Instant) {
-        self.phase = Phase::Resting(now.after(PATIENCE));
+        self.phase = Phase::Resting(now + PATIENCE);
     }
 
     /// Handles a request. Returns the item to send.
@@ -123,7 +123,7 @@ impl Client {
             self.give_up(now);
             return None;
         }
-        *due = now.after(TIMEOUT);
+        *due = now + TIMEOUT;
         let Op::Upload(len) = op else { return None };
         if seq >= len {
             *next = seq;

@@ -100,7 +100,7 @@ impl State {
     /// Advances the time. Frames that are delayed for too long are lost.
     pub(super) fn wait_until(&mut self, at: Instant) {
         self.bench.now = at.max(self.bench.now);
-        self.in_transit.retain(|frame| at.since(frame.sent) <= LIFETIME);
+        self.in_transit.retain(|frame| at - frame.sent <= LIFETIME);
     }
 
     /// Delivers a frame.
@@ -195,7 +195,7 @@ fn relative(text: &str, now: Instant) -> String {
     for part in parts {
         let (micros, rest) = part.split_once(')').expect("an instant ends");
         let micros: u64 = micros.parse().expect("an instant is a number");
-        let distance = (micros as i64).saturating_sub(now.since(Instant::ZERO).as_micros() as i64);
+        let distance = (micros as i64).saturating_sub((now - Instant::ZERO).as_micros() as i64);
         write!(key, "{}{rest}", distance.max(FORGOTTEN)).expect("a String takes everything");
     }
     key
@@ -221,7 +221,7 @@ fn ranked(text: &str, newest: u8) -> String {
 /// For the steps of a counterexample.
 impl Debug for State {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let at = self.now().since(Instant::ZERO).as_millis();
+        let at = (self.now() - Instant::ZERO).as_millis();
         write!(f, "{at} ms: live {:?}, {:?}", names(self.live()), self.client)
     }
 }
