@@ -217,7 +217,7 @@ impl<D: Declared> Session<D> {
             _ => return,
         };
         let me = client(link);
-        let is_me = (request.target_system, request.target_component) == (me.system.0, me.component.0);
+        let is_me = (request.target_system, request.target_component) == (me.system.wire(), me.component.wire());
         // Like QGroundControl, the client answers any request. If its MISSION_COUNT may be lost, it starts with the first item, like
         // MAVSDK: it would otherwise complete a plan that it has abandoned.
         let is_wanted = request.seq < tag.count && (request.seq <= asked || !self.loses[link]);
@@ -273,7 +273,7 @@ fn stack<D: Declared>(setup: [u8; 2]) -> Box<Stack<D, LINKS>> {
     let mut stack: Box<Stack<D, LINKS>> = Box::new(Stack::VACANT);
     stack.begin(config, links(setup));
     let manual = stack.manual_input_mut();
-    manual.set_source(ControlSource::Systems { first: SystemId(1), last: SystemId(255) });
+    manual.set_source(ControlSource::Systems { first: SystemId::new(1), last: SystemId::new(255) });
     manual.set_timeout(Duration::from_secs(1));
     D::set_up(&mut stack);
     stack

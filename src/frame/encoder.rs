@@ -77,7 +77,7 @@ pub(crate) fn wrap(
 ) -> Result<Range<usize>, EncodeError> {
     let too_small = EncodeError::BufferTooSmall;
     let [id0, id1, id2, _] = info.id().to_le_bytes();
-    let (system, component) = (source.system.0, source.component.0);
+    let (system, component) = (source.system.wire(), source.component.wire());
     let (header, payload) = out.split_at_mut_checked(payload_at).ok_or(too_small)?;
     let payload_len = match version {
         Version::V2 => {

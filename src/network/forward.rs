@@ -95,8 +95,8 @@ impl Lane {
     fn takes(&self, id: u32, target: Address) -> bool {
         match self.class {
             LinkClass::Normal => true,
-            LinkClass::Private => target.system.0 != 0 && target.component.0 != 0,
-            LinkClass::HighLatency => target.system.0 != 0 && is_command(id),
+            LinkClass::Private => !target.system.is_all() && !target.component.is_all(),
+            LinkClass::HighLatency => !target.system.is_all() && is_command(id),
         }
     }
 
@@ -369,7 +369,7 @@ impl Forwarding<'_> {
         has_key: bool,
     ) -> LinkMask {
         let target = routes.target;
-        let is_addressed = target.system.0 != 0;
+        let is_addressed = !target.system.is_all();
         let mut links = LinkMask::NONE;
         for lane in self.lanes.iter_mut() {
             let is_route = routes.to.contains(lane.link) && lane.link != LinkMask::of(from);

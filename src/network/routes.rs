@@ -36,7 +36,7 @@ pub(crate) fn routes(
     if let Some(info) = peers.iter_mut().find(|info| is_learned && info.peer == from) {
         info.is_route = true;
     }
-    let to = if target.system.0 == 0 { LinkMask::ALL } else { LinkMask::NONE };
+    let to = if target.system.is_all() { LinkMask::ALL } else { LinkMask::NONE };
     let mut routes = Routes { target, seen: LinkMask::NONE, to };
     let is_heard = |info: &PeerInfo| now - info.last_heard() < HEARD;
     for info in peers.iter().filter(|info| info.is_route) {
@@ -44,7 +44,8 @@ pub(crate) fn routes(
         let link = LinkMask::of(info.peer.link);
         if address == from.address {
             routes.seen = if is_heard(info) { routes.seen.with(link) } else { routes.seen };
-        } else if address.system == target.system && (target.component.0 == 0 || address.component == target.component)
+        } else if address.system == target.system
+            && (target.component.is_all() || address.component == target.component)
         {
             let is_free = |other: &&PeerInfo| {
                 other.peer.address == address

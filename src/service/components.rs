@@ -33,7 +33,7 @@ const MAVLINK_VERSION: u8 = 3;
 /// use mavstack::*;
 ///
 /// /// MAV_COMP_ID_PERIPHERAL.
-/// const WINCH: ComponentId = ComponentId(158);
+/// const WINCH: ComponentId = ComponentId::new(158);
 ///
 /// # struct Copter { length: f32, is_stuck: bool }
 /// # impl Vehicle for Copter { fn state(&self) -> Option<VehicleState> { None } }

@@ -50,7 +50,7 @@ impl Shared {
         polled: Instant::ZERO,
         has_acted: false,
         is_storage_busy: false,
-        answerer: ComponentId(0),
+        answerer: ComponentId::ALL,
         is_alone: false,
         log_numbers: 0,
         logs_read_until: Instant::ZERO,

@@ -343,7 +343,7 @@ fn set<F: Firmware<Vehicle: ExtParameters>>(
     port: &Port,
     received: &Received<'_>,
 ) -> Handled {
-    if received.target.system.0 == 0 {
+    if received.target.system.is_all() {
         // It would set the parameter on every vehicle in range.
         return Handled::OutOfPlace;
     }

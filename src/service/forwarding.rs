@@ -67,7 +67,7 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> For
             return Passage::Stays;
         }
         let from = Peer { address: frame.source(), link: port.id };
-        let is_way = || target.system.0 == 0 && network::is_heard(cx.peers, from);
+        let is_way = || target.system.is_all() && network::is_heard(cx.peers, from);
         self.queues.forwarding().examine(cx.now, port, frame, is_accepted, is_way)
     }
 
@@ -89,14 +89,14 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> For
         let len = u32::try_from(frame.raw().len()).unwrap_or(u32::MAX);
         let target = network::target_of(frame);
         // A broadcast needs no route back for an answer.
-        if booking == Some(Booking::NoRoom) && target.system.0 != 0 {
+        if booking == Some(Booking::NoRoom) && !target.system.is_all() {
             queues.increment(port.id, |counters| &mut counters.no_peer_slot);
             return len;
         }
         let free = queues.free_links(frame.id(), target);
         let routes = network::routes(cx.peers, cx.now, from, booking.is_some(), target, free);
         let own = cx.shared.config.address.get();
-        let is_ours_too = target.system == own.system && target.component.0 == 0;
+        let is_ours_too = target.system == own.system && target.component.is_all();
         if routes.to.is_empty() && !is_ours_too {
             queues.increment(port.id, |counters| &mut counters.no_route);
         }

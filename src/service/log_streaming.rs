@@ -380,7 +380,7 @@ fn send<F: Firmware<Vehicle: LogStreaming>>(
         let [low, high] = streamer.sequence.to_le_bytes();
         let Address { system, component } = streamer.client.address;
         if let Some(front) = payload.first_chunk_mut() {
-            *front = [low, high, system.0, component.0, streamer.len, streamer.first];
+            *front = [low, high, system.wire(), component.wire(), streamer.len, streamer.first];
         }
         len > 0
     });

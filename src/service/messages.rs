@@ -110,8 +110,8 @@ impl Context<'_> {
     ///         match id {
     ///             GimbalDeviceSetAttitude::ID => out.put(&GimbalDeviceSetAttitude {
     ///                 q: self.angle,
-    ///                 target_system: out.target().system.0,
-    ///                 target_component: out.target().component.0,
+    ///                 target_system: out.target().system.wire(),
+    ///                 target_component: out.target().component.wire(),
     ///                 ..GimbalDeviceSetAttitude::UNKNOWN
     ///             }),
     ///             _ => false,

@@ -214,7 +214,7 @@ fn from_set_mode(message: &SetMode, origin: Origin) -> Request {
         class: origin.class,
         age: origin.age,
         // It has no target component.
-        component: ComponentId(0),
+        component: ComponentId::ALL,
         is_broadcast: message.target_system == 0,
         confirmation: 0,
     };

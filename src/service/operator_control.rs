@@ -116,7 +116,7 @@ counters! {
 /// /// Called once, before the loop. System 253 plans missions for the pilots: it never steers.
 /// fn configure(stack: &mut StackOf<Mavlink>) {
 ///     let control = stack.operator_control_mut();
-///     control.set_secondaries(&[message::SystemId(253)]);
+///     control.set_secondaries(&[message::SystemId::new(253)]);
 ///     // A failsafe decides what happens when the owner is lost, not the next station.
 ///     control.set_release_on_loss(false);
 /// }
@@ -160,7 +160,7 @@ impl Notice {
     const NONE: Self = Self {
         left: 0,
         to: Peer { address: Address::new(0, 0), link: LinkId(0) },
-        requester: SystemId(0),
+        requester: SystemId::ALL,
         allow: 0,
         timeout: 0,
         at: Instant::ZERO,
@@ -188,7 +188,7 @@ pub enum OperatorReply {
 impl OperatorControl {
     /// Returns the owner as of the last poll; `None` if nobody is in control.
     fn owner(&self) -> Option<SystemId> {
-        Some(self.owner).filter(|owner| owner.0 != 0)
+        Some(self.owner).filter(|owner| owner.wire() != 0)
     }
 
     /// Returns the system in control, whose stations are among these peers: see [`Stack::operator`](crate::Stack::operator).
@@ -199,14 +199,14 @@ impl OperatorControl {
 
     /// Returns whether a request for control is granted, as of the last poll.
     pub(crate) const fn allows_takeover(&self) -> bool {
-        self.allows_takeover || self.owner.0 == 0
+        self.allows_takeover || self.owner.wire() == 0
     }
 
     /// Sets the systems that may send commands besides the owner, at most ten; more are ignored.
     pub fn set_secondaries(&mut self, systems: &[SystemId]) {
         self.secondaries = [0; SECONDARIES];
         for (place, system) in self.secondaries.iter_mut().zip(systems) {
-            *place = system.0;
+            *place = system.wire();
         }
         self.changed();
     }
@@ -220,7 +220,7 @@ impl OperatorControl {
 
     /// Releases control: then no system is in control.
     pub fn release(&mut self) {
-        self.set_owner(SystemId(0), false);
+        self.set_owner(SystemId::ALL, false);
     }
 
     /// Returns the counters.
@@ -237,20 +237,20 @@ impl OperatorControl {
         if (self.owner, self.allows_takeover) != (owner, allows_takeover) {
             self.is_new = self.owner != owner;
             (self.owner, self.allows_takeover) = (owner, allows_takeover);
-            event!("operator control: system {=u8}", owner.0);
+            event!("operator control: system {=u8}", owner.wire());
             self.changed();
         }
     }
 
     /// Whether a system may steer.
     fn may_steer(&self, own: SystemId, system: SystemId) -> bool {
-        self.owner.0 == 0 || system == self.owner || system == own
+        self.owner.wire() == 0 || system == self.owner || system == own
     }
 
     /// Whether a system may send commands.
     fn may_command(&self, own: SystemId, system: SystemId) -> bool {
         // An empty place is 0, which no system is.
-        self.may_steer(own, system) || self.secondaries.contains(&system.0)
+        self.may_steer(own, system) || self.secondaries.contains(&system.wire())
     }
 
     /// Handles MAV_CMD_REQUEST_OPERATOR_CONTROL.
@@ -259,7 +259,7 @@ impl OperatorControl {
         let from = command.from.address.system;
         let allow = if allow.is_nan() { Some(0) } else { num::integer::<u8>(allow).filter(|&allow| allow <= 1) };
         // It must not be requested for another system. Clients give no system by 0 or NaN.
-        let is_for_sender = system.is_nan() || num::integer(system).is_some_and(|id: u8| id == 0 || id == from.0);
+        let is_for_sender = system.is_nan() || num::integer(system).is_some_and(|id: u8| id == 0 || id == from.wire());
         let is_ours = from == cx.shared.config.address.get().system;
         let (Some(action @ 0..=REQUEST), Some(allow), true, false, false) =
             (num::integer::<u8>(action), allow, is_for_sender, is_ours, command.is_broadcast)
@@ -270,7 +270,7 @@ impl OperatorControl {
             if self.owner == from {
                 self.release();
             }
-            return if self.owner.0 == 0 { MavResult::ACCEPTED } else { MavResult::FAILED };
+            return if self.owner.wire() == 0 { MavResult::ACCEPTED } else { MavResult::FAILED };
         }
         let is_possible = self.keeps_lost || station(cx.peers, from, LinkMask::ALL).is_some();
         if is_possible && (self.allows_takeover() || self.owner == from) {
@@ -365,7 +365,7 @@ impl ControlGate for OperatorControl {
 
 impl<F: Firmware> Service<F> for OperatorControl {
     const NEW: Self = Self {
-        owner: SystemId(0),
+        owner: SystemId::ALL,
         allows_takeover: false,
         keeps_lost: false,
         is_new: false,
@@ -385,7 +385,7 @@ impl<F: Firmware> Service<F> for OperatorControl {
 
     /// Releases control when the owner is lost.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut OperatorLink>) {
-        if self.owner.0 != 0 && !self.keeps_lost && station(cx.peers, self.owner, LinkMask::ALL).is_none() {
+        if self.owner.wire() != 0 && !self.keeps_lost && station(cx.peers, self.owner, LinkMask::ALL).is_none() {
             self.release();
         }
     }
@@ -416,7 +416,7 @@ impl<F: Firmware> Service<F> for OperatorControl {
         let why = match self.request(cx, command) {
             MavResult::DENIED if command.is_broadcast => Why::Broadcast,
             MavResult::DENIED => Why::Result,
-            MavResult::FAILED if self.owner.0 != 0 => Why::Taken,
+            MavResult::FAILED if self.owner.wire() != 0 => Why::Taken,
             result => return Some(Verdict::done(result)),
         };
         let result = if why == Why::Taken { MavResult::FAILED } else { MavResult::DENIED };
@@ -443,10 +443,10 @@ impl<F: Firmware> Service<F> for OperatorControl {
                     param1: f32::from(REQUEST),
                     param2: f32::from(notice.allow),
                     param3: f32::from(notice.timeout),
-                    param4: f32::from(notice.requester.0),
+                    param4: f32::from(notice.requester.wire()),
                     command: REQUEST_OPERATOR_CONTROL,
-                    target_system: notice.to.address.system.0,
-                    target_component: notice.to.address.component.0,
+                    target_system: notice.to.address.system.wire(),
+                    target_component: notice.to.address.component.wire(),
                     confirmation,
                     ..CommandLong::default()
                 })
@@ -454,7 +454,7 @@ impl<F: Firmware> Service<F> for OperatorControl {
             OperatorReply::Status => {
                 (link.at, link.changes) = (cx.now + PERIOD, self.changes);
                 let flags = if self.allows_takeover() { SYSTEM_MANAGER | TAKEOVER_ALLOWED } else { SYSTEM_MANAGER };
-                port.outbox.send(&ControlStatus { flags, gcs_main: self.owner.0, gcs_secondary: self.secondaries })
+                port.outbox.send(&ControlStatus { flags, gcs_main: self.owner.wire(), gcs_secondary: self.secondaries })
             }
         }
     }

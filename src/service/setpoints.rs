@@ -93,7 +93,7 @@ counters! {
 ///
 /// /// Called once, before the loop: until then no sender is authorised. The companion computer is a component of our system.
 /// fn configure(stack: &mut StackOf<Mavlink>) {
-///     stack.setpoints.set_source(ControlSource::System(message::SystemId(1)));
+///     stack.setpoints.set_source(ControlSource::System(message::SystemId::new(1)));
 /// }
 ///
 /// /// Called in every pass of the flight loop, in the mode that flies setpoints. Returns the velocity to the north and to the east.
@@ -377,7 +377,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Setpoints {
         match frame.id() {
             SetPositionTargetLocalNed::ID | SetPositionTargetGlobalInt::ID | SetAttitudeTarget::ID => {
                 let now = cx.shared.clock.shown(cx.now);
-                if self.receive(now, *from, frame, target.system.0 == 0, cx.peers)
+                if self.receive(now, *from, frame, target.system.is_all(), cx.peers)
                     && let Some(setpoint) = self.current(now)
                 {
                     let (vehicle, mut context) = cx.hook();

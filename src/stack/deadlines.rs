@@ -122,8 +122,10 @@ impl Commands for Rover {
 }
 
 impl Components for Rover {
-    const COMPONENTS: &'static [Component] =
-        &[Component::new(ComponentId(154), MavType::GIMBAL), Component::new(ComponentId(100), MavType::CAMERA)];
+    const COMPONENTS: &'static [Component] = &[
+        Component::new(ComponentId::new(154), MavType::GIMBAL),
+        Component::new(ComponentId::new(100), MavType::CAMERA),
+    ];
 
     fn component_command(&mut self, cx: &mut Context<'_>, _: ComponentId, command: &Command) -> Outcome {
         self.command(cx, command)
@@ -226,7 +228,7 @@ impl ExtParameters for Rover {
 
 /// Its device is the companion, whose heartbeats are random: it is asked, and gets setpoints, while it is alive.
 impl GimbalManager for Rover {
-    const DEVICE: u8 = COMPANION.component.0;
+    const DEVICE: u8 = COMPANION.component.wire();
     const IS_REMOTE: bool = true;
 
     fn manager_information(&self) -> GimbalManagerInformation {
@@ -316,7 +318,7 @@ impl Telemetry for Rover {
         Stream::of::<BatteryStatus>().instance(3).every(Duration::from_millis(90)),
         Stream::of::<SysStatus>().onboard(Duration::from_millis(7)),
         Stream::of::<VfrHud>().every(Duration::from_secs(3)),
-        Stream::of::<VfrHud>().of_component(ComponentId(154)).every(Duration::from_secs(2)),
+        Stream::of::<VfrHud>().of_component(ComponentId::new(154)).every(Duration::from_secs(2)),
     ];
 
     fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {

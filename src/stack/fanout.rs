@@ -35,7 +35,7 @@ impl<F: Firmware, S: Service<F>> Turns<F, S> {
 /// Whether a service gets a frame or a command for this component, or for all. Always true in a firmware of one component.
 fn is_addressed<F: Firmware, S: Service<F>>(component: ComponentId) -> bool {
     F::COMPONENTS.is_empty()
-        || component.0 == 0
+        || component.wire() == 0
         || match S::ABOUT.part {
             Part::Autopilot => !F::is_component(component),
             Part::Component(part) => part == component,

@@ -45,7 +45,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// # struct Mavlink;
     /// /// Called in each pass of the loop.
     /// fn failsafe(stack: &StackOf<Mavlink>, now: Instant, rover: &mut Rover) {
-    ///     if !stack.has_controller(now, ControlSource::System(SystemId(255))) {
+    ///     if !stack.has_controller(now, ControlSource::System(SystemId::new(255))) {
     ///         rover.is_stopped = true;
     ///     }
     /// }

@@ -291,11 +291,11 @@ const fn asks_for_message(command: MavCmd) -> bool {
 fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<Address> {
     let own = cx.shared.config.address.get();
     let target = network::target_of(frame);
-    let is_our_component = target.component.0 == 0
+    let is_our_component = target.component.is_all()
         || target.component == own.component
         || cx.shared.has_component::<D>(target.component)
         || mission::is_for_planner(target.component, frame.id());
-    if (target.system.0 != 0 && target.system != own.system) || !is_our_component {
+    if (!target.system.is_all() && target.system != own.system) || !is_our_component {
         increment(&mut port.counters.not_ours);
         return None;
     }
@@ -323,6 +323,6 @@ pub(super) fn report_conflict<D: Declares>(cx: &mut Cx<'_, D>, link: LinkId) {
     }
     let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
     text.push_str("Another vehicle has system id ");
-    text.push_number(u32::from(cx.shared.config.address.get().system.0));
+    text.push_number(u32::from(cx.shared.config.address.get().system.wire()));
     cx.say(MavSeverity::WARNING, text.as_bytes());
 }

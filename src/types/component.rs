@@ -17,7 +17,7 @@ pub struct Component {
 }
 
 impl Component {
-    /// Returns a component: `Component::new(ComponentId(154), MavType::GIMBAL)`.
+    /// Returns a component: `Component::new(ComponentId::new(154), MavType::GIMBAL)`.
     pub const fn new(id: ComponentId, r#type: MavType) -> Self {
         Self { id, r#type }
     }
@@ -30,12 +30,12 @@ impl Component {
         let mut i = 0;
         while i < components.len() {
             assert!(
-                components[i].id.0 != 0,
+                components[i].id.wire() != 0,
                 "component 0 is every component: give each of `COMPONENTS` an id of its own"
             );
             let mut j = 0;
             while j < i {
-                assert!(components[i].id.0 != components[j].id.0, "two of `COMPONENTS` have the same id");
+                assert!(components[i].id.wire() != components[j].id.wire(), "two of `COMPONENTS` have the same id");
                 j += 1;
             }
             i += 1;
@@ -47,7 +47,7 @@ impl Component {
     pub(crate) const fn is_one(components: &[Self], id: u8) -> bool {
         let (mut i, mut is_one) = (0, false);
         while i < components.len() {
-            is_one |= components[i].id.0 == id;
+            is_one |= components[i].id.wire() == id;
             i += 1;
         }
         is_one
@@ -57,7 +57,7 @@ impl Component {
     pub(crate) const fn check_service(components: &[Self], component: Option<ComponentId>) {
         let Some(component) = component else { return };
         assert!(
-            Self::is_one(components, component.0),
+            Self::is_one(components, component.wire()),
             "a service has a `COMPONENT` that the firmware does not: add it to `COMPONENTS` of `impl Components`, and \
              `components` to `#[stack]`"
         );

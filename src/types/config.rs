@@ -275,7 +275,7 @@ impl VehicleAddress {
     /// Returns `None` if the system is not 1 to 254, or the component is 0. System 0 means everyone, and 255 is a
     /// ground station's (H-2). Ground stations take only component 1 for the vehicle.
     pub const fn new(address: Address) -> Option<Self> {
-        if address.system.0 == 0 || address.system.0 == 255 || address.component.0 == 0 {
+        if address.system.is_all() || address.system.wire() == 255 || address.component.is_all() {
             return None;
         }
         Some(Self(address))

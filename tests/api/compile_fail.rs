@@ -84,8 +84,10 @@ impl Files for Rover {
 
 /// Other components of the firmware, with these ids.
 fn components(ids: &[u8]) -> String {
-    let list: Vec<_> =
-        ids.iter().map(|id| format!("Component::new(mavstack::message::ComponentId({id}), MavType::GIMBAL)")).collect();
+    let list: Vec<_> = ids
+        .iter()
+        .map(|id| format!("Component::new(mavstack::message::ComponentId::new({id}), MavType::GIMBAL)"))
+        .collect();
     let hooks =
         format!("impl Components for Rover {{ const COMPONENTS: &'static [Component] = &[{}]; }}", list.join(", "));
     Firmware { hooks: &hooks, entries: "links: 1, components", ..Firmware::default() }.text()
@@ -102,7 +104,7 @@ impl Camera for Rover {
 /// A camera that is a component.
 const CAMERA_100: &str = "
 impl Camera for Rover {
-    const COMPONENT: Option<mavstack::message::ComponentId> = Some(mavstack::message::ComponentId(100));
+    const COMPONENT: Option<mavstack::message::ComponentId> = Some(mavstack::message::ComponentId::new(100));
     const FLAGS: CameraCapFlags = CameraCapFlags::CAPTURE_IMAGE;
     fn camera_information(&self, _: &mut CameraInformation) {}
     fn take_image(&mut self, _: &mut Context<'_>, _: u32) -> mavstack::camera::Shot { mavstack::camera::Shot::Failed }

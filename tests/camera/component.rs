@@ -12,7 +12,7 @@ use mavstack::{
     LinkConfig, LinkId, Message, Outcome, OutgoingCommand, Recipient, Text, Vehicle, VehicleState,
 };
 
-const ID: ComponentId = ComponentId(100);
+const ID: ComponentId = ComponentId::new(100);
 
 /// An autopilot whose camera is component 100.
 #[derive(Default)]
@@ -114,13 +114,13 @@ fn command(site: &mut Site, to: u8, command: MavCmd, params: [f32; 3]) -> (Comma
     assert!(site.run_until(millis(50), |site| site.gcs[0].count_of::<CommandAck>() > before), "no answer");
     let is_ack = |frame: &&Received| frame.header.id == CommandAck::ID;
     let frame = site.gcs[0].received.iter().rfind(is_ack).expect("an answer");
-    (frame.decode().expect("it is one"), frame.header.source.component.0)
+    (frame.decode().expect("it is one"), frame.header.source.component.wire())
 }
 
 /// The components that have sent an `M` on the first link.
 fn senders<M: Message>(site: &Site) -> Vec<u8> {
     let frames = site.gcs[0].received.iter().filter(|frame| frame.header.id == M::ID);
-    frames.map(|frame| frame.header.source.component.0).collect()
+    frames.map(|frame| frame.header.source.component.wire()).collect()
 }
 
 /// CAM-9, K-10: the camera has heartbeats, answers and messages of its own, without a camera id. 0 and its own id name it.

@@ -230,7 +230,7 @@ pub fn command_from(site: &mut Site, link: usize, from: Address, command: MavCmd
     let acks = site.gcs[link].all::<CommandAck>();
     let (_, ack) = acks.last().expect("an answer");
     // MAVLink 1 does not carry the target.
-    let to = if link == OLD { 0 } else { from.system.0 };
+    let to = if link == OLD { 0 } else { from.system.wire() };
     assert_eq!((ack.command, ack.target_system), (command, to), "the answer");
     *ack
 }

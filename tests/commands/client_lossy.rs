@@ -94,8 +94,8 @@ impl Telemetry for Asker {
         *self.filled.entry(out.index()).or_default() += 1;
         out.put(&Tunnel {
             payload_type: MavTunnelPayloadType(out.index()),
-            target_system: SERVER.system.0,
-            target_component: SERVER.component.0,
+            target_system: SERVER.system.wire(),
+            target_component: SERVER.component.wire(),
             ..Tunnel::default()
         })
     }

@@ -71,7 +71,7 @@ where
         from: GCS,
         class: LinkClass::Normal,
         age: None,
-        component: ComponentId(1),
+        component: ComponentId::new(1),
         is_broadcast: false,
         confirmation: 0,
     }

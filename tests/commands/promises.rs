@@ -10,7 +10,7 @@ use mavstack::{
 };
 
 const CALIBRATE: MavCmd = MavCmd::PREFLIGHT_CALIBRATION;
-const WINCH: ComponentId = ComponentId(158);
+const WINCH: ComponentId = ComponentId::new(158);
 
 #[derive(mavstack::Stack)]
 #[stack(vehicle: Hasty, links: 1)]
@@ -105,10 +105,10 @@ fn in_progress_without_a_free_slot_fails() {
 #[test]
 fn in_progress_of_a_component_without_slots_fails() {
     let mut world = World::<1, Parts>::of(Setup::new());
-    assert_eq!(results(&mut world, WINCH.0, MavCmd::DO_WINCH), [MavResult::FAILED]);
+    assert_eq!(results(&mut world, WINCH.wire(), MavCmd::DO_WINCH), [MavResult::FAILED]);
     assert_eq!(texts(&mut world), ["IN_PROGRESS without a slot"]);
     let now = world.now();
-    assert!(world.stack.with_context(now, |cx| cx.send_command(Address::new(1, WINCH.0), 1)));
+    assert!(world.stack.with_context(now, |cx| cx.send_command(Address::new(1, WINCH.wire()), 1)));
     world.run_for(secs(1));
     assert_eq!(world.vehicle.replies, [CommandReply::Done { result: MavResult::FAILED, result_param2: 0 }]);
     assert_eq!(world.stack.hook_faults().unfinished, 2);

@@ -22,8 +22,8 @@ fn ack(command: MavCmd, result: MavResult, to: Address) -> CommandAck {
         result,
         progress: 255,
         result_param2: 0,
-        target_system: to.system.0,
-        target_component: to.component.0,
+        target_system: to.system.wire(),
+        target_component: to.component.wire(),
     }
 }
 

@@ -22,7 +22,7 @@ fn long(id: MavCmd, [p1, p2, p3, p4, param5, param6, z]: [f32; 7]) -> Command {
         from: GCS,
         class: LinkClass::Normal,
         age: None,
-        component: ComponentId(1),
+        component: ComponentId::new(1),
         is_broadcast: false,
         confirmation: 0,
     }
@@ -39,7 +39,7 @@ fn int(id: MavCmd, frame: MavFrame, params: [f32; 4], x: i32, y: i32, z: f32) ->
         from: GCS,
         class: LinkClass::Normal,
         age: None,
-        component: ComponentId(1),
+        component: ComponentId::new(1),
         is_broadcast: false,
         confirmation: 0,
     }

@@ -113,7 +113,7 @@ impl Receiver {
     /// Requests the next event.
     fn request(&mut self, now: Instant, gcs: &mut Gcs) {
         let next = self.latest.map_or(1, |latest| latest.wrapping_add(1));
-        let (target_system, target_component) = (VEHICLE.system.0, VEHICLE.component.0);
+        let (target_system, target_component) = (VEHICLE.system.wire(), VEHICLE.component.wire());
         let request = RequestEvent { first_sequence: next, last_sequence: next, target_system, target_component };
         gcs.send_from(self.address, &request);
         self.requests += 1;

@@ -21,8 +21,8 @@ fn error(to: Address, sequence: u16, oldest: u16) -> ResponseEventError {
     ResponseEventError {
         sequence,
         sequence_oldest_available: oldest,
-        target_system: to.system.0,
-        target_component: to.component.0,
+        target_system: to.system.wire(),
+        target_component: to.component.wire(),
         reason: MavEventErrorReason::UNAVAILABLE,
     }
 }

@@ -89,7 +89,7 @@ impl Run {
                 let mut payload = bytes[10..bytes.len() - 2].to_vec();
                 payload.resize(254, 0);
                 let message = <FileTransferProtocol as mavstack::Message>::decode(&payload);
-                assert_eq!(message.target_system, from.system.0, "an answer to somebody else");
+                assert_eq!(message.target_system, from.system.wire(), "an answer to somebody else");
                 packets.push(Packet::of(&message));
             }
         }

@@ -64,7 +64,7 @@ impl Field {
     /// Requests control.
     fn take_control(&mut self, from: Address) {
         self.send(from, &Gcs::heartbeat());
-        let id = f32::from(from.system.0);
+        let id = f32::from(from.system.wire());
         let request = self.world.gcs[0].long(MavCmd(32_100), [1.0, 1.0, 10.0, id, 0.0, 0.0, 0.0]);
         self.send(from, &request);
         self.world.run_for(millis(20));

@@ -29,7 +29,7 @@ impl Commands for Talker {
 }
 
 impl Components for Talker {
-    const COMPONENTS: &'static [Component] = &[Component::new(ComponentId(154), MavType::GIMBAL)];
+    const COMPONENTS: &'static [Component] = &[Component::new(ComponentId::new(154), MavType::GIMBAL)];
 }
 
 impl Telemetry for Talker {

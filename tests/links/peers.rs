@@ -146,10 +146,10 @@ fn only_the_stations_in_control_are_the_controller() {
     world.gcs[0].send_from(STATION, &Attitude::default());
     world.run_for(millis(10));
     assert_eq!(world.vehicle.peer_events().len(), 3);
-    let range = |first, last| ControlSource::Systems { first: SystemId(first), last: SystemId(last) };
+    let range = |first, last| ControlSource::Systems { first: SystemId::new(first), last: SystemId::new(last) };
     let named = [
         ControlSource::System(STATION.system),
-        ControlSource::System(SystemId(250)),
+        ControlSource::System(SystemId::new(250)),
         range(240, 249),
         range(240, 250),
         ControlSource::GroundStation,
@@ -257,7 +257,7 @@ fn shared() -> World<3, Tested<NoPlans, 8>> {
 fn systems_on(world: &World<3, Tested<NoPlans, 8>>, link: u8) -> Vec<u8> {
     let is_there = |info: &PeerInfo| info.peer.link == LinkId(link);
     let mut systems: Vec<u8> =
-        world.stack.peers(world.now()).filter(is_there).map(|info| info.peer.address.system.0).collect();
+        world.stack.peers(world.now()).filter(is_there).map(|info| info.peer.address.system.wire()).collect();
     systems.sort_unstable();
     systems
 }
@@ -349,7 +349,7 @@ fn own_components_keep_their_entries() {
     for system in 10..20 {
         beat(&mut world, 0, system, MavType::GCS);
     }
-    let ours = world.stack.peers(world.now()).filter(|info| info.peer.address.system.0 == 1).count();
+    let ours = world.stack.peers(world.now()).filter(|info| info.peer.address.system.wire() == 1).count();
     assert_eq!(ours, 4);
 }
 

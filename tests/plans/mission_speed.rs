@@ -38,8 +38,8 @@ impl Line {
     fn micros_of_items(self, items: &[MissionItemInt]) -> u64 {
         let request = |item: &MissionItemInt| MissionRequestInt {
             seq: item.seq,
-            target_system: STATION.system.0,
-            target_component: STATION.component.0,
+            target_system: STATION.system.wire(),
+            target_component: STATION.component.wire(),
             mission_type: item.mission_type,
         };
         items.iter().map(|item| self.micros_of(&request(item)) + self.micros_of(item)).sum()

@@ -17,8 +17,8 @@ fn frames_for_unknown_components_of_our_system_are_not_handled() {
         world.vehicle.calls.clear();
         world.gcs.iter_mut().for_each(Gcs::forget);
         let long = world.gcs[0].long(MavCmd::NAV_LAND, [0.0; 7]);
-        world.gcs[0].send(&CommandLong { target_component: camera.component.0, ..long });
-        let (target_system, target_component) = (camera.system.0, camera.component.0);
+        world.gcs[0].send(&CommandLong { target_component: camera.component.wire(), ..long });
+        let (target_system, target_component) = (camera.system.wire(), camera.component.wire());
         world.gcs[0].send(&PlayTune { target_system, target_component, ..PlayTune::default() });
         world.gcs[0].send(&ParamRequestList { target_system, target_component });
         world.gcs[0].send(&MissionRequestList { target_system, target_component, ..MissionRequestList::default() });

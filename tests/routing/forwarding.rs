@@ -74,7 +74,7 @@ fn reaches<const N: usize, M: Message>(
 
 /// PLAY_TUNE for `target`.
 fn tune(target: Address) -> PlayTune {
-    let (target_system, target_component) = (target.system.0, target.component.0);
+    let (target_system, target_component) = (target.system.wire(), target.component.wire());
     PlayTune { target_system, target_component, ..PlayTune::default() }
 }
 
@@ -153,8 +153,8 @@ fn truncated_targets_mean_everyone() {
     introduce(&mut world, 1, WINGMAN);
     let ack = |target: Address| CommandAck {
         command: MavCmd::NAV_LAND,
-        target_system: target.system.0,
-        target_component: target.component.0,
+        target_system: target.system.wire(),
+        target_component: target.component.wire(),
         ..CommandAck::default()
     };
     let frame = world.gcs[0].frame_from(STATION, &ack(Address::new(0, 0)));
@@ -371,8 +371,8 @@ fn keys_and_radio_reports_are_not_forwarded() {
     let mut world = normal::<2>();
     introduce(&mut world, 1, WINGMAN);
     let key = |target: Address| SetupSigning {
-        target_system: target.system.0,
-        target_component: target.component.0,
+        target_system: target.system.wire(),
+        target_component: target.component.wire(),
         secret_key: mavstack::message::Secret([7; 32]),
         ..SetupSigning::default()
     };

@@ -9,8 +9,8 @@ use proptest::prelude::*;
 /// A unique frame: its text is `number`.
 fn frame(from: Address, to: Address, seq: u8, number: usize) -> Vec<u8> {
     let message = PlayTune {
-        target_system: to.system.0,
-        target_component: to.component.0,
+        target_system: to.system.wire(),
+        target_component: to.component.wire(),
         tune: Text::new(&format!("{number}")),
         ..PlayTune::default()
     };

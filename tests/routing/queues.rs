@@ -150,8 +150,8 @@ fn addressed_frames_have_room_during_a_flood() {
         world.gcs[COMPANION].send_from(WINGMAN, &tunnel(45));
         if round % 25 == 0 {
             let tune = PlayTune {
-                target_system: STATION.system.0,
-                target_component: STATION.component.0,
+                target_system: STATION.system.wire(),
+                target_component: STATION.component.wire(),
                 ..PlayTune::default()
             };
             let frame = world.gcs[COMPANION].frame_from(WINGMAN, &tune);

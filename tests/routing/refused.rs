@@ -103,8 +103,8 @@ fn refused_frames_are_not_forwarded_to_open_links() {
     let arm = |target: Address| CommandLong {
         command: MavCmd::COMPONENT_ARM_DISARM,
         param1: 1.0,
-        target_system: target.system.0,
-        target_component: target.component.0,
+        target_system: target.system.wire(),
+        target_component: target.component.wire(),
         ..CommandLong::default()
     };
     let mut held_back = 0;
@@ -288,8 +288,8 @@ fn accepted_frame_is_sent_once_after_a_refused_one() {
         let mut rig = rig();
         let land = |target: Address| CommandLong {
             command: MavCmd::NAV_LAND,
-            target_system: target.system.0,
-            target_component: target.component.0,
+            target_system: target.system.wire(),
+            target_component: target.component.wire(),
             ..CommandLong::default()
         };
         let mut there = Signer::new(KEY).of(if target == WINGMAN { WINGMAN } else { GIMBAL });
@@ -389,7 +389,7 @@ fn addressed_duplicates_indicate_a_loop() {
         }
         rig.receive(RADIO, &Signer::new(KEY).of(WINGMAN).frame(&Gcs::heartbeat()));
         sent_on(&mut rig, &[]);
-        let target_system = if is_addressed { WINGMAN.system.0 } else { 0 };
+        let target_system = if is_addressed { WINGMAN.system.wire() } else { 0 };
         let tune = PlayTune { target_system, ..PlayTune::default() };
         let first = companion.unsigned(Version::V2, &tune);
         passes(&mut rig, WIRE, &first);

@@ -185,7 +185,7 @@ fn forgotten_poll_stops_the_heartbeats_and_keeps_no_station_alive() {
         world.gcs[0].poll(now);
         let is_alive = now - last < secs(5);
         assert_eq!(world.stack.has_ground_station(now), is_alive, "{now:?}");
-        assert_eq!(world.stack.has_controller(now, ControlSource::System(SystemId(255))), is_alive);
+        assert_eq!(world.stack.has_controller(now, ControlSource::System(SystemId::new(255))), is_alive);
         assert_eq!(world.stack.peers(now).filter(|info| info.is_alive).count(), usize::from(is_alive));
         assert_eq!(world.stack.peers(now).filter(|info| info.is_living_station()).count(), usize::from(is_alive));
         let is_due = world.stack.next_deadline(now) == now;
@@ -256,7 +256,7 @@ fn operator_is_judged_at_the_call() {
     for frame in [gcs.frame_from(STATION, &Gcs::heartbeat()), gcs.frame_from(STATION, &request)] {
         assert_eq!(stack.receive(now, LINK, &frame, &mut vehicle), frame.len());
     }
-    let owner = Some(SystemId(255));
+    let owner = Some(SystemId::new(255));
     for (after, expected) in [(0, owner), (4_999, owner), (5_000, None), (60_000, None)] {
         let now = now + millis(after);
         assert_eq!((stack.operator(now), stack.allows_takeover(now)), (expected, expected.is_none()), "{after} ms");

@@ -203,7 +203,7 @@ fn sent(world: &mut Loaded, now: Instant) -> Vec<(u32, bool)> {
         }
         world.stack.transmitted(LinkId(0), bytes.len());
         let id = u32::from_le_bytes([bytes[7], bytes[8], bytes[9], 0]);
-        sent.push((id, bytes[5] != VEHICLE.system.0));
+        sent.push((id, bytes[5] != VEHICLE.system.wire()));
     }
 }
 

@@ -127,7 +127,7 @@ fn file_that_cannot_be_stored_is_refused() {
     let count = MissionCount { target_system: 1, target_component: 1, count: 2, ..MissionCount::default() };
     world.gcs[0].send_from(OTHER_STATION, &count);
     let ack: MissionAck = world.expect(0, millis(100));
-    assert_eq!((ack.target_system, ack.r#type), (OTHER_STATION.system.0, MavMissionResult::DENIED));
+    assert_eq!((ack.target_system, ack.r#type), (OTHER_STATION.system.wire(), MavMissionResult::DENIED));
     assert_eq!(run(&mut world, &mut slow, secs(6), None), Some(Err(MavFtpErr::FAIL)), "nothing stores it for 5 s");
     assert_eq!(world.stack.mission().id(), id);
 

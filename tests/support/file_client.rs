@@ -135,7 +135,8 @@ impl Transfer {
     pub fn poll(&mut self, now: Instant, gcs: &mut Gcs) -> Option<Result<(), MavFtpErr>> {
         let all = gcs.received.iter().skip(self.seen).filter_map(|frame| frame.decode::<FileTransferProtocol>());
         let to_us = |message: &FileTransferProtocol| {
-            (message.target_system, message.target_component) == (self.address.system.0, self.address.component.0)
+            (message.target_system, message.target_component)
+                == (self.address.system.wire(), self.address.component.wire())
         };
         self.queue.extend(all.filter(to_us).map(|message| Packet::of(&message)));
         self.seen = gcs.received.len();

@@ -111,8 +111,8 @@ impl Gcs {
     pub fn command_int(&mut self, command: MavCmd, params: [f32; 4]) {
         let [param1, param2, param3, param4] = params;
         self.send(&CommandInt {
-            target_system: self.vehicle.system.0,
-            target_component: self.vehicle.component.0,
+            target_system: self.vehicle.system.wire(),
+            target_component: self.vehicle.component.wire(),
             command,
             param1,
             param2,
@@ -126,8 +126,8 @@ impl Gcs {
     pub fn long(&self, command: MavCmd, params: [f32; 7]) -> CommandLong {
         let [param1, param2, param3, param4, param5, param6, param7] = params;
         CommandLong {
-            target_system: self.vehicle.system.0,
-            target_component: self.vehicle.component.0,
+            target_system: self.vehicle.system.wire(),
+            target_component: self.vehicle.component.wire(),
             command,
             confirmation: 0,
             param1,

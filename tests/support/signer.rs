@@ -72,7 +72,7 @@ impl Signer {
     pub fn frame_of(&mut self, id: u32, payload: &[u8]) -> Vec<u8> {
         let [a, b, c, _] = id.to_le_bytes();
         let mut raw = vec![0xFD, payload.len() as u8, 1, 0, self.seq];
-        raw.extend([self.address.system.0, self.address.component.0, a, b, c]);
+        raw.extend([self.address.system.wire(), self.address.component.wire(), a, b, c]);
         raw.extend(payload);
         raw.extend([0x12, 0x34, self.link_id]);
         raw.extend(&self.timestamp.to_le_bytes()[..6]);

@@ -211,8 +211,8 @@ impl Upload {
                 if !self.is_asked {
                     self.session.repeats += u32::from(self.session.tries > 1);
                     let count = MissionCount {
-                        target_system: self.session.vehicle.system.0,
-                        target_component: self.session.vehicle.component.0,
+                        target_system: self.session.vehicle.system.wire(),
+                        target_component: self.session.vehicle.component.wire(),
                         count: self.items.len() as u16,
                         mission_type: self.session.plan,
                         opaque_id: 0,
@@ -226,7 +226,7 @@ impl Upload {
 
     fn on_old_request(&mut self, now: Instant, seq: usize, gcs: &mut Gcs) {
         let Address { system, component } = self.session.vehicle;
-        let (target_system, target_component) = (system.0, component.0);
+        let (target_system, target_component) = (system.wire(), component.wire());
         let mission_type = self.session.plan;
         if self.is_old {
             let Some(item) = self.items.get(seq) else { return };
@@ -284,8 +284,8 @@ impl Upload {
         self.session.repeats += u32::from(seq < self.next);
         self.next = if self.is_qgroundcontrol { self.next.max(seq + 1) } else { seq + 1 };
         let item = MissionItemInt {
-            target_system: self.session.vehicle.system.0,
-            target_component: self.session.vehicle.component.0,
+            target_system: self.session.vehicle.system.wire(),
+            target_component: self.session.vehicle.component.wire(),
             seq: seq as u16,
             ..*item
         };
@@ -363,8 +363,8 @@ impl Download {
             return;
         }
         let ack = MissionAck {
-            target_system: self.session.vehicle.system.0,
-            target_component: self.session.vehicle.component.0,
+            target_system: self.session.vehicle.system.wire(),
+            target_component: self.session.vehicle.component.wire(),
             r#type: MavMissionResult::ACCEPTED,
             mission_type: self.session.plan,
             opaque_id: 0,
@@ -377,7 +377,7 @@ impl Download {
         self.session.tries += 1;
         self.session.repeats += u32::from(self.session.tries > 1);
         let Address { system, component } = self.session.vehicle;
-        let (target_system, target_component) = (system.0, component.0);
+        let (target_system, target_component) = (system.wire(), component.wire());
         let mission_type = self.session.plan;
         if self.count.is_none() {
             let list = MissionRequestList { target_system, target_component, mission_type };
@@ -455,8 +455,8 @@ impl Clear {
             } else {
                 self.session.tries += 1;
                 let clear = MissionClearAll {
-                    target_system: self.session.vehicle.system.0,
-                    target_component: self.session.vehicle.component.0,
+                    target_system: self.session.vehicle.system.wire(),
+                    target_component: self.session.vehicle.component.wire(),
                     mission_type: self.session.plan,
                 };
                 gcs.send_from(self.session.from, &clear);

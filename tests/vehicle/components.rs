@@ -69,7 +69,7 @@ impl Components for Copter {
     }
 
     fn component_command(&mut self, cx: &mut Context<'_>, component: ComponentId, command: &Command) -> Outcome {
-        self.others.push((component.0, command.id, command.from.address.component.0));
+        self.others.push((component.wire(), command.id, command.from.address.component.wire()));
         match command.id {
             MavCmd::DO_WINCH | MavCmd::DO_REPEAT_RELAY => cx.start(),
             MavCmd::DO_GRIPPER => MavResult::DENIED.into(),
@@ -116,7 +116,7 @@ impl Telemetry for Copter {
     fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
         match id {
             // The number of the battery tells who was asked.
-            BatteryStatus::ID => out.put(&BatteryStatus { id: out.component().0, ..BatteryStatus::UNKNOWN }),
+            BatteryStatus::ID => out.put(&BatteryStatus { id: out.component().wire(), ..BatteryStatus::UNKNOWN }),
             GimbalDeviceAttitudeStatus::ID => out.put(&GimbalDeviceAttitudeStatus::default()),
             _ => false,
         }
@@ -148,7 +148,7 @@ fn sky() -> Sky {
 /// Returns what a link has sent of message `M`: from which component, with which sequence number, and the message.
 fn sent<M: Message>(world: &Sky, link: usize) -> Vec<(u8, u8, M)> {
     let frames = world.gcs[link].received.iter();
-    frames.filter_map(|frame| Some((frame.header.source.component.0, frame.header.seq, frame.decode()?))).collect()
+    frames.filter_map(|frame| Some((frame.header.source.component.wire(), frame.header.seq, frame.decode()?))).collect()
 }
 
 /// Sends a command to a component of the vehicle's system, and returns who answered it, and what.
@@ -211,7 +211,7 @@ fn each_component_has_sequence_numbers() {
         world.run_for(millis(20));
         for frame in &world.gcs[0].received {
             frames += 1;
-            let from = frame.header.source.component.0;
+            let from = frame.header.source.component.wire();
             if let Some(next) = next.get(&from) {
                 assert_eq!(frame.header.seq, *next, "component {from}");
             }
@@ -239,7 +239,7 @@ fn heartbeats_stop() {
     world.run_for(secs(2));
     world.gcs[0].forget();
     world.run_for(secs(10));
-    assert_eq!(from(&world), []);
+    assert_eq!(from(&world), Vec::<u8>::new());
     assert_eq!(request::<Heartbeat>(&mut world, 100), [(100, MavResult::DENIED)]);
 }
 
@@ -567,7 +567,7 @@ fn components_send_mavlink_1_too() {
     let mut next = BTreeMap::<u8, u8>::new();
     for frame in &world.gcs[0].received {
         assert_eq!(frame.header.version, Version::V1);
-        let from = frame.header.source.component.0;
+        let from = frame.header.source.component.wire();
         let seq = next.entry(from).or_default();
         assert_eq!(frame.header.seq, *seq);
         *seq += 1;

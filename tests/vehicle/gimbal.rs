@@ -114,7 +114,10 @@ fn answer(world: &mut Carried, from: Address, command: MavCmd) -> MavResult {
     world.run_for(millis(20));
     let acks = world.gcs[0].all::<CommandAck>();
     let (_, ack) = acks.last().expect("an answer");
-    assert_eq!((ack.command, ack.target_system, ack.target_component), (command, from.system.0, from.component.0));
+    assert_eq!(
+        (ack.command, ack.target_system, ack.target_component),
+        (command, from.system.wire(), from.component.wire())
+    );
     ack.result
 }
 
@@ -126,7 +129,7 @@ pub fn configure(world: &mut Carried, from: Address, [a, b, c, d]: [i16; 4]) -> 
 
 /// Gives a sender primary control.
 pub fn take(world: &mut Carried, from: Address) {
-    let (system, component) = (i16::from(from.system.0), i16::from(from.component.0));
+    let (system, component) = (i16::from(from.system.wire()), i16::from(from.component.wire()));
     assert_eq!(configure(world, from, [system, component, -1, -1]), MavResult::ACCEPTED);
 }
 
@@ -289,7 +292,7 @@ fn control_is_taken_and_released() {
             let pairs = statuses.iter().map(|(_, status)| {
                 let GimbalManagerStatus { primary_control_sysid: a, primary_control_compid: b, .. } = *status;
                 let GimbalManagerStatus { secondary_control_sysid: c, secondary_control_compid: d, .. } = *status;
-                [Address::new(a, b), Address::new(c, d)].map(|it| Some(it).filter(|it| it.system.0 != 0))
+                [Address::new(a, b), Address::new(c, d)].map(|it| Some(it).filter(|it| it.system.wire() != 0))
             });
             let told: Vec<_> = pairs.collect();
             assert_eq!(told, if before == expected { vec![] } else { vec![expected] }, "{params:?}");
@@ -551,7 +554,7 @@ fn regions_of_interest() {
     let offset = next_waypoint([Some(10.0_f32.to_radians()), Some(-PI / 2.0), None]);
     for (id, params, expected) in [
         (MavCmd::DO_SET_ROI_NONE, [0.0; 7], GimbalTarget::Released),
-        (MavCmd::DO_SET_ROI_SYSID, [7.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0], GimbalTarget::System(SystemId(7))),
+        (MavCmd::DO_SET_ROI_SYSID, [7.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0], GimbalTarget::System(SystemId::new(7))),
         (MavCmd::DO_SET_ROI_WPNEXT_OFFSET, [1.0, 0.0, 0.0, 0.0, -90.0, 10.0, NAN], offset),
         (MavCmd::DO_SET_ROI, [0.0; 7], GimbalTarget::Released),
         (MavCmd::DO_SET_ROI, [1.0; 7], next_waypoint([None; 3])),

@@ -49,7 +49,7 @@ impl<const ID: u8> Commands for Gimbal<ID> {
 
 impl<const ID: u8> GimbalDevice for Gimbal<ID> {
     const ID: u8 = ID;
-    const MANAGER: Option<ComponentId> = if ID == 0 { Some(ComponentId(1)) } else { None };
+    const MANAGER: Option<ComponentId> = if ID == 0 { Some(ComponentId::new(1)) } else { None };
 
     fn device_information(&self) -> GimbalDeviceInformation {
         GimbalDeviceInformation { model_name: Text::new("Two axes"), cap_flags: 7, ..GimbalDeviceInformation::UNKNOWN }

@@ -46,7 +46,7 @@ fn number() -> impl Strategy<Value = f32> {
 
 fn action() -> impl Strategy<Value = (usize, Action)> {
     let pair = prop_oneof![
-        3 => prop::sample::select(&SENDERS[..]).prop_map(|it| [i16::from(it.system.0), i16::from(it.component.0)]),
+        3 => prop::sample::select(&SENDERS[..]).prop_map(|it| [i16::from(it.system.wire()), i16::from(it.component.wire())]),
         2 => prop::sample::select(&[[-1, -1], [-2, -2], [-3, -3], [0, 0]][..]),
         1 => any::<[i8; 2]>().prop_map(|pair| pair.map(i16::from)),
     ];
@@ -136,7 +136,7 @@ impl Model {
     fn configured([system, component]: [i16; 2], has: Option<Address>, from: Address) -> Result<Option<Address>, ()> {
         match (system, component) {
             (-1, -1) => Ok(has),
-            (-2, -2) => Ok(Some(from).filter(|from| from.system.0 != 0)),
+            (-2, -2) => Ok(Some(from).filter(|from| from.system.wire() != 0)),
             (-3, -3) => Ok(has.filter(|has| *has != from)),
             (0, 0..) => Ok(None),
             (1.., 1..) => Ok(Some(Address::new(system as u8, component as u8))),
@@ -145,7 +145,7 @@ impl Model {
     }
 
     fn may(&self, from: Address) -> bool {
-        from.system.0 != 0 && [self.primary, self.secondary].contains(&Some(from))
+        from.system.wire() != 0 && [self.primary, self.secondary].contains(&Some(from))
     }
 }
 
@@ -161,7 +161,7 @@ fn is_finite(target: GimbalTarget) -> bool {
             is_on_globe && all(&[altitude], f32::MAX)
         }
         GimbalTarget::NextWaypoint { offsets } => axes(offsets, f32::MAX),
-        GimbalTarget::System(system) => system.0 != 0,
+        GimbalTarget::System(system) => system.wire() != 0,
         _ => true,
     }
 }
@@ -176,7 +176,7 @@ fn run(actions: &[(usize, Action)]) -> Result<(), TestCaseError> {
         let is_pointed = world.vehicle.pointed.len() > before;
         match action {
             // Nobody sends nothing.
-            Action::Configure(_) if from.system.0 == 0 => {}
+            Action::Configure(_) if from.system.wire() == 0 => {}
             Action::Configure([a, b, c, d]) => {
                 let pairs = (
                     Model::configured([*a, *b], model.primary, from),
@@ -192,7 +192,7 @@ fn run(actions: &[(usize, Action)]) -> Result<(), TestCaseError> {
                 model.secondary = model.secondary.filter(|secondary| *secondary != VEHICLE);
             }
             Action::Command(id, params) => {
-                let is_free = model.primary.is_none() && *id > 0 && from.system.0 != 0;
+                let is_free = model.primary.is_none() && *id > 0 && from.system.wire() != 0;
                 prop_assert!(!is_pointed || is_free || model.may(from), "{model:?} {from:?}");
                 // A mode that only takes control.
                 let only_takes = *id == 7 && [2.0, 4.0].contains(&params[0]);

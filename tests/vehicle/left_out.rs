@@ -91,7 +91,7 @@ impl ExtParameters for Copter {
 }
 
 impl GimbalManager for Copter {
-    const DEVICE: u8 = GIMBAL.component.0;
+    const DEVICE: u8 = GIMBAL.component.wire();
 
     fn manager_information(&self) -> GimbalManagerInformation {
         GimbalManagerInformation::default()
@@ -142,7 +142,7 @@ fn site(is_alone: bool) -> Site {
 
 /// Who has sent what on the first link: the components, and the ids of their messages.
 fn heard(site: &Site) -> BTreeSet<(u8, u32)> {
-    site.gcs[0].received.iter().map(|frame| (frame.header.source.component.0, frame.header.id)).collect()
+    site.gcs[0].received.iter().map(|frame| (frame.header.source.component.wire(), frame.header.id)).collect()
 }
 
 /// Sends a command to a component of the vehicle's system. Returns who has answered what.
@@ -153,7 +153,7 @@ fn command(site: &mut Site, to: u8, command: MavCmd, param: f32) -> Vec<(u8, Mav
     site.gcs[0].send(&message);
     site.run_for(millis(100));
     let acks = site.gcs[0].received.iter();
-    let acks = acks.filter_map(|frame| Some((frame.header.source.component.0, frame.decode::<CommandAck>()?)));
+    let acks = acks.filter_map(|frame| Some((frame.header.source.component.wire(), frame.decode::<CommandAck>()?)));
     acks.map(|(from, ack)| (from, ack.result)).collect()
 }
 

@@ -10,8 +10,8 @@ use mavstack::manual_control::{ControlSource, ManualControlInput, ManualCounters
 use mavstack::message::SystemId;
 use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Message, Peer, PeerEvent};
 
-const ONLY_STATION: ControlSource = ControlSource::System(SystemId(255));
-const BOTH_STATIONS: ControlSource = ControlSource::Systems { first: SystemId(254), last: SystemId(255) };
+const ONLY_STATION: ControlSource = ControlSource::System(SystemId::new(255));
+const BOTH_STATIONS: ControlSource = ControlSource::Systems { first: SystemId::new(254), last: SystemId::new(255) };
 /// The companion computer on board.
 const COMPANION: Address = Address::new(1, 191);
 /// An absent axis; an ignored channel; a released channel.
@@ -203,11 +203,11 @@ fn override_must_name_this_vehicle() {
 #[test]
 fn only_the_configured_sender_steers() {
     use ControlSource::{Nobody, System, Systems};
-    let range = |first, last| Systems { first: SystemId(first), last: SystemId(last) };
+    let range = |first, last| Systems { first: SystemId::new(first), last: SystemId::new(last) };
     for (source, may) in [
         (Nobody, [false; 4]),
-        (System(SystemId(255)), [true, true, false, false]),
-        (System(SystemId(1)), [false, false, false, true]),
+        (System(SystemId::new(255)), [true, true, false, false]),
+        (System(SystemId::new(1)), [false, false, false, true]),
         (range(254, 255), [true, true, true, false]),
         (range(254, 254), [false, false, true, false]),
         (range(1, 255), [true; 4]),

@@ -40,7 +40,7 @@ impl Event {
         } else {
             (ManualControl::ID, ManualControl::CRC_EXTRA)
         };
-        let source = [self.from.system.0, self.from.component.0];
+        let source = [self.from.system.wire(), self.from.component.wire()];
         if self.is_v1 {
             reference::v1(id as u8, source, &self.payload, crc_extra)
         } else {
@@ -76,7 +76,7 @@ impl Model {
             ControlSource::System(only) => sender == only,
             ControlSource::Systems { first, last } => (first..=last).contains(&sender),
             // Only this system sends heartbeats, on the first link.
-            ControlSource::GroundStation => sender == SystemId(255) && event.link == 0,
+            ControlSource::GroundStation => sender == SystemId::new(255) && event.link == 0,
             ControlSource::Nobody => false,
         };
         let holder = self.holder.filter(|&(_, at)| self.now - at < self.timeout).map(|(holder, _)| holder);
@@ -237,10 +237,10 @@ fn event(payload: impl Strategy<Value = Vec<u8>>, timeout: u64) -> impl Strategy
 }
 
 pub(super) fn source() -> impl Strategy<Value = ControlSource> {
-    let range = |first, last| ControlSource::Systems { first: SystemId(first), last: SystemId(last) };
+    let range = |first, last| ControlSource::Systems { first: SystemId::new(first), last: SystemId::new(last) };
     prop_oneof![
         1 => Just(ControlSource::Nobody),
-        2 => Just(ControlSource::System(SystemId(255))),
+        2 => Just(ControlSource::System(SystemId::new(255))),
         4 => Just(range(254, 255)),
         2 => Just(range(1, 255)),
         2 => Just(ControlSource::GroundStation),

@@ -36,9 +36,9 @@ type Shared = World<3, Controlled>;
 
 const REQUEST_OPERATOR_CONTROL: MavCmd = MavCmd(32_100);
 const NOBODY: Option<SystemId> = None;
-const FIRST: Option<SystemId> = Some(SystemId(255));
-const SECOND: Option<SystemId> = Some(SystemId(254));
-const ALL: ControlSource = ControlSource::Systems { first: SystemId(1), last: SystemId(255) };
+const FIRST: Option<SystemId> = Some(SystemId::new(255));
+const SECOND: Option<SystemId> = Some(SystemId::new(254));
+const ALL: ControlSource = ControlSource::Systems { first: SystemId::new(1), last: SystemId::new(255) };
 /// The companion computer on board.
 const COMPANION: Address = Address::new(1, 191);
 /// It has no ground station's heartbeats.
@@ -88,7 +88,7 @@ fn link_of(from: Address) -> u8 {
 }
 
 fn request(world: &mut Shared, from: Address, allow: f32) -> MavResult {
-    command(world, link_of(from), from, REQUEST_OPERATOR_CONTROL, [1.0, allow, 10.0, f32::from(from.system.0)])
+    command(world, link_of(from), from, REQUEST_OPERATOR_CONTROL, [1.0, allow, 10.0, f32::from(from.system.wire())])
 }
 
 fn release(world: &mut Shared, from: Address) -> MavResult {
@@ -146,7 +146,7 @@ fn control_status_is_sent() {
     assert!(statuses.iter().all(|(_, status)| *status == expected), "{statuses:?}");
     assert_eq!([1, 2].map(|link: usize| world.gcs[link].count_of::<ControlStatus>()), [0, 0]);
 
-    world.stack.operator_control_mut().set_secondaries(&[7, 9].map(SystemId));
+    world.stack.operator_control_mut().set_secondaries(&[7, 9].map(SystemId::new));
     send(&mut world, 0, STATION, &Gcs::heartbeat());
     for (allow, flags) in [(0.0, 1), (1.0, 3), (f32::NAN, 1)] {
         world.gcs[0].forget();
@@ -185,7 +185,7 @@ fn only_the_owner_gives_commands() {
     // Another component of the owner's system.
     assert_eq!(land(&mut world, Address::new(255, 25)), accepted);
     assert_eq!(counters(&world).commands, 2);
-    world.stack.operator_control_mut().set_secondaries(&[SystemId(254)]);
+    world.stack.operator_control_mut().set_secondaries(&[SystemId::new(254)]);
     assert_eq!(land(&mut world, OTHER_STATION), accepted);
     assert_eq!(land(&mut world, SILENT), refused);
     assert_eq!(release(&mut world, STATION), MavResult::ACCEPTED);
@@ -196,7 +196,7 @@ fn only_the_owner_gives_commands() {
 #[test]
 fn only_the_owner_steers() {
     let mut world = world();
-    world.stack.operator_control_mut().set_secondaries(&[SystemId(254)]);
+    world.stack.operator_control_mut().set_secondaries(&[SystemId::new(254)]);
     request(&mut world, STATION, 0.0);
     for from in [OTHER_STATION, SILENT] {
         send(&mut world, link_of(from), from, &stick(100));
@@ -211,7 +211,7 @@ fn only_the_owner_steers() {
     assert_eq!(world.stack.manual_input().rc_channels(world.now()), None);
     send(&mut world, 0, STATION, &stick(100));
     send(&mut world, 0, COMPANION, &setpoint());
-    assert_eq!(steering(&world), [FIRST, Some(SystemId(1))]);
+    assert_eq!(steering(&world), [FIRST, Some(SystemId::new(1))]);
 }
 
 /// O-5: the sticks and setpoints of the station before end at once when another one takes over; those of our own system go on,
@@ -228,7 +228,7 @@ fn takeover_ends_the_input_of_others() {
     send(&mut world, 0, COMPANION, &setpoint());
     send(&mut world, 1, OTHER_STATION, &stick(100));
     assert_eq!(request(&mut world, STATION, 1.0), MavResult::ACCEPTED);
-    assert_eq!(steering(&world), [None, Some(SystemId(1))]);
+    assert_eq!(steering(&world), [None, Some(SystemId::new(1))]);
 }
 
 /// O-5: without consent a request fails. The owner is told of it, three times, or until it has answered.

@@ -36,7 +36,7 @@ fn world(seed: u64) -> Shared {
         gcs.address = station;
         gcs.send_from(station, &Gcs::heartbeat());
     }
-    let all = ControlSource::Systems { first: SystemId(1), last: SystemId(255) };
+    let all = ControlSource::Systems { first: SystemId::new(1), last: SystemId::new(255) };
     world.stack.setpoints.set_source(all);
     world.vehicle.outcomes.insert(ONCE.0, MavResult::ACCEPTED.into());
     world.run_for(millis(500));
@@ -89,7 +89,7 @@ fn ask(world: &mut Shared, station: usize, command: MavCmd, params: [f32; 4]) ->
 }
 
 fn request(world: &mut Shared, station: usize, allow: f32) -> Option<MavResult> {
-    let system = f32::from(STATIONS[station].system.0);
+    let system = f32::from(STATIONS[station].system.wire());
     ask(world, station, REQUEST_OPERATOR_CONTROL, [1.0, allow, 10.0, system])
 }
 

@@ -73,7 +73,7 @@ impl Actor {
     }
 
     const fn system(self) -> u8 {
-        self.peer().address.system.0
+        self.peer().address.system.wire()
     }
 
     const fn link(self) -> usize {
@@ -215,7 +215,7 @@ impl Model {
     }
 
     fn may(&self, actor: Actor) -> bool {
-        self.owner.is_none_or(|owner| owner == actor.system()) || actor.system() == VEHICLE.system.0
+        self.owner.is_none_or(|owner| owner == actor.system()) || actor.system() == VEHICLE.system.wire()
     }
 
     fn own(&mut self, owner: Option<u8>, allows: bool) {
@@ -225,7 +225,7 @@ impl Model {
     /// A request, and the result that the sender gets.
     fn request(&mut self, actor: Actor, allows: bool) -> MavResult {
         let system = actor.system();
-        if system == VEHICLE.system.0 {
+        if system == VEHICLE.system.wire() {
             return MavResult::DENIED;
         }
         let can_own = self.keeps || self.station(system).is_some();
@@ -234,7 +234,7 @@ impl Model {
             self.own(Some(system), allows);
             // Who is not in control steers no longer.
             for input in [&mut self.sticks, &mut self.setpoint] {
-                *input = input.filter(|(from, _)| [system, VEHICLE.system.0].contains(&from.system()));
+                *input = input.filter(|(from, _)| [system, VEHICLE.system.wire()].contains(&from.system()));
             }
             return MavResult::ACCEPTED;
         }
@@ -317,8 +317,10 @@ impl Pair {
     fn new(keeps: bool, config: mavstack::Config) -> Self {
         let config = mavstack::Config { peer_timeout: millis(TICK_MS * u64::from(LOST)), ..config };
         let mut stack: Box<Stack<Controlled, 2>> = begun(config, [LinkConfig::unlimited(); 2]);
-        let (source, valid) =
-            (ControlSource::Systems { first: SystemId(1), last: SystemId(255) }, millis(TICK_MS * u64::from(VALID)));
+        let (source, valid) = (
+            ControlSource::Systems { first: SystemId::new(1), last: SystemId::new(255) },
+            millis(TICK_MS * u64::from(VALID)),
+        );
         stack.manual_input_mut().set_source(source);
         stack.manual_input_mut().set_timeout(valid);
         stack.setpoints.set_source(source);
@@ -439,7 +441,7 @@ impl Pair {
         let allows = allows || owner.is_none();
         assert_eq!(
             (
-                self.stack.operator(Instant::from_millis(self.now)).map(|owner| owner.0),
+                self.stack.operator(Instant::from_millis(self.now)).map(|owner| owner.wire()),
                 self.stack.allows_takeover(Instant::from_millis(self.now))
             ),
             (owner, allows)

@@ -45,7 +45,7 @@ impl Telemetry for Carrier {
 
     fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
         let Address { system, component } = out.target();
-        let (target_system, target_component) = (system.0, component.0);
+        let (target_system, target_component) = (system.wire(), component.wire());
         match id {
             GimbalDeviceSetAttitude::ID => out.put(&GimbalDeviceSetAttitude {
                 q: [self.angle; 4],
@@ -119,7 +119,7 @@ fn request_is_answered_to_its_sender() {
     world.gcs[0].command_long(MavCmd::USER_2, [0.0; 7]);
     world.run_for(millis(200));
     let (_, answer) = world.gcs[0].all::<Tunnel>()[0];
-    let expected = (7, STATION.system.0, STATION.component.0);
+    let expected = (7, STATION.system.wire(), STATION.component.wire());
     assert_eq!((answer.payload_type.0, answer.target_system, answer.target_component), expected);
     assert_eq!((tunnels(&world, 0).len(), tunnels(&world, 1).len()), (1, 0));
 }

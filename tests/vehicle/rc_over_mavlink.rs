@@ -25,7 +25,7 @@ struct Piloted {
 const JOYSTICK: Peer = Peer { address: STATION, link: LinkId(0) };
 const RECEIVER: Peer = Peer { address: ELRS, link: LinkId(1) };
 const MLRS_RECEIVER: Peer = Peer { address: MLRS, link: LinkId(1) };
-const GCS_SYSTEM: ControlSource = ControlSource::System(SystemId(255));
+const GCS_SYSTEM: ControlSource = ControlSource::System(SystemId::new(255));
 
 /// The time that a receiver needs to take over, and the time without input after which sticks are free (ms).
 const TAKEOVER: u64 = 500;
@@ -523,7 +523,7 @@ fn receivers_have_ranks() {
 /// J-11, O-5: the receiver's rank is above operator control. Its commands and setpoints are those of its system.
 #[test]
 fn receiver_steers_whoever_is_in_control() {
-    let mut scene = elrs(ControlSource::Systems { first: SystemId(1), last: SystemId(255) });
+    let mut scene = elrs(ControlSource::Systems { first: SystemId::new(1), last: SystemId::new(255) });
     (scene.has_station, scene.has_joystick) = (true, true);
     scene.run(3_000);
     scene.changes();
@@ -536,7 +536,7 @@ fn receiver_steers_whoever_is_in_control() {
     };
     scene.send(0, OTHER_STATION, &Gcs::heartbeat());
     scene.send(0, OTHER_STATION, &request);
-    assert_eq!(scene.world.stack.operator(scene.world.now()), Some(SystemId(254)));
+    assert_eq!(scene.world.stack.operator(scene.world.now()), Some(SystemId::new(254)));
     scene.run(1_000);
     assert_eq!((scene.changes(), scene.channel()), (vec![], Some(1_500)));
     let dropped = scene.world.stack.operator_control().counters().messages;

@@ -53,7 +53,7 @@ impl Event {
             Kind::Global => (SetPositionTargetGlobalInt::ID, SetPositionTargetGlobalInt::CRC_EXTRA),
             Kind::Attitude => (SetAttitudeTarget::ID, SetAttitudeTarget::CRC_EXTRA),
         };
-        let source = [self.from.system.0, self.from.component.0];
+        let source = [self.from.system.wire(), self.from.component.wire()];
         if self.is_v1 {
             reference::v1(id as u8, source, &self.payload, crc_extra)
         } else {
@@ -94,7 +94,7 @@ impl Model {
             ControlSource::System(only) => sender == only,
             ControlSource::Systems { first, last } => (first..=last).contains(&sender),
             // Only this system sends heartbeats, on the first link.
-            ControlSource::GroundStation => sender == SystemId(255) && event.link == 0,
+            ControlSource::GroundStation => sender == SystemId::new(255) && event.link == 0,
             ControlSource::Nobody => false,
         };
         let counters = &mut self.counters;

@@ -9,8 +9,8 @@ use mavstack::message::SystemId;
 use mavstack::setpoints::{AttitudeSetpoint, Place, PositionSetpoint, Setpoint, SetpointCounters, Setpoints, Target};
 use mavstack::{Address, Duration, Instant, LinkConfig, LinkId, Message, Peer};
 
-const ONLY_STATION: ControlSource = ControlSource::System(SystemId(255));
-const BOTH_STATIONS: ControlSource = ControlSource::Systems { first: SystemId(254), last: SystemId(255) };
+const ONLY_STATION: ControlSource = ControlSource::System(SystemId::new(255));
+const BOTH_STATIONS: ControlSource = ControlSource::Systems { first: SystemId::new(254), last: SystemId::new(255) };
 /// The companion computer on board.
 const COMPANION: Address = Address::new(1, 191);
 
@@ -313,12 +313,12 @@ fn setpoints_must_name_this_vehicle() {
 #[test]
 fn only_the_configured_sender_is_followed() {
     use ControlSource::{GroundStation, Nobody, System, Systems};
-    let range = |first, last| Systems { first: SystemId(first), last: SystemId(last) };
+    let range = |first, last| Systems { first: SystemId::new(first), last: SystemId::new(last) };
     for (source, may) in [
         (None, [false; 4]),
         (Some(Nobody), [false; 4]),
-        (Some(System(SystemId(255))), [true, true, false, false]),
-        (Some(System(SystemId(1))), [false, false, false, true]),
+        (Some(System(SystemId::new(255))), [true, true, false, false]),
+        (Some(System(SystemId::new(1))), [false, false, false, true]),
         (Some(range(254, 255)), [true, true, true, false]),
         // No heartbeat was received.
         (Some(GroundStation), [false; 4]),

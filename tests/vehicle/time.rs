@@ -191,7 +191,7 @@ proptest! {
             number += 1;
             let from = if other { OTHER_STATION } else { STATION };
             let target: Address = if is_question { Address::new(0, 0) } else { VEHICLE };
-            let (target_system, target_component) = (target.system.0, target.component.0);
+            let (target_system, target_component) = (target.system.wire(), target.component.wire());
             if is_ping {
                 world.gcs[0].send_from(from, &Ping { time_usec: 0, seq: number, target_system, target_component });
             } else {

@@ -60,7 +60,7 @@ fn signed() -> Vec<u8> {
 fn frame_has_the_bytes_of_the_guide() {
     let message = Heartbeat { custom_mode: 0x0102_0304, mavlink_version: 3, ..Heartbeat::default() };
     let payload = [4, 3, 2, 1, 0, 0, 0, 0, 3];
-    let source = [SOURCE.system.0, SOURCE.component.0];
+    let source = [SOURCE.system.wire(), SOURCE.component.wire()];
     assert_eq!(frame(&message, Version::V2), reference::v2(0, [0, 0], source, &payload, 50));
     assert_eq!(frame(&message, Version::V1), reference::v1(0, source, &payload, 50));
     // Trailing zeros are removed, but not the first byte.

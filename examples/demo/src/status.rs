@@ -155,7 +155,7 @@ impl Status {
         let connected = stack.peers(now).filter(|info| info.is_alive || info.peer.link == SATELLITE);
         for (slot, info) in status.peers.iter_mut().zip(connected) {
             let (LinkId(link), address) = (shown(info.peer.link), info.peer.address);
-            *slot = Some(PeerStatus { link, system: address.system.0, component: address.component.0 });
+            *slot = Some(PeerStatus { link, system: address.system.wire(), component: address.component.wire() });
         }
         status
     }

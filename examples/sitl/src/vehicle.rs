@@ -172,14 +172,14 @@ impl Vehicle {
 
     /// Returns its system id.
     pub fn system(&self) -> u8 {
-        self.device.app.stack().address().system.0
+        self.device.app.stack().address().system.wire()
     }
 
     /// Runs one pass of its main loop, or reboots it if that was requested. A vehicle whose flight loop hangs does nothing.
     pub fn step(&mut self, arguments: &Arguments, console: &Console) -> Result<(), String> {
         let Device { app, store, boot, shown } = &mut self.device;
         if app.wants_reboot() {
-            console.print(format_args!("The vehicle {} reboots.", app.stack().address().system.0));
+            console.print(format_args!("The vehicle {} reboots.", app.stack().address().system.wire()));
             // The parameter may have been changed since the start, and not yet stored.
             let system = app.next_system().filter(|_| arguments.prescribes_systems());
             // Connections stay open, as on a UART.

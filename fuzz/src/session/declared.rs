@@ -55,7 +55,7 @@ macro_rules! declare {
 
         impl Declared for $name {
             fn set_up(stack: &mut Stack<Self, LINKS>) {
-                stack.setpoints.set_source(ControlSource::Systems { first: SystemId(1), last: SystemId(255) });
+                stack.setpoints.set_source(ControlSource::Systems { first: SystemId::new(1), last: SystemId::new(255) });
                 let set_up: fn(&mut Stack<Self, LINKS>) = $set_up;
                 set_up(stack);
             }

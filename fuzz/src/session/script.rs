@@ -62,7 +62,7 @@ impl<D: Declared> Session<D> {
                 if id == SetupSigning::ID {
                     self.loses = [true; LINKS];
                 }
-                let frame = reference::v2(id, [0, 0], [from.system.0, from.component.0], payload, extra);
+                let frame = reference::v2(id, [0, 0], [from.system.wire(), from.component.wire()], payload, extra);
                 self.lines[usize::from(route & 3)].receive(&frame);
             }
             4 => {
@@ -312,6 +312,6 @@ fn sender(route: u8) -> Address {
 /// comparisons and would otherwise impersonate them.
 fn unmarked(bytes: &[u8]) -> Vec<u8> {
     let [_, mark] = checks::FIRST.to_le_bytes();
-    let is_mark = |byte: u8| byte == mark || (0..LINKS).any(|link| client(link).system.0 == byte);
+    let is_mark = |byte: u8| byte == mark || (0..LINKS).any(|link| client(link).system.wire() == byte);
     bytes.iter().map(|byte| if is_mark(*byte) { 0 } else { *byte }).collect()
 }

@@ -56,7 +56,7 @@ pub(super) const fn device<V: Camera>() -> u8 {
 /// Whether a command is for this camera by its parameter for the camera id: 0 is every camera, and NaN is not given. An item of a
 /// mission names a component.
 fn is_target(component: Option<ComponentId>, param: f32) -> bool {
-    let own = component.map_or(1, |component| component.0);
+    let own = component.map_or(1, |component| component.wire());
     param.is_nan() || num::integer::<u8>(param).is_some_and(|id| id == 0 || id == own)
 }
 

@@ -290,7 +290,7 @@ fn take_own(slots: &mut [Slot], now: Instant, own: Address) -> Option<(Command, 
 /// parameters (S-10).
 fn due_on(slots: &[Slot], port: &Port) -> Option<usize> {
     let is_due = |slot: &Slot| {
-        let has_target = !slot.is_cancelled || slot.executor.0 != 0;
+        let has_target = !slot.is_cancelled || slot.executor.wire() != 0;
         slot.state == State::Due && slot.to.link == port.id && has_target
     };
     slots.iter().position(|slot| is_due(slot) && (slot.command().is_some() || port.outbox.takes(slot.id())))
@@ -311,7 +311,7 @@ fn take_answer<F: Firmware<Vehicle: CommandClient>>(
     let from = peer.address;
     let is_it = |slot: &&mut Slot| slot.is_answered_by(from) && slot.command() == Some(command);
     let Some(slot) = slots.iter_mut().find(is_it) else { return Handled::No };
-    let is_for_all = slot.to.address.component.0 == 0;
+    let is_for_all = slot.to.address.component.is_all();
     // A duplicate; or a component that knows nothing of a command to all of a system.
     if slot.state == State::Ended || is_for_all && result == MavResult::UNSUPPORTED {
         return Handled::Yes;

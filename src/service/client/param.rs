@@ -43,7 +43,7 @@ impl Query {
     /// Sends the request.
     pub(super) fn send(&self, to: Address, port: &mut Port) -> bool {
         let (param_index, param_id) = (-1, self.name);
-        let (target_system, target_component) = (to.system.0, to.component.0);
+        let (target_system, target_component) = (to.system.wire(), to.component.wire());
         if self.is_ext {
             port.outbox.send(&ParamExtRequestRead { param_index, target_system, target_component, param_id })
         } else {

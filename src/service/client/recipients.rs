@@ -8,7 +8,8 @@ use crate::types::{Component, LinkId, LinkMask, Peer, Recipient};
 /// Returns the recipient, and a normal link on which it is alive: the wanted one, or the one with the next number. If none is wanted,
 /// the link of its last answer, or else the one on which it was heard first.
 pub(super) fn find(peers: &Peers, shared: &Shared, to: Recipient) -> Option<Peer> {
-    let (system, mut component, mut kind, mut first) = (shared.config.address.get().system, ComponentId(0), None, None);
+    let (system, mut component, mut kind, mut first) =
+        (shared.config.address.get().system, ComponentId::ALL, None, None);
     let mut wanted = Address { system, component };
     match to {
         Recipient::Type(r#type) => kind = Some(r#type),
@@ -61,5 +62,5 @@ pub(super) fn note_answer(peers: &mut Peers, from: Peer) {
 
 /// Whether two addresses of components overlap: component 0 is every component of a system.
 pub(super) fn overlap(a: Address, b: Address) -> bool {
-    a.system == b.system && (a.component == b.component || a.component.0 == 0 || b.component.0 == 0)
+    a.system == b.system && (a.component == b.component || a.component.wire() == 0 || b.component.wire() == 0)
 }

@@ -66,7 +66,7 @@ impl Slot {
         is_cancelled: false,
         is_running: false,
         to: Peer { address: Address::new(0, 0), link: LinkId(0) },
-        executor: ComponentId(0),
+        executor: ComponentId::ALL,
         token: 0,
         what: What::Command(OutgoingCommand::NONE),
         at: Instant::ZERO,
@@ -111,7 +111,7 @@ impl Slot {
     pub(super) fn aim(&mut self, peers: &Peers, shared: &Shared) {
         let Address { system, component } = self.to.address;
         self.executor = component;
-        if component.0 != 0 {
+        if component.wire() != 0 {
             return;
         }
         let is_it = |info: &&PeerInfo| {
@@ -139,10 +139,10 @@ impl Slot {
     /// Sends the command, or its cancellation.
     pub(super) fn send_command(&self, command: &OutgoingCommand, confirmation: u8, port: &mut Port) -> bool {
         let OutgoingCommand { id: command, params: [param1, param2, param3, param4], position, z } = *command;
-        let (target_system, target_component) = (self.to.address.system.0, self.to.address.component.0);
+        let (target_system, target_component) = (self.to.address.system.wire(), self.to.address.component.wire());
         match position {
             _ if self.is_cancelled => {
-                let target_component = self.executor.0;
+                let target_component = self.executor.wire();
                 port.outbox.send(&CommandCancel { command, target_system, target_component })
             }
             CommandPosition::Long { param5, param6 } => port.outbox.send(&CommandLong {

@@ -34,7 +34,7 @@ impl Acks {
     pub(crate) const fn new() -> Self {
         let none = Ack {
             to: Address::new(0, 0),
-            from: ComponentId(0),
+            from: ComponentId::ALL,
             command: MavCmd(0),
             result: MavResult::ACCEPTED,
             result_param2: [0; 4],
@@ -87,8 +87,8 @@ impl Acks {
             result: ack.result,
             progress: if ack.result == MavResult::IN_PROGRESS { progress(ack.command) } else { NO_PROGRESS },
             result_param2: i32::from_ne_bytes(ack.result_param2),
-            target_system: ack.to.system.0,
-            target_component: ack.to.component.0,
+            target_system: ack.to.system.wire(),
+            target_component: ack.to.component.wire(),
         };
         tx.send_from::<F, _>(Some(ack.from), &message)
     }
@@ -126,7 +126,12 @@ mod tests {
         for count in 0..=4 {
             for number in 0..count {
                 assert!(!acks.is_full());
-                acks.push(ComponentId(1), Address::new(255, 190), MavCmd(next + number), MavResult::ACCEPTED.into());
+                acks.push(
+                    ComponentId::new(1),
+                    Address::new(255, 190),
+                    MavCmd(next + number),
+                    MavResult::ACCEPTED.into(),
+                );
             }
             assert_eq!((acks.is_full(), acks.is_empty()), (count == 4, count == 0));
             for _ in 0..count {

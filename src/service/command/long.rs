@@ -98,7 +98,7 @@ impl CommandSlot {
     const FREE: Self = Self {
         key: [0; 8],
         from: Address::new(0, 0),
-        component: ComponentId(0),
+        component: ComponentId::ALL,
         confirmation: 0,
         is_broadcast: false,
         state: State::Free,
@@ -207,8 +207,8 @@ impl CommandSlot {
             result: outcome.result,
             progress,
             result_param2: outcome.result_param2,
-            target_system: self.from.system.0,
-            target_component: self.from.component.0,
+            target_system: self.from.system.wire(),
+            target_component: self.from.component.wire(),
         }
     }
 }

@@ -39,7 +39,7 @@ pub(crate) fn from_long(message: &CommandLong, origin: Origin) -> Command {
         from: origin.from,
         class: origin.class,
         age: origin.age,
-        component: ComponentId(message.target_component),
+        component: ComponentId::new(message.target_component),
         is_broadcast: message.target_system == 0,
         confirmation: message.confirmation,
     }
@@ -55,7 +55,7 @@ pub(crate) fn from_int(message: &CommandInt, origin: Origin) -> Command {
         from: origin.from,
         class: origin.class,
         age: origin.age,
-        component: ComponentId(message.target_component),
+        component: ComponentId::new(message.target_component),
         is_broadcast: message.target_system == 0,
         confirmation: 0,
     }
@@ -301,8 +301,8 @@ impl<S: CommandMemory> CommandService<S> {
         self.log(cx.now, request.answer_as, from, outcome.result);
         let mut by = request.command.component;
         if !F::COMPONENTS.is_empty() {
-            let answerer = core::mem::replace(&mut cx.shared.answerer, ComponentId(0));
-            by = if by.0 == 0 { answerer } else { by };
+            let answerer = core::mem::replace(&mut cx.shared.answerer, ComponentId::ALL);
+            by = if by.wire() == 0 { answerer } else { by };
         }
         link.acks.push(by, from, request.answer_as, outcome);
     }

@@ -214,7 +214,7 @@ mod tests {
             from: Peer { address: Address::new(255, 190), link: LinkId(0) },
             class: LinkClass::Normal,
             age: None,
-            component: ComponentId(1),
+            component: ComponentId::new(1),
             is_broadcast: false,
             confirmation: 0,
         }

@@ -48,7 +48,7 @@ pub(super) fn explain<F: Firmware>(
 fn reason(own: SystemId, command: MavCmd, Refusal { result, why }: Refusal) -> Option<Reason> {
     Some(match (result, why) {
         _ if command == MavCmd::REQUEST_MESSAGE => return None,
-        (MavResult::DENIED, Why::Broadcast) => Reason { suffix: own.0, ..Reason::new("sent to 0; use system ") },
+        (MavResult::DENIED, Why::Broadcast) => Reason { suffix: own.wire(), ..Reason::new("sent to 0; use system ") },
         (MavResult::DENIED, Why::Param(param)) => Reason { index: param, ..Reason::new(" out of range") },
         (MavResult::DENIED, Why::NoStorage) => Reason::new("there is no storage"),
         (MavResult::NOT_IN_CONTROL, _) | (_, Why::Taken) => Reason::new("another station has control"),
@@ -147,7 +147,7 @@ mod tests {
             Some(id) => ("Command ", id),
             None => ("SET_MODE ", MavCmd::DO_SET_MODE.0),
         };
-        if let Some(reason) = reason(SystemId(254), MavCmd(id), refusal) {
+        if let Some(reason) = reason(SystemId::new(254), MavCmd(id), refusal) {
             push(now, &port, &mut link, texts, what, (what == "Command ").then_some(id.into()), reason);
         }
         let (mut cursor, mut tx) = (TextCursor::new(), Outbox::VACANT);

@@ -129,8 +129,8 @@ impl EventLink {
             None => port.outbox.send(&ResponseEventError {
                 sequence: first,
                 sequence_oldest_available: log.oldest(),
-                target_system: from.system.0,
-                target_component: from.component.0,
+                target_system: from.system.wire(),
+                target_component: from.component.wire(),
                 reason: MavEventErrorReason::UNAVAILABLE,
             }),
         }

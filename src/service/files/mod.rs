@@ -188,7 +188,7 @@ where
         if received.frame.id() != FileTransferProtocol::ID {
             return Handled::No;
         }
-        if received.target.system.0 == 0 {
+        if received.target.system.is_all() {
             return Handled::OutOfPlace;
         }
         let handled = self.server(cx).on_packet(received);

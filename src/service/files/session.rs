@@ -97,7 +97,7 @@ impl Key {
     const GONE: Self = Self(u32::MAX);
 
     pub(super) fn of(client: Peer, number: u8) -> Self {
-        let (system, component) = (client.address.system.0, client.address.component.0);
+        let (system, component) = (client.address.system.wire(), client.address.component.wire());
         Self(u32::from_le_bytes([system, component, client.link.0.wrapping_add(1), number]))
     }
 

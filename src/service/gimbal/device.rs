@@ -60,7 +60,7 @@ impl DeviceSetpoint {
 /// | | [`COMPONENT`](Self::COMPONENT) | [`ID`](Self::ID) | [`MANAGER`](Self::MANAGER) |
 /// |---|---|---|---|
 /// | the firmware is a gimbal, with the address 1/154 | `None` | 0 | the autopilot, component 1 |
-/// | an autopilot with a gimbal that is a component of its own | `Some(ComponentId(154))` | 0 | `None` |
+/// | an autopilot with a gimbal that is a component of its own | `Some(ComponentId::new(154))` | 0 | `None` |
 /// | an autopilot with a gimbal that is not, such as two servos | `None` | 1 to 6 | `None` |
 ///
 /// If the manager is in the same firmware, its [`point_gimbal`](crate::GimbalManager::point_gimbal) moves the gimbal, and no frame is
@@ -107,7 +107,7 @@ pub trait GimbalDevice {
     const ID: u8 = 0;
 
     /// The component of our system whose setpoints it follows; `None` if its manager is in this firmware.
-    const MANAGER: Option<ComponentId> = Some(ComponentId(1));
+    const MANAGER: Option<ComponentId> = Some(ComponentId::new(1));
 
     /// Returns names, capabilities and limits, for GIMBAL_DEVICE_INFORMATION. The stack sets time and id.
     fn device_information(&self) -> GimbalDeviceInformation;
@@ -172,11 +172,11 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
             id == 0 || F::Vehicle::COMPONENT.is_none(),
             "a gimbal that is a component of its own has the `GimbalDevice::ID` 0"
         );
-        if let Some(ComponentId(own)) = F::Vehicle::COMPONENT {
+        if let Some(own) = F::Vehicle::COMPONENT {
             let mut components = F::COMPONENTS;
             let mut is_declared = false;
             while let [component, rest @ ..] = components {
-                is_declared |= component.id.0 == own;
+                is_declared |= component.id.wire() == own.wire();
                 components = rest;
             }
             assert!(

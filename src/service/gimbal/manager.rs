@@ -36,7 +36,7 @@ const NOBODY: Who = Who(0);
 
 impl Who {
     pub(crate) const fn new(address: Address) -> Self {
-        Self(u16::from_le_bytes([address.component.0, address.system.0]))
+        Self(u16::from_le_bytes([address.component.wire(), address.system.wire()]))
     }
 
     const fn address(self) -> Address {
@@ -361,7 +361,7 @@ impl ManagerService {
 
     /// Sends the first thing that is due to a remote device, and that the vehicle has.
     fn send_to_device<F: Firmware<Vehicle: GimbalManager>>(&mut self, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
-        let (target_system, target_component) = (cx.shared.config.address.get().system.0, F::Vehicle::DEVICE);
+        let (target_system, target_component) = (cx.shared.config.address.get().system.wire(), F::Vehicle::DEVICE);
         let [setpoint_at, state_at, ask_at] = self.device_times(port);
         if setpoint_at <= cx.now {
             self.setpoint_at = cx.now + F::Vehicle::SETPOINT_INTERVAL;
@@ -409,7 +409,7 @@ fn is_on<F: Firmware<Vehicle: GimbalManager>>(peers: &[PeerInfo], system: System
 
 /// Returns the first link on which the remote device is alive.
 fn living<F: Firmware<Vehicle: GimbalManager>>(peers: &[PeerInfo], system: SystemId) -> Option<LinkId> {
-    let address = Address { system, component: ComponentId(F::Vehicle::DEVICE) };
+    let address = Address { system, component: ComponentId::new(F::Vehicle::DEVICE) };
     peers.iter().find(|info| info.is_alive && info.peer.address == address).map(|info| info.peer.link)
 }
 
@@ -491,9 +491,9 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut ManagerLink, received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;
         let own = cx.shared.config.address.get().system;
-        let device = Address { system: own, component: ComponentId(F::Vehicle::DEVICE) };
+        let device = Address { system: own, component: ComponentId::new(F::Vehicle::DEVICE) };
         let is_of_device = F::Vehicle::IS_REMOTE && from.address == device;
-        let is_handled = self.on_message(cx, frame, Who::new(from.address), target.system.0 == 0)
+        let is_handled = self.on_message(cx, frame, Who::new(from.address), target.system.is_all())
             || is_of_device && self.on_device(cx, frame);
         if is_handled { Handled::Yes } else { Handled::No }
     }
@@ -590,10 +590,10 @@ impl ManagerService {
             time_boot_ms: cx.now.time_boot_ms(),
             flags: cx.vehicle.manager_flags(),
             gimbal_device_id: F::Vehicle::DEVICE,
-            primary_control_sysid: primary.system.0,
-            primary_control_compid: primary.component.0,
-            secondary_control_sysid: secondary.system.0,
-            secondary_control_compid: secondary.component.0,
+            primary_control_sysid: primary.system.wire(),
+            primary_control_compid: primary.component.wire(),
+            secondary_control_sysid: secondary.system.wire(),
+            secondary_control_compid: secondary.component.wire(),
         };
         send::<F, _>(port, None, &status)
     }

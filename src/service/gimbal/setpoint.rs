@@ -260,7 +260,7 @@ impl Raw {
             Kind::NextWaypoint => GimbalTarget::NextWaypoint { offsets: angles },
             Kind::System => {
                 let system = num::integer::<u8>(angles.roll()?).filter(|system| *system != 0);
-                GimbalTarget::System(SystemId(system?))
+                GimbalTarget::System(SystemId::new(system?))
             }
         })
     }

@@ -172,7 +172,7 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
             LogRequestList::ID | LogRequestData::ID | LogRequestEnd::ID | LogErase::ID => {}
             _ => return Handled::No,
         }
-        if received.target.system.0 == 0 {
+        if received.target.system.is_all() {
             // It would erase the logs of every vehicle in range, or have all of them send.
             return Handled::OutOfPlace;
         }

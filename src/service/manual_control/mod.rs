@@ -72,7 +72,7 @@ impl ControlSource {
             Self::Nobody => return false,
             Self::System(only) => only..=only,
             Self::Systems { first, last } => first..=last,
-            Self::GroundStation => SystemId(0)..=SystemId(u8::MAX),
+            Self::GroundStation => SystemId::ALL..=SystemId::new(u8::MAX),
         };
         peers.any(|info| info.is_living_station() && systems.contains(&info.peer.address.system))
     }
@@ -267,7 +267,7 @@ impl ManualInput {
 
     /// Returns the rank of a sender: 0 is the highest. It is the place of a receiver; all other senders have the lowest.
     fn rank(&self, peer: Peer) -> usize {
-        let is_it = |receiver: &Receiver| receiver.peer == peer && peer.address.system.0 != 0;
+        let is_it = |receiver: &Receiver| receiver.peer == peer && !peer.address.system.is_all();
         self.receivers.iter().position(is_it).unwrap_or(RECEIVERS)
     }
 
@@ -401,9 +401,9 @@ fn report<F: Firmware<Vehicle: Vehicle>>(cx: &mut Cx<'_, F>, holder: Option<Peer
     let Some(Peer { address, link }) = holder else { return cx.say(MavSeverity::WARNING, b"Sticks lost") };
     let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
     text.push_str("Sticks: system ");
-    text.push_number(address.system.0.into());
+    text.push_number(address.system.wire().into());
     text.push_str(" component ");
-    text.push_number(address.component.0.into());
+    text.push_number(address.component.wire().into());
     text.push_str(", link ");
     text.push_number(link.0.into());
     cx.say(MavSeverity::NOTICE, text.as_bytes());
@@ -471,7 +471,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
             return Handled::No;
         }
         let now = cx.shared.clock.shown(cx.now);
-        if self.receive(now, *from, frame, target.system.0 == 0, cx.peers)
+        if self.receive(now, *from, frame, target.system.is_all(), cx.peers)
             && let Some(input) = self.input(now, frame.id())
         {
             let (vehicle, mut context) = cx.hook();

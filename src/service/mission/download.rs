@@ -128,8 +128,8 @@ impl Sessions {
             self.open(now, client, plan);
             return tx.send(&MissionCount {
                 count: plans.count(plan),
-                target_system: to.system.0,
-                target_component: to.component.0,
+                target_system: to.system.wire(),
+                target_component: to.component.wire(),
                 mission_type,
                 opaque_id: plans.live(plan).id(),
             });

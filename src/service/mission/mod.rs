@@ -347,7 +347,7 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
         if !Self::handles(received.frame.id()) {
             return Handled::No;
         }
-        if received.target.system.0 == 0 {
+        if received.target.system.is_all() {
             // A broadcast COUNT would start an upload on every vehicle in range (M-10).
             return Handled::OutOfPlace;
         }
@@ -428,7 +428,7 @@ const fn capabilities(capacities: &[u16; 3]) -> MavProtocolCapability {
 
 /// Whether a message about plans is addressed to component 190, as old ground stations do (M-10).
 pub(crate) fn is_for_planner(component: ComponentId, id: u32) -> bool {
-    component.0 == MavComponent::MISSIONPLANNER.0 && Missions::handles(id)
+    component.wire() == MavComponent::MISSIONPLANNER.0 && Missions::handles(id)
 }
 
 /// Returns the item of a MISSION_SET_CURRENT whose sender is not authorised to give the equivalent command (M-46).
@@ -457,7 +457,7 @@ impl<F: Firmware> Service<F> for WithoutPlans {
 
     fn on_frame(&mut self, _: &mut Cx<'_, F>, _: &mut Port, link: &mut Refusals, received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;
-        match target.system.0 {
+        match target.system.wire() {
             _ if !Missions::handles(frame.id()) => Handled::No,
             0 => Handled::OutOfPlace,
             _ if !is_request(frame.id()) || link.push(from.address, mission_type(frame)) => Handled::Yes,

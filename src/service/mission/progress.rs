@@ -152,7 +152,7 @@ pub(crate) fn from_set_current(message: &MissionSetCurrent, origin: Origin) -> C
         from: origin.from,
         class: origin.class,
         age: origin.age,
-        component: ComponentId(message.target_component),
+        component: ComponentId::new(message.target_component),
         is_broadcast: message.target_system == 0,
         confirmation: 0,
     }

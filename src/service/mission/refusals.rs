@@ -62,8 +62,8 @@ impl Refusals {
         self.first = self.first.wrapping_add(1);
         self.count = self.count.wrapping_sub(1);
         tx.send(&MissionAck {
-            target_system: to.system.0,
-            target_component: to.component.0,
+            target_system: to.system.wire(),
+            target_component: to.component.wire(),
             r#type: MavMissionResult::UNSUPPORTED,
             mission_type,
             opaque_id: 0,

@@ -92,8 +92,8 @@ impl Reply {
     /// Sends a MISSION_ACK to the sender of the request.
     pub(super) fn ack(&self, result: MavMissionResult, id: u32, tx: &mut Outbox) -> bool {
         tx.send(&MissionAck {
-            target_system: self.to.system.0,
-            target_component: self.to.component.0,
+            target_system: self.to.system.wire(),
+            target_component: self.to.component.wire(),
             r#type: result,
             mission_type: self.mission_type,
             opaque_id: id,

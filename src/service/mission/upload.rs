@@ -139,7 +139,8 @@ impl Upload {
     pub(super) fn request(&mut self, now: Instant, seq: u16, tx: &mut Outbox) -> bool {
         self.is_request_pending = false;
         self.pace.requested(now);
-        let (target_system, target_component) = (self.client.address.system.0, self.client.address.component.0);
+        let (target_system, target_component) =
+            (self.client.address.system.wire(), self.client.address.component.wire());
         let mission_type = self.plan.mission_type();
         // Both messages have the same fields.
         let info = if self.form.take() { const { &MissionRequest::INFO } } else { const { &MissionRequestInt::INFO } };

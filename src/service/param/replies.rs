@@ -74,8 +74,8 @@ impl Refusals {
         let Some(refusal) = self.slot(tx.link()).and_then(Option::take) else { return false };
         tx.send(&ParamError {
             param_index: refusal.index,
-            target_system: refusal.to.address.system.0,
-            target_component: refusal.to.address.component.0,
+            target_system: refusal.to.address.system.wire(),
+            target_component: refusal.to.address.component.wire(),
             param_id: Text::from_wire(refusal.name),
             error: refusal.error,
         })

@@ -55,7 +55,7 @@ pub(super) fn enter(
     if timestamp < earliest {
         return Err(Stale::Old);
     }
-    let may_go = |stream: &&mut SigningStream| stream.source.system.0 == 0 || stream.timestamp < oldest;
+    let may_go = |stream: &&mut SigningStream| stream.source.system.wire() == 0 || stream.timestamp < oldest;
     let place = streams.iter_mut().filter(may_go).min_by_key(|stream| stream.timestamp).ok_or(Stale::NoRoom)?;
     *place = SigningStream { source, link_id, timestamp };
     Ok(())

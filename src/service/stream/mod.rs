@@ -57,7 +57,7 @@ pub struct Stream {
 impl Stream {
     /// Returns the message `M`, which is sent only on request.
     pub const fn of<M: Message>() -> Self {
-        Self { id: M::ID, radio: 0, onboard: 0, instance: 0, group: MavDataStream::ALL, component: ComponentId(0) }
+        Self { id: M::ID, radio: 0, onboard: 0, instance: 0, group: MavDataStream::ALL, component: ComponentId::ALL }
     }
 
     /// Returns the same message for another instance, such as the second battery: a row of its own, with its own intervals.
@@ -116,7 +116,7 @@ impl Stream {
     /// Whether this is a message of the component; 0 is the autopilot.
     const fn is_of(&self, component: Option<ComponentId>) -> bool {
         match component {
-            Some(component) => self.component.0 == component.0,
+            Some(component) => self.component.wire() == component.wire(),
             None => true,
         }
     }
@@ -157,7 +157,7 @@ impl Stream {
             while j < i {
                 let is_twice = table[i].id == table[j].id
                     && table[i].instance == table[j].instance
-                    && table[i].component.0 == table[j].component.0;
+                    && table[i].component.wire() == table[j].component.wire();
                 assert!(!is_twice, "a message is twice in `STREAMS`: remove one of the two, or give it an `instance`");
                 j += 1;
             }
@@ -403,7 +403,7 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
 const fn are_autopilots(table: &[Stream]) -> bool {
     let (mut i, mut are_autopilots) = (0, true);
     while i < table.len() {
-        are_autopilots &= table[i].component.0 == 0;
+        are_autopilots &= table[i].component.wire() == 0;
         i += 1;
     }
     are_autopilots
@@ -418,9 +418,9 @@ fn has_part<F: Firmware<Vehicle: Telemetry>>(component: ComponentId) -> bool {
 
 /// Returns the rows that a request to this component is about: 0 is the autopilot's, and `None` is all.
 fn part<F: Firmware>(component: ComponentId) -> Option<ComponentId> {
-    match F::COMPONENTS.is_empty() || component.0 == 0 {
+    match F::COMPONENTS.is_empty() || component.wire() == 0 {
         true => None,
-        false => Some(if F::is_component(component) { component } else { ComponentId(0) }),
+        false => Some(if F::is_component(component) { component } else { ComponentId::ALL }),
     }
 }
 

@@ -142,7 +142,7 @@ fn on_interval(
         };
         let id = match of {
             // Another component is known by a row of its own.
-            Some(component @ ComponentId(1..)) => id.and_then(|id| row_of(table, component, id)),
+            Some(component) if component != ComponentId::ALL => id.and_then(|id| row_of(table, component, id)),
             // MESSAGE_INTERVAL has 16 bits for the id.
             _ => id.filter(|id| of.is_none() || *id < ROWS),
         };
@@ -158,7 +158,7 @@ fn on_interval(
     let id = request.id.filter(|&id| is_valid && port.outbox.takes(id));
     let (Some(id), Some(instance)) = (id, index_of(instance)) else { return MavResult::DENIED };
     let is_off = micros < 0.0;
-    if fixed.interval(id).is_some() && of.is_none_or(|component| component.0 == 0) {
+    if fixed.interval(id).is_some() && of.is_none_or(|component| component.wire() == 0) {
         // Clamped to its fixed interval. It cannot be stopped.
         return if is_off || instance != 0 { MavResult::DENIED } else { MavResult::ACCEPTED };
     }
@@ -224,7 +224,7 @@ pub(super) fn send_interval<F: Firmware>(
     let Some(mut message_id) = streams.take_interval_request() else { return false };
     let mut of = None;
     if !F::COMPONENTS.is_empty() {
-        of = Some(ComponentId(0));
+        of = Some(ComponentId::ALL);
         if let Some(row) = message_id.checked_sub(ROWS).and_then(|row| table.get(usize::from(row))) {
             (message_id, of) = (u16::try_from(row.id).unwrap_or(0), Some(row.component));
         }
@@ -233,7 +233,7 @@ pub(super) fn send_interval<F: Firmware>(
     // 0: there is no such stream, or the link cannot carry it (S-10). -1 as unsigned, the longest, is off.
     let mut interval = 0u32;
     if outbox.takes(id) {
-        if of.is_none_or(|component| component.0 == 0) {
+        if of.is_none_or(|component| component.wire() == 0) {
             interval = fixed.interval(id).unwrap_or(0);
         }
         for (stream, slot) in table.iter().zip(slots) {

@@ -185,7 +185,7 @@ impl TimeLink {
         let Some(request) = pending else { return false };
         let TimeRequest { kind, from, seq, time } = *request;
         request.kind = Kind::None;
-        let (target_system, target_component) = (from.system.0, from.component.0);
+        let (target_system, target_component) = (from.system.wire(), from.component.wire());
         match kind {
             Kind::Ping => tx.send(&Ping { time_usec: time, seq, target_system, target_component }),
             _ => tx.send(&Timesync { tc1: nanos(now), ts1: time.cast_signed(), target_system, target_component }),

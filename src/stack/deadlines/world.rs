@@ -206,7 +206,7 @@ fn requests() -> Vec<Request> {
         pool.push(of(RadioRcChannels { flags, target_system, target_component, count: 4, ..Default::default() }));
     }
     for to in [STATION, WINGMAN, Address::new(0, 0)] {
-        let (target_system, target_component) = (to.system.0, to.component.0);
+        let (target_system, target_component) = (to.system.wire(), to.component.wire());
         pool.push(of(Tunnel { target_system, target_component, ..Default::default() }));
     }
     pool.push(command(MavCmd::DO_SET_HOME, [1.0, 0.0, 0.0]));

@@ -227,10 +227,10 @@ pub fn cases() -> Vec<Case> {
         (
             "components_with_a_stream",
             implements(
-                &(telemetry("Stream::of::<Attitude>().of_component(mavstack::message::ComponentId(154))")
+                &(telemetry("Stream::of::<Attitude>().of_component(mavstack::message::ComponentId::new(154))")
                     + "impl Components for Rover {
                            const COMPONENTS: &'static [Component] =
-                               &[Component::new(mavstack::message::ComponentId(154), MavType::GIMBAL)];
+                               &[Component::new(mavstack::message::ComponentId::new(154), MavType::GIMBAL)];
                            const OPTIONAL: bool = true;
                        }"),
                 "links: 1, streams, components",
@@ -321,7 +321,7 @@ pub fn cases() -> Vec<Case> {
             has(
                 &gimbal(
                     "const DEVICE: u8 = 154;",
-                    "const COMPONENT: Option<message::ComponentId> = Some(message::ComponentId(154));",
+                    "const COMPONENT: Option<message::ComponentId> = Some(message::ComponentId::new(154));",
                 ),
                 "gimbal_device: gimbal::DeviceService",
             ),
@@ -333,7 +333,7 @@ pub fn cases() -> Vec<Case> {
                 &gimbal(
                     "const DEVICE: u8 = 1;",
                     "const ID: u8 = 1;
-                     const COMPONENT: Option<message::ComponentId> = Some(message::ComponentId(154));",
+                     const COMPONENT: Option<message::ComponentId> = Some(message::ComponentId::new(154));",
                 ),
                 "gimbal_device: gimbal::DeviceService",
             ),

@@ -9,7 +9,7 @@ fn satellite_gets_commands_only() {
     let satellite = LinkConfig::uart(2_400).with_class(LinkClass::HighLatency);
     let mut world = world([LinkConfig::uart(115_200), satellite]);
     introduce(&mut world, 1, STATION);
-    let (system, component) = (STATION.system.0, STATION.component.0);
+    let (system, component) = (STATION.system.wire(), STATION.component.wire());
     let command = CommandLong { target_system: system, target_component: component, ..Default::default() };
     let int = CommandInt { target_system: system, target_component: component, ..Default::default() };
     let ack = CommandAck { target_system: system, target_component: component, ..Default::default() };

@@ -257,7 +257,7 @@ impl Client {
                 self.books.times += 1;
             }
             Act::Timesync => {
-                let ts1 = now.as_micros() as i64 * 1_000 + i64::from(self.habits.address.system.0);
+                let ts1 = now.as_micros() as i64 * 1_000 + i64::from(self.habits.address.system.wire());
                 self.send(gcs, &Timesync { tc1: 0, ts1, ..Timesync::default() });
                 self.syncs.insert(ts1, now);
                 self.books.times += 1;

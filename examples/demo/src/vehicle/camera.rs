@@ -17,7 +17,7 @@ use crate::app::Mavlink;
 use crate::body::Vector;
 
 /// MAV_COMP_ID_CAMERA.
-pub(crate) const CAMERA: ComponentId = ComponentId(100);
+pub(crate) const CAMERA: ComponentId = ComponentId::new(100);
 
 /// The capacity of the card, the size of an image, and of a second of video (MiB).
 const CAPACITY: f32 = 32_000.0;
@@ -191,7 +191,7 @@ impl Camera for Quadrotor {
         information.sensor_size_v = 8.8;
         information.resolution_h = 5_472;
         information.resolution_v = 3_648;
-        information.gimbal_device_id = super::gimbal::GIMBAL.0;
+        information.gimbal_device_id = super::gimbal::GIMBAL.wire();
     }
 
     fn camera_settings(&self, settings: &mut CameraSettings) {

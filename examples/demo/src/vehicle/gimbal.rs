@@ -18,7 +18,7 @@ use crate::app::Mavlink;
 use crate::body::Vector;
 
 /// MAV_COMP_ID_GIMBAL.
-pub(crate) const GIMBAL: ComponentId = ComponentId(154);
+pub(crate) const GIMBAL: ComponentId = ComponentId::new(154);
 
 /// Limits of the pitch (rad). The yaw has none.
 const PITCH: [f32; 2] = [-FRAC_PI_2, 0.5];
@@ -152,7 +152,7 @@ impl Quadrotor {
 }
 
 impl GimbalManager for Quadrotor {
-    const DEVICE: u8 = GIMBAL.0;
+    const DEVICE: u8 = GIMBAL.wire();
 
     fn manager_information(&self) -> GimbalManagerInformation {
         GimbalManagerInformation {

@@ -96,7 +96,7 @@ impl Quadrotor {
 pub(super) fn source(system: i32) -> ControlSource {
     match system {
         0 => ControlSource::GroundStation,
-        _ => ControlSource::System(SystemId(system as u8)),
+        _ => ControlSource::System(SystemId::new(system as u8)),
     }
 }
 

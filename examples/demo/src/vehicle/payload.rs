@@ -44,7 +44,7 @@ impl Quadrotor {
     #[inline(never)]
     pub(crate) fn watch_payload(&mut self, now: Instant, stack: &mut StackOf<Mavlink>) {
         let system = stack.address().system;
-        self.system = system.0;
+        self.system = system.wire();
         let find = |r#type: MavType| {
             let is_it = |info: &PeerInfo| info.is_alive && info.r#type == r#type && info.peer.address.system == system;
             stack.peers(now).find(is_it).map(|info| info.peer)
@@ -95,7 +95,7 @@ impl Quadrotor {
         {
             return Err(MavResult::DENIED);
         }
-        let is_it = |gimbal: &Peer| what.gimbal_device_id == Some(f32::from(gimbal.address.component.0));
+        let is_it = |gimbal: &Peer| what.gimbal_device_id == Some(f32::from(gimbal.address.component.wire()));
         let Some(device) = self.payload.gimbal.filter(is_it) else {
             return Err(refuse(cx, MavResult::TEMPORARILY_REJECTED, "Gimbal refused: none is connected"));
         };
@@ -116,8 +116,8 @@ impl Quadrotor {
             flags: GimbalDeviceFlags::YAW_IN_VEHICLE_FRAME
                 | GimbalDeviceFlags::ROLL_LOCK
                 | GimbalDeviceFlags::PITCH_LOCK,
-            target_system: out.target().system.0,
-            target_component: out.target().component.0,
+            target_system: out.target().system.wire(),
+            target_component: out.target().component.wire(),
             ..GimbalDeviceSetAttitude::UNKNOWN
         })
     }

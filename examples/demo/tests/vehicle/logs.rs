@@ -35,7 +35,7 @@ fn a_stream_on_the_ground_evicts_no_flight() {
         for _ in 0..10 {
             wire.run(100);
             for (_, packet) in wire.take::<LoggingDataAcked>() {
-                assert_eq!(packet.target_system, STATION.system.0);
+                assert_eq!(packet.target_system, STATION.system.wire());
                 bytes.extend(&packet.data[..usize::from(packet.length)]);
                 let sequence = packet.sequence;
                 wire.send(TELEMETRY, &LoggingAck { sequence, target_system: 1, target_component: 1 });

@@ -234,7 +234,7 @@ fn only_the_permitted_source_steers() {
     };
     let mut wire = Wire::airborne();
     assert_eq!(enter(&mut wire), MavResult::TEMPORARILY_REJECTED, "no heartbeat");
-    allow(&mut wire, STATION.system.0.into());
+    allow(&mut wire, STATION.system.wire().into());
     wire.run(20);
     assert_eq!(enter(&mut wire), MavResult::ACCEPTED);
     allow(&mut wire, 254);

@@ -41,7 +41,7 @@ fn authorise(wire: &mut Wire, result: MavResult, result_param2: i32) {
 /// Returns the results of the command to arm, without those of other commands.
 fn results(wire: &mut Wire) -> Vec<MavResult> {
     let acks = wire.take::<CommandAck>().into_iter();
-    acks.filter(|(_, ack)| ack.command == ARM && ack.target_system == STATION.system.0)
+    acks.filter(|(_, ack)| ack.command == ARM && ack.target_system == STATION.system.wire())
         .map(|(_, ack)| ack.result)
         .collect()
 }

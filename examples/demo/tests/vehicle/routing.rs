@@ -34,8 +34,8 @@ fn forwarded(wire: &Wire, link: LinkId) -> Vec<Vec<u8>> {
 
 fn command(target: Address) -> CommandLong {
     CommandLong {
-        target_system: target.system.0,
-        target_component: target.component.0,
+        target_system: target.system.wire(),
+        target_component: target.component.wire(),
         command: MavCmd::REQUEST_MESSAGE,
         param1: AutopilotVersion::ID as f32,
         ..CommandLong::default()
@@ -70,8 +70,8 @@ fn commands_and_answers_are_routed() {
     assert!(wire.take::<CommandAck>().is_empty() && wire.take::<AutopilotVersion>().is_empty());
     let ack = CommandAck {
         command: MavCmd::REQUEST_MESSAGE,
-        target_system: STATION.system.0,
-        target_component: STATION.component.0,
+        target_system: STATION.system.wire(),
+        target_component: STATION.component.wire(),
         ..CommandAck::default()
     };
     let answered = wire.send_as(COMPANION, ONBOARD, &ack);
@@ -159,12 +159,13 @@ fn the_satellite_link_carries_commands_for_the_companion() {
     assert_eq!(forwarded(&wire, COMPANION), [asked]);
     let ack = CommandAck {
         command: MavCmd::REQUEST_MESSAGE,
-        target_system: far.system.0,
-        target_component: far.component.0,
+        target_system: far.system.wire(),
+        target_component: far.component.wire(),
         ..CommandAck::default()
     };
     let answered = wire.send_as(COMPANION, ONBOARD, &ack);
-    let set = ParamSet { target_system: far.system.0, target_component: far.component.0, ..ParamSet::default() };
+    let set =
+        ParamSet { target_system: far.system.wire(), target_component: far.component.wire(), ..ParamSet::default() };
     wire.send_as(COMPANION, ONBOARD, &set);
     wire.send_as(COMPANION, ONBOARD, &Heartbeat::default());
     wire.run(1_000);

@@ -29,7 +29,7 @@ fn command(wire: &mut Wire, to: u8, id: MavCmd, params: &[f32]) -> Vec<(u8, MavR
     wire.send(TELEMETRY, &CommandLong { target_component: to, ..command_long(1, id, params) });
     wire.run(200);
     let acks = wire.received.iter().filter(|received| received.link == TELEMETRY);
-    let acks = acks.filter_map(|received| Some((received.source.component.0, received.decode::<CommandAck>()?)));
+    let acks = acks.filter_map(|received| Some((received.source.component.wire(), received.decode::<CommandAck>()?)));
     acks.filter(|(_, ack)| ack.command == id).map(|(from, ack)| (from, ack.result)).collect()
 }
 
@@ -272,7 +272,7 @@ fn payloads_answer_for_themselves() {
         (1, 1, AutopilotVersion::ID),
     ] {
         assert_eq!(command(&mut wire, to, request, &[id as f32]), accepted(from), "{id} of {to}");
-        assert!(wire.received.iter().any(|received| received.id == id && received.source.component.0 == from));
+        assert!(wire.received.iter().any(|received| received.id == id && received.source.component.wire() == from));
     }
     assert_ne!(command(&mut wire, 1, request, &[CameraInformation::ID as f32]), accepted(1));
     assert_eq!(command(&mut wire, 100, MavCmd::IMAGE_START_CAPTURE, &[0.0, 0.0, 1.0, 0.0]), accepted(100));

@@ -49,8 +49,8 @@ impl Tx {
             result: black_box(MavResult::ACCEPTED),
             progress: 255,
             result_param2: 0,
-            target_system: frame.source().system.0,
-            target_component: frame.source().component.0,
+            target_system: frame.source().system.wire(),
+            target_component: frame.source().component.wire(),
         });
     }
 }

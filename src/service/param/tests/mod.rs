@@ -239,7 +239,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
             from: A,
             class: LinkClass::Normal,
             age: None,
-            component: crate::message::ComponentId(1),
+            component: crate::message::ComponentId::new(1),
             is_broadcast: false,
             confirmation: 0,
         };

@@ -281,7 +281,7 @@ pub fn command(id: MavCmd, params: [f32; 4]) -> Command {
         from: STATION,
         class: LinkClass::Normal,
         age: None,
-        component: ComponentId(1),
+        component: ComponentId::new(1),
         is_broadcast: false,
         confirmation: 0,
     }

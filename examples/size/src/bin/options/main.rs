@@ -303,7 +303,7 @@ impl Telemetry for Rover {
             SysStatus::ID => out.put(&SysStatus::default()),
             BatteryStatus::ID => out.put(&BatteryStatus::default()),
             #[cfg(feature = "messages")]
-            Tunnel::ID => out.put(&Tunnel { target_system: out.target().system.0, ..Tunnel::default() }),
+            Tunnel::ID => out.put(&Tunnel { target_system: out.target().system.wire(), ..Tunnel::default() }),
             _ => false,
         }
     }
@@ -370,7 +370,7 @@ impl LogStreaming for Rover {
 
 #[cfg(feature = "components")]
 impl Components for Rover {
-    const COMPONENTS: &'static [Component] = &[Component::new(message::ComponentId(154), MavType::GIMBAL)];
+    const COMPONENTS: &'static [Component] = &[Component::new(message::ComponentId::new(154), MavType::GIMBAL)];
 
     fn component_command(&mut self, _: &mut Context<'_>, _: message::ComponentId, command: &Command) -> Outcome {
         self.armed ^= command.id == MavCmd::USER_1;

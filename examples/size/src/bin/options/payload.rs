@@ -22,7 +22,7 @@ impl GimbalManager for Rover {
             GimbalTarget::Manual { rates, .. } => self.armed = rates.yaw().is_some(),
             GimbalTarget::Location { altitude: Some(altitude), .. } => self.armed = altitude > 0.0,
             GimbalTarget::NextWaypoint { offsets } => self.armed = offsets.roll().is_some(),
-            GimbalTarget::System(system) => self.mode = u32::from(system.0),
+            GimbalTarget::System(system) => self.mode = u32::from(system.wire()),
             _ => return MavResult::DENIED,
         }
         MavResult::ACCEPTED
