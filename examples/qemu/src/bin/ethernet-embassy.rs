@@ -24,7 +24,7 @@ use embassy_futures::yield_now;
 use embassy_net::udp::{PacketMetadata, UdpSocket};
 use embassy_net::{ConfigV4, IpEndpoint, Stack, StackResources, StaticConfigV4};
 use embassy_sync::mutex::Mutex;
-use embassy_time::{Instant, Timer};
+use embassy_time::Timer;
 use mavstack::frame::MAX_FRAME_LEN;
 use mavstack::io::{DatagramSocket, MAX_DATAGRAM_LEN, UdpLinks};
 use mavstack_demo::{COMPANION, SATELLITE, STATIONS, TELEMETRY};
@@ -155,11 +155,11 @@ async fn stations(app: &'static SharedApp, net: Stack<'static>) {
         // embassy-net needs a turn, even if datagrams are pending.
         yield_now().await;
         if socket.is_ready() {
-            let next = Timer::at(Instant::from_micros(deadline.as_micros()));
+            let next = Timer::at(deadline.into());
             select3(socket.0.wait_recv_ready(), WAKE[usize::from(TELEMETRY.0)].wait(), next).await;
         } else {
             // Nothing is received meanwhile.
-            let stall = Timer::after(embassy_time::Duration::from_micros(STALL.as_micros()));
+            let stall = Timer::after(STALL.into());
             if let Either::Second(()) = select(socket.0.wait_send_ready(), stall).await {
                 // This empties it.
                 socket.0.close();
@@ -173,7 +173,7 @@ async fn stations(app: &'static SharedApp, net: Stack<'static>) {
 /// DHCP beside a static address.
 async fn wait_for_address(net: Stack<'static>) {
     net.wait_link_up().await;
-    let patience = Timer::after(embassy_time::Duration::from_micros(PATIENCE.as_micros()));
+    let patience = Timer::after(PATIENCE.into());
     select(net.wait_config_up(), patience).await;
     if let Some(config) = net.config_v4() {
         log_address(config.address, "DHCP");

@@ -83,7 +83,7 @@ async fn flight(app: &'static SharedApp, mut delays: Delays) {
         Timer::at(due).await;
         let has_output = {
             let mut app = app.lock().await;
-            delays.started(mavstack::Instant::from_micros(due.as_micros()), &app);
+            delays.started(due.into(), &app);
             app.fly(board::now())
         };
         if has_output {
@@ -173,8 +173,7 @@ async fn transmit(app: &'static SharedApp, link: LinkId, bytes: usize) {
         if has_bytes == Ok(true) {
             transmitter.send().await;
         } else {
-            let next = Timer::at(Instant::from_micros(deadline.as_micros()));
-            select(WAKE[usize::from(link.0)].wait(), next).await;
+            select(WAKE[usize::from(link.0)].wait(), Timer::at(deadline.into())).await;
         }
     }
 }

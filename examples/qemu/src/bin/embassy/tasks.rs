@@ -98,8 +98,7 @@ pub async fn transmit(app: &'static SharedApp, link: LinkId, tx: Sender) {
         if has_bytes == Ok(true) {
             transmitter.send().await;
         } else {
-            let next = Timer::at(Instant::from_micros(deadline.as_micros()));
-            select(WAKE[usize::from(link.0)].wait(), next).await;
+            select(WAKE[usize::from(link.0)].wait(), Timer::at(deadline.into())).await;
         }
     }
 }
