@@ -16,7 +16,7 @@ use crate::rp2040js;
 use crate::system::{self, Result, cargo, root, run, target_dir};
 use crate::toolchain::{self, Choice, TARGETS};
 
-/// A folder of `examples/boards`: a workspace of its own, because a member of ours would link our `memory.x`.
+/// A folder of `examples/boards`.
 struct Board {
     name: &'static str,
     target: &'static str,

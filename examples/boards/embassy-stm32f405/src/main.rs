@@ -37,7 +37,7 @@ const REGION: core::ops::Range<u32> = 0xC_0000..0x10_0000;
 const _: () = assert!(Store::<Flash<'_, Blocking>>::region_len::<Mavlink>() <= REGION.end - REGION.start);
 
 /// Also the most bytes that are sent at a time: the UART refuses a longer write.
-const BUFFER: usize = queue_len(BAUD, mavstack::Duration::from_micros(PERIOD.as_micros()));
+const BUFFER: usize = queue_len(BAUD, PERIOD);
 
 /// Static because it is too large for the task. It is all zero bits until it is begun, so it takes no flash.
 static STACK: ConstStaticCell<StackOf<Mavlink>> = ConstStaticCell::new(StackOf::<Mavlink>::VACANT);

@@ -11,13 +11,13 @@ use embassy_futures::join::join;
 use embassy_futures::select::select;
 use embassy_sync::blocking_mutex::raw::NoopRawMutex;
 use embassy_sync::signal::Signal;
-use embassy_time::{Duration, Timer, with_timeout};
+use embassy_time::{Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 use embedded_storage::nor_flash::NorFlash;
 use mavstack::io::{AsyncReceiver, AsyncTransmitter};
 use mavstack::network::LinkError;
 use mavstack::storage::Store;
-use mavstack::{Instant, LinkId, StackOf};
+use mavstack::{Duration, Instant, LinkId, StackOf};
 use mavstack_rover::{LINKS, Mavlink, Rover};
 
 /// Period of the driving loop. Received bytes wait no longer than this, unless a pass erases flash or writes a page.
@@ -28,7 +28,7 @@ const TIMEOUT: Duration = Duration::from_millis(100);
 
 /// The time since boot, as the stack needs it.
 pub fn now() -> Instant {
-    Instant::from_micros(embassy_time::Instant::now().as_micros())
+    embassy_time::Instant::now().into()
 }
 
 /// The state that the futures share.
@@ -50,7 +50,7 @@ impl Shared {
 
     /// Runs the driving loop, which also stores changes.
     pub async fn drive<F: NorFlash>(&self, mut store: Store<F>) -> ! {
-        let mut next = embassy_time::Instant::now();
+        let mut next = now();
         loop {
             {
                 let (stack, rover) = &mut *self.vehicle.borrow_mut();
@@ -61,8 +61,8 @@ impl Shared {
             self.wake();
             // Passes that an erase has prevented are skipped. A `Ticker` would run them at once, and the other futures would wait: its
             // `next` does not yield when it is late. A `Timer` always yields.
-            next = (next + PERIOD).max(embassy_time::Instant::now());
-            Timer::at(next).await;
+            next = (next + PERIOD).max(now());
+            Timer::at(next.into()).await;
         }
     }
 
@@ -105,10 +105,9 @@ impl Shared {
         };
         if has_bytes? {
             // The HAL may miss a wake-up, and a host may stop reading. Nothing is lost: the transmitter continues where it stopped.
-            let _ = with_timeout(TIMEOUT, transmitter.send()).await;
+            let _ = with_timeout(TIMEOUT.into(), transmitter.send()).await;
         } else if let Some(wake) = self.wakes.get(usize::from(link.0)) {
-            let next = Timer::at(embassy_time::Instant::from_micros(deadline.as_micros()));
-            select(wake.wait(), next).await;
+            select(wake.wait(), Timer::at(deadline.into())).await;
         }
         Ok(())
     }

@@ -47,7 +47,7 @@ type Sectors = Flash<'static, FLASH, Blocking, FLASH_LEN>;
 const REGION: core::ops::Range<u32> = 0x1F_0000..0x20_0000;
 const _: () = assert!(Store::<Sectors>::region_len::<Mavlink>() <= REGION.end - REGION.start);
 
-const BUFFER: usize = queue_len(BAUD, mavstack::Duration::from_micros(PERIOD.as_micros()));
+const BUFFER: usize = queue_len(BAUD, PERIOD);
 /// The most bytes in a packet.
 const PACKET: u16 = 64;
 /// The number of bytes sent at a time: less than a packet, because after a full packet a host waits for a shorter one.

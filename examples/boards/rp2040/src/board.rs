@@ -95,7 +95,7 @@ impl Clock {
 
     /// Returns the time since reset.
     pub fn now(&self) -> Instant {
-        Instant::from_micros(self.timer.get_counter().ticks())
+        self.timer.get_counter().into()
     }
 
     /// Begins a pass of the loop, whose [`sleep`](Self::sleep) ends `period_ms` milliseconds from now.
