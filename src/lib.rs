@@ -134,7 +134,7 @@
 //! - [Sizing](guides::sizing): bytes of flash and RAM, option by option; [figures](guides::figures): speed, work, stack, bad lines.
 //! - [Coming from rust-mavlink, mavio or the C library](guides::coming_from): what you wrote there, what you write here.
 //! - [Architecture](guides::architecture) on one page, [what is proven and what is not](guides::safety), and
-//!   [each rule with the tests that cite it](guides::conformance).
+//!   [each rule with its code](guides::conformance).
 //!
 //! # Guarantees
 //!
@@ -146,7 +146,7 @@
 //! - Heartbeats stop when the flight loop stops ticking its [`Pulse`], whatever else still runs.
 //! - A plan is replaced as a whole or not at all.
 //!
-//! Ids such as S-13 name the rules of behaviour. [Conformance](guides::conformance) lists them, with the tests that cite them.
+//! Ids such as S-13 name the rules of behaviour. [Conformance](guides::conformance) lists them, with the code that implements them.
 //!
 //! # Cargo features
 //!

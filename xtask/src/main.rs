@@ -182,9 +182,9 @@ struct Fuzz {
 /// A test must name each implemented rule, and each rule that a test names must exist.
 #[derive(Args)]
 struct Trace {
-    /// Write the names of the tests into the statement.
+    /// Print the tests that cite each rule.
     #[arg(long)]
-    write: bool,
+    tests: bool,
 }
 
 /// Generate, compile and check a whole other dialect: ardupilotmega.
@@ -264,7 +264,7 @@ fn main() -> ExitCode {
         Task::Cross(arguments) => cross::build_all(arguments.toolchain),
         Task::Boards(Boards { run }) => boards::build_all(run),
         Task::Dialects(arguments) => dialects::run(arguments.toolchain),
-        Task::Trace(arguments) => trace::run(arguments.write),
+        Task::Trace(arguments) => trace::run(arguments.tests),
         Task::Ulog(arguments) => arguments.run(),
         Task::PublishCheck => publish::check(),
     };

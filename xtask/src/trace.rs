@@ -1,7 +1,7 @@
 //! `cargo xtask trace`: holds the statement of conformance to the code and its tests.
 //!
 //! `docs/conformance.md` has a row for each rule of behaviour. Tests cite the rules that they prove, and comments cite the rules
-//! that they follow. This task fills in the last column of the rows from the tests. It fails when no test cites an implemented
+//! that they follow. This task prints the tests of each rule. It fails when no test cites an implemented
 //! rule, when something cites a rule without a row, and when a row names a file that does not exist, or a source file whose
 //! comments do not cite the row's rule. So code that moves takes its row along.
 
@@ -37,26 +37,25 @@ const NAMES: [&str; 10] = ["AES", "CRC", "DO", "FNV", "GPL", "IEEE", "RFC", "RS"
 /// What the column of files says of a rule that is not implemented.
 const LEFT_OUT: &str = "no";
 
-/// One rule, or several in one row, and where the row is.
+/// One rule, or several in one row, and the files that implement it.
 struct Row<'a> {
-    line: usize,
     rule: &'a str,
-    asked: &'a str,
     place: &'a str,
 }
 
-/// Compares the statement with the code and the tests; with `write` it first updates the column of tests.
-pub fn run(write: bool) -> Result {
-    let path = root().join(STATEMENT);
-    let text = read(&path)?;
+/// Compares the statement with the code and the tests. With `prints_tests` it first prints the tests of each rule.
+pub fn run(prints_tests: bool) -> Result {
+    let text = read(&root().join(STATEMENT))?;
     let rows = rows(&text)?;
     let known = known(&rows);
     let proofs = proofs(&known)?;
 
     let mut faults = Vec::new();
-    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
-    for Row { line, rule, asked, place } in &rows {
+    for Row { rule, place } in &rows {
         let tests = proofs.get(*rule);
+        if prints_tests && let Some(tests) = tests {
+            println!("{rule}: {}", tests.iter().map(String::as_str).collect::<Vec<_>>().join(", "));
+        }
         if *place != LEFT_OUT {
             if tests.is_none() {
                 faults.push(format!("{rule}: no test cites it"));
@@ -71,16 +70,6 @@ pub fn run(write: bool) -> Result {
                 }
             }
         }
-        let tests: Vec<&str> = tests.into_iter().flatten().map(String::as_str).collect();
-        let tests = tests.join(", ");
-        let space = if tests.is_empty() { "" } else { " " };
-        lines[*line] = format!("| {rule} | {asked} | {place} | {tests}{space}|");
-    }
-    let fresh = lines.join("\n") + "\n";
-    if write && fresh != text {
-        std::fs::write(&path, &fresh).map_err(|error| format!("{STATEMENT}: {error}"))?;
-    } else if fresh != text {
-        faults.push(format!("{STATEMENT} is out of date: `cargo xtask trace --write` updates it"));
     }
     faults.extend(unknown_citations(&known)?);
     if !faults.is_empty() {
@@ -99,14 +88,14 @@ fn rows(text: &str) -> Result<Vec<Row<'_>>> {
     let mut rows: Vec<Row<'_>> = Vec::new();
     for (line, row) in text.lines().enumerate() {
         let cells: Vec<&str> = row.split('|').map(str::trim).collect();
-        let ["", rule, asked, place, _, ""] = cells[..] else { continue };
+        let ["", rule, _, place, ""] = cells[..] else { continue };
         if rules_in(rule).is_empty() {
             continue;
         }
         if rows.iter().any(|known| known.rule == rule) {
             return Err(format!("{STATEMENT}:{}: {rule} has a row already: remove one", line + 1));
         }
-        rows.push(Row { line, rule, asked, place });
+        rows.push(Row { rule, place });
     }
     Ok(rows)
 }
@@ -177,7 +166,7 @@ fn comment(line: &str) -> Option<&str> {
     line.get(at..)
 }
 
-/// Returns what a file is called in the statement: its path without the extension and the folder of all tests.
+/// Returns what a file of tests is called: its path without the extension and the folder of all tests.
 fn name(file: &Path) -> String {
     let name = file.with_extension("").to_string_lossy().replace('\\', "/");
     let short = [".ci/integration/", "tests/"].iter().find_map(|prefix| name.strip_prefix(prefix));
@@ -326,12 +315,11 @@ mod tests {
 
     #[test]
     fn rows_are_those_with_a_rule_and_none_is_repeated() {
-        let text =
-            "| rule | asked | where | tests |\n|---|---|---|---|\n| S-1 | a | b.rs | c |\n| F-1 to F-3 | d | no | |\n";
+        let text = "| rule | asked | where |\n|---|---|---|\n| S-1 | a | b.rs |\n| F-1 to F-3 | d | no |\n";
         let found = rows(text).expect("good rows");
         assert_eq!(
-            found.iter().map(|row| (row.line, row.rule, row.place)).collect::<Vec<_>>(),
-            [(2, "S-1", "b.rs"), (3, "F-1 to F-3", "no")]
+            found.iter().map(|row| (row.rule, row.place)).collect::<Vec<_>>(),
+            [("S-1", "b.rs"), ("F-1 to F-3", "no")]
         );
         assert_eq!(known(&found).into_iter().collect::<Vec<_>>(), ["F-1", "F-2", "F-3", "S-1"]);
         assert!(rows(&text.replace("F-1 to F-3", "S-1")).is_err());
