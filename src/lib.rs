@@ -483,12 +483,12 @@ pub mod __private {
     pub use crate::service::events::{Checking, EventService, Unchecked, bit, check_events, summary};
     pub use crate::service::files::{FileServer, HasFiles, NoFile, OneOf};
     pub use crate::service::forwarding::Forwarding;
-    pub use crate::service::messages::Messages;
     pub use crate::service::mission::{Missions, WithoutPlans};
     pub use crate::service::mode::ModeService;
     pub use crate::service::param::{
         Checked, NoParams, ParamMemory, ParamService, ParamValues, Row, TableMut, is_in_order, position,
     };
+    pub use crate::service::stream::Messages;
     pub use crate::service::stream::StreamService;
     pub use crate::service::{About, Look, LookAll, ServiceList, Turn, Visit, VisitAll};
     pub use crate::service::{

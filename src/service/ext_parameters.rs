@@ -7,7 +7,7 @@
 //! Left out: storage, and PARAM_ERROR, which is for ordinary parameters. A request for a parameter that does not exist is not
 //! answered; an attempt to set one is.
 
-use super::share::Share;
+use super::rate_limit::{RateLimit, cost};
 use super::{About, Cx, Handled, Received, Service, StackEvent, Turn, View};
 use crate::dialect::{
     MavParamExtType, ParamAck, ParamExtAck, ParamExtRequestList, ParamExtRequestRead, ParamExtSet, ParamExtValue,
@@ -26,8 +26,8 @@ const BYTES: usize = 16;
 /// The number of answers to PARAM_EXT_SET that can be pending, on all links together.
 const SLOTS: usize = 3;
 
-/// The cost of a value: the size of a PARAM_EXT_VALUE, times 10^6, times 5/2 for a share of 40 % of the link.
-const COST: u32 = 402_500_000;
+/// The cost of a value: the size of a PARAM_EXT_VALUE, for a share of 40 % of the link.
+const COST: u32 = cost(161, 40);
 
 /// The index of a parameter that does not exist.
 const UNKNOWN: u16 = u16::MAX;
@@ -233,11 +233,11 @@ pub enum ExtParamReply {
 pub struct ExtParamLink {
     /// Parameters that were requested, one by one or as a list: a bit for each.
     asked: [u8; BYTES],
-    share: Share,
+    limit: RateLimit,
 }
 
 impl ExtParamLink {
-    const VACANT: Self = Self { asked: [0; BYTES], share: Share::NEW };
+    const VACANT: Self = Self { asked: [0; BYTES], limit: RateLimit::NEW };
 
     /// Marks a parameter as requested.
     fn ask(&mut self, index: u16) {
@@ -457,7 +457,7 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
         }
         match self.answer_on(port) {
             Some(place) => Some((view.now, ExtParamReply::Answer(place))),
-            None => link.first_asked().map(|index| (link.share.due(), ExtParamReply::Value(index))),
+            None => link.first_asked().map(|index| (link.limit.due(), ExtParamReply::Value(index))),
         }
     }
 
@@ -470,7 +470,7 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
             }
             ExtParamReply::Value(index) => {
                 link.forget(index);
-                link.share.spend(cx.now, COST, port.config.bytes_per_second);
+                link.limit.spend(cx.now, COST, port.config.bytes_per_second);
                 send_value(cx, port, index)
             }
         }

@@ -67,11 +67,10 @@
 mod context;
 mod gate;
 mod list;
+mod rate_limit;
 mod request;
-mod schedule;
-mod share;
-mod token_bucket;
 mod turn;
+mod write_schedule;
 
 pub(crate) mod camera;
 pub(crate) mod client;
@@ -90,12 +89,10 @@ pub(crate) mod identity;
 pub(crate) mod log_streaming;
 pub(crate) mod logs;
 pub(crate) mod manual_control;
-pub(crate) mod messages;
 pub(crate) mod mission;
 pub(crate) mod mode;
 pub(crate) mod operator_control;
 pub(crate) mod param;
-pub(crate) mod periodic;
 #[cfg(test)]
 pub(crate) mod rest;
 pub(crate) mod setpoints;
@@ -112,8 +109,8 @@ pub use context::{Cx, View};
 pub use gate::{Absent, ControlGate, ForwardingGate, OwnCommands, SigningGate, SticksGate, WithoutSigning};
 #[doc(hidden)]
 pub use list::{Look, LookAll, ServiceList, Visit, VisitAll};
+pub(crate) use rate_limit::{BULK_PERCENT, MAX_LATENESS, RateLimit, cost};
 pub use request::{Handled, Received, Request, Verdict};
-pub(crate) use share::{COST_OF_BYTE, MAX_LATENESS, Share};
 #[cfg(test)]
 pub(crate) use turn::TABLE;
 pub use turn::Turn;

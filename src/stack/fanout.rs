@@ -8,8 +8,8 @@ use crate::message::{ComponentId, SystemId};
 #[cfg(feature = "defmt")]
 use crate::service::ShowCounters;
 use crate::service::{
-    COST_OF_BYTE, Cx, Handled, Look, LookAll, MAX_LATENESS, Part, Received, Request, Service, Share, Shared,
-    StackEvent, Turn, Verdict, View, Visit, VisitAll, turns,
+    BULK_PERCENT, Cx, Handled, Look, LookAll, MAX_LATENESS, Part, RateLimit, Received, Request, Service, Shared,
+    StackEvent, Turn, Verdict, View, Visit, VisitAll, cost, turns,
 };
 use crate::time::{Duration, Instant};
 use crate::types::{Config, Firmware, Peer};
@@ -17,8 +17,8 @@ use crate::types::{Config, Firmware, Peer};
 /// Returns when bulk data may be sent in a turn. The files, logs and streamed logs of a link share 30 % of its rate, by turns, and
 /// what other traffic leaves (D-4, LOG-8, LOG-14). With a share for each of them, all together would leave streams nothing beside
 /// the list of parameters, which has 40 %.
-fn bulk_due(share: &Share, turn: Turn) -> Instant {
-    if turn == Turn::LateBulk { share.due() + MAX_LATENESS } else { Instant::ZERO }
+fn bulk_due(limit: &RateLimit, turn: Turn) -> Instant {
+    if turn == Turn::LateBulk { limit.due() + MAX_LATENESS } else { Instant::ZERO }
 }
 
 /// The turns of a service, a bit each.
@@ -360,8 +360,8 @@ impl<D: Declares> Services<D> {
             let mut visit = OfferBulk { offer, first, last, number: 0, sender: 0 };
             if self.visit(states, &mut visit) {
                 states.last_bulk = visit.sender;
-                let len = u32::try_from(port.outbox.len()).unwrap_or(0);
-                states.bulk.spend_all(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+                let cost = cost(port.outbox.len(), BULK_PERCENT);
+                states.bulk.spend_idle(cx.now, cost, port.config.bytes_per_second);
                 return true;
             }
         }

@@ -11,13 +11,12 @@ use crate::service::files::{FileServer, FileStatus};
 use crate::service::forwarding::Forwarding;
 use crate::service::logs::LogServer;
 use crate::service::manual_control::ManualInput;
-use crate::service::messages::{Messages, id_of};
 use crate::service::mission::Missions;
 use crate::service::operator_control::OperatorControl;
 use crate::service::param::ParamTable;
 #[cfg(feature = "signing")]
 use crate::service::signing::{Signing, SigningStream};
-use crate::service::stream::{Stream, StreamService, Telemetry};
+use crate::service::stream::{Messages, Stream, StreamService, Telemetry, id_of};
 #[cfg(feature = "storage")]
 use crate::storage::Storage;
 use crate::time::Instant;

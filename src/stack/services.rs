@@ -6,7 +6,7 @@ use crate::service::command::CommandService;
 use crate::service::heartbeat::Heartbeats;
 use crate::service::identity::Identification;
 use crate::service::statustext::Texts;
-use crate::service::{About, Look, LookAll, Service, ServiceList, Share, Turn, Visit, VisitAll};
+use crate::service::{About, Look, LookAll, RateLimit, Service, ServiceList, Turn, Visit, VisitAll};
 
 /// Whether one of these services sends bulk data.
 const fn has_bulk(services: &[About]) -> bool {
@@ -35,7 +35,7 @@ macro_rules! define {
         #[derive(Debug)]
         pub(crate) struct States<D: Declares> {
             /// The share of the link for bulk data.
-            pub(super) bulk: Share,
+            pub(super) bulk: RateLimit,
             /// The number of the service that sent bulk data last.
             pub(super) last_bulk: u8,
             $(pub(crate) $name: <$service as Service<D>>::Link,)*
@@ -43,7 +43,7 @@ macro_rules! define {
         }
 
         impl<D: Declares> States<D> {
-            pub(crate) const VACANT: Self = Self { bulk: Share::NEW, last_bulk: 0, $($name: <$service as Service<D>>::VACANT,)* own: <D::Services as ServiceList<D>>::VACANT };
+            pub(crate) const VACANT: Self = Self { bulk: RateLimit::NEW, last_bulk: 0, $($name: <$service as Service<D>>::VACANT,)* own: <D::Services as ServiceList<D>>::VACANT };
         }
 
         impl<D: Declares> Services<D> {

@@ -31,7 +31,7 @@ const ROOMS: [&[&str]; 21] = [
 ];
 
 /// The files of `service/` that belong to the room `service`: what services share.
-const SERVICE_ROOT: [&str; 8] = ["context", "gate", "list", "request", "schedule", "share", "token_bucket", "turn"];
+const SERVICE_ROOT: [&str; 7] = ["context", "gate", "list", "rate_limit", "request", "turn", "write_schedule"];
 
 /// The path of a module, relative to the crate's root.
 type ModulePath = Vec<String>;

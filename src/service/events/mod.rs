@@ -25,7 +25,7 @@ pub use declaration::{
     EventInfo, EventSet, LogLevel, bit, check_events,
 };
 
-use super::share::Share;
+use super::rate_limit::{RateLimit, cost};
 use super::{About, Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View};
 use crate::dialect::{
     CurrentEventSequence, Event as EventMessage, MavEventCurrentSequenceFlags, MavEventErrorReason, RequestEvent,
@@ -42,8 +42,8 @@ const SEQUENCE_INTERVAL: Duration = Duration::from_secs(3);
 /// CURRENT_EVENT_SEQUENCE is recent, while the next one is not due within this time: half a second after it was sent.
 const SEQUENCE_RECENT: Duration = Duration::from_millis(2_500);
 
-/// A byte's share of a link (byte·µs): half of the link's rate.
-const COST_OF_BYTE: u32 = 2_000_000;
+/// The percentage of a link that the events may use.
+const PERCENT: u32 = 50;
 
 counters! {
     /// Counters of the events. They wrap.
@@ -86,7 +86,7 @@ pub struct EventLink {
     was_heard: bool,
     /// When CURRENT_EVENT_SEQUENCE is due.
     at: Instant,
-    share: Share,
+    limit: RateLimit,
     /// The requests of two receivers, in order.
     requested: [Option<Requested>; 2],
 }
@@ -171,7 +171,7 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         has_sent: false,
         was_heard: false,
         at: Instant::ZERO,
-        share: Share::NEW,
+        limit: RateLimit::NEW,
         requested: [None; 2],
     };
     const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Event]);
@@ -243,7 +243,7 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
             None if link.sent != view.events.newest() => (view.now, EventReply::Next),
             None => (link.at, EventReply::Sequence),
         };
-        Some((at.max(link.share.due()), reply))
+        Some((at.max(link.limit.due()), reply))
     }
 
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut EventLink, reply: EventReply) -> bool {
@@ -252,8 +252,8 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
             EventReply::Requested => link.send_requested(cx.events, port),
             EventReply::Next => link.send_next(&mut self.counters, cx.events, port),
         };
-        let len = u32::try_from(port.outbox.len()).unwrap_or(0);
-        link.share.spend(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+        let cost = cost(port.outbox.len(), PERCENT);
+        link.limit.spend(cx.now, cost, port.config.bytes_per_second);
         is_sent
     }
 

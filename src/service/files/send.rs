@@ -11,7 +11,7 @@ use crate::dialect::{FileTransferProtocol, MavFtpOpcode};
 use crate::link::{Outbox, Port};
 use crate::message::Message;
 use crate::service::Cx;
-use crate::service::share::RETRY;
+use crate::service::rate_limit::RETRY;
 use crate::types::Firmware;
 
 impl<F: Firmware<Vehicle: Files>, V: VirtualFiles<F>, const N: usize> Server<'_, '_, F, V, N> {

@@ -8,7 +8,7 @@ use super::virtual_files::{Part, VirtualFiles};
 use super::{FileAccess, Files, Outcome, Server, short};
 use crate::crc32::Crc32;
 use crate::dialect::MavFtpErr;
-use crate::service::share::RETRY;
+use crate::service::rate_limit::RETRY;
 use crate::service::{Cx, increment};
 use crate::types::{Firmware, Peer};
 

@@ -1,10 +1,10 @@
 //! The gimbal device: attitude and failures of the gimbal, and what its manager asks of it: rules GIM-10 and GIM-11.
 
-use super::super::periodic::{Asked, Periodic, Row};
 use super::super::stream::has_listener;
 use super::super::{About, Cx, Handled, Received, Request, Service, ShowCounters, Turn, Verdict, View, increment};
 use super::send;
 use super::setpoint::{Axes, attitude};
+use super::status_stream::{Asked, StatusMessage, StatusStream};
 use crate::dialect::{
     GimbalDeviceAttitudeStatus, GimbalDeviceErrorFlags, GimbalDeviceFlags, GimbalDeviceInformation,
     GimbalDeviceSetAttitude, MavResult,
@@ -16,8 +16,12 @@ use crate::time::Instant;
 use crate::types::{Context, Firmware};
 
 /// GIMBAL_DEVICE_ATTITUDE_STATUS: ten times a second, as the guide advises, and once a second on a radio, as PX4 does.
-const STATUS: Row =
-    Row { id: GimbalDeviceAttitudeStatus::ID, radio: 1_000_000, onboard: 100_000, other: GimbalDeviceInformation::ID };
+const STATUS: StatusMessage = StatusMessage {
+    id: GimbalDeviceAttitudeStatus::ID,
+    radio: 1_000_000,
+    onboard: 100_000,
+    other: GimbalDeviceInformation::ID,
+};
 
 counters! {
     /// Counters of the gimbal device. They wrap.
@@ -187,11 +191,11 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
     };
     const NEW: Self = Self { counters: DeviceCounters::ZERO };
     const ABOUT: About = About::of(F::Vehicle::COMPONENT).in_turns(&[Turn::GimbalDevice, Turn::GimbalAttitude]);
-    type Link = Periodic;
-    const VACANT: Periodic = Periodic::NEW;
+    type Link = StatusStream;
+    const VACANT: StatusStream = StatusStream::NEW;
     type Reply = DeviceReply;
 
-    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut Periodic, received: &Received<'_>) -> Handled {
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut StatusStream, received: &Received<'_>) -> Handled {
         let Received { frame, from, target, .. } = received;
         if frame.id() != GimbalDeviceSetAttitude::ID {
             return Handled::No;
@@ -216,7 +220,7 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         &mut self,
         cx: &mut Cx<'_, F>,
         port: &mut Port,
-        link: &mut Periodic,
+        link: &mut StatusStream,
         request: &Request,
     ) -> Option<Verdict> {
         let result = link.on_command(STATUS, port, &request.command)?;
@@ -229,7 +233,7 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
     }
 
     #[inline(always)]
-    fn pending(&self, view: &View<'_>, port: &Port, link: &Periodic, turn: Turn) -> Option<(Instant, DeviceReply)> {
+    fn pending(&self, view: &View<'_>, port: &Port, link: &StatusStream, turn: Turn) -> Option<(Instant, DeviceReply)> {
         match turn {
             Turn::GimbalDevice => link.asked().map(|asked| (view.now, DeviceReply::Asked(asked))),
             _ => {
@@ -239,7 +243,7 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         }
     }
 
-    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Periodic, reply: DeviceReply) -> bool {
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut StatusStream, reply: DeviceReply) -> bool {
         let mut asked = match reply {
             DeviceReply::Asked(asked) => Some(asked),
             DeviceReply::Stream => {

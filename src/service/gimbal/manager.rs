@@ -1,12 +1,12 @@
 //! The gimbal manager: who points the gimbal, and what reaches the vehicle of it: rules GIM-1 to GIM-4, GIM-6, GIM-7, GIM-9 and GIM-12.
 
-use super::super::periodic::{Asked, Periodic, Row};
 use super::super::stream::has_listener;
 use super::super::{
     About, Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment,
 };
 use super::send;
 use super::setpoint::{GimbalSetpoint, Order, Raw};
+use super::status_stream::{Asked, StatusMessage, StatusStream};
 use super::vehicle::{GimbalControl, GimbalManager};
 use crate::dialect::{
     AutopilotStateForGimbalDevice, CommandLong, GimbalDeviceAttitudeStatus, GimbalDeviceInformation,
@@ -22,8 +22,12 @@ use crate::time::{Duration, Instant};
 use crate::types::{Component, Context, Firmware, LinkId, Vehicle};
 
 /// GIMBAL_MANAGER_STATUS: five times a second, as its definition advises, and every two seconds on a radio, as PX4 does.
-const STATUS: Row =
-    Row { id: GimbalManagerStatus::ID, radio: 2_000_000, onboard: 200_000, other: GimbalManagerInformation::ID };
+const STATUS: StatusMessage = StatusMessage {
+    id: GimbalManagerStatus::ID,
+    radio: 2_000_000,
+    onboard: 200_000,
+    other: GimbalManagerInformation::ID,
+};
 
 /// How often a device is asked for its GIMBAL_DEVICE_INFORMATION until it answers, as PX4 does.
 const ASK_PERIOD: Duration = Duration::from_secs(1);
@@ -119,7 +123,7 @@ pub struct ManagerService {
 /// The state of the service on a link.
 #[derive(Clone, Copy, Debug)]
 pub struct ManagerLink {
-    status: Periodic,
+    status: StatusStream,
     /// The changes that it has reported.
     changes: u8,
 }
@@ -468,7 +472,7 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
         ..About::AUTOPILOT
     };
     type Link = ManagerLink;
-    const VACANT: ManagerLink = ManagerLink { status: Periodic::NEW, changes: 0 };
+    const VACANT: ManagerLink = ManagerLink { status: StatusStream::NEW, changes: 0 };
     type Reply = ManagerReply;
 
     /// Tells the vehicle of a change. A device that has timed out may be another one when it reappears.

@@ -15,6 +15,7 @@
 mod device;
 mod manager;
 mod setpoint;
+mod status_stream;
 mod vehicle;
 
 pub use device::{DeviceCounters, DeviceService, DeviceSetpoint, GimbalDevice};

@@ -25,7 +25,7 @@ mod vehicle;
 
 pub use vehicle::{LogInfo, LogRead, Logs};
 
-use super::share::RETRY;
+use super::rate_limit::RETRY;
 use super::{About, Cx, Handled, Received, Service, Shared, ShowCounters, StackEvent, Turn, View, increment};
 use crate::dialect::{LogData, LogEntry, LogErase, LogRequestData, LogRequestEnd, LogRequestList, MavSeverity};
 use crate::link::Port;

@@ -45,7 +45,7 @@ use self::replies::Kind;
 use self::upload::{Done, Upload};
 use self::validate::Problem;
 use super::command::{Commands, is_allowed};
-use super::schedule::Schedule;
+use super::write_schedule::WriteSchedule;
 use super::{About, Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment};
 use crate::dialect::{
     MavComponent, MavMissionResult, MavMissionType, MavProtocolCapability, MavSeverity, MissionAck, MissionClearAll,
@@ -153,7 +153,7 @@ pub struct Missions {
     /// When a frame of the client of the upload or commit was last received on its link.
     heard_at: Instant,
     /// When plans are written. It is dirty if the live plans must be, though no client waits for it.
-    schedule: Schedule,
+    schedule: WriteSchedule,
     durability: Durability,
     is_loading: bool,
     done: Option<Done>,
@@ -177,7 +177,7 @@ impl Missions {
         commit: Some(Commit::VACANT),
         done: Some(Done::VACANT),
         second_answer: Some((Instant::ZERO, LinkId(0), Reply::NONE)),
-        schedule: Schedule::NEW,
+        schedule: WriteSchedule::NEW,
         durability: Durability::Durable,
         is_loading: false,
         current: Current::VACANT,

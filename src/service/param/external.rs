@@ -9,7 +9,7 @@ use super::table::{ParamMemory, Rows, Table};
 use super::{Links, List, NOTHING, Options, ParamHash, capability, handles, is_armed, storage_action};
 use crate::dialect::{MavCmd, MavResult};
 use crate::link::Port;
-use crate::service::token_bucket::TokenBucket;
+use crate::service::write_schedule::TokenBucket;
 use crate::service::{About, Cx, Handled, Received, Request, Service, StackEvent, Turn, Verdict, View};
 use crate::time::Instant;
 use crate::types::{Firmware, LinkMask, Values, Vehicle};

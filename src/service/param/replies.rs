@@ -5,18 +5,18 @@
 use crate::dialect::{MavParamError, ParamError};
 use crate::link::Outbox;
 use crate::message::Text;
-use crate::service::share::Share;
+use crate::service::rate_limit::{RateLimit, cost};
 use crate::time::{Duration, Instant};
 use crate::types::{LinkId, LinkMask, Peer};
 
 /// Number of refusals that can be pending on all links together.
 const SLOTS: usize = 4;
 
-/// The cost of a value: the size of a PARAM_VALUE in MAVLink 2, times 10^6, times 5/2 for a share of 40 % of the link (P-11).
-const COST: u32 = 92_500_000;
+/// The cost of a value: the size of a PARAM_VALUE in MAVLink 2, for a share of 40 % of the link (P-11).
+const COST: u32 = cost(37, 40);
 
 /// A list value that has waited this long is sent before streams and forwarded frames; otherwise a saturated link would
-/// starve the list (D-4, P-11). Less than what a [`Share`] makes up, so that waiting does not reduce the list's share.
+/// starve the list (D-4, P-11). Less than what a [`RateLimit`] makes up, so that waiting does not reduce the list's share.
 const MAX_LATENESS: Duration = Duration::from_millis(20);
 
 /// A pending refusal.
@@ -101,7 +101,7 @@ impl Refusals {
 #[derive(Clone, Debug)]
 pub struct List {
     /// When the next value is due.
-    share: Share,
+    limit: RateLimit,
     /// The index of that value.
     next: u16,
     /// Where the search for the next pending single value starts, so that each one has its turn (round robin).
@@ -111,13 +111,13 @@ pub struct List {
 
 impl List {
     pub(crate) const fn new() -> Self {
-        Self { share: Share::NEW, next: 0, from: 0, is_active: false }
+        Self { limit: RateLimit::NEW, next: 0, from: 0, is_active: false }
     }
 
     /// Starts or restarts the list (P-10). Returns true if no list was active.
     pub(super) fn begin(&mut self, now: Instant) -> bool {
         self.next = 0;
-        self.share.begin(now);
+        self.limit.begin(now);
         !core::mem::replace(&mut self.is_active, true)
     }
 
@@ -133,7 +133,7 @@ impl List {
 
     /// Returns when a list could begin: after the pause that its predecessor has left.
     pub(super) const fn begins_at(&self) -> Instant {
-        self.share.due()
+        self.limit.due()
     }
 
     /// Returns the index of the list's next value.
@@ -143,12 +143,12 @@ impl List {
 
     /// Returns when the list falls behind its share unless the next value is sent; [`Instant::NEVER`] without a list.
     pub(crate) fn late_at(&self) -> Instant {
-        if self.is_active { self.share.due() + MAX_LATENESS } else { Instant::NEVER }
+        if self.is_active { self.limit.due() + MAX_LATENESS } else { Instant::NEVER }
     }
 
     /// Returns when the list's next value is due; [`Instant::NEVER`] without a list.
     pub(crate) const fn due(&self) -> Instant {
-        if self.is_active { self.share.due() } else { Instant::NEVER }
+        if self.is_active { self.limit.due() } else { Instant::NEVER }
     }
 
     /// Records that a value of the list was sent. `count` is the length of the list, `bytes_per_second` the rate of the link; 0
@@ -156,6 +156,6 @@ impl List {
     pub(super) fn advance(&mut self, now: Instant, count: u16, bytes_per_second: u32) {
         self.next = self.next.saturating_add(1);
         self.is_active = self.next < count;
-        self.share.spend(now, COST, bytes_per_second);
+        self.limit.spend(now, COST, bytes_per_second);
     }
 }

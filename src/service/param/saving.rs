@@ -4,7 +4,7 @@
 //! previous write, unless the operator requests it. A change during a write may or may not be included, and causes another
 //! write. After many writes, a token bucket makes them less frequent (C-15).
 
-use crate::service::schedule::Schedule;
+use crate::service::write_schedule::WriteSchedule;
 use crate::time::{Duration, Instant};
 
 /// How long changes are collected.
@@ -15,7 +15,7 @@ const COOLDOWN: Duration = Duration::from_secs(10);
 /// What must be written, and when.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Saving {
-    pub(crate) schedule: Schedule,
+    pub(crate) schedule: WriteSchedule,
     /// The generation of the table that is stored or being written. A value that is loaded advances it too, so it differs from the
     /// table's only after other changes.
     stored: u32,
@@ -28,7 +28,7 @@ pub(crate) struct Saving {
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 impl Saving {
     pub(super) const NEW: Self =
-        Self { schedule: Schedule::NEW, stored: 0, is_reload_requested: false, is_unloaded: false };
+        Self { schedule: WriteSchedule::NEW, stored: 0, is_reload_requested: false, is_unloaded: false };
 
     /// Records that storage is attached.
     pub(super) const fn attach(&mut self, generation: u32) {

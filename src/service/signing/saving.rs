@@ -2,8 +2,7 @@
 
 use super::{MINUTE, Signing};
 use crate::frame::SigningKey;
-use crate::service::schedule::Schedule;
-use crate::service::token_bucket::TokenBucket;
+use crate::service::write_schedule::{TokenBucket, WriteSchedule};
 use crate::time::{Duration, Instant};
 
 /// How far ahead the timestamp is stored (10 µs): the most that a restart skips (G-15).
@@ -19,7 +18,7 @@ const TIME_REFILL: Duration = Duration::from_secs(50);
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Saving {
     /// Its bucket limits the writes that SETUP_SIGNING causes.
-    pub(super) schedule: Schedule,
+    pub(super) schedule: WriteSchedule,
     /// The stored timestamp: no later one is in use, if storage keeps up.
     pub(super) reserved: u64,
     /// The timestamp that is being stored.
@@ -34,7 +33,7 @@ pub(super) struct Saving {
 
 impl Saving {
     pub(super) const NEW: Self = Self {
-        schedule: Schedule::NEW,
+        schedule: WriteSchedule::NEW,
         reserved: 0,
         next: 0,
         is_lost: false,

@@ -8,13 +8,16 @@
 //! an interval and a due time for each of them. Nothing is kept as bytes, so a message reports the state at the time it
 //! is sent (D-3). A stack that does not declare `streams` does not link this.
 
+mod own_messages;
 mod requests;
 mod schedule;
 #[cfg(test)]
 mod tests;
 mod vehicle;
 
-pub(crate) use requests::fill;
+pub use own_messages::Messages;
+pub(crate) use own_messages::id_of;
+use requests::fill;
 pub use schedule::Slot;
 pub use vehicle::Telemetry;
 

@@ -77,8 +77,7 @@ const AREAS: [Area; 4] = [
             "src/stack/storage.rs",
             "src/storage/*.rs",
             // When content is stored.
-            "src/service/schedule.rs",
-            "src/service/token_bucket.rs",
+            "src/service/write_schedule.rs",
         ],
         tests: &[
             "api/errors",

@@ -20,7 +20,7 @@ const OFF: u32 = u32::MAX;
 /// The message, its intervals by default (µs) on links with [`StreamProfile::Radio`] and [`StreamProfile::Onboard`], and another message
 /// that is sent on request only.
 #[derive(Clone, Copy, Debug)]
-pub struct Row {
+pub struct StatusMessage {
     pub(crate) id: u32,
     pub(crate) radio: u32,
     pub(crate) onboard: u32,
@@ -29,7 +29,7 @@ pub struct Row {
 
 /// The state of the message on a link. Initially all zero bits.
 #[derive(Clone, Copy, Debug)]
-pub struct Periodic {
+pub struct StatusStream {
     /// When it is due.
     at: Instant,
     /// The interval that a client has set (µs): 0 is the default.
@@ -60,11 +60,11 @@ impl Asked {
     }
 }
 
-impl Periodic {
+impl StatusStream {
     pub(crate) const NEW: Self = Self { at: Instant::ZERO, micros: 0, asked: 0 };
 
     /// Returns the interval on a link (µs).
-    fn interval(&self, row: Row, port: &Port) -> u32 {
+    fn interval(&self, row: StatusMessage, port: &Port) -> u32 {
         match (self.micros, port.config.streams) {
             (0, StreamProfile::Off) => OFF,
             (0, StreamProfile::Radio) => row.radio,
@@ -74,7 +74,7 @@ impl Periodic {
     }
 
     /// Handles a command about one of the messages; `None` for all others.
-    pub(crate) fn on_command(&mut self, row: Row, port: &Port, command: &Command) -> Option<MavResult> {
+    pub(crate) fn on_command(&mut self, row: StatusMessage, port: &Port, command: &Command) -> Option<MavResult> {
         let [first, second, third, _] = command.params;
         let is_request = command.id == MavCmd::REQUEST_MESSAGE;
         let mut id = num::integer::<i32>(first)?.cast_unsigned();
@@ -129,19 +129,19 @@ impl Periodic {
     }
 
     /// Returns MESSAGE_INTERVAL. Off is −1: all bits are set.
-    pub(crate) fn told(&self, row: Row, port: &Port) -> MessageInterval {
+    pub(crate) fn told(&self, row: StatusMessage, port: &Port) -> MessageInterval {
         let message_id = u16::try_from(row.id).unwrap_or(0);
         MessageInterval { interval_us: self.interval(row, port).cast_signed(), message_id }
     }
 
     /// Returns when the message is due in its stream. `has_listener`: see `streams_wait_for_peer`.
-    pub(crate) fn due(&self, row: Row, port: &Port, has_listener: impl FnOnce() -> bool) -> Instant {
+    pub(crate) fn due(&self, row: StatusMessage, port: &Port, has_listener: impl FnOnce() -> bool) -> Instant {
         let is_on = self.interval(row, port) != OFF && port.outbox.takes(row.id) && has_listener();
         if is_on { self.at } else { Instant::NEVER }
     }
 
     /// Records that it is sent now, in its stream.
-    pub(crate) fn sent(&mut self, now: Instant, row: Row, port: &Port) {
+    pub(crate) fn sent(&mut self, now: Instant, row: StatusMessage, port: &Port) {
         let interval = Duration::from_micros(u64::from(self.interval(row, port)));
         // The average rate is kept, and what was missed is not made up.
         self.at += interval;

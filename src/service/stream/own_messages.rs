@@ -11,16 +11,16 @@
 //! The messages take at most half of a link's rate, and come after all answers (D-4, K-9). On a link without a rate they are every
 //! other frame, while others have something to send. They are not sent on high-latency links (L-2).
 
-use super::share::Share;
-use super::stream::{Fill, Telemetry, fill, is_own};
-use super::{About, Cx, Service, Turn, View};
+use super::{Fill, Telemetry, fill, is_own};
 use crate::link::Port;
 use crate::message::Message;
+use crate::service::rate_limit::{RateLimit, cost};
+use crate::service::{About, Cx, Service, Turn, View};
 use crate::time::{Duration, Instant};
 use crate::types::{Context, Destination, Firmware, Pending};
 
-/// A byte's share of a link (byte·µs): half of the link's rate.
-const COST_OF_BYTE: u32 = 2_000_000;
+/// The percentage of a link that the messages may use (K-9).
+const PERCENT: u32 = 50;
 
 /// How long a message waits for the frames of others on a link without a rate.
 const PATIENCE: Duration = Duration::from_millis(20);
@@ -28,7 +28,7 @@ const PATIENCE: Duration = Duration::from_millis(20);
 /// The state of the service on a link.
 #[derive(Debug)]
 pub struct MessageLink {
-    share: Share,
+    limit: RateLimit,
     /// When the last message was sent, and the number of frames that the link had sent before.
     at: Instant,
     frames: u32,
@@ -40,7 +40,7 @@ impl MessageLink {
         let is_last = port.counters.tx_frames == self.frames.wrapping_add(1);
         match port.config.bytes_per_second {
             0 if is_last && self.at != Instant::ZERO => self.at + PATIENCE,
-            _ => self.share.due(),
+            _ => self.limit.due(),
         }
     }
 }
@@ -52,7 +52,7 @@ pub struct Messages;
 impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
     const NEW: Self = Self;
     type Link = MessageLink;
-    const VACANT: MessageLink = MessageLink { share: Share::NEW, frames: 0, at: Instant::ZERO };
+    const VACANT: MessageLink = MessageLink { limit: RateLimit::NEW, frames: 0, at: Instant::ZERO };
     const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Message]);
     type Reply = ();
 
@@ -66,8 +66,8 @@ impl<F: Firmware<Vehicle: Telemetry>> Service<F> for Messages {
         while let Some(Pending::Message { id, index, target }) = cx.requests.take_message(port.id) {
             let outbox = &mut port.outbox;
             if fill(cx.vehicle, &mut Fill::new(cx.now, id.get(), index, outbox, false).to(target)) {
-                let len = u32::try_from(outbox.len()).unwrap_or(0);
-                link.share.spend(cx.now, len.wrapping_mul(COST_OF_BYTE), port.config.bytes_per_second);
+                let cost = cost(outbox.len(), PERCENT);
+                link.limit.spend(cx.now, cost, port.config.bytes_per_second);
                 (link.frames, link.at) = (port.counters.tx_frames, cx.now);
                 return true;
             }
