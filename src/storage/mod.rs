@@ -10,8 +10,6 @@
 #[cfg(feature = "embedded-storage-async")]
 mod async_store;
 mod content;
-mod eeprom;
-mod fram;
 mod log;
 mod page;
 mod params;
@@ -22,7 +20,6 @@ mod region;
 #[cfg(feature = "signing")]
 mod signing;
 mod slot;
-mod spi;
 mod store;
 
 #[cfg(test)]
@@ -32,8 +29,6 @@ mod tests;
 pub use async_store::AsyncStore;
 pub(crate) use content::{Kind, Part, Texts, Write, report};
 pub use content::{Persistent, RestoreError, RestoreErrors, Storage};
-pub use eeprom::{Eeprom, EepromError};
-pub use fram::{Fram, FramError};
 pub(crate) use log::{Event, Next};
 pub use page::Page;
 pub use partition::{Partition, PartitionError};

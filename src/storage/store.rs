@@ -8,8 +8,8 @@ use super::slot::JobSlot;
 
 /// A region of a storage with a blocking driver, for everything that a firmware stores.
 ///
-/// The driver is a [`NorFlash`]: of the microcontroller's flash, of a chip, of an FRAM ([`Fram`](super::Fram)), or a part
-/// of one that others use too. `WRITE_SIZE` must divide 256, `READ_SIZE` 32, and `ERASE_SIZE` must divide 256 or be a
+/// The driver is a [`NorFlash`]: of the microcontroller's flash, of a chip, of an FRAM or EEPROM (the package
+/// `mavstack-fram`), or a part of one that others use too. `WRITE_SIZE` must divide 256, `READ_SIZE` 32, and `ERASE_SIZE` must divide 256 or be a
 /// multiple of it. [`Stack::restore`](crate::Stack::restore) reads all of the region, and
 /// [`Stack::persist`](crate::Stack::persist) writes to it in steps.
 ///

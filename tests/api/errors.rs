@@ -49,23 +49,6 @@ fn adapter_errors_say_what_to_do() {
     assert!(HalError::<SerialError>::WouldBlock.to_string().contains("read_ready"));
 }
 
-#[cfg(feature = "storage")]
-#[test]
-fn fram_errors_say_what_to_do() {
-    use embedded_hal::spi::ErrorKind;
-    use mavstack::storage::FramError;
-    let id = [0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0x7F, 0xC2, 0xFF, 0x08];
-    for (error, word) in [
-        (FramError::Bus(ErrorKind::Overrun), "the bus failed: Overrun"),
-        (FramError::Id(id), "C2, FF, 08"),
-        (FramError::Protected, "BP0 and BP1"),
-        (FramError::NotAligned, "multiple of its unit"),
-        (FramError::OutOfBounds, "beyond the end"),
-    ] {
-        assert!(error.to_string().contains(word), "{error}");
-    }
-}
-
 /// M-38: the message names the item, if one is at fault.
 #[test]
 fn plan_errors_name_the_item() {

@@ -1,4 +1,4 @@
-//! Plans, parameters and the signing key in flash and FRAM, through power cuts, damage and floods.
+//! Plans, parameters and the signing key in flash, through power cuts, damage and floods.
 
 #![cfg(feature = "storage")]
 
@@ -11,10 +11,7 @@ mod async_store;
 mod damage;
 #[cfg(feature = "signing")]
 mod early;
-mod eeprom;
 mod flash_garbage;
-mod fram;
-mod fram_chips;
 mod lifetime;
 #[cfg(feature = "signing")]
 mod pace;
@@ -25,7 +22,6 @@ mod power_cut;
 mod records;
 #[cfg(feature = "signing")]
 mod signing_key;
-mod spi;
 mod stall;
 mod stm32f4;
 mod worn;

@@ -1,9 +1,10 @@
-//! `cargo xtask cross`: the library and the snapshot for each kind of microcontroller.
+//! `cargo xtask cross`: the library, the snapshot and the drivers for each kind of microcontroller.
 
 use crate::system::{Result, run};
 use crate::toolchain::{self, Choice, TARGETS};
 
-/// Builds the library for each microcontroller, with no feature and with all features, and the snapshot. Two of them have no
+/// Builds the library for each microcontroller, with no feature and with all features, the snapshot and the
+/// drivers of FRAM and EEPROM. Two of them have no
 /// compare-and-swap.
 pub fn build_all(choice: Option<Choice>) -> Result {
     let choice = toolchain::prepare(choice, &TARGETS)?;
@@ -12,8 +13,10 @@ pub fn build_all(choice: Option<Choice>) -> Result {
             println!("mavstack for {target} with {features}");
             run(toolchain::cargo_build(choice, target).args(["--package", "mavstack", "--lib", features]))?;
         }
-        println!("mavstack-snapshot for {target}");
-        run(toolchain::cargo_build(choice, target).args(["--package", "mavstack-snapshot", "--lib"]))?;
+        for package in ["mavstack-snapshot", "mavstack-fram"] {
+            println!("{package} for {target}");
+            run(toolchain::cargo_build(choice, target).args(["--package", package, "--lib"]))?;
+        }
     }
     Ok(())
 }

@@ -7,12 +7,13 @@ use std::{env, fs};
 use crate::system::{Result, cargo, root, run};
 
 /// What is published, and where it is. A crate comes after those that it uses.
-const CRATES: [(&str, &str); 8] = [
+const CRATES: [(&str, &str); 9] = [
     ("mavstack-macros", "crates/macros"),
     ("mavstack", "."),
     ("mavstack-traffic", "crates/traffic"),
     ("mavstack-dialect", "dialect"),
     ("mavstack-snapshot", "crates/snapshot"),
+    ("mavstack-fram", "crates/fram"),
     ("mavstack-demo", "examples/demo"),
     ("mavstack-console", "examples/console"),
     ("mavstack-sitl", "examples/sitl"),

@@ -18,7 +18,7 @@ const FILES: [&str; 10] = [
     "routing/refused",
     "signing/setup",
     "stack/minimal",
-    "storage/fram",
+    "storage/partition",
     "vehicle/metadata",
     "wire/golden",
     "wire/secrets",

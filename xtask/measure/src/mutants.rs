@@ -79,14 +79,7 @@ const AREAS: [Area; 4] = [
             // When content is stored.
             "src/service/write_schedule.rs",
         ],
-        tests: &[
-            "api/errors",
-            "storage/flash_garbage",
-            "storage/fram",
-            "storage/pace",
-            "storage/power_cut",
-            "storage/signing_key",
-        ],
+        tests: &["api/errors", "storage/flash_garbage", "storage/pace", "storage/power_cut", "storage/signing_key"],
     },
 ];
 

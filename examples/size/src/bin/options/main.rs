@@ -495,6 +495,7 @@ fn main() -> ! {
     };
     #[cfg(feature = "store-fram")]
     let mut store = {
+        use mavstack_fram::Fram;
         use mavstack_size::storage::Spi;
         let Ok(fram) = Fram::new(Spi) else {
             loop {

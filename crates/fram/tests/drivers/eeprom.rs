@@ -1,27 +1,14 @@
-//! The EEPROM driver: every byte on the bus, a chip that behaves as the datasheets say, and plans kept there.
+//! The EEPROM driver: every byte on the bus, and a chip that behaves as the datasheets say.
 
-use super::spi::*;
-use crate::support::*;
+use crate::bus::*;
 use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{ErrorKind, ErrorType, Operation, SpiDevice};
 use embedded_hal_mock::eh1::delay::NoopDelay;
 use embedded_hal_mock::eh1::spi::Mock;
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
-use mavstack::dialect::MavCmd;
-use mavstack::storage::{Eeprom, EepromError, Store};
-use mavstack::{Instant, Item, PlanType};
+use mavstack_fram::{Eeprom, Error};
 use std::cell::RefCell;
 use std::rc::Rc;
-
-#[derive(mavstack::Stack)]
-#[stack(
-    vehicle: TestVehicle,
-    links: 1,
-    plans: { mission: 50, fence: 4, rally: 2 },
-    commands: { slots: 1 },
-    storage,
-)]
-struct Mavlink;
 
 fn status(status: u8) -> Bus {
     question(&[0x05], &[status])
@@ -46,10 +33,10 @@ fn what_does_not_answer_or_is_protected_is_refused() {
         mock.done();
         error
     };
-    assert_eq!(open(&[status(0), command(&[0x06]), status(0)]), Some(EepromError::NoAnswer(0)));
-    assert_eq!(open(&[status(0x04)]), Some(EepromError::Protected));
-    assert_eq!(open(&[status(0x8C)]), Some(EepromError::Protected));
-    assert_eq!(open(&vec![status(0xFF); 200]), Some(EepromError::Busy), "an open line reads as ones");
+    assert_eq!(open(&[status(0), command(&[0x06]), status(0)]), Some(Error::NoAnswer(0)));
+    assert_eq!(open(&[status(0x04), command(&[0x06]), status(0x06)]), Some(Error::Protected));
+    assert_eq!(open(&[status(0x8C), command(&[0x06]), status(0x8E)]), Some(Error::Protected));
+    assert_eq!(open(&vec![status(0xFF); 200]), Some(Error::Busy), "an open line reads as ones");
     // An M95040's four upper bits are ones.
     assert_eq!(open(&[status(0xF0), command(&[0x06]), status(0xF2), command(&[0x04])]), None);
 }
@@ -95,27 +82,21 @@ fn writing() {
 #[test]
 fn beyond_the_end() {
     with(&[], |eeprom| {
-        assert_eq!(eeprom.read(0x8000, &mut [0]), Err(EepromError::OutOfBounds));
-        assert_eq!(eeprom.write(0x7FFF, &[0; 2]), Err(EepromError::OutOfBounds));
-        assert_eq!(eeprom.erase(0x7F00, 0x8100), Err(EepromError::OutOfBounds));
-        assert_eq!(eeprom.erase(0x80, 0x180), Err(EepromError::NotAligned));
+        assert_eq!(eeprom.read(0x8000, &mut [0]), Err(Error::OutOfBounds));
+        assert_eq!(eeprom.write(0x7FFF, &[0; 2]), Err(Error::OutOfBounds));
+        assert_eq!(eeprom.erase(0x7F00, 0x8100), Err(Error::OutOfBounds));
+        assert_eq!(eeprom.erase(0x80, 0x180), Err(Error::NotAligned));
     });
-    let kinds = [
-        EepromError::NotAligned,
-        EepromError::OutOfBounds,
-        EepromError::Bus(()),
-        EepromError::Busy,
-        EepromError::NoAnswer(0),
-        EepromError::Protected,
-    ]
-    .map(|error| error.kind());
+    let kinds =
+        [Error::NotAligned, Error::OutOfBounds, Error::Bus(()), Error::Busy, Error::NoAnswer(0), Error::Protected]
+            .map(|error| error.kind());
     use NorFlashErrorKind::{NotAligned, Other, OutOfBounds};
     assert_eq!(kinds, [NotAligned, OutOfBounds, Other, Other, Other, Other]);
     for (error, text) in [
-        (EepromError::Bus(()), "the bus failed: ()"),
-        (EepromError::Busy, "the chip stays busy, or none answers: check the wiring and the chip select"),
-        (EepromError::NoAnswer(0), "no EEPROM answers, its status reads as 0x00: check the wiring and the chip select"),
-        (EepromError::Protected, "the chip's status register protects memory: clear its bits BP0 and BP1"),
+        (Error::Bus(()), "the bus failed: ()"),
+        (Error::Busy, "the chip stays busy, or none answers: check the wiring and the chip select"),
+        (Error::NoAnswer(0), "no chip answers, its status reads as 0x00: check the wiring and the chip select"),
+        (Error::Protected, "the chip's status register protects memory: clear its bits BP0 and BP1"),
     ] {
         assert_eq!(error.to_string(), text);
     }
@@ -123,22 +104,22 @@ fn beyond_the_end() {
 
 /// A chip as its datasheet describes it: a page latch that rolls over, and a write that takes 5 ms, during which it answers
 /// to nothing but RDSR.
-struct Chip {
-    memory: Vec<u8>,
+pub struct Chip {
+    pub memory: Vec<u8>,
     page: usize,
     enabled: bool,
     busy_until: u64,
     now: u64,
     writes: u32,
     /// The write with this number is cut off: half of its page is garbage, and the chip is off.
-    cut: Option<u32>,
-    is_off: bool,
+    pub cut: Option<u32>,
+    pub is_off: bool,
     /// It never completes a write.
     is_stuck: bool,
 }
 
 #[derive(Clone)]
-struct Shared(Rc<RefCell<Chip>>);
+pub struct Shared(pub Rc<RefCell<Chip>>);
 
 impl DelayNs for Shared {
     fn delay_ns(&mut self, ns: u32) {
@@ -189,7 +170,7 @@ impl SpiDevice for Shared {
     }
 }
 
-fn chip(memory: Vec<u8>) -> Shared {
+pub fn chip(memory: Vec<u8>) -> Shared {
     Shared(Rc::new(RefCell::new(Chip {
         memory,
         page: 64,
@@ -203,7 +184,7 @@ fn chip(memory: Vec<u8>) -> Shared {
     })))
 }
 
-fn open(chip: &Shared) -> Eeprom<Shared, Shared> {
+pub fn open(chip: &Shared) -> Eeprom<Shared, Shared> {
     Eeprom::new::<0x8000, 64>(chip.clone(), chip.clone()).unwrap()
 }
 
@@ -239,56 +220,11 @@ fn no_call_blocks_for_ever() {
     let took = chip.0.borrow().now - before;
     assert!((20_000_000..=21_000_000).contains(&took), "{took} ns");
     chip.0.borrow_mut().is_stuck = true;
-    assert_eq!(eeprom.write(0, &[0; 1]), Err(EepromError::Busy));
+    assert_eq!(eeprom.write(0, &[0; 1]), Err(Error::Busy));
     for _ in 0..2 {
         let before = chip.0.borrow().now;
-        assert_eq!(eeprom.read(0, &mut [0]), Err(EepromError::Busy));
+        assert_eq!(eeprom.read(0, &mut [0]), Err(Error::Busy));
         assert_eq!(chip.0.borrow().now - before, 20_000_000);
     }
     assert!(Eeprom::new::<0x8000, 64>(chip.clone(), chip.clone()).is_err());
-}
-
-fn items(count: i32) -> impl ExactSizeIterator<Item = Item> + Clone {
-    (0..count).map(|x| Item { command: MavCmd::NAV_WAYPOINT, autocontinue: 1, x, y: 1, ..Item::default() })
-}
-
-/// Starts with this chip. Returns the number of items that were restored, after storing this many others.
-fn restart(chip: &Shared, count: Option<i32>) -> Option<usize> {
-    let mut store = Store::new(Eeprom::new::<0x8000, 64>(chip.clone(), chip.clone()).ok()?, 0..0x8000);
-    let setup = Setup::<1>::new();
-    let mut stack = begun::<Mavlink, 1>(setup.config, setup.links);
-    let mut vehicle = TestVehicle::new();
-    stack.restore(Instant::ZERO, &mut store, &mut vehicle).ok()?;
-    let restored = stack.mission().items().len();
-    if let Some(count) = count {
-        stack.load_plan(Instant::ZERO, PlanType::Mission, items(count), &mut vehicle).unwrap();
-        while stack.persist(Instant::ZERO, &mut store, &mut vehicle) && !chip.0.borrow().is_off {}
-    }
-    Some(restored)
-}
-
-/// M-44, SEC-11: the power goes in every write of a page, which leaves garbage in all of it: the plan is the old one or the
-/// new one.
-#[test]
-fn plans_survive_a_cut_in_every_page() {
-    let first = chip(vec![0xFF; 0x8000]);
-    assert_eq!(restart(&first, Some(20)), Some(0));
-    assert_eq!(restart(&first, None), Some(20));
-    let before = first.0.borrow().memory.clone();
-    let (mut old, mut new) = (0, 0);
-    for cut in 1.. {
-        let cut_chip = chip(before.clone());
-        cut_chip.0.borrow_mut().cut = Some(cut);
-        assert_eq!(restart(&cut_chip, Some(30)), Some(20));
-        let was_cut = cut_chip.0.borrow().is_off;
-        match restart(&chip(cut_chip.0.borrow().memory.clone()), None) {
-            Some(20) => old += 1,
-            Some(30) => new += 1,
-            other => panic!("{other:?} items after a cut in write {cut}"),
-        }
-        if !was_cut {
-            break;
-        }
-    }
-    assert!(old > 10 && new == 1, "{old} old, {new} new");
 }

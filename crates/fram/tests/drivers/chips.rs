@@ -1,9 +1,9 @@
 //! FRAM of other makers, and FRAM without an id: what they answer, and that nothing else is taken for one.
 
-use super::spi::*;
+use crate::bus::*;
 use embedded_hal_mock::eh1::spi::Mock;
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
-use mavstack::storage::{Fram, FramError};
+use mavstack_fram::{Error, Fram};
 
 /// An id of nine bytes; behind a shorter one the line reads as `fill`.
 fn id(bytes: &[u8], fill: u8) -> [u8; 9] {
@@ -64,7 +64,7 @@ fn what_is_no_fram_is_refused() {
         ("reversed, with a gap", id(&[0x03, 0x2E, 0xC2, 0x7F, 0x7F, 0x00, 0x7F, 0x7F, 0x7F], 0)),
     ] {
         let mut mock = Mock::new(&question(&[0x9F], &id));
-        assert_eq!(Fram::new(&mut mock).err(), Some(FramError::Id(id)), "{name}");
+        assert_eq!(Fram::new(&mut mock).err(), Some(Error::Id(id)), "{name}");
         mock.done();
     }
 }
@@ -83,11 +83,11 @@ fn a_chip_without_id_is_probed() {
         mock.done();
     }
     for (status, error) in [
-        (0x00, FramError::NoAnswer(0x00)),
-        (0xFF, FramError::NoAnswer(0xFF)),
-        (0x40, FramError::NoAnswer(0x40)),
-        (0x06, FramError::Protected),
-        (0x8E, FramError::Protected),
+        (0x00, Error::NoAnswer(0x00)),
+        (0xFF, Error::NoAnswer(0xFF)),
+        (0x40, Error::NoAnswer(0x40)),
+        (0x06, Error::Protected),
+        (0x8E, Error::Protected),
     ] {
         let mut mock = Mock::new(&probe(status));
         assert_eq!(Fram::with_capacity(&mut mock, 0x2000).err(), Some(error), "{status:02X}");
@@ -95,12 +95,12 @@ fn a_chip_without_id_is_probed() {
     }
     let mut mock =
         Mock::new(&[question(&[0x9F], &id(&[0x04, 0x7F, 0x27, 0x03], 0)), question(&[0x05], &[0xFF])].concat());
-    assert_eq!(Fram::new(&mut mock).err(), Some(FramError::NoAnswer(0xFF)));
+    assert_eq!(Fram::new(&mut mock).err(), Some(Error::NoAnswer(0xFF)));
     mock.done();
-    assert_eq!(FramError::<()>::NoAnswer(0).kind(), NorFlashErrorKind::Other);
+    assert_eq!(Error::<()>::NoAnswer(0).kind(), NorFlashErrorKind::Other);
     assert_eq!(
-        FramError::<()>::NoAnswer(0xFF).to_string(),
-        "no FRAM answers, its status reads as 0xFF: check the wiring and the chip select"
+        Error::<()>::NoAnswer(0xFF).to_string(),
+        "no chip answers, its status reads as 0xFF: check the wiring and the chip select"
     );
 }
 
@@ -123,7 +123,7 @@ fn the_capacity_decides_the_address() {
         fram.read(offset, &mut bytes).unwrap();
         assert_eq!(bytes, [7, 8]);
         fram.write(offset, &[1, 2]).unwrap();
-        assert_eq!(fram.read(capacity, &mut bytes), Err(FramError::OutOfBounds));
+        assert_eq!(fram.read(capacity, &mut bytes), Err(Error::OutOfBounds));
         mock.done();
     }
 }
