@@ -9,7 +9,6 @@ import time
 
 import pytest
 from conftest import Gcs, found_by_mavsdk
-from flight import DEGREE, HOME, place
 from mavsdk.plugins.action import Action
 from mavsdk.plugins.camera import Camera
 from mavsdk.plugins.camera.camera import CameraError, Mode, PhotosRange, Storage
@@ -24,6 +23,17 @@ from test_log import Logged
 from test_mavproxy import MavProxy
 from transfer import ACCEPTED as PLAN_ACCEPTED
 from transfer import download, send_item
+
+# The vehicle's home: latitude and longitude in degrees.
+HOME = (47.397742, 8.545594)
+# m of latitude in a degree.
+DEGREE = 111_319.5
+
+
+def place(east, north):
+    """Latitude and longitude of a place, in degrees, by its distance from home in m."""
+    return HOME[0] + north / DEGREE, HOME[1] + east / DEGREE / math.cos(math.radians(HOME[0]))
+
 
 mavlink = mavutil.mavlink
 

@@ -14,12 +14,10 @@ mod fuzz;
 mod integration;
 mod jitter;
 mod log;
-mod pictures;
 mod publish;
 mod qemu;
 mod rp2040js;
 mod trace;
-mod ulog;
 
 use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::PathBuf;
@@ -49,7 +47,6 @@ enum Task {
     Setup,
     Qemu(Qemu),
     Integration(Integration),
-    Pictures(pictures::Pictures),
     Faults(Faults),
     Jitter(Jitter),
     Fuzz(Fuzz),
@@ -57,7 +54,6 @@ enum Task {
     Boards(Boards),
     Dialects(Dialects),
     Trace(Trace),
-    Ulog(ulog::Ulog),
     /// Check that the crates could be published.
     ///
     /// Publishes nothing. Checks contents and metadata, builds the documentation, and does Cargo's dry run.
@@ -252,7 +248,6 @@ fn main() -> ExitCode {
             let options = qemu::Options { port_base, qmp, nic: nic.as_deref(), no_components };
             qemu::run(app, udp, log.as_deref(), options, toolchain)
         }
-        Task::Pictures(arguments) => pictures::draw(&arguments),
         Task::Integration(Integration { target, file, load_seconds, toolchain }) => {
             integration::run_tests(&integration::Options { target, file, load_seconds }, toolchain)
         }
@@ -265,7 +260,6 @@ fn main() -> ExitCode {
         Task::Boards(Boards { run }) => boards::build_all(run),
         Task::Dialects(arguments) => dialects::run(arguments.toolchain),
         Task::Trace(arguments) => trace::run(arguments.tests),
-        Task::Ulog(arguments) => arguments.run(),
         Task::PublishCheck => publish::check(),
     };
     match result {

@@ -1,5 +1,5 @@
 //! Writes logs in the format ULog: <https://docs.px4.io/main/en/dev_log/ulog_file_format.html>. pyulog, PlotJuggler and Flight Review
-//! read them, and `cargo xtask ulog`.
+//! read them.
 
 /// A topic: its name and its fields, in PX4's words. Its first field is the time (µs since boot).
 pub struct Topic {
