@@ -167,9 +167,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         const { Component::check(D::COMPONENTS) };
         const { <D::Vehicle as Vehicle>::MESSAGES.check() };
         let shared = &mut self.shared;
-        shared.config = config;
-        let identity = &mut shared.config.identity;
-        identity.capabilities |= Services::<D>::CAPABILITIES;
+        shared.config = Config { budget: config.budget.at_least_a_frame(), ..config };
+        shared.config.identity.capabilities |= Services::<D>::CAPABILITIES;
         for ((id, link), config) in (0..).map(LinkId).zip(&mut self.links).zip(&links) {
             link.configure(id, *config, &shared.config);
             let mask = LinkMask::of(id);

@@ -78,9 +78,20 @@ impl<T: Field, const N: usize> Field for [T; N] {
 
     #[inline(always)]
     fn write(&self, payload: &mut [u8], at: usize) {
+        if Self::ELEMENT == 1 && Self::SIZE > 8 && Self::SIZE <= 32 {
+            return write_elements(self, payload, at);
+        }
         for (i, element) in self.iter().enumerate() {
             element.write(payload, at.wrapping_add(i.wrapping_mul(T::SIZE)));
         }
+    }
+}
+
+/// Writes a longer array.
+#[inline(never)]
+fn write_elements<T: Field>(elements: &[T], payload: &mut [u8], at: usize) {
+    for (element, at) in elements.iter().zip((at..).step_by(T::SIZE)) {
+        element.write(payload, at);
     }
 }
 

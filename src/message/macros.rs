@@ -87,8 +87,7 @@ macro_rules! message {
 
                 #[inline]
                 fn decode(payload: &[u8]) -> Self {
-                    let mut bytes = [0; <Self as $crate::Message>::MAX_LEN];
-                    $crate::message::zero_extend(payload, &mut bytes);
+                    let bytes: [u8; <Self as $crate::Message>::MAX_LEN] = $crate::message::zero_extended(payload);
                     let mut fields = $crate::message::FieldReader::new(&bytes);
                     Self {
                         $( $field: fields.take(), )+

@@ -54,13 +54,24 @@ pub trait Message: Sized {
     fn encode(&self, payload: &mut [u8]) -> Option<usize>;
 }
 
-/// Copies as much of `payload` into `out` as fits, and returns how many bytes. The rest of `out` is unchanged: zeros,
-/// where a payload is extended (S-6). Not inlined, because the decoders of all messages share it.
+/// Returns the front of `payload`, extended with zeros (S-6). For the short messages that every vehicle receives, a loop
+/// is smaller than `memcpy`, and about as fast as a call of it.
 #[doc(hidden)]
-#[inline(never)]
-pub fn zero_extend(payload: &[u8], out: &mut [u8]) -> usize {
-    let len = payload.len().min(out.len());
-    if let (Some(from), Some(to)) = (payload.get(..len), out.get_mut(..len)) {
+#[inline]
+pub fn zero_extended<const N: usize>(payload: &[u8]) -> [u8; N] {
+    if N <= 64 {
+        return core::array::from_fn(|offset| payload.get(offset).copied().unwrap_or(0));
+    }
+    let mut extended = [0; N];
+    zero_extend(payload, &mut extended);
+    extended
+}
+
+/// Copies as much of `from` to `to` as fits, and returns how many bytes. The rest of `to` is unchanged: zeros, where a payload is
+/// extended (S-6).
+pub(crate) fn zero_extend(from: &[u8], to: &mut [u8]) -> usize {
+    let len = from.len().min(to.len());
+    if let (Some(from), Some(to)) = (from.get(..len), to.get_mut(..len)) {
         to.copy_from_slice(from);
     }
     len

@@ -251,7 +251,7 @@ fn find_or_insert(
     if peers.push(new).is_ok() {
         return Some((peers.last_mut()?, None));
     }
-    let (mut held, mut ours) = ([0_u16; MAX_LINKS], 0_usize);
+    let (mut held, mut ours) = ([0_u8; MAX_LINKS], 0_usize);
     for old in peers.iter() {
         if let Some(held) = held.get_mut(usize::from(old.peer.link.0)) {
             *held = held.saturating_add(1);

@@ -92,10 +92,14 @@ impl PollBudget {
         }
     }
 
+    /// Returns the same budget, with which at least one frame can be handled.
+    pub(crate) fn at_least_a_frame(self) -> Self {
+        Self { work: self.work.max(Decoder::MIN_BUDGET), frames: self.frames.max(1), ..self }
+    }
+
     /// Returns the allowance of one poll.
-    pub(crate) fn allowance(&self) -> Allowance {
-        let work = self.work.max(Decoder::MIN_BUDGET);
-        Allowance { work, frames: self.frames.max(1), answers: 0, has_sent: false }
+    pub(crate) const fn allowance(&self) -> Allowance {
+        Allowance { work: self.work, frames: self.frames, answers: 0, has_sent: false }
     }
 }
 
