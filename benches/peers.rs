@@ -6,9 +6,10 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use mavstack::__private::Declares;
 use mavstack::config::StreamProfile;
+use mavstack::dialect;
 use mavstack::dialect::{Attitude, Heartbeat, MavResult, PlayTune};
 use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
-use mavstack::*;
+use mavstack::prelude::*;
 use std::hint::black_box;
 
 const FRAMES: usize = 1_000;

@@ -8,7 +8,7 @@
 //! use mavstack::dialect::commands::ComponentArmDisarm;
 //! use mavstack::dialect::rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
 //! use mavstack::dialect::{MavResult, MavSeverity, MissionState};
-//! use mavstack::*;
+//! use mavstack::prelude::*;
 //! # use std::convert::Infallible;
 //! # struct Uart;
 //! # impl embedded_io::ErrorType for Uart { type Error = Infallible; }
@@ -155,7 +155,7 @@
 //! - `embedded-hal-nb`, `embedded-io-06`, `embedded-io-async`: adapters for UARTs with those traits, see [`mod@io`]; with the last
 //!   also the ends of a link for async tasks, `io::AsyncReceiver` and `io::AsyncTransmitter`.
 //! - `embedded-storage-async`: `storage` on async flash drivers, see `storage::AsyncStore`.
-//! - `fmt`: `write!` into a [`Text`], `Stack::send_fmt`, and the files of component metadata (`metadata`). They need `core::fmt`.
+//! - `fmt`: `write!` into a [`Text`], `Text::formatted`, and the files of component metadata (`metadata`). They need `core::fmt`.
 //! - `plan-texts` (default): a STATUSTEXT with the reason for every plan, item, parameter, command and mode that the stack
 //!   refuses. Rate limits: one text a second for parameters, and one a second on each link for commands and modes.
 //! - `signing`: signs and verifies frames; see `Signing`.
@@ -213,7 +213,8 @@ pub use frame::Frame;
 /// Declares the stack of a vehicle: its services, with all their memory.
 ///
 /// ```
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
+/// # use mavstack::{clock, high_latency, parameters, setpoints};
 /// # use mavstack::dialect::*;
 /// # pub struct Quadrotor;
 /// # impl Vehicle for Quadrotor { fn state(&self) -> Option<VehicleState> { None } }
@@ -309,7 +310,8 @@ pub use frame::Frame;
 /// starts it in place, without a copy on the call stack:
 ///
 /// ```
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
+/// # use mavstack::dialect;
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {
@@ -350,6 +352,20 @@ pub use types::{
     Command, Component, Config, Context, ControlInput, Destination, LinkConfig, LinkId, Outcome, Peer, PeerEvent,
     PlanType, Recipient, Vehicle, VehicleState,
 };
+
+/// The names that most firmwares need, for `use mavstack::prelude::*`: the stack, its configuration, the traits of the vehicle, and
+/// the types in their hooks. It has no modules and no macros, whose names are common words.
+pub mod prelude {
+    pub use crate::dialect::{MavResult, MavSeverity};
+    pub use crate::{
+        Address, Camera, Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config,
+        Context, ControlInput, CustomMode, Destination, Duration, ExtParameters, Files, Fill, FlightMode, Frame,
+        GimbalDevice, GimbalManager, HealthChecks, Instant, Item, LinkConfig, LinkId, LogStreaming, Logs, Message,
+        ModeRequest, Modes, Outcome, OutgoingCommand, Param, ParamAnswer, ParamBackend, ParamChange, Parameters, Peer,
+        PeerEvent, PlanChange, PlanType, Plans, Progress, Pulse, Recipient, Stack, StackOf, Stream, Telemetry, Text,
+        Vehicle, VehicleState,
+    };
+}
 
 /// What [`Config`] and [`LinkConfig`] consist of.
 pub mod config {

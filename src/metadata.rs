@@ -18,7 +18,7 @@
 //! The second step, with `GENERAL_CRC` from the first:
 //!
 //! ```
-//! # use mavstack::*;
+//! # use mavstack::prelude::*;
 //! use mavstack::dialect::ComponentMetadata;
 //!
 //! # const GENERAL_CRC: u32 = 0;

@@ -35,16 +35,14 @@ use crate::link::{Link, LinkCounters, LinkError, Transport};
 #[cfg(feature = "defmt")]
 use crate::log::DropLog;
 use crate::message::Address;
-#[cfg(feature = "fmt")]
-use crate::message::Text;
 use crate::network;
 use crate::service::command::CommandMemory;
 use crate::service::param::ParamMemory;
 use crate::service::{Cx, Service, Shared, SigningGate, View, increment};
 use crate::time::Instant;
 use crate::types::{
-    Allowance, Component, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PlanMemory, StatusTexts, Values,
-    Vehicle, VehicleAddress,
+    Allowance, Component, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PlanMemory, Values, Vehicle,
+    VehicleAddress,
 };
 
 /// The vehicle's side of MAVLink for the declaration `D`, on `LINKS` links. It derefs to the struct of the
@@ -470,15 +468,17 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// bytes. The same text is dropped if it is repeated within five seconds; a text that a hook sends about a received
     /// frame, such as a refused command, within two (C-16). A full queue evicts the least severe
     /// text; `texts` in [`#[stack]`](macro@crate::Stack) declares its length.
-    pub fn send_text(&mut self, now: Instant, severity: MavSeverity, text: &(impl AsRef<[u8]> + ?Sized)) {
-        self.push_text(now, severity, text.as_ref());
+    pub fn text(&mut self, now: Instant, severity: MavSeverity, text: &(impl AsRef<[u8]> + ?Sized)) {
+        let now = self.enter(now);
+        self.texts.view_mut().push(now, self.shared.normal, severity, text.as_ref());
     }
 
     /// Returns the oldest text of the queue that was queued after the text with this number, with its own number; 0 is before the first.
     /// The queue keeps sent texts, its own and the vehicle's, until others need their place. For a vehicle that records them in its log:
     ///
     /// ```
-    /// # use mavstack::*;
+    /// # use mavstack::prelude::*;
+    /// # use mavstack::dialect;
     /// # struct Rover;
     /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
     /// # impl Commands for Rover {
@@ -499,23 +499,6 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     pub fn text_after(&self, number: u16) -> Option<(u16, MavSeverity, &[u8])> {
         let entry = self.texts.view().after(number)?;
         Some((entry.number, entry.severity, entry.text.as_bytes()))
-    }
-
-    /// Sends a text that `core::fmt` formats, which takes some kilobytes of flash: `stack.send_fmt(now,
-    /// MavSeverity::INFO, format_args!("Wind {wind:.1} m/s"))`. A text is cut off after
-    /// [`MAX_TEXT_LEN`](crate::limits::MAX_TEXT_LEN) bytes.
-    #[cfg(feature = "fmt")]
-    pub fn send_fmt(&mut self, now: Instant, severity: MavSeverity, text: core::fmt::Arguments<'_>) {
-        let mut built = Text::<{ crate::limits::MAX_TEXT_LEN }>::EMPTY;
-        // An error means that the text was cut off.
-        let _ = core::fmt::Write::write_fmt(&mut built, text);
-        self.push_text(now, severity, built.as_bytes());
-    }
-
-    fn push_text(&mut self, now: Instant, severity: MavSeverity, text: &[u8]) {
-        let now = self.enter(now);
-        let texts: &mut StatusTexts = self.texts.view_mut();
-        texts.push(now, self.shared.normal, severity, text);
     }
 
     /// Calls `work` with the context that the vehicle's hooks get, at the time `now`. Use it in a flight loop that

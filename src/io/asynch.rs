@@ -30,7 +30,7 @@ enum Fault<E> {
 /// ```
 /// # use core::cell::RefCell;
 /// # use embedded_io_async::Read;
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {
@@ -166,7 +166,7 @@ impl<R: ErrorType> core::fmt::Debug for AsyncReceiver<'_, R> {
 /// ```
 /// # use core::cell::RefCell;
 /// # use embedded_io_async::Write;
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {

@@ -54,7 +54,7 @@ struct Station<E> {
 /// [`Stack::poll_udp`] moves datagrams between a socket and the links:
 ///
 /// ```
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {

@@ -202,10 +202,29 @@ impl Digits {
     }
 }
 
-/// For functions that accept any text, such as [`Stack::send_text`](crate::Stack::send_text).
+/// For functions that accept any text, such as [`Stack::text`](crate::Stack::text).
 impl<const N: usize> AsRef<[u8]> for Text<N> {
     fn as_ref(&self) -> &[u8] {
         self.as_bytes()
+    }
+}
+
+#[cfg(feature = "fmt")]
+impl<const N: usize> Text<N> {
+    /// Returns a text that `core::fmt` formats, cut off after `N` bytes. `core::fmt` takes some kilobytes of flash.
+    ///
+    /// ```
+    /// use mavstack::Text;
+    ///
+    /// let wind = 2.25;
+    /// let text = Text::<50>::formatted(format_args!("Wind {wind:.1} m/s"));
+    /// assert_eq!(text.as_str(), Some("Wind 2.2 m/s"));
+    /// ```
+    pub fn formatted(text: core::fmt::Arguments<'_>) -> Self {
+        let mut formatted = Self::EMPTY;
+        // An error means that the text was cut off.
+        let _ = core::fmt::Write::write_fmt(&mut formatted, text);
+        formatted
     }
 }
 

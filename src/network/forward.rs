@@ -146,7 +146,7 @@ fn is_command(id: u32) -> bool {
 /// use mavstack::dialect::{Heartbeat, MavResult, MavType};
 /// use mavstack::config::LinkClass;
 /// use mavstack::frame::{Version, encode};
-/// use mavstack::*;
+/// use mavstack::prelude::*;
 ///
 /// static PULSE: Pulse = Pulse::new();
 /// const CONFIG: Config = Config::new(Address::new(1, 1), &PULSE);

@@ -30,7 +30,7 @@ const MAVLINK_VERSION: u8 = 3;
 /// ```
 /// use mavstack::dialect::{MavCmd, MavResult, MavState, MavType};
 /// use mavstack::message::ComponentId;
-/// use mavstack::*;
+/// use mavstack::prelude::*;
 ///
 /// /// MAV_COMP_ID_PERIPHERAL.
 /// const WINCH: ComponentId = ComponentId::new(158);

@@ -169,7 +169,7 @@ impl<F: Firmware> Cx<'_, F> {
     }
 
     /// Sends a text on every normal link. Compiled out if there is no queue of texts.
-    pub fn say(&mut self, severity: MavSeverity, text: &[u8]) {
+    pub fn text(&mut self, severity: MavSeverity, text: &[u8]) {
         if F::HAS_TEXTS {
             self.texts.push(self.now, self.shared.normal, severity, text);
         }

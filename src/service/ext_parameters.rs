@@ -130,7 +130,7 @@ impl<'a> ExtValue<'a> {
 /// ```
 /// use mavstack::dialect::{MavResult, ParamAck};
 /// use mavstack::ext_parameters::ExtValue;
-/// use mavstack::*;
+/// use mavstack::prelude::*;
 ///
 /// /// A camera with two settings.
 /// struct Surveyor { iso: u32, owner: [u8; 16] }

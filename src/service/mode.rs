@@ -321,7 +321,7 @@ impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
             }
             if !is_reported && self.report_until == Instant::ZERO {
                 increment(&mut cx.shared.faults.unreported_modes);
-                cx.say(MavSeverity::ERROR, b"Accepted mode was not reported");
+                cx.text(MavSeverity::ERROR, b"Accepted mode was not reported");
             }
         }
         if !has_state || custom_mode == self.mode {

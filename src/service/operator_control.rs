@@ -103,7 +103,8 @@ counters! {
 /// every normal link that carries MAVLink 2: at once after a change, and every second.
 ///
 /// ```
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
+/// # use mavstack::{dialect, message};
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {

@@ -79,7 +79,8 @@ counters! {
 /// ```
 /// use mavstack::manual_control::ControlSource;
 /// use mavstack::setpoints::{Place, PositionSetpoint, Setpoint, Target};
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
+/// # use mavstack::{dialect, message};
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {

@@ -221,7 +221,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     ///
     /// ```
     /// # use mavstack::dialect::{HomePosition, MavResult};
-    /// # use mavstack::*;
+    /// # use mavstack::prelude::*;
     /// # struct Rover;
     /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
     /// # impl Commands for Rover {

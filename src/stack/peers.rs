@@ -34,7 +34,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// ```
     /// use mavstack::manual_control::ControlSource;
     /// use mavstack::message::SystemId;
-    /// # use mavstack::*;
+    /// # use mavstack::prelude::*;
+    /// # use mavstack::dialect;
     /// # struct Rover { is_stopped: bool }
     /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
     /// # impl Commands for Rover {

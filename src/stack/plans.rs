@@ -10,6 +10,11 @@ use crate::types::{PlanMemory, PlanType, PlanView};
 
 /// The live plans.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
+    /// Returns a live plan: see [`mission`](Self::mission).
+    pub fn plan(&self, plan: PlanType) -> PlanView<'_> {
+        self.plans.live(plan)
+    }
+
     /// Returns the live mission. It changes in one step, and only inside calls that are given the vehicle (M-39). Empty
     /// without `plans`.
     pub fn mission(&self) -> PlanView<'_> {

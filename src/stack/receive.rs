@@ -324,5 +324,5 @@ pub(super) fn report_conflict<D: Declares>(cx: &mut Cx<'_, D>, link: LinkId) {
     let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
     text.push_str("Another vehicle has system id ");
     text.push_number(u32::from(cx.shared.config.address.get().system.wire()));
-    cx.say(MavSeverity::WARNING, text.as_bytes());
+    cx.text(MavSeverity::WARNING, text.as_bytes());
 }

@@ -110,7 +110,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// # use core::cell::RefCell;
     /// # use embedded_storage::nor_flash::NorFlash;
     /// # use mavstack::storage::Store;
-    /// # use mavstack::*;
+    /// # use mavstack::prelude::*;
     /// # struct Rover;
     /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
     /// # impl Commands for Rover {

@@ -18,7 +18,8 @@ use super::store::store;
 /// ```
 /// # use core::cell::RefCell;
 /// # use embedded_storage_async::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
+/// # use mavstack::parameters;
 /// # struct Flash;
 /// # impl ErrorType for Flash { type Error = NorFlashErrorKind; }
 /// # impl ReadNorFlash for Flash {

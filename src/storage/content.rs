@@ -358,7 +358,7 @@ impl Kind {
 /// Sends a text about stored content.
 pub(crate) fn report<F: Firmware>(cx: &mut Cx<'_, F>, severity: MavSeverity, text: &'static str) {
     event!("storage: {=str}", text);
-    cx.say(severity, text.as_bytes());
+    cx.text(severity, text.as_bytes());
 }
 
 impl Texts {

@@ -20,7 +20,8 @@ pub const MAX_RECORD_LEN: usize = PAYLOAD;
 /// not rate-limited: each takes 256 bytes of the log, so do not save one more often than the storage endures.
 ///
 /// ```
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
+/// # use mavstack::dialect;
 /// # struct Rover { starts: u32 }
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {

@@ -15,7 +15,8 @@ use super::slot::JobSlot;
 ///
 /// ```
 /// # use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
+/// # use mavstack::parameters;
 /// use mavstack::storage::Store;
 ///
 /// # struct Flash;

@@ -47,7 +47,7 @@ impl<'a> Context<'a> {
         self.now - self.requests.lead
     }
 
-    /// Sends a STATUSTEXT on every normal link: see [`Stack::send_text`](crate::Stack::send_text).
+    /// Sends a STATUSTEXT on every normal link: see [`Stack::text`](crate::Stack::text).
     pub fn text(&mut self, severity: MavSeverity, text: &(impl AsRef<[u8]> + ?Sized)) {
         self.texts.push(self.now, self.normal, severity, text.as_ref());
     }
@@ -55,7 +55,7 @@ impl<'a> Context<'a> {
     /// Reports that the vehicle has reached a mission item: see
     /// [`Stack::mission_item_reached`](crate::Stack::mission_item_reached). Returns false, and reports nothing, if four
     /// reports are pending for the next [`poll`](crate::Stack::poll).
-    pub fn item_reached(&mut self, seq: u16) -> bool {
+    pub fn mission_item_reached(&mut self, seq: u16) -> bool {
         self.requests.reached.push(seq).is_ok()
     }
 

@@ -1,7 +1,7 @@
 //! A stack that `derive(Stack)` declares.
 
 use mavstack::dialect::MavResult;
-use mavstack::*;
+use mavstack::prelude::*;
 
 struct Rover;
 

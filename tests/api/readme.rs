@@ -2,7 +2,7 @@
 
 use crate::support::{TestVehicle as Quadrotor, Tuning};
 use embedded_io::{Read, ReadReady, Write, WriteReady};
-use mavstack::*;
+use mavstack::prelude::*;
 
 /// The flight controller's own code.
 trait Flight {

@@ -371,7 +371,7 @@ proptest! {
             }
             let frame = reference::v2(id, [0, 0], [255, 190], &payload, row.crc_extra());
             world.gcs[link].send_raw(&frame);
-            world.stack.send_text(world.now(), MavSeverity(payload[0] % 8), "something happened");
+            world.stack.text(world.now(), MavSeverity(payload[0] % 8), "something happened");
             world.run_for(millis(5));
         }
         world.run_for(secs(1));

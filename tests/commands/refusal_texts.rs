@@ -221,7 +221,7 @@ fn another_press_of_the_button_is_explained_again() {
     }
     world.gcs[0].forget();
     for _ in 0..4 {
-        world.stack.send_text(world.now(), MavSeverity::WARNING, "Low battery");
+        world.stack.text(world.now(), MavSeverity::WARNING, "Low battery");
         world.run_for(millis(1_200));
     }
     assert_eq!(texts(&world, 0), ["Low battery"]);

@@ -377,7 +377,7 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
                 // An interrupted frame may be sent again from its start.
                 line.is_made = true;
             }
-            86 => stack.send_text(now, MavSeverity(rng.below(8) as u8), &format!("event {event}")),
+            86 => stack.text(now, MavSeverity(rng.below(8) as u8), &format!("event {event}")),
             87 => match rng.below(4) {
                 0 => stack.announce::<HighLatency2>(),
                 1 => stack.announce::<HighLatency>(),

@@ -526,7 +526,7 @@ fn failing_uart_does_not_keep_its_task_awake() {
         let now = Instant::from_millis(ms);
         firmware.pulse.tick();
         stack.poll(now, vehicle);
-        stack.send_text(now, MavSeverity::INFO, &format!("Text {ms}"));
+        stack.text(now, MavSeverity::INFO, &format!("Text {ms}"));
         // A task that does not sleep.
         for _ in 0..10 {
             match stack.transmit_to(now, LINK, &mut transmitter, vehicle) {

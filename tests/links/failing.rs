@@ -98,13 +98,13 @@ fn failing_transport_does_not_keep_the_driver_awake() {
             sleep(&mut world, &mut line, Instant::from_millis(6_500));
             // A frame is cut off.
             if begun > 0 {
-                world.stack.send_text(Instant::from_millis(6_500), MavSeverity::INFO, "It is cut off");
+                world.stack.text(Instant::from_millis(6_500), MavSeverity::INFO, "It is cut off");
                 let len = world.stack.transmit(Instant::from_millis(6_500), LINK, &mut world.vehicle).len();
                 assert!(len > begun);
                 world.stack.transmitted(LINK, begun);
             }
             line.fault = Some(fault);
-            world.stack.send_text(Instant::from_millis(6_500), MavSeverity::INFO, "Pending");
+            world.stack.text(Instant::from_millis(6_500), MavSeverity::INFO, "Pending");
             let (passes, errors) = sleep(&mut world, &mut line, Instant::from_millis(8_500));
             assert!(passes <= 60, "{fault:?}: {passes} passes in 2 s");
             assert!(!errors.is_empty());

@@ -76,7 +76,7 @@ impl Lab {
         let link = LinkConfig::unlimited();
         stack.begin(Config::new(VEHICLE, pulse), [link, link, link.with_class(LinkClass::HighLatency)]);
         let now = Instant::from_millis(4_000);
-        stack.send_text(now, MavSeverity::INFO, "Hello");
+        stack.text(now, MavSeverity::INFO, "Hello");
         stack.event(now, &Turned {});
         let sent = [const { Vec::new() }; 3];
         let mut lab = Self { stack, vehicle: Talker::default(), pulse, now, seq: 0, sent, last_seq: [None; 3] };
@@ -196,7 +196,7 @@ fn heartbeat_is_the_first_frame_of_a_link_that_opens_again() {
             lab.pass(true);
         }
         lab.sent = [const { Vec::new() }; 3];
-        lab.stack.send_text(lab.now, MavSeverity::INFO, "Again");
+        lab.stack.text(lab.now, MavSeverity::INFO, "Again");
         lab.receive(RADIO, 250, &Ping::default());
         if cut {
             let frame = lab.stack.transmit(lab.now, RADIO, &mut lab.vehicle);

@@ -42,7 +42,7 @@ fn partial_reads_and_writes_change_nothing() {
             for gcs in &mut world.gcs {
                 gcs.command_long(MavCmd::NAV_TAKEOFF, [round as f32; 7]);
             }
-            world.stack.send_text(world.now(), MavSeverity::INFO, &format!("round {round}"));
+            world.stack.text(world.now(), MavSeverity::INFO, &format!("round {round}"));
             world.run_for(millis(100));
         }
         world.run_for(secs(5));

@@ -170,7 +170,7 @@ impl Lab {
 #[test]
 fn heartbeats_are_broadcast_until_a_station_answers() {
     let mut lab = Lab::new();
-    lab.stack.send_text(lab.now, MavSeverity::INFO, "nobody reads this");
+    lab.stack.text(lab.now, MavSeverity::INFO, "nobody reads this");
     lab.run_for(millis(3_500));
     assert_eq!(lab.socket.sent.len(), 4);
     assert_eq!(lab.take::<Heartbeat>(BROADCAST).len(), 4);
@@ -226,7 +226,7 @@ fn stations_with_the_same_ids_get_their_own_answers() {
         assert_eq!(lab.acks(A), [MavCmd::NAV_TAKEOFF]);
         assert_eq!(lab.acks(B), [MavCmd::NAV_LAND]);
     }
-    lab.stack.send_text(lab.now, MavSeverity::INFO, "to everyone");
+    lab.stack.text(lab.now, MavSeverity::INFO, "to everyone");
     lab.run_for(millis(100));
     for station in [A, B] {
         assert_eq!(lab.take::<Statustext>(station).len(), 1);
@@ -518,7 +518,7 @@ fn debug_omits_the_datagram() {
 fn new_station_gets_a_heartbeat_first() {
     let mut lab = Lab::new();
     lab.run_for(millis(1_300));
-    lab.stack.send_text(lab.now, MavSeverity::INFO, "Hello");
+    lab.stack.text(lab.now, MavSeverity::INFO, "Hello");
     for (round, station) in [A, B, A, C, B].into_iter().enumerate() {
         lab.socket.sent.clear();
         lab.command(station, MavCmd::NAV_LAND);

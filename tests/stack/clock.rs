@@ -66,7 +66,7 @@ impl Site {
         self.behind = step;
         for round in 0..20 {
             let now = self.shown();
-            self.world.stack.send_text(now, MavSeverity::INFO, &format!("Round {}", round / 4));
+            self.world.stack.text(now, MavSeverity::INFO, &format!("Round {}", round / 4));
             self.world.gcs[0].command_long(MavCmd::NAV_LAND, [round as f32; 7]);
             self.world.gcs[0].send(&ParamRequestList { target_system: 1, target_component: 1 });
             self.run_for(millis(470));

@@ -138,7 +138,7 @@ fn stack_that_was_not_begun_takes_and_sends_nothing() {
         gcs.send_raw(&frames);
         gcs.poll(now);
         let waiting = uart.readable();
-        stack.send_text(now, MavSeverity::CRITICAL, "Hello");
+        stack.text(now, MavSeverity::CRITICAL, "Hello");
         stack.event(now, &Turned {});
         stack.announce::<Attitude>();
         stack.time.ask(LINK);

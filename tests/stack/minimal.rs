@@ -39,7 +39,7 @@ impl Commands for Minimal {
         match command.id {
             MavCmd::PREFLIGHT_CALIBRATION => cx.start(),
             MavCmd::DO_JUMP => {
-                assert!(cx.item_reached(3));
+                assert!(cx.mission_item_reached(3));
                 MavResult::ACCEPTED.into()
             }
             _ => MavResult::UNSUPPORTED.into(),
@@ -229,7 +229,7 @@ fn no_text_is_sent_without_room_for_texts() {
         let now = Instant::from_millis(step * 100);
         config.pulse.unwrap().tick();
         stack.poll(now, &mut vehicle);
-        stack.send_text(now, MavSeverity::EMERGENCY, "never sent");
+        stack.text(now, MavSeverity::EMERGENCY, "never sent");
         let mut frame = [0; MAX_FRAME_LEN];
         let len = encode(&Heartbeat::default(), Version::V2, VEHICLE, 100, &mut frame).unwrap();
         assert_eq!(stack.receive(now, LinkId(0), &frame[..len], &mut vehicle), len);

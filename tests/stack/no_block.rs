@@ -223,7 +223,7 @@ fn link_that_is_never_polled_is_harmless() {
         let now = Instant::from_millis(ms);
         setup.config.pulse.unwrap().tick();
         stack.poll(now, &mut vehicle);
-        stack.send_text(now, MavSeverity::EMERGENCY, if ms % 2 == 0 { "even" } else { "odd" });
+        stack.text(now, MavSeverity::EMERGENCY, if ms % 2 == 0 { "even" } else { "odd" });
         let len = stack.transmit(now, LINK, &mut vehicle).len();
         stack.transmitted(LINK, len);
     }

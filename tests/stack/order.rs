@@ -233,7 +233,7 @@ fn pending_frames_are_sent_in_order() {
     world.stack.poll(now + Duration::ZERO, &mut world.vehicle);
     world.pulse.tick();
     world.vehicle.0.state.as_mut().unwrap().custom_mode = pilot::HOLD;
-    world.stack.send_text(now, MavSeverity::INFO, "Gear down");
+    world.stack.text(now, MavSeverity::INFO, "Gear down");
     assert!(world.stack.send::<SystemTime>(LinkId(0), 0));
     assert!(world.stack.send_command(STATION, 0));
 

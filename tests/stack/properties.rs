@@ -328,7 +328,7 @@ proptest! {
                     bench.stack.parameters_mut().set(Tuning::YAW_NOW, yaw);
                 }
                 Step::Text(severity) => {
-                    bench.stack.send_text(bench.now, MavSeverity(severity), "Something happened");
+                    bench.stack.text(bench.now, MavSeverity(severity), "Something happened");
                 }
             }
         }

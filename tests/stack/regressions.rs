@@ -3,7 +3,8 @@
 use crate::support::*;
 use mavstack::dialect::*;
 use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
-use mavstack::*;
+use mavstack::prelude::*;
+use mavstack::{message, plan_memory};
 
 type Plans60 = Tested<plan_memory!(mission: 60, fence: 8, rally: 8)>;
 

@@ -223,7 +223,7 @@ impl Flight {
             self.text_due = now + secs(7);
             let number = self.texts.len();
             let text = format!("Event {number} {}", "of some length ".repeat(number % 7)).trim_end().to_owned();
-            world.stack.send_text(now, MavSeverity::NOTICE, &text);
+            world.stack.text(now, MavSeverity::NOTICE, &text);
             self.texts.push(text);
         }
     }

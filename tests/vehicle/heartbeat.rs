@@ -194,7 +194,7 @@ fn heartbeat_is_sent_first_after_a_stall() {
     for _ in 0..4 {
         world.gcs[0].command_long(MavCmd::NAV_LAND, [0.0; 7]);
     }
-    world.stack.send_text(world.now(), MavSeverity::ALERT, "Battery low");
+    world.stack.text(world.now(), MavSeverity::ALERT, "Battery low");
     world.gcs[0].forget();
     world.run_for(millis(7_400));
     assert_eq!(world.gcs[0].received.len(), 0);
@@ -223,7 +223,7 @@ fn high_latency_link_gets_no_heartbeat() {
     let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
     let mut world = World::new(Setup { links: [satellite, LinkConfig::uart(57_600)], ..Setup::new() });
     world.gcs[0].heartbeat_period = Some(secs(1));
-    world.stack.send_text(world.now(), MavSeverity::EMERGENCY, "Engine failure");
+    world.stack.text(world.now(), MavSeverity::EMERGENCY, "Engine failure");
     world.run_for(millis(59_999));
     assert_eq!(world.uarts[0].written(), 0);
     assert_eq!(world.gcs[1].count_of::<Heartbeat>(), 60);
@@ -374,11 +374,7 @@ fn extra_heartbeats_do_not_fill_a_slow_link() {
     world.run_for(millis(2_500));
     world.gcs[0].forget();
     for said in 0..3 {
-        world.stack.send_text(
-            world.now(),
-            MavSeverity::WARNING,
-            &format!("{said}: a text of some forty bytes, too long"),
-        );
+        world.stack.text(world.now(), MavSeverity::WARNING, &format!("{said}: a text of some forty bytes, too long"));
     }
     for mode in 0..200 {
         world.vehicle.state.as_mut().unwrap().custom_mode = mode;

@@ -59,7 +59,7 @@ fn long_texts_are_sent_in_chunks() {
     ] {
         let mut world = World::new(Setup::<1>::new());
         world.run_for(millis(10));
-        world.stack.send_text(world.now(), MavSeverity::NOTICE, &text(len));
+        world.stack.text(world.now(), MavSeverity::NOTICE, &text(len));
         world.run_for(millis(500));
         let chunks = chunks(&world, 0);
         assert_eq!(chunks.iter().map(|chunk| chunk.text.len()).collect::<Vec<_>>(), lengths, "{len} bytes");
@@ -76,10 +76,10 @@ fn long_texts_are_sent_in_chunks() {
 #[test]
 fn chunks_of_two_texts_are_not_interleaved() {
     let mut world = World::new(Setup::<1>::new());
-    world.stack.send_text(world.now(), MavSeverity::INFO, &text(120));
+    world.stack.text(world.now(), MavSeverity::INFO, &text(120));
     world.run_for(millis(1));
     // A more severe text does not interrupt the first one.
-    world.stack.send_text(world.now(), MavSeverity::ALERT, &text(70));
+    world.stack.text(world.now(), MavSeverity::ALERT, &text(70));
     world.run_for(secs(1));
     let ids: Vec<u16> = chunks(&world, 0).iter().map(|chunk| chunk.id).collect();
     assert!(ids[0] == ids[2] && ids[3] == ids[4] && ids[0] != ids[3], "{ids:?}");
@@ -94,7 +94,7 @@ fn chunks_end_between_code_points() {
     let mut world = World::new(Setup { links, ..Setup::new() });
     // 119 bytes, then a code point of two; the 50th byte is in the middle of one too.
     let long = format!("a{}", "é".repeat(60));
-    world.stack.send_text(world.now(), MavSeverity::INFO, &long);
+    world.stack.text(world.now(), MavSeverity::INFO, &long);
     world.run_for(secs(1));
     assert_eq!(texts(&world, 0), [format!("a{} {}", "é".repeat(24), "é".repeat(35))]);
     assert_eq!(texts(&world, 1), [format!("a{}", "é".repeat(24))], "49 bytes, in v1");
@@ -107,7 +107,7 @@ fn v1_link_gets_the_first_50_bytes() {
     let mut world = World::new(Setup { links, ..Setup::new() });
     for len in [50, 51, 120] {
         world.gcs[0].forget();
-        world.stack.send_text(world.now(), MavSeverity::ERROR, &text(len));
+        world.stack.text(world.now(), MavSeverity::ERROR, &text(len));
         world.run_for(millis(500));
         assert_eq!(texts(&world, 0), [text(50)], "{len} bytes");
     }
@@ -118,7 +118,7 @@ fn v1_link_gets_the_first_50_bytes() {
 fn repetitions_are_dropped() {
     let mut world = World::new(Setup::<1>::new());
     let say = |world: &mut World<1>, severity| {
-        world.stack.send_text(world.now(), severity, "GPS glitch");
+        world.stack.text(world.now(), severity, "GPS glitch");
         world.run_for(millis(100));
         chunks(world, 0).len()
     };
@@ -130,7 +130,7 @@ fn repetitions_are_dropped() {
     assert_eq!(say(&mut world, MavSeverity::ERROR), 2);
     world.run_for(secs(1));
     assert_eq!(say(&mut world, MavSeverity::WARNING), 3, "5.2 s after the first");
-    world.stack.send_text(world.now(), MavSeverity::ERROR, "");
+    world.stack.text(world.now(), MavSeverity::ERROR, "");
     world.run_for(millis(100));
     assert_eq!(chunks(&world, 0).len(), 3, "an empty text is not sent");
 }
@@ -142,7 +142,7 @@ fn alternating_texts_are_sent_once() {
     let said =
         [(MavSeverity::WARNING, "GPS glitch"), (MavSeverity::ERROR, "Low voltage"), (MavSeverity::INFO, "Ready")];
     for (severity, text) in said.into_iter().cycle().take(48) {
-        world.stack.send_text(world.now(), severity, text);
+        world.stack.text(world.now(), severity, text);
         world.run_for(millis(100));
     }
     assert_eq!(texts(&world, 0), ["GPS glitch", "Low voltage", "Ready"]);
@@ -153,12 +153,12 @@ fn alternating_texts_are_sent_once() {
 fn chunk_ids_skip_zero() {
     let mut world = World::new(Setup::<1>::new());
     for i in 0..65_533 {
-        world.stack.send_text(world.now(), MavSeverity::INFO, &i.to_string());
+        world.stack.text(world.now(), MavSeverity::INFO, &i.to_string());
     }
     world.run_for(secs(1));
     world.gcs[0].forget();
     for i in 0..5 {
-        world.stack.send_text(world.now(), MavSeverity::INFO, &format!("{i}{}", text(60)));
+        world.stack.text(world.now(), MavSeverity::INFO, &format!("{i}{}", text(60)));
         world.run_for(millis(100));
     }
     let ids: Vec<u16> = chunks(&world, 0).iter().filter(|chunk| chunk.chunk_seq == 0).map(|chunk| chunk.id).collect();
@@ -184,7 +184,7 @@ fn least_severe_text_is_dropped_first() {
         (S::ERROR, "eighth"),
     ];
     for (severity, text) in said {
-        world.stack.send_text(world.now(), severity, text);
+        world.stack.text(world.now(), severity, text);
         world.run_for(millis(10));
     }
     world.run_for(secs(3));
@@ -199,7 +199,7 @@ fn texts_keep_to_the_rate_of_a_slow_link() {
     let lines = [LineConfig::radio(1_200, millis(100))];
     let mut world = World::new(Setup { links, lines, ..Setup::new() });
     for i in 0..120 {
-        world.stack.send_text(world.now(), MavSeverity::INFO, &format!("{i} {}", text(80)));
+        world.stack.text(world.now(), MavSeverity::INFO, &format!("{i} {}", text(80)));
         world.run_for(millis(500));
     }
     let beats: Vec<_> = world.gcs[0].all::<Heartbeat>().into_iter().map(|(at, _)| at).collect();
@@ -218,7 +218,7 @@ fn each_link_has_its_own_pace() {
     let mut world = World::new(Setup { links, lines, ..Setup::new() });
     let said: Vec<String> = (0..4).map(|i| format!("{i}{}", text(110))).collect();
     for text in &said {
-        world.stack.send_text(world.now(), MavSeverity::INFO, text);
+        world.stack.text(world.now(), MavSeverity::INFO, text);
     }
     world.run_for(millis(500));
     assert_eq!(texts(&world, 0), said);
@@ -234,11 +234,11 @@ fn dead_link_delays_no_text() {
     let mut world = World::new(Setup::<2>::new());
     world.uarts[1].stall_writes_until(mavstack::Instant::NEVER);
     for i in 0..4 {
-        world.stack.send_text(world.now(), MavSeverity::EMERGENCY, &format!("emergency {i}"));
+        world.stack.text(world.now(), MavSeverity::EMERGENCY, &format!("emergency {i}"));
     }
     world.run_for(secs(11));
     for i in 0..20 {
-        world.stack.send_text(world.now(), MavSeverity::INFO, &format!("info {i}"));
+        world.stack.text(world.now(), MavSeverity::INFO, &format!("info {i}"));
         world.run_for(millis(100));
     }
     assert_eq!(texts(&world, 0).len(), 24);
@@ -249,7 +249,7 @@ fn dead_link_delays_no_text() {
 fn high_latency_link_gets_no_text() {
     let links = [LinkConfig::uart(9_600).with_class(LinkClass::HighLatency), LinkConfig::uart(57_600)];
     let mut world = World::new(Setup { links, ..Setup::new() });
-    world.stack.send_text(world.now(), MavSeverity::EMERGENCY, "Engine failure");
+    world.stack.text(world.now(), MavSeverity::EMERGENCY, "Engine failure");
     world.run_for(secs(10));
     assert_eq!(texts(&world, 1), ["Engine failure"]);
     assert_eq!(world.uarts[0].written(), 0);
@@ -262,18 +262,18 @@ fn texts_of_all_types_are_sent() {
     let mut world = World::new(Setup::<1>::new());
     let mut built = Text::<MAX_TEXT_LEN>::new("Home moved by ");
     built.push_decimal(-125, 1);
-    world.stack.send_text(world.now(), MavSeverity::INFO, "plain");
-    world.stack.send_text(world.now(), MavSeverity::INFO, &String::from("owned"));
-    world.stack.send_text(world.now(), MavSeverity::INFO, &built);
+    world.stack.text(world.now(), MavSeverity::INFO, "plain");
+    world.stack.text(world.now(), MavSeverity::INFO, &String::from("owned"));
+    world.stack.text(world.now(), MavSeverity::INFO, &built);
     world.run_for(millis(100));
     assert_eq!(texts(&world, 0), ["plain", "owned", "Home moved by -12.5"]);
     world.gcs[0].forget();
     // Bytes that are not UTF-8 are sent unchanged.
-    world.stack.send_text(world.now(), MavSeverity::INFO, &[0xFF; 130]);
+    world.stack.text(world.now(), MavSeverity::INFO, &[0xFF; 130]);
     #[cfg(feature = "fmt")]
     {
-        world.stack.send_fmt(world.now(), MavSeverity::INFO, format_args!("{:.1} m/s", 2.25));
-        world.stack.send_fmt(world.now(), MavSeverity::INFO, format_args!("{:>200}", 1));
+        world.stack.text(world.now(), MavSeverity::INFO, &Text::<120>::formatted(format_args!("{:.1} m/s", 2.25)));
+        world.stack.text(world.now(), MavSeverity::INFO, &Text::<120>::formatted(format_args!("{:>200}", 1)));
     }
     world.run_for(millis(500));
     let mut expected = vec![(MavSeverity::INFO, vec![0xFF; 120])];
@@ -324,7 +324,7 @@ proptest! {
     #[test]
     fn chunks_are_whole_characters(text in "[ -~é€𝄞]{1,125}") {
         let mut world = World::new(Setup::<1>::new());
-        world.stack.send_text(world.now(), MavSeverity::INFO, &text);
+        world.stack.text(world.now(), MavSeverity::INFO, &text);
         world.run_for(millis(500));
         let got: Vec<_> = chunks(&world, 0).iter().map(|chunk| chunk.text.as_str().map(String::from)).collect();
         let mut expected = chunks_of(&text);
@@ -341,7 +341,7 @@ proptest! {
         let mut world = World::new(Setup::<1>::new());
         let mut expected = Vec::new();
         for (text, severity, pause) in said {
-            world.stack.send_text(world.now(), MavSeverity(severity), &text);
+            world.stack.text(world.now(), MavSeverity(severity), &text);
             expected.push((MavSeverity(severity), text.as_bytes()[..text.len().min(120)].to_vec()));
             world.run_for(millis(pause));
         }

@@ -15,7 +15,7 @@
 //!
 //! ```
 //! use mavstack::dialect::{MavResult, MavSeverity};
-//! use mavstack::*;
+//! use mavstack::prelude::*;
 //! use mavstack_traffic::{Aircraft, Position, Traffic, TrafficHooks};
 //!
 //! struct Rover;

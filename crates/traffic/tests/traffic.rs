@@ -2,7 +2,7 @@
 
 use mavstack::dialect::{AdsbFlags, AdsbVehicle, CommandAck, CommandLong, MavCmd, MavResult, MavSeverity};
 use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
-use mavstack::*;
+use mavstack::prelude::*;
 use mavstack_traffic::{Aircraft, FORGOTTEN_AFTER, Position, Traffic, TrafficHooks};
 
 const STATION: Address = Address::new(255, 190);

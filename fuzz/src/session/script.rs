@@ -293,7 +293,7 @@ impl<D: Declared> Session<D> {
             7 => {
                 self.stack.parameters_mut().set(Tuning::YAW_NOW, f32::from(number) / 2.0);
             }
-            8 => self.stack.send_text(now, MavSeverity(number & 7), &[b'x'; 60][..usize::from(number % 61)]),
+            8 => self.stack.text(now, MavSeverity(number & 7), &[b'x'; 60][..usize::from(number % 61)]),
             9 => self.stack.save_parameters(now),
             10 => self.vehicle.progress.current = number.into(),
             _ => self.reboot(),

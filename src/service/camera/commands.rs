@@ -397,7 +397,7 @@ fn refused<F: Firmware>(cx: &mut Cx<'_, F>, result: MavResult) -> MavResult {
             MavResult::DENIED => b"Camera: a parameter is out of range",
             _ => b"Camera: busy, or in another mode",
         };
-        cx.say(MavSeverity::WARNING, text);
+        cx.text(MavSeverity::WARNING, text);
     }
     result
 }

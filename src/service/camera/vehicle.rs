@@ -55,7 +55,7 @@ pub enum CameraOrder {
 /// ```
 /// use mavstack::camera::{Image, Shot};
 /// use mavstack::dialect::{CameraCapFlags, CameraInformation, MavCmd, MavResult};
-/// use mavstack::*;
+/// use mavstack::prelude::*;
 ///
 /// /// Positions are in metres, north and east of home.
 /// #[derive(Default)]

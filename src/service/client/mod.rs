@@ -122,7 +122,7 @@ pub enum CommandReply {
 ///
 /// ```
 /// use mavstack::dialect::{MavCmd, MavResult, MavSeverity, MavType};
-/// use mavstack::*;
+/// use mavstack::prelude::*;
 ///
 /// struct Carrier { pitch: f32 }
 ///

@@ -383,7 +383,7 @@ impl<S: CommandMemory> CommandService<S> {
         if outcome.result == MavResult::IN_PROGRESS && !has_slot {
             outcome.result = MavResult::FAILED;
             increment(&mut cx.shared.faults.unfinished);
-            cx.say(MavSeverity::ERROR, b"IN_PROGRESS without a slot");
+            cx.text(MavSeverity::ERROR, b"IN_PROGRESS without a slot");
         }
         if let Some(long) = self.slots.view_mut() {
             let once = if is_own::<F>(command) { Once::No } else { policy::once::<F::Vehicle>(command.id) };

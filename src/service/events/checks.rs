@@ -40,7 +40,8 @@ const SUMMARIES: usize = 2;
 /// modes in which the vehicle can arm (EVT-6).
 ///
 /// ```
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
+/// # use mavstack::events;
 /// # struct Rover { voltage: f32, has_fix: bool, satellites: u8 }
 /// mavstack::events! {
 ///     /// The events of this rover.

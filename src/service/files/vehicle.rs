@@ -11,7 +11,8 @@ use crate::types::{Context, Peer};
 /// ```
 /// use mavstack::files::StaticFile;
 /// use mavstack::Files;
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
+/// # use mavstack::dialect;
 ///
 /// struct Rover;
 ///

@@ -178,7 +178,8 @@ impl ManagerService {
     ///
     /// ```
     /// # use mavstack::dialect::*;
-    /// # use mavstack::*;
+    /// # use mavstack::prelude::*;
+    /// # use mavstack::gimbal;
     /// # struct Rover;
     /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
     /// # impl Commands for Rover {
@@ -281,7 +282,7 @@ impl ManagerService {
         if !takes && !self.may_point(from) {
             increment(&mut self.counters.refused);
             if cfg!(feature = "plan-texts") {
-                cx.say(MavSeverity::WARNING, b"Gimbal: not in control, take control first");
+                cx.text(MavSeverity::WARNING, b"Gimbal: not in control, take control first");
             }
             // Not NOT_IN_CONTROL, which MAVSDK takes for no answer. PX4 answers the same.
             return Ok(MavResult::DENIED);

@@ -129,7 +129,7 @@ enum Ground {
 /// use mavstack::dialect::{MavCmd, MavResult};
 /// use mavstack::config::{LinkClass, TxVersion};
 /// use mavstack::high_latency::{HighLatencyConfig, HighLatencySample};
-/// use mavstack::*;
+/// use mavstack::prelude::*;
 ///
 /// const LINKS: [LinkConfig; 2] = [
 ///     LinkConfig::uart(57_600),

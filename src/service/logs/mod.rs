@@ -253,19 +253,19 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
     if !refusal.is_empty() {
         // A client may repeat its request through the whole flight, and one text is enough. An erasure has no other answer.
         if is_erase || !core::mem::replace(&mut server.has_told, true) {
-            cx.say(MavSeverity::NOTICE, refusal);
+            cx.text(MavSeverity::NOTICE, refusal);
         }
         return;
     }
     if server.work != Work::Nothing && server.client != from {
         increment(&mut server.counters.busy);
         let text = if is_erase { BEING_READ } else { b"Logs refused: another client reads them" };
-        return cx.say(MavSeverity::NOTICE, text);
+        return cx.text(MavSeverity::NOTICE, text);
     }
     if is_erase {
         if cx.now < cx.shared.logs_read_until {
             increment(&mut server.counters.busy);
-            return cx.say(MavSeverity::NOTICE, BEING_READ);
+            return cx.text(MavSeverity::NOTICE, BEING_READ);
         }
         server.work = Work::Nothing;
         let (vehicle, mut context) = cx.hook();
@@ -278,7 +278,7 @@ fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>
             server.forget_lists(cx.shared);
         }
         cx.shared.has_acted = true;
-        return cx.say(severity, text);
+        return cx.text(severity, text);
     }
     (server.client, server.heard, server.ready_at) = (from, cx.now, Instant::ZERO);
     if let Some(LogRequestList { start, end, .. }) = frame.decode() {

@@ -12,7 +12,8 @@ use crate::types::{Context, Peer};
 ///
 /// ```
 /// use mavstack::logs::{LogInfo, LogRead};
-/// use mavstack::*;
+/// use mavstack::prelude::*;
+/// use mavstack::dialect;
 ///
 /// /// A rover whose logs are in memory.
 /// struct Rover { logs: [&'static [u8]; 2] }

@@ -138,7 +138,8 @@ counters! {
 ///
 /// ```
 /// use mavstack::manual_control::ControlSource;
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
+/// # use mavstack::dialect;
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {
@@ -398,7 +399,7 @@ fn report<F: Firmware<Vehicle: Vehicle>>(cx: &mut Cx<'_, F>, holder: Option<Peer
     if !F::HAS_TEXTS {
         return;
     }
-    let Some(Peer { address, link }) = holder else { return cx.say(MavSeverity::WARNING, b"Sticks lost") };
+    let Some(Peer { address, link }) = holder else { return cx.text(MavSeverity::WARNING, b"Sticks lost") };
     let mut text = Text::<MAX_TEXT_LEN>::EMPTY;
     text.push_str("Sticks: system ");
     text.push_number(address.system.wire().into());
@@ -406,7 +407,7 @@ fn report<F: Firmware<Vehicle: Vehicle>>(cx: &mut Cx<'_, F>, holder: Option<Peer
     text.push_number(address.component.wire().into());
     text.push_str(", link ");
     text.push_number(link.0.into());
-    cx.say(MavSeverity::NOTICE, text.as_bytes());
+    cx.text(MavSeverity::NOTICE, text.as_bytes());
 }
 
 /// Returns the sticks in a MANUAL_CONTROL (J-1). An extension is present only with its bit. A field that a v1 sender

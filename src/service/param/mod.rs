@@ -449,7 +449,7 @@ impl ParamService {
     pub(crate) fn on_save_failed<F: Firmware<Parameters: ParamTable>>(&mut self, cx: &mut Cx<'_, F>) {
         let now = cx.now;
         if self.saving(cx.parameters, |saving, _| saving.schedule.on_failed(now)) {
-            cx.say(MavSeverity::ERROR, b"Parameters not saved");
+            cx.text(MavSeverity::ERROR, b"Parameters not saved");
         }
     }
 }

@@ -15,7 +15,8 @@ use crate::types::Values;
 /// ```
 /// use mavstack::param::{ParamFault, ParamInfo, RuntimeTable};
 /// # use mavstack::dialect::{MavParamError, MavResult};
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
+/// # use mavstack::param;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {
 /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { MavResult::UNSUPPORTED.into() }

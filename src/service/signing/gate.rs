@@ -32,7 +32,7 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing
             let mut text = Text::<ONE_FRAME>::new("System ");
             text.push_number(u32::from(system.wire()));
             text.push_str(" refused: its clock is too far ahead");
-            cx.say(MavSeverity::WARNING, text.as_bytes());
+            cx.text(MavSeverity::WARNING, text.as_bytes());
         }
     }
 

@@ -71,7 +71,8 @@ counters! {
 ///
 /// ```
 /// use mavstack::signing::SigningKey;
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
+/// # use mavstack::dialect;
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {

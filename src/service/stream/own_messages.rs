@@ -93,7 +93,7 @@ impl Context<'_> {
     ///
     /// ```
     /// use mavstack::dialect::GimbalDeviceSetAttitude;
-    /// use mavstack::*;
+    /// use mavstack::prelude::*;
     ///
     /// # struct Camera { gimbal: Option<Peer>, angle: [f32; 4] }
     /// # impl Camera {

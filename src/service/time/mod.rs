@@ -80,7 +80,8 @@ pub struct TimeSample {
 /// ([`LinkCounters::no_answer_slot`](crate::network::LinkCounters::no_answer_slot)).
 ///
 /// ```
-/// # use mavstack::*;
+/// # use mavstack::prelude::*;
+/// # use mavstack::dialect;
 /// # struct Rover;
 /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
 /// # impl Commands for Rover {

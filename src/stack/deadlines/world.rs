@@ -358,8 +358,8 @@ impl World {
     fn act(&mut self, link: u8, what: u8) {
         let (now, stack) = (self.now, &mut self.stack);
         match what {
-            0 => stack.send_text(now, MavSeverity::INFO, "Gear down"),
-            1 => stack.send_text(now, MavSeverity::NOTICE, &[b'x'; 70][..]),
+            0 => stack.text(now, MavSeverity::INFO, "Gear down"),
+            1 => stack.text(now, MavSeverity::NOTICE, &[b'x'; 70][..]),
             2 => stack.announce::<BatteryStatus>(),
             3 => stack.with_context(now, |cx| cx.announce::<VfrHud, Rover>()),
             4 => stack.time.ask(LinkId(link)),
@@ -374,7 +374,7 @@ impl World {
                 stack.parameters_mut().set(Tuning::TRIM, link.cast_signed());
             }
             9 => {
-                stack.with_context(now, |cx| cx.item_reached(1));
+                stack.with_context(now, |cx| cx.mission_item_reached(1));
             }
             10 => stack.mission_item_reached(now, 2),
             11 => {

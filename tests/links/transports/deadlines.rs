@@ -24,7 +24,7 @@ fn minute(sleeps: bool, tx_fifo: usize, tx_bytes: u32) -> (Vec<Received>, Vec<Ca
             // The firmware knows about its own calls, and runs the stack after them.
             deadline = now;
             let text = format!("{ms} ms have gone by, and all is well so far, it seems");
-            world.stack.send_text(now, MavSeverity::INFO, &text);
+            world.stack.text(now, MavSeverity::INFO, &text);
         }
         world.gcs[0].poll(now);
         let uart = &mut world.uarts[0];

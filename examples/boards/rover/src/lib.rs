@@ -17,9 +17,10 @@ use mavstack::dialect::rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
 use mavstack::dialect::*;
 use mavstack::manual_control::{ControlSource, ManualControlInput, RcOverride};
 use mavstack::message::Item;
+use mavstack::parameters;
 use mavstack::plan::Durability;
+use mavstack::prelude::*;
 use mavstack::telemetry::{Battery, GpsFix, Home, Motion};
-use mavstack::*;
 
 /// Ticked by the driving loop. When the loop hangs, the heartbeats stop.
 pub static PULSE: Pulse = Pulse::new();
@@ -131,7 +132,7 @@ impl Rover {
         let is_lost = self.armed && self.mode != MANUAL && !self.has_station;
         if is_lost && !self.is_station_lost {
             self.mode = HOLD;
-            stack.send_text(now, MavSeverity::CRITICAL, "Ground station lost: holding");
+            stack.text(now, MavSeverity::CRITICAL, "Ground station lost: holding");
         }
         self.is_station_lost = is_lost;
         let limit = stack.parameters().get(Tuning::SPEED_MAX);
@@ -148,7 +149,7 @@ impl Rover {
         self.sticks = input.manual_control(now).map(|axes| of_axes(&axes)).or_else(channels);
         if self.mode == MANUAL && self.sticks.is_none() {
             self.mode = HOLD;
-            stack.send_text(now, MavSeverity::CRITICAL, "Sticks lost: holding");
+            stack.text(now, MavSeverity::CRITICAL, "Sticks lost: holding");
         }
     }
 

@@ -420,7 +420,7 @@ impl Quadrotor {
     fn reach(&mut self, cx: &mut Context<'_>, leg: &Leg) -> bool {
         let Some(seq) = leg.seq else { return true };
         if !self.mission.is_reported {
-            self.mission.is_reported = cx.item_reached(seq);
+            self.mission.is_reported = cx.mission_item_reached(seq);
         }
         if let Some(yaw) = leg.yaw
             && self.mission.is_reported

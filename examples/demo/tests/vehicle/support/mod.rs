@@ -242,7 +242,7 @@ impl Flight {
             // vehicle is sent.
             let (now, said) = (self.now(), self.texts.len());
             for text in ["one", "two", "three", "four"] {
-                self.stack.send_text(now, MavSeverity::DEBUG, text);
+                self.stack.text(now, MavSeverity::DEBUG, text);
             }
             self.hear();
             assert_eq!(self.texts.len(), said + TEXTS);

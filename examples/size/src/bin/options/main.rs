@@ -31,12 +31,13 @@ use mavstack::message::{Dialect, MessageTable};
 use mavstack::network::ForwardQueues;
 use mavstack::param::{ExternalParams, ParamInfo, ParamWrite, RuntimeTable};
 use mavstack::plan::Durability;
+use mavstack::prelude::*;
 use mavstack::setpoints::Setpoints;
 #[cfg(feature = "signing")]
 use mavstack::signing::LinkSigning;
 #[cfg(feature = "storage")]
 use mavstack::storage::*;
-use mavstack::*;
+use mavstack::{dialect, events, io, logs, message, parameters};
 use mavstack_size::events::{BatteryLow, BatteryTooLow, Groups, NoFix, Parts, RoverEvents};
 use mavstack_size::{CONFIG, PULSE, Place, Uart, Vacant, entry, now_micros};
 
@@ -526,7 +527,7 @@ fn main() -> ! {
             rover.armed ^= result == MavResult::ACCEPTED;
         }
         #[cfg(feature = "texts")]
-        stack.send_text(now, MavSeverity::INFO, "started");
+        stack.text(now, MavSeverity::INFO, "started");
         #[cfg(feature = "time")]
         {
             stack.time.ask(LinkId(0));
