@@ -19,7 +19,7 @@ mod signing;
 mod texts;
 mod vehicle;
 
-pub use command::{Answer, Command, CommandPosition, Outcome};
+pub use command::{Command, CommandAnswer, CommandPosition, Outcome};
 pub(crate) use command::{ModeFault, Origin, Refusal, SignedAt, Why};
 pub use component::{Component, MAX_COMPONENTS};
 pub(crate) use config::Allowance;
@@ -38,8 +38,8 @@ pub use link::{LinkClass, LinkConfig, LinkId, MAX_LINKS, Peer, StreamProfile, Tx
 pub(crate) use link::{LinkFacts, LinkMask};
 pub use plans::{MAX_ITEMS, NoPlans, PlanBuffers, PlanMemory, PlanMemoryOf, PlanType, PlanView, PlansMut, largest};
 pub(crate) use plans::{NO_ITEM, UploadStep};
+pub(crate) use requests::{Cancellation, MAX_PENDING, Pending};
 pub use requests::{Destination, Recipient, RequestQueue, Requests};
-pub(crate) use requests::{PENDING, Pending};
 #[cfg(feature = "signing")]
 pub use signing::{Accept, LinkSigning};
 pub use texts::MAX_TEXT_LEN;

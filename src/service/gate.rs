@@ -7,7 +7,7 @@ use crate::link::Port;
 use crate::message::{Address, Message, SystemId};
 use crate::network::{Booking, ForwardCounters, Passage};
 use crate::time::{Duration, Instant};
-use crate::types::{Answer, Command, Firmware, LinkId, Peer, SignedAt};
+use crate::types::{Command, CommandAnswer, Firmware, LinkId, Peer, SignedAt};
 
 /// Verifies the signatures of received frames, and signs sent frames. `L` is its state on a link.
 pub trait SigningGate<L> {
@@ -108,10 +108,19 @@ pub trait SticksGate {
 
 impl SticksGate for Absent {}
 
+/// A request of the firmware itself to one of its other components.
+#[derive(Debug)]
+pub enum OwnRequest {
+    /// Execute the command.
+    Execute(Command),
+    /// Cancel the command.
+    Cancel(Command),
+}
+
 /// Hands over the firmware's own commands to its other components, which are carried out without a link (K-11).
 pub trait OwnCommands<F: Firmware> {
-    /// Takes a command that is pending for one of our components, or its cancellation: then true is returned with it.
-    fn take_own(&mut self, now: Instant, own: Address) -> Option<(Command, bool)> {
+    /// Takes a request that is pending for one of our components.
+    fn take_own(&mut self, now: Instant, own: Address) -> Option<OwnRequest> {
         let _ = (now, own);
         None
     }
@@ -121,14 +130,14 @@ pub trait OwnCommands<F: Firmware> {
         0
     }
 
-    /// Returns the command in slot `number` if one of our components is carrying it out.
-    fn running_own(&self, number: usize) -> Option<MavCmd> {
-        let _ = number;
+    /// Returns the command in the slot with this index if one of our components is executing it.
+    fn running_own(&self, index: usize) -> Option<MavCmd> {
+        let _ = index;
         None
     }
 
-    /// Tells the vehicle the answer of one of our components.
-    fn answered_own(&mut self, cx: &mut Cx<'_, F>, from: Address, answer: Answer) {
+    /// Passes an answer of one of our components to the vehicle.
+    fn answered_own(&mut self, cx: &mut Cx<'_, F>, from: Address, answer: CommandAnswer) {
         let _ = (cx, from, answer);
     }
 }

@@ -12,11 +12,11 @@ use crate::service::command::{self, CommandMemory, CommandService};
 use crate::service::mission;
 use crate::service::mode;
 use crate::service::{
-    ControlGate, Cx, ForwardingGate, Handled, OwnCommands, Received, Request, SigningGate, SticksGate, Verdict,
-    increment,
+    ControlGate, Cx, ForwardingGate, Handled, OwnCommands, OwnRequest, Received, Request, SigningGate, SticksGate,
+    Verdict, increment,
 };
 use crate::time::Instant;
-use crate::types::{Allowance, Answer, LinkId, MAX_TEXT_LEN, Peer, PeerEvent, Vehicle};
+use crate::types::{Allowance, CommandAnswer, LinkId, MAX_TEXT_LEN, Peer, PeerEvent, Vehicle};
 
 /// The sequence number and the low checksum byte of a received frame with our own address.
 pub(super) type OwnFrame = [u8; 2];
@@ -246,11 +246,14 @@ impl<D: Declares> Services<D> {
             number = number.wrapping_add(1);
         }
         for _ in 0..self.client.own_slots() {
-            let Some((command, is_cancelled)) = self.client.take_own(cx.now, own) else { return };
-            if is_cancelled {
-                self.command.cancel_own(cx, &command);
-                continue;
-            }
+            let command = match self.client.take_own(cx.now, own) {
+                None => return,
+                Some(OwnRequest::Cancel(command)) => {
+                    self.command.cancel_own(cx, &command);
+                    continue;
+                }
+                Some(OwnRequest::Execute(command)) => command,
+            };
             let from = Address { component: command.component, ..own };
             let request = Request::from(command);
             let mut verdict = self.command.admit(cx, &request);
@@ -262,7 +265,7 @@ impl<D: Declares> Services<D> {
                 verdict = self.on_own_command(cx, port, state, &request);
             }
             let outcome = self.command.settle_own(cx, &request, verdict, is_admitted);
-            let answer = Answer { command: request.command.id, outcome, progress: u8::MAX };
+            let answer = CommandAnswer { command: request.command.id, outcome, progress: u8::MAX };
             self.client.answered_own(cx, from, answer);
         }
     }

@@ -114,7 +114,7 @@ impl From<MavResult> for Outcome {
 
 /// The answer to a command.
 #[derive(Clone, Copy, Debug)]
-pub struct Answer {
+pub struct CommandAnswer {
     pub(crate) command: MavCmd,
     pub(crate) outcome: Outcome,
     /// COMMAND_ACK.progress (%); 255 is unknown.

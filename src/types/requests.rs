@@ -1,4 +1,4 @@
-//! What the vehicle's hooks ask for: messages and requests to send, and mission items that were reached (K-7, K-8).
+//! Requests of the vehicle's hooks: messages and requests to send, and mission items that were reached (K-7, K-8).
 
 use super::link::{LinkId, LinkMask, Peer};
 use crate::dialect::MavType;
@@ -8,8 +8,8 @@ use crate::message::Address;
 use crate::time::Duration;
 use heapless::Vec;
 
-/// The number of messages that a link has room for, and of requests that wait for a slot.
-pub(crate) const PENDING: usize = 8;
+/// The maximum number of messages that are queued for a link, and of requests that wait for a slot.
+pub(crate) const MAX_PENDING: usize = 8;
 
 /// Where a message of the vehicle is sent; see [`Context::send`](crate::Context::send).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,12 +62,12 @@ impl From<Peer> for Recipient {
     }
 }
 
-/// What a hook has requested, and no link has sent or no slot has taken up.
+/// A request of a hook, until a link sends it or a slot takes it up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Pending {
-    /// Have the vehicle fill this message. `target` is 0/0 unless it is for one peer.
+    /// Send this message, which the vehicle fills. `target` is 0/0 unless it is for one peer.
     Message { id: MessageId, index: u16, target: Address },
-    /// Have the vehicle make the command of this token.
+    /// Send the command of this token, which the vehicle makes.
     Command { to: Recipient, token: u16 },
     /// Read the parameter of this token.
     Param { to: Recipient, token: u16, is_ext: bool },
@@ -76,6 +76,15 @@ pub(crate) enum Pending {
 }
 
 const _: () = assert!(size_of::<Pending>() <= 10, "the memory of a queue is documented");
+
+/// A cancellation of commands, by their token.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Cancellation {
+    /// It applies to a command that was still queued, and was removed. The cancellation stays queued.
+    OfQueued { token: u16 },
+    /// It applies to the commands that have a slot.
+    OfStarted { token: u16 },
+}
 
 /// The id of a message, in three bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,10 +102,10 @@ impl MessageId {
     }
 }
 
-/// What is pending, in the order in which it was requested.
+/// Pending requests, oldest first.
 #[derive(Clone, Debug)]
 pub struct RequestQueue {
-    pending: Vec<Pending, PENDING, u8>,
+    pending: Vec<Pending, MAX_PENDING, u8>,
     refused: u32,
 }
 
@@ -153,8 +162,8 @@ impl Requests {
         self.announced != 0 || !self.reached.is_empty() || self.is_client_due
     }
 
-    /// Drops what nobody takes up, because the stack has no streams or no plans: `next_deadline` must not wait for it. The rest is
-    /// from hooks that were called after the poll of the streams or of the plans, and is for the next one.
+    /// Drops requests that are for streams or plans of a stack without them: `next_deadline` must not wait for them. Other requests
+    /// are from hooks that were called after the poll of the streams or of the plans. The next poll handles them.
     pub(crate) fn end_poll(&mut self, has_streams: bool, has_plans: bool) {
         if !has_streams {
             self.announced = 0;
@@ -219,19 +228,21 @@ impl Requests {
         take_first(&mut self.client_mut()?.pending, |request| !matches!(request, Pending::Cancel { .. }))
     }
 
-    /// Takes what the first cancellation cancels: its token, and true with a command that was queued before it, or false with
-    /// the cancellation itself if there is none.
-    pub(crate) fn take_cancellation(&mut self) -> Option<(u16, bool)> {
+    /// Takes the first command that a cancellation applies to, or the cancellation itself if all commands of its token have slots.
+    pub(crate) fn take_cancellation(&mut self) -> Option<Cancellation> {
         let queue = &mut self.client_mut()?.pending;
         let token = queue.iter().find_map(|request| match request {
             Pending::Cancel { token } => Some(*token),
             _ => None,
         })?;
-        let cancellation = Pending::Cancel { token };
-        let is_it = |request: &Pending| {
-            matches!(request, Pending::Command { token: other, .. } if *other == token) || *request == cancellation
+        let is_it = |request: &Pending| match request {
+            Pending::Command { token: other, .. } | Pending::Cancel { token: other } => *other == token,
+            Pending::Message { .. } | Pending::Param { .. } => false,
         };
-        take_first(queue, is_it).map(|taken| (token, taken != cancellation))
+        Some(match take_first(queue, is_it)? {
+            Pending::Cancel { .. } => Cancellation::OfStarted { token },
+            _ => Cancellation::OfQueued { token },
+        })
     }
 
     /// Returns whether a request waits.

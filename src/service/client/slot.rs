@@ -1,85 +1,101 @@
-//! A request, from its first transmission to its last answer.
+//! A request of the vehicle, from its first transmission to its last answer: its recipient, its link and its deadlines.
 
-use super::param::Query;
-use super::recipients::{find, has_answered, overlap};
-use super::{OutgoingCommand, TIMEOUT};
-use crate::dialect::{CommandCancel, CommandInt, CommandLong, MavCmd};
-use crate::link::Port;
-use crate::message::{Address, ComponentId, Message};
+use core::num::{Saturating, Wrapping};
+
+use super::vehicle::{CommandClient, OutgoingCommand};
+use crate::dialect::{CommandCancel, CommandInt, CommandLong, MavCmd, ParamExtRequestRead, ParamRequestRead};
+use crate::link::{Outbox, Port};
+use crate::message::{Address, ComponentId, Message, Text};
 use crate::network::{PeerInfo, Peers};
 use crate::service::Shared;
 use crate::time::{Duration, Instant};
-use crate::types::{CommandPosition, LinkId, LinkMask, Peer, Recipient};
+use crate::types::{Command, CommandPosition, Component, LinkClass, LinkId, LinkMask, Peer, Recipient};
+
+/// How long to wait for an answer before the request is sent again.
+const TIMEOUT: Duration = Duration::from_millis(700);
+
+/// How long to wait after IN_PROGRESS. Its sender repeats it about every second (C-20).
+const PROGRESS_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// How long more answers may be received to a command that was sent more than once.
 const LATE: Duration = Duration::from_secs(2);
 
 /// The state of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum State {
+pub(super) enum SlotState {
     Free,
     /// It waits for the end of an equal command.
     Waiting,
-    /// A transmission is pending. If the link has not taken it by [`Slot::at`], another link is tried.
+    /// A transmission is pending. If the link has not taken it by the deadline, another link is tried.
     Due,
-    /// An answer is expected until [`Slot::at`].
+    /// An answer is expected until the deadline.
     Sent,
-    /// IN_PROGRESS was received. Another answer is expected until [`Slot::at`].
+    /// IN_PROGRESS was received. Another answer is expected until the deadline.
     Running,
-    /// It has ended, and more answers to it may be received until [`Slot::at`].
+    /// It has ended, and more answers to it may be received until the deadline.
     Ended,
 }
 
-/// What is requested.
+/// What the vehicle requests of another component.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum What {
+pub(super) enum ClientRequest {
     Command(OutgoingCommand),
-    Param(Query),
+    Param { name: Text<16>, is_ext: bool },
 }
 
-/// A request that was not finally answered yet.
+/// A request that has no final answer yet.
 #[derive(Clone, Copy, Debug)]
 pub struct Slot {
-    pub(super) state: State,
+    pub(super) state: SlotState,
     /// The number of attempts to send the command; of COMMAND_CANCEL once `is_cancelled`.
-    pub(super) tries: u8,
+    pub(super) attempts: Saturating<u8>,
     /// The number of transmissions.
-    pub(super) sent: u8,
+    pub(super) transmissions: Saturating<u8>,
     pub(super) is_cancelled: bool,
     /// IN_PROGRESS was received.
     pub(super) is_running: bool,
     /// The recipient, and the link on which it is sent. Component 0 is any component of the system.
     pub(super) to: Peer,
-    /// The component that is told to cancel it; 0 for none.
-    pub(super) executor: ComponentId,
+    /// The component that is asked to cancel it; 0 for none.
+    executor: ComponentId,
     pub(super) token: u16,
-    pub(super) what: What,
-    pub(super) at: Instant,
+    pub(super) request: ClientRequest,
+    pub(super) deadline: Instant,
 }
 
 impl Slot {
     /// All zero bits.
     pub(super) const FREE: Self = Self {
-        state: State::Free,
-        tries: 0,
-        sent: 0,
+        state: SlotState::Free,
+        attempts: Saturating(0),
+        transmissions: Saturating(0),
         is_cancelled: false,
         is_running: false,
         to: Peer { address: Address::new(0, 0), link: LinkId(0) },
         executor: ComponentId::ALL,
         token: 0,
-        what: What::Command(OutgoingCommand::NONE),
-        at: Instant::ZERO,
+        request: ClientRequest::Command(OutgoingCommand::NONE),
+        deadline: Instant::ZERO,
     };
 
+    /// Returns a request that waits.
+    pub(super) const fn waiting(to: Peer, token: u16, request: ClientRequest) -> Self {
+        Self { state: SlotState::Waiting, to, token, request, ..Self::FREE }
+    }
+
     /// Returns the number of its command, if it is one.
-    pub(super) fn command(&self) -> Option<MavCmd> {
-        if let What::Command(command) = &self.what { Some(command.id) } else { None }
+    pub(super) const fn command(&self) -> Option<MavCmd> {
+        if let ClientRequest::Command(command) = &self.request { Some(command.id) } else { None }
+    }
+
+    /// Whether it was taken up, and has not been answered for good.
+    pub(super) const fn is_started(&self) -> bool {
+        !matches!(self.state, SlotState::Free | SlotState::Waiting)
     }
 
     /// Whether an answer from this component is one to this request.
     pub(super) fn is_answered_by(&self, from: Address) -> bool {
-        !matches!(self.state, State::Free | State::Waiting) && self.sent > 0 && overlap(self.to.address, from)
+        self.is_started() && self.transmissions.0 > 0 && overlap(self.to.address, from)
     }
 
     /// Whether an answer could be one to either of two commands.
@@ -87,65 +103,139 @@ impl Slot {
         self.command().is_some() && self.command() == other.command() && overlap(self.to.address, other.to.address)
     }
 
+    /// Whether a transmission is pending on a link that can carry it: MAVLink 1 has no extended parameters (S-10).
+    pub(super) fn is_due_on(&self, port: &Port) -> bool {
+        let has_target = !self.is_cancelled || !self.executor.is_all();
+        let can_carry = match self.request {
+            ClientRequest::Command(_) => true,
+            ClientRequest::Param { is_ext: false, .. } => port.outbox.takes(ParamRequestRead::ID),
+            ClientRequest::Param { is_ext: true, .. } => port.outbox.takes(ParamExtRequestRead::ID),
+        };
+        self.state == SlotState::Due && self.to.link == port.id && has_target && can_carry
+    }
+
     /// Schedules the first attempt.
     pub(super) fn start(&mut self, now: Instant) {
-        (self.state, self.tries, self.at) = (State::Due, 1, now + TIMEOUT);
+        (self.state, self.attempts, self.deadline) = (SlotState::Due, Saturating(1), now + TIMEOUT);
     }
 
     /// Schedules another attempt, on another link if the recipient is alive there.
     pub(super) fn try_again(&mut self, now: Instant, peers: &Peers, shared: &Shared) {
-        let tries = self.tries.saturating_add(1);
+        let attempts = self.attempts + Saturating(1);
+        let mut wanted = self.to;
         // Heartbeats may be forged on any open link. Where it has answered, an answer is likely to be lost and not the link.
-        let stays = tries == 2 && self.state == State::Sent && has_answered(peers, self.to);
+        let stays = attempts.0 == 2 && self.state == SlotState::Sent && has_answered(peers, self.to);
+        if !stays {
+            wanted.link = LinkId((Wrapping(wanted.link.0) + Wrapping(1)).0);
+        }
         self.start(now);
-        self.tries = tries;
-        let next = LinkId(self.to.link.0.wrapping_add(u8::from(!stays)));
-        self.to = find(peers, shared, Recipient::Peer(Peer { link: next, ..self.to })).unwrap_or(self.to);
+        self.attempts = attempts;
+        self.to = find(peers, shared, Recipient::Peer(wanted)).unwrap_or(self.to);
         if self.is_cancelled {
-            self.aim(peers, shared);
+            self.select_executor(peers, shared);
         }
     }
 
-    /// Selects the component that is told to cancel a command: COMMAND_CANCEL is for exactly one (C-23). Of a command to a whole
+    /// Cancels a command that was sent: schedules COMMAND_CANCEL.
+    pub(super) fn cancel(&mut self, now: Instant, peers: &Peers, shared: &Shared) {
+        self.is_cancelled = true;
+        self.start(now);
+        self.select_executor(peers, shared);
+    }
+
+    /// Selects the component that is asked to cancel a command: COMMAND_CANCEL is for exactly one (C-23). Of a command to a whole
     /// system that none has answered, the living components take turns.
-    pub(super) fn aim(&mut self, peers: &Peers, shared: &Shared) {
+    fn select_executor(&mut self, peers: &Peers, shared: &Shared) {
         let Address { system, component } = self.to.address;
         self.executor = component;
-        if component.wire() != 0 {
+        if !component.is_all() {
             return;
         }
-        let is_it = |info: &&PeerInfo| {
+        let is_living = |info: &&PeerInfo| {
             let Peer { address, link } = info.peer;
             info.is_alive && address.system == system && shared.normal.contains(LinkMask::of(link))
         };
-        let mut living = peers.iter().filter(is_it).cycle();
-        if let Some(info) = living.nth(usize::from(self.tries.saturating_sub(1))) {
+        let turns = peers.iter().filter(is_living).cycle().take(usize::from(self.attempts.0));
+        if let Some(info) = turns.last() {
             (self.executor, self.to.link) = (info.peer.address.component, info.peer.link);
         }
     }
 
-    /// Ends it. Each transmission of a command may be answered, so a command that was sent twice is remembered for a while.
+    /// Records IN_PROGRESS. A running command is cancelled all the same, and that is requested again once it is known which
+    /// component runs it.
+    pub(super) fn on_progress(&mut self, now: Instant, from: Address) {
+        let was_for_all = self.to.address.component.is_all();
+        (self.is_running, self.to.address) = (true, from);
+        if !self.is_cancelled {
+            self.expect_progress(now);
+        } else if was_for_all {
+            self.start(now);
+            self.executor = from.component;
+        }
+    }
+
+    /// Waits for the end of a running command.
+    pub(super) fn expect_progress(&mut self, now: Instant) {
+        (self.state, self.deadline) = (SlotState::Running, now + PROGRESS_TIMEOUT);
+    }
+
+    /// Ends it. Each transmission of a command may be answered, so a command that was sent more often than it was answered is
+    /// remembered for a while.
     pub(super) fn end(&mut self, now: Instant, has_answer: bool) {
-        let is_late = self.command().is_some() && self.sent > u8::from(has_answer);
-        self.state = if is_late { State::Ended } else { State::Free };
-        self.at = now + LATE;
+        let may_be_answered = self.command().is_some() && self.transmissions.0 > u8::from(has_answer);
+        self.state = if may_be_answered { SlotState::Ended } else { SlotState::Free };
+        self.deadline = now + LATE;
     }
 
-    /// Returns the id of the message of a request for a parameter; COMMAND_LONG for a command.
-    pub(super) fn id(&self) -> u32 {
-        if let What::Param(query) = &self.what { query.id() } else { CommandLong::ID }
+    /// Records a transmission, and returns how many there were before.
+    fn count_transmission(&mut self, now: Instant) -> u8 {
+        let Saturating(before) = self.transmissions;
+        self.transmissions += 1;
+        (self.state, self.deadline) = (SlotState::Sent, now + TIMEOUT);
+        before
     }
 
-    /// Sends the command, or its cancellation.
-    pub(super) fn send_command(&self, command: &OutgoingCommand, confirmation: u8, port: &mut Port) -> bool {
-        let OutgoingCommand { id: command, params: [param1, param2, param3, param4], position, z } = *command;
+    /// Hands over a command to another component of this firmware, from the component `own`.
+    pub(super) fn take_own(&mut self, now: Instant, own: Address) -> Option<Command> {
+        let ClientRequest::Command(OutgoingCommand { id, params, position, z }) = self.request else { return None };
+        self.count_transmission(now);
+        Some(Command {
+            id,
+            params,
+            position,
+            z,
+            from: Peer { address: own, link: LinkId::NONE },
+            class: LinkClass::Normal,
+            age: None,
+            component: self.to.address.component,
+            is_broadcast: false,
+            confirmation: 0,
+        })
+    }
+
+    /// Sends the request, or the cancellation of a command.
+    pub(super) fn send<V: CommandClient>(&mut self, now: Instant, tx: &mut Outbox) -> bool {
+        let confirmation = self.count_transmission(now);
         let (target_system, target_component) = (self.to.address.system.wire(), self.to.address.component.wire());
+        let OutgoingCommand { id: command, params: [param1, param2, param3, param4], position, z } = match self.request
+        {
+            ClientRequest::Command(command) => command,
+            // A vehicle that reads no parameters has none of these messages in flash.
+            ClientRequest::Param { .. } if !V::READS_PARAMS => return false,
+            ClientRequest::Param { name: param_id, is_ext } => {
+                let param_index = -1;
+                return match is_ext {
+                    true => tx.send(&ParamExtRequestRead { param_index, target_system, target_component, param_id }),
+                    false => tx.send(&ParamRequestRead { param_index, target_system, target_component, param_id }),
+                };
+            }
+        };
         match position {
             _ if self.is_cancelled => {
                 let target_component = self.executor.wire();
-                port.outbox.send(&CommandCancel { command, target_system, target_component })
+                tx.send(&CommandCancel { command, target_system, target_component })
             }
-            CommandPosition::Long { param5, param6 } => port.outbox.send(&CommandLong {
+            CommandPosition::Long { param5, param6 } => tx.send(&CommandLong {
                 param1,
                 param2,
                 param3,
@@ -158,7 +248,7 @@ impl Slot {
                 target_component,
                 confirmation,
             }),
-            CommandPosition::Int { frame, x, y } => port.outbox.send(&CommandInt {
+            CommandPosition::Int { frame, x, y } => tx.send(&CommandInt {
                 param1,
                 param2,
                 param3,
@@ -175,4 +265,61 @@ impl Slot {
             }),
         }
     }
+}
+
+/// Returns the recipient, and a normal link on which it is alive: the wanted one, or the one with the next number. If none is
+/// wanted, the link of its last answer, or else the one on which it was heard first.
+pub(super) fn find(peers: &Peers, shared: &Shared, to: Recipient) -> Option<Peer> {
+    let (wanted, r#type, first_link) = match to {
+        Recipient::Type(r#type) => {
+            let system = shared.config.address.get().system;
+            (Address { system, component: ComponentId::ALL }, Some(r#type), None)
+        }
+        Recipient::Address(address) => (address, None, None),
+        Recipient::Peer(Peer { address, link }) => (address, None, Some(link)),
+    };
+    let is_it = |info: &&PeerInfo| {
+        let is_wanted = overlap(wanted, info.peer.address) && r#type.is_none_or(|r#type| r#type == info.r#type);
+        is_wanted && info.is_alive && shared.normal.contains(LinkMask::of(info.peer.link))
+    };
+    let distance = |info: &&PeerInfo| match first_link {
+        Some(first) => (Wrapping(info.peer.link.0) - Wrapping(first.0)).0,
+        None => u8::from(!info.has_answered),
+    };
+    let mut found = peers.iter().filter(is_it).min_by_key(distance)?.peer;
+    if r#type.is_none() {
+        // Component 0 stays every component of the system.
+        found.address.component = wanted.component;
+    }
+    Some(found)
+}
+
+/// Returns the recipient if it is another component of this firmware.
+pub(super) fn find_own(components: &[Component], shared: &Shared, to: Recipient) -> Option<Peer> {
+    let system = shared.config.address.get().system;
+    let is_it = |component: &&Component| match to {
+        Recipient::Type(r#type) => component.r#type == r#type,
+        Recipient::Address(address) => address == Address { system, component: component.id },
+        Recipient::Peer(_) => false,
+    };
+    let component = components.iter().find(is_it)?.id;
+    Some(Peer { address: Address { system, component }, link: LinkId::NONE })
+}
+
+/// Whether the last answer of a living component was received on this link. Component 0 is any of the system.
+fn has_answered(peers: &Peers, to: Peer) -> bool {
+    let is_it = |info: &PeerInfo| info.peer.link == to.link && overlap(info.peer.address, to.address);
+    peers.iter().any(|info| info.is_alive && info.has_answered && is_it(info))
+}
+
+/// Records that a component has answered on this link, and on no other one since.
+pub(super) fn note_answer(peers: &mut Peers, from: Peer) {
+    for info in peers.iter_mut().filter(|info| info.peer.address == from.address) {
+        info.has_answered = info.peer.link == from.link;
+    }
+}
+
+/// Whether two addresses of components overlap: component 0 is every component of a system.
+fn overlap(a: Address, b: Address) -> bool {
+    a.system == b.system && (a.component == b.component || a.component.is_all() || b.component.is_all())
 }

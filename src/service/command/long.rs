@@ -12,7 +12,7 @@ use crate::link::Outbox;
 use crate::message::{Address, ComponentId};
 use crate::time::{Duration, Instant};
 use crate::types::{
-    Answer, Command, CommandPosition, Context, Firmware, LinkClass, LinkId, LinkMask, Outcome, SignedAt,
+    Command, CommandAnswer, CommandPosition, Context, Firmware, LinkClass, LinkId, LinkMask, Outcome, SignedAt,
 };
 
 /// Interval between IN_PROGRESS acknowledgements (C-20).
@@ -507,7 +507,12 @@ impl LongCommands {
     }
 
     /// Returns the component's answer to a command of the firmware itself: its result, or its progress if that is due now.
-    pub(crate) fn own_answer(&self, now: Instant, own: Address, command: MavCmd) -> Option<(ComponentId, Answer)> {
+    pub(crate) fn own_answer(
+        &self,
+        now: Instant,
+        own: Address,
+        command: MavCmd,
+    ) -> Option<(ComponentId, CommandAnswer)> {
         let is_it = |slot: &&CommandSlot| {
             let is_known = matches!(slot.state, State::Running | State::Done);
             is_known && slot.is_long && slot.from == own && slot.command() == command
@@ -518,7 +523,7 @@ impl LongCommands {
             State::Done => (slot.outcome, NO_PROGRESS),
             _ => return None,
         };
-        Some((slot.component, Answer { command, outcome, progress }))
+        Some((slot.component, CommandAnswer { command, outcome, progress }))
     }
 
     /// Returns the first slot with an ACK that is pending on `link` in this state. It is pending no longer.
