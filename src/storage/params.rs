@@ -62,9 +62,7 @@ where
     #[inline(never)]
     fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> bool {
         let now = cx.now;
-        let keeps_values = self.saving(cx.parameters, |saving, generation| {
-            saving.keeps_values(now, generation, part.is_first, part.is_late)
-        });
+        let keeps_values = self.saving(cx.parameters, |saving| saving.keeps_values(now, part.is_first, part.is_late));
         // Both tables are sorted by name, so the search usually ends at once.
         let mut next = 0;
         let rows: &[Row] = part.bytes.as_chunks().0.as_chunks().0;
@@ -76,7 +74,7 @@ where
 
     fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
         let now = cx.now;
-        self.saving(cx.parameters, |saving, _| {
+        self.saving(cx.parameters, |saving| {
             if is_late && !saving.is_reload_requested {
                 saving.reread(now, result != Err(RestoreError::Unreadable));
             } else {

@@ -3,8 +3,8 @@
 use core::cmp::Ordering;
 
 use super::info::{MAX_PARAMS, ParamFault, ParamInfo};
-use super::value::ParamType;
-use super::{ParamEncoding, ParamHash};
+use super::value::{ParamEncoding, ParamType};
+use super::vehicle::ParamHash;
 use crate::dialect::{MavParamError, MavResult, MavSeverity};
 use crate::types::{Context, Peer};
 
@@ -199,7 +199,7 @@ fn check<B: ParamBackend + ?Sized>(backend: &B, room: usize) -> Result<(), Param
     for index in 0..count {
         let info = backend.param_info(index).ok_or(ParamFault::Missing)?;
         let bits = backend.param_bits(index).ok_or(ParamFault::Missing)?;
-        if !info.has_room(bits) {
+        if !info.is_valid(bits) {
             return Err(ParamFault::Missing);
         }
         if backend.find_param(info.name_bytes()) != Some(index) {

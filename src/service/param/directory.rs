@@ -3,10 +3,13 @@
 use core::marker::PhantomData;
 
 use super::backend::ParamBackend;
-use super::external::{Backed, ExternalService, Marks};
-use super::packed::{self, Pack};
+use super::external::{AnyExternalParams, BackendRows, ExternalService};
+use super::info::Rows;
+use super::packed::{self, PackedFile};
+use super::requests;
+use super::service::ParamService;
 use super::table::{ParamChange, ParamTable, TableMut};
-use super::{ParamService, Parameters, requests};
+use super::vehicle::Parameters;
 use crate::dialect::{MavFtpErr, MavParamError};
 use crate::service::Cx;
 use crate::service::files::{Body, Entries, HasFiles, Part, VirtualFile};
@@ -24,12 +27,12 @@ impl HasFiles for ExternalService {
 
 /// The file of the parameters that the stack owns.
 #[derive(Clone, Copy, Debug)]
-pub struct TableFile(Pack);
+pub struct TableFile(PackedFile);
 
 /// The file of the parameters of a backend. It cannot be uploaded, because a backend decides and sets in one call: it could not
 /// set all or none.
 #[derive(Clone, Copy, Debug)]
-pub struct BackendFile(Pack);
+pub struct BackendFile(PackedFile);
 
 impl<F> VirtualFile<F> for TableFile
 where
@@ -39,7 +42,7 @@ where
     const UPLOADS: bool = true;
 
     fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr> {
-        Pack::open(path, cx.parameters.table_mut().count(), is_upload).map(Self)
+        PackedFile::open(path, cx.parameters.table_mut().count(), is_upload).map(Self)
     }
 
     fn size(&self, _: &Cx<'_, F>) -> u32 {
@@ -47,7 +50,7 @@ where
     }
 
     fn begin_to_read(&mut self, packet: u8) {
-        self.0.set_block(packet);
+        self.0.set_packet_len(packet);
     }
 
     fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {
@@ -69,12 +72,12 @@ where
 
 impl<F> VirtualFile<F> for BackendFile
 where
-    F: Firmware<Parameters: Marks, Vehicle: Vehicle + ParamBackend>,
+    F: Firmware<Parameters: AnyExternalParams, Vehicle: Vehicle + ParamBackend>,
 {
     const DIRECTORY: &'static [u8] = DIRECTORY;
 
     fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr> {
-        Pack::open(path, cx.parameters.marks().count(), is_upload).map(Self)
+        PackedFile::open(path, cx.parameters.view_mut().count(), is_upload).map(Self)
     }
 
     fn size(&self, _: &Cx<'_, F>) -> u32 {
@@ -82,62 +85,71 @@ where
     }
 
     fn begin_to_read(&mut self, packet: u8) {
-        self.0.set_block(packet);
+        self.0.set_packet_len(packet);
     }
 
     fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {
-        let count = cx.parameters.marks().count();
-        self.0.read(&Backed { backend: &*cx.vehicle, count }, offset, out)
+        let count = cx.parameters.view_mut().count();
+        self.0.read(&BackendRows { backend: &*cx.vehicle, count }, offset, out)
     }
 
     fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
-        packed::entry(cx.parameters.marks().count(), index, name)
+        packed::entry(cx.parameters.view_mut().count(), index, name)
     }
 }
 
 /// Sets the parameters of an uploaded file: all, or none. Returns whether they are set. Checks all values first, as PARAM_SET
-/// does, then sets them. They are stored together, because changes are collected. The service's next poll takes them up.
+/// does, then sets them. They are stored together, because changes are collected. The service's next poll updates its cache.
 fn set_all<F>(cx: &mut Cx<'_, F>, from: Peer, content: &[u8]) -> bool
 where
     F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
 {
-    let Some(mut records) = packed::Records::new(content) else { return false };
-    while let Some(record) = records.next() {
-        let Ok(record) = record else { return false };
-        let checked = check_packed(&cx.parameters.table_mut(), &record);
-        let verdict = checked.and_then(|change| {
-            let Some((index, bits)) = change else { return Ok(()) };
-            let (vehicle, mut context) = cx.hook();
-            vehicle.may_set(&mut context, &ParamChange { index, bits, from: Some(from), table: PhantomData })
-        });
-        if let Err(error) = verdict {
+    let Some(records) = packed::Records::new(content) else { return false };
+    for record in records {
+        let Some(record) = record else { return false };
+        let decision = match check(&cx.parameters.table_mut(), &record) {
+            Ok(UploadedValue::Same) => Ok(()),
+            Ok(UploadedValue::New { index, bits }) => {
+                let (vehicle, mut context) = cx.hook();
+                vehicle.may_set(&mut context, &ParamChange { index, bits, from: Some(from), table: PhantomData })
+            }
+            Err(error) => Err(error),
+        };
+        if let Err(error) = decision {
             if cfg!(feature = "plan-texts") {
                 requests::warn(cx.now, cx.texts, from.link, requests::reason(error), &record.name);
             }
             return false;
         }
     }
-    let Some(mut records) = packed::Records::new(content) else { return false };
-    while let Some(Ok(record)) = records.next() {
+    for record in packed::Records::new(content).into_iter().flatten().flatten() {
         let mut table = cx.parameters.table_mut();
-        let Ok(Some((index, bits))) = check_packed(&table, &record) else { continue };
-        table.put(index, bits);
-        table.mark_pending(index, cx.shared.normal);
+        let Ok(UploadedValue::New { index, bits }) = check(&table, &record) else { continue };
+        table.change(index, bits, cx.shared.normal);
         let (vehicle, mut context) = cx.hook();
         vehicle.parameter_changed(&mut context, &ParamChange { index, bits, from: Some(from), table: PhantomData });
     }
     true
 }
 
-/// Returns index and value of a parameter that an uploaded file changes; `None` if it has that value already.
-fn check_packed(table: &TableMut<'_>, record: &packed::Uploaded) -> Result<Option<(u16, u32)>, MavParamError> {
-    let found = table.find(&record.name).and_then(|index| Some((index, table.get(index)?)));
+/// A valid value of an uploaded file.
+enum UploadedValue {
+    /// The parameter has it already.
+    Same,
+    New {
+        index: u16,
+        bits: u32,
+    },
+}
+
+/// Checks a parameter of an uploaded file.
+fn check(table: &TableMut<'_>, record: &packed::Uploaded) -> Result<UploadedValue, MavParamError> {
+    let found = table.rows.find(&record.name).and_then(|index| Some((index, table.get(index)?)));
     let Some((index, (info, old))) = found else { return Err(MavParamError::DOES_NOT_EXIST) };
-    let bits = record.value_of(info.param_type()).filter(|bits| info.has_room(*bits));
-    match bits {
+    match record.value_of(info.param_type()).filter(|bits| info.is_valid(*bits)) {
         None => Err(MavParamError::VALUE_OUT_OF_RANGE),
-        Some(bits) if bits == old => Ok(None),
+        Some(bits) if bits == old => Ok(UploadedValue::Same),
         Some(_) if info.is_read_only() => Err(MavParamError::READ_ONLY),
-        Some(bits) => Ok(Some((index, bits))),
+        Some(bits) => Ok(UploadedValue::New { index, bits }),
     }
 }

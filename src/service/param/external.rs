@@ -3,11 +3,15 @@
 //! PREFLIGHT_STORAGE is passed on to the backend, at the rate at which peers may cause writes (C-15).
 
 use super::backend::{ParamBackend, ParamUpdate, ParamWrite};
-use super::info::{MAX_PARAMS, ParamInfo};
-use super::state::State;
-use super::table::{ParamMemory, Rows, Table};
-use super::{Links, List, NOTHING, Options, ParamHash, capability, handles, is_armed, storage_action};
-use crate::dialect::{MavCmd, MavResult};
+use super::info::{MAX_PARAMS, ParamInfo, Rows};
+use super::links::ParamLinks;
+use super::list::ParamList;
+use super::requests::{ParamClient, ParamRequest, handles};
+use super::state::ParamState;
+use super::storage::StorageAction;
+use super::table::{ParamMemory, Table};
+use super::vehicle::{ParamHash, ParamOptions};
+use crate::dialect::MavResult;
 use crate::link::Port;
 use crate::service::write_schedule::TokenBucket;
 use crate::service::{About, Cx, Handled, Received, Request, Service, StackEvent, Turn, Verdict, View};
@@ -21,39 +25,43 @@ const UPDATES: usize = 4;
 /// [`ParamBackend`] has the example.
 #[derive(Clone, Debug)]
 pub struct ExternalParams<const N: usize> {
-    pending: [LinkMask; N],
-    state: State<Size>,
-}
-
-/// The number of parameters, once it is known.
-#[derive(Clone, Copy, Debug)]
-pub struct Size {
-    count: u16,
-    is_known: bool,
+    marks: [LinkMask; N],
+    state: ParamState,
+    /// The number of parameters, once it is known.
+    count: Option<u16>,
 }
 
 /// [`ExternalParams`] of any length.
 #[derive(Debug)]
-pub struct MarksMut<'a> {
-    pending: &'a mut [LinkMask],
-    state: &'a mut State<Size>,
+pub struct ExternalParamsMut<'a> {
+    marks: &'a mut [LinkMask],
+    state: &'a mut ParamState,
+    count: &'a mut Option<u16>,
 }
 
-impl MarksMut<'_> {
-    /// Returns the number of parameters.
-    pub(super) const fn count(&self) -> u16 {
-        self.state.kept.count
+impl<'a> ExternalParamsMut<'a> {
+    /// Returns the number of parameters; 0 before the first poll.
+    pub(super) fn count(&self) -> u16 {
+        self.count.unwrap_or(0)
+    }
+
+    /// Returns the parameters of a backend.
+    fn table<B: ParamBackend>(self, backend: &'a B) -> Table<'a, BackendRows<'a, B>> {
+        let Self { marks, state, count } = self;
+        let room = u16::try_from(marks.len()).unwrap_or(u16::MAX);
+        let count = *count.get_or_insert_with(|| backend.param_count().min(room));
+        Table { rows: BackendRows { backend, count }, marks, state }
     }
 }
 
 /// [`ExternalParams`] of one length.
-pub trait Marks {
-    fn marks(&mut self) -> MarksMut<'_>;
+pub trait AnyExternalParams {
+    fn view_mut(&mut self) -> ExternalParamsMut<'_>;
 }
 
-impl<const N: usize> Marks for ExternalParams<N> {
-    fn marks(&mut self) -> MarksMut<'_> {
-        MarksMut { pending: &mut self.pending, state: &mut self.state }
+impl<const N: usize> AnyExternalParams for ExternalParams<N> {
+    fn view_mut(&mut self) -> ExternalParamsMut<'_> {
+        ExternalParamsMut { marks: &mut self.marks, state: &mut self.state, count: &mut self.count }
     }
 }
 
@@ -68,21 +76,20 @@ impl<const N: usize> ParamMemory for ExternalParams<N> {
 
     const VACANT: Self = {
         assert!(N > 0 && N <= MAX_PARAMS, "a backend has 1 to 32,768 parameters: `ExternalParams<64>`");
-        Self { pending: [LinkMask::NONE; N], state: State::new(Size { count: 0, is_known: false }) }
+        Self { marks: [LinkMask::NONE; N], state: ParamState::NEW, count: None }
     };
 
     fn begin(&mut self) {}
 }
 
 /// The parameters of a backend.
-pub(super) struct Backed<'a, B> {
+pub(super) struct BackendRows<'a, B> {
     pub(super) backend: &'a B,
     pub(super) count: u16,
 }
 
-impl<B: ParamBackend> Rows for Backed<'_, B> {
+impl<B: ParamBackend> Rows for BackendRows<'_, B> {
     type Info = ParamInfo;
-    type Kept = Size;
 
     fn count(&self) -> u16 {
         self.count
@@ -104,7 +111,7 @@ impl<B: ParamBackend> Rows for Backed<'_, B> {
 /// Lists, reads and sets the parameters of a backend.
 #[derive(Debug)]
 pub struct ExternalService {
-    links: Links,
+    links: ParamLinks,
     /// The links on which all values must be sent, after the active list.
     relisted: LinkMask,
     /// Limits the writes that peers cause.
@@ -112,22 +119,14 @@ pub struct ExternalService {
 }
 
 impl ExternalService {
-    /// Returns the parameters, updated for reopened links.
-    fn table<'t, B: ParamBackend>(&mut self, marks: &'t mut impl Marks, backend: &'t B) -> Table<'t, Backed<'t, B>> {
-        let MarksMut { pending, state } = marks.marks();
-        self.links.catch_up(state);
-        let size = &mut state.kept;
-        if !size.is_known {
-            let room = u16::try_from(pending.len()).unwrap_or(u16::MAX);
-            *size = Size { count: backend.param_count().min(room), is_known: true };
-        }
-        let rows = Backed { backend, count: size.count };
-        Table { rows, pending, state }
-    }
-
-    /// Updates the cached state from the table.
-    fn cache<B: ParamBackend>(&mut self, table: &Table<'_, Backed<'_, B>>) {
-        self.links.cache(table);
+    /// Calls `work` with the parameters, and updates the cached state after it.
+    fn with_table<'t, B: ParamBackend, R>(
+        &mut self,
+        parameters: &'t mut impl AnyExternalParams,
+        backend: &'t B,
+        work: impl FnOnce(&mut Table<'t, BackendRows<'t, B>>) -> R,
+    ) -> R {
+        self.links.with(parameters.view_mut().table(backend), work)
     }
 }
 
@@ -142,105 +141,107 @@ pub enum ExternalReply {
     First,
 }
 
-const fn options<B: ParamBackend>() -> Options {
+const fn options<B: ParamBackend>() -> ParamOptions {
     let hash = if B::SORTED { B::PARAM_HASH } else { ParamHash::Never };
-    Options::new(B::PARAM_ENCODING, hash, B::PARAM_ERROR)
+    ParamOptions::new(B::PARAM_ENCODING, hash, B::PARAM_ERROR)
 }
 
 impl<F> Service<F> for ExternalService
 where
-    F: Firmware<Parameters: Marks, Vehicle: Vehicle + ParamBackend>,
+    F: Firmware<Parameters: AnyExternalParams, Vehicle: Vehicle + ParamBackend>,
 {
-    const NEW: Self = Self { links: Links::NEW, relisted: LinkMask::NONE, bucket: TokenBucket::NONE };
-    type Link = List;
-    const VACANT: List = List::new();
+    const NEW: Self = Self { links: ParamLinks::NEW, relisted: LinkMask::NONE, bucket: TokenBucket::NONE };
+    type Link = ParamList;
+    const VACANT: ParamList = ParamList::NEW;
     type Reply = ExternalReply;
     const ABOUT: About = About {
         turns: &[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList],
-        capabilities: capability(F::Vehicle::PARAM_ENCODING),
+        capabilities: F::Vehicle::PARAM_ENCODING.capability(),
         ..About::AUTOPILOT
     };
 
     /// Takes what has changed in the backend (P-16).
-    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut List>) {
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ParamList>) {
         for _ in 0..UPDATES {
-            let update = cx.vehicle.take_update();
-            let mut table = self.table(cx.parameters, cx.vehicle);
-            match update {
+            match cx.vehicle.take_update() {
                 ParamUpdate::Nothing => break,
-                ParamUpdate::One(index) if index < table.count() => table.mark_pending(index, cx.shared.normal),
-                ParamUpdate::One(_) => {}
                 ParamUpdate::All => self.relisted = cx.shared.normal,
+                ParamUpdate::One(index) => self.with_table(cx.parameters, cx.vehicle, |table| {
+                    if index < table.count() {
+                        table.mark_pending(index, cx.shared.normal);
+                    }
+                }),
             }
-            self.cache(&table);
         }
-        if self.links.is_hashing {
-            let mut table = self.table(cx.parameters, cx.vehicle);
-            table.compute_hash();
-            self.cache(&table);
-        }
+        self.with_table(cx.parameters, cx.vehicle, Table::compute_hash);
     }
 
     fn deadline(&self) -> Instant {
         self.links.hash_deadline()
     }
 
-    fn on_frame(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut List, received: &Received<'_>) -> Handled {
+    fn on_frame(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        list: &mut ParamList,
+        received: &Received<'_>,
+    ) -> Handled {
         if !handles(received.frame.id()) {
             return Handled::No;
         }
         let options = options::<F::Vehicle>().on(port);
-        let mut table = self.table(cx.parameters, cx.vehicle);
-        let request = table.on_request(cx.now, cx.texts, options, list, received);
-        self.cache(&table);
-        let (index, bits) = match request {
-            Ok(handled) => return handled,
-            Err(set) => set,
-        };
-        // Everything but the backend's decision is checked, and there is a slot for a refusal.
-        let verdict = bits.map(|bits| {
-            let (vehicle, mut context) = cx.hook();
-            vehicle.set_param(&mut context, &ParamWrite { index, bits, from: received.from })
-        });
-        let mut table = self.table(cx.parameters, cx.vehicle);
-        if let Some(verdict) = verdict {
-            table.on_decided(cx.now, cx.texts, options, received.from, index, verdict);
+        let client = ParamClient { now: cx.now, from: received.from, options, normal: cx.shared.normal };
+        let request =
+            self.with_table(cx.parameters, cx.vehicle, |table| table.on_request(cx.texts, client, list, received));
+        match request {
+            ParamRequest::Handled(handled) => handled,
+            ParamRequest::Set { index, bits } => {
+                let (vehicle, mut context) = cx.hook();
+                let decision = vehicle.set_param(&mut context, &ParamWrite { index, bits, from: client.from });
+                self.with_table(cx.parameters, cx.vehicle, |table| {
+                    table.on_decision(cx.texts, client, index, decision);
+                });
+                Handled::Yes
+            }
         }
-        table.mark_pending(index, cx.shared.normal);
-        self.cache(&table);
-        Handled::Yes
     }
 
     /// MAV_CMD_PREFLIGHT_STORAGE (P-17).
-    fn on_command(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, _: &mut List, request: &Request) -> Option<Verdict> {
-        let command = &request.command;
-        if command.id != MavCmd::PREFLIGHT_STORAGE {
-            return None;
-        }
-        let refused = |result: MavResult| Some(Verdict::Refused(result.into()));
-        let Ok(action) = storage_action(&command.params, true) else { return refused(MavResult::DENIED) };
-        let writes = matches!(action, 1 | 2 | 4);
-        if is_armed(cx.vehicle) || (writes && !self.bucket.has(cx.now, 1)) {
-            return refused(MavResult::TEMPORARILY_REJECTED);
+    fn on_command(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        _: &mut Port,
+        _: &mut ParamList,
+        request: &Request,
+    ) -> Option<Verdict> {
+        let action = match StorageAction::of(&request.command, true, cx.vehicle)? {
+            Ok(action) => action,
+            Err(refusal) => return Some(Verdict::Refused(refusal)),
+        };
+        let writes = matches!(action, StorageAction::Write | StorageAction::Reset { .. });
+        if writes && !self.bucket.has(cx.now, 1) {
+            return Some(Verdict::Refused(MavResult::TEMPORARILY_REJECTED.into()));
         }
         let (vehicle, mut context) = cx.hook();
         let result = match action {
-            NOTHING => return Some(Verdict::done(MavResult::ACCEPTED)),
-            0 => vehicle.load_params(&mut context),
-            1 => vehicle.save_params(&mut context),
-            _ => vehicle.reset_params(&mut context, action == 4),
+            StorageAction::Nothing => MavResult::ACCEPTED,
+            StorageAction::Read => vehicle.load_params(&mut context),
+            StorageAction::Write => vehicle.save_params(&mut context),
+            StorageAction::Reset { all } => vehicle.reset_params(&mut context, all),
         };
         if writes {
             self.bucket.spend(cx.now, 1);
         }
-        if action != 1 && result == MavResult::ACCEPTED {
+        let has_changed = matches!(action, StorageAction::Read | StorageAction::Reset { .. });
+        if has_changed && result == MavResult::ACCEPTED {
             self.relisted = cx.shared.normal;
         }
         Some(Verdict::done(result))
     }
 
     #[inline(always)]
-    fn pending(&self, view: &View<'_>, port: &Port, list: &List, turn: Turn) -> Option<(Instant, ExternalReply)> {
+    fn pending(&self, view: &View<'_>, port: &Port, list: &ParamList, turn: Turn) -> Option<(Instant, ExternalReply)> {
         match turn {
             Turn::ParamAnswer => self.links.is_pending(port.id).then_some((view.now, ExternalReply::Answer)),
             _ if self.links.is_list_held(port.id) => None,
@@ -251,22 +252,16 @@ where
         }
     }
 
-    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut List, reply: ExternalReply) -> bool {
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut ParamList, reply: ExternalReply) -> bool {
         let options = options::<F::Vehicle>();
-        match reply {
-            ExternalReply::Answer => {
-                let mut table = self.table(cx.parameters, cx.vehicle);
-                let is_sent = table.send_answer(options, list, &mut port.outbox);
-                self.cache(&table);
-                return is_sent;
-            }
-            ExternalReply::First => {
-                self.relisted = self.relisted.without(LinkMask::of(port.id));
-                list.begin(cx.now);
-            }
-            ExternalReply::Listed => {}
+        if let ExternalReply::First = reply {
+            self.relisted = self.relisted.without(LinkMask::of(port.id));
+            list.begin(cx.now);
         }
-        self.table(cx.parameters, cx.vehicle).send_listed(options, cx.now, list, port)
+        self.with_table(cx.parameters, cx.vehicle, |table| match reply {
+            ExternalReply::Answer => table.send_answer(options, list, &mut port.outbox),
+            ExternalReply::First | ExternalReply::Listed => table.send_listed(options, cx.now, list, port),
+        })
     }
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
@@ -274,7 +269,7 @@ where
             StackEvent::Begun(config) => self.bucket.set_refill(config.storage_refill),
             StackEvent::Opened(port, list) => {
                 list.end();
-                self.links.restart(port.id);
+                self.links.reopen(port.id);
                 self.relisted = self.relisted.without(LinkMask::of(port.id));
             }
             _ => {}

@@ -5,40 +5,38 @@
 //! parameters, because a whole table would take too long for one poll.
 
 use core::borrow::Borrow;
+use core::num::Saturating;
 
-use super::info::ParamInfo;
-use super::table::Rows;
+use super::info::{ParamInfo, Rows};
 use super::value;
 use crate::crc32::Crc32;
 
 /// Number of parameters in a step.
-const STEP: usize = 4;
+const STEP: u16 = 4;
 
 /// The checksum and its progress.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hash {
     crc: Crc32,
     /// Number of parameters included.
-    done: u16,
+    done: Saturating<u16>,
 }
 
 impl Hash {
-    pub(super) const fn new() -> Self {
-        Self { crc: Crc32::ZERO, done: 0 }
-    }
+    pub(super) const NEW: Self = Self { crc: Crc32::ZERO, done: Saturating(0) };
 
     /// Whether only the last step is left.
     pub(super) fn is_ready<R: Rows>(&self, rows: &R) -> bool {
-        usize::from(self.done).saturating_add(STEP) >= usize::from(rows.count())
+        self.done + Saturating(STEP) >= Saturating(rows.count())
     }
 
     /// Adds the next parameters. A value that changes between two steps is included as it is in its step; the change itself is sent to
     /// the client anyway (P-16).
     pub(super) fn step<R: Rows>(&mut self, rows: &R) {
         for _ in 0..STEP {
-            let Some((info, bits)) = rows.get(self.done) else { break };
+            let Some((info, bits)) = rows.get(self.done.0) else { break };
             let info: &ParamInfo = info.borrow();
-            self.done = self.done.saturating_add(1);
+            self.done += 1;
             if !info.is_volatile() {
                 let size = value::size(info.param_type());
                 self.crc.add(info.name_bytes());

@@ -1,9 +1,9 @@
 //! The declaration of one parameter, checked by the compiler or at run time (P-1, P-3).
 
+use core::borrow::Borrow;
 use core::fmt;
 use core::ops::RangeInclusive;
 
-use super::row::Row;
 use super::value::{self, ParamType};
 use crate::dialect::MavParamType;
 
@@ -48,40 +48,13 @@ const READ_ONLY: u8 = 1;
 const REBOOT_REQUIRED: u8 = 2;
 const VOLATILE: u8 = 4;
 
-macro_rules! rows_of {
-    ($($ty:ident: $wire:ident = |$value:ident| $bits:expr;)+) => {
-        /// The constructors of rows for [`parameters!`](crate::parameters), named after the types.
-        #[doc(hidden)]
-        impl ParamInfo { $(
-            pub const fn $ty(name: &str, default: $ty, range: &RangeInclusive<$ty>) -> Row {
-                #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; nothing is cut off")]
-                const fn bits($value: $ty) -> u32 {
-                    $bits
-                }
-                let range = [bits(*range.start()), bits(*range.end())];
-                Row(Self::checked(name.as_bytes(), MavParamType::$wire, bits(default), range))
-            }
-        )+ }
-    };
-}
-
-rows_of! {
-    u8: UINT8 = |value| value as u32;
-    i8: INT8 = |value| value.cast_unsigned() as u32;
-    u16: UINT16 = |value| value as u32;
-    i16: INT16 = |value| value.cast_unsigned() as u32;
-    u32: UINT32 = |value| value;
-    i32: INT32 = |value| value.cast_unsigned();
-    f32: REAL32 = |value| value.to_bits();
-}
-
 impl ParamInfo {
     /// An unused row: all zero bits.
     pub(super) const VACANT: Self =
         Self { name: [0; 16], default: 0, min: 0, max: 0, r#type: MavParamType(0), flags: 0 };
 
     /// Returns a declaration, checked. `text` ends at its first zero.
-    const fn checked(
+    pub(super) const fn checked(
         text: &[u8],
         r#type: MavParamType,
         default: u32,
@@ -106,7 +79,7 @@ impl ParamInfo {
             return Err(ParamFault::Name);
         }
         let info = Self { name, default, min, max, r#type, flags: 0 };
-        if info.has_room(default) { Ok(info) } else { Err(ParamFault::Default) }
+        if info.is_valid(default) { Ok(info) } else { Err(ParamFault::Default) }
     }
 
     /// Returns the declaration of a parameter with this name, default and range.
@@ -201,13 +174,24 @@ impl ParamInfo {
     }
 
     /// Whether these bits are a valid value.
-    pub(crate) const fn has_room(&self, bits: u32) -> bool {
-        let rank = value::rank(self.r#type, bits);
-        match (rank, value::rank(self.r#type, self.min), value::rank(self.r#type, self.max)) {
-            (Some(rank), Some(min), Some(max)) => min <= rank && rank <= max,
-            _ => false,
-        }
+    pub(crate) const fn is_valid(&self, bits: u32) -> bool {
+        value::is_within(self.r#type, bits, [self.min, self.max])
     }
+}
+
+/// The parameters of a firmware with their values, wherever they are.
+pub trait Rows {
+    /// A declaration.
+    type Info: Borrow<ParamInfo>;
+
+    /// Returns the number of parameters.
+    fn count(&self) -> u16;
+
+    /// Returns a parameter and its value.
+    fn get(&self, index: u16) -> Option<(Self::Info, u32)>;
+
+    /// Returns the index of the parameter with this name.
+    fn find(&self, name: &[u8; 16]) -> Option<u16>;
 }
 
 /// Why a declaration, or a table of them, cannot be used.

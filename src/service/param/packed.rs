@@ -20,13 +20,14 @@
 //! float that is a whole number is accepted for any integer (P-19).
 
 use core::borrow::Borrow;
+use core::num::{NonZeroU32, Saturating};
 
-use super::info::ParamInfo;
-use super::table::Rows;
+use super::info::{ParamInfo, Rows};
 use super::value;
 use crate::dialect::{MavFtpErr, MavParamType};
 use crate::num;
 use crate::service::files::{Body, Entries};
+use heapless::Vec;
 
 /// The name of the file.
 const NAME: &[u8] = b"param.pck";
@@ -34,6 +35,7 @@ const NAME: &[u8] = b"param.pck";
 const MAGIC: u16 = 0x671B;
 const MAGIC_WITH_DEFAULTS: u16 = 0x671C;
 
+/// The number of bytes before the first record.
 const HEADER_LEN: u32 = 6;
 
 /// The most that a record takes: padding, two bytes, the name, the value and, if it is in the file, the default.
@@ -41,11 +43,14 @@ const MAX_RECORD: usize = 3 + 2 + 16 + 4 + 4;
 const LONGEST: u32 = 3 + 2 + 16 + 4;
 const LONGEST_WITH_DEFAULT: u32 = LONGEST + 4;
 
-/// The number of records that a call skips at most.
-const STEP: u8 = 64;
+/// The maximum length of the part of a name that is repeated.
+const MAX_COMMON: usize = 15;
+
+/// The maximum number of records that a call skips.
+const STEP: Saturating<u8> = Saturating(64);
 
 /// The length of a packet's data if no client has chosen one yet.
-const USUAL_BLOCK: u8 = 239;
+const USUAL_PACKET: NonZeroU32 = NonZeroU32::new(239).unwrap();
 
 /// The types of the format.
 const INT8: u8 = 1;
@@ -55,21 +60,21 @@ const FLOAT: u8 = 4;
 
 /// A file that is being read.
 #[derive(Clone, Copy, Debug)]
-pub struct Pack {
+pub struct PackedFile {
     /// The first parameter, and the number of them.
     first: u16,
     count: u16,
     /// The number of parameters in the table.
     total: u16,
     has_defaults: bool,
-    /// The length of the client's packets: 0 until it has read.
-    block: u8,
-    /// The record that begins at `at`.
-    index: u16,
-    at: u32,
+    /// The length of the data in the client's packets: 0 until it has read.
+    packet: u8,
+    /// The record that begins at `position`.
+    index: Saturating<u16>,
+    position: Saturating<u32>,
 }
 
-impl Pack {
+impl PackedFile {
     /// Returns the file of a table of `total` parameters that a client asks for: `path` is its name and the query. Refused if the
     /// query is wrong, or there is no such parameter; also any query for an upload.
     pub(super) fn open(path: &[u8], total: u16, is_upload: bool) -> Result<Self, MavFtpErr> {
@@ -83,29 +88,32 @@ impl Pack {
     }
 
     fn of(query: &[u8], total: u16) -> Option<Self> {
-        let mut pack = Self { first: 0, count: total, total, has_defaults: false, block: 0, index: 0, at: HEADER_LEN };
-        let mut limit = 0;
+        let (mut first, mut limit, mut has_defaults) = (0, 0, false);
         for part in query.split(|byte| *byte == b'&').filter(|part| !part.is_empty()) {
-            let key = part.split(|byte| *byte == b'=').next().unwrap_or_default();
-            let number = decimal(part.get(key.len().saturating_add(1)..)?)?;
+            let mut key_and_number = part.splitn(2, |byte| *byte == b'=');
+            let (key, number) = (key_and_number.next()?, decimal(key_and_number.next()?)?);
             match key {
-                b"start" => pack.first = number,
+                b"start" => first = number,
                 b"count" => limit = number,
-                b"withdefaults" => pack.has_defaults = number != 0,
+                b"withdefaults" => has_defaults = number != 0,
                 _ => {}
             }
         }
-        pack.count = total.checked_sub(pack.first).filter(|count| *count > 0)?;
-        if limit > 0 {
-            pack.count = pack.count.min(limit);
-        }
-        Some(pack)
+        let left = total.checked_sub(first).filter(|left| *left > 0)?;
+        let count = if limit > 0 { left.min(limit) } else { left };
+        let (index, position) = (Saturating(0), Saturating(HEADER_LEN));
+        Some(Self { first, count, total, has_defaults, packet: 0, index, position })
     }
 
-    /// Remembers the length of the client's packets, when it first reads.
-    pub(super) const fn set_block(&mut self, block: u8) {
-        if self.block == 0 {
-            (self.block, self.index, self.at) = (block, 0, HEADER_LEN);
+    fn rewind(&mut self) {
+        (self.index, self.position) = (Saturating(0), Saturating(HEADER_LEN));
+    }
+
+    /// Stores the length of the client's packets, when it first reads.
+    pub(super) fn set_packet_len(&mut self, packet: u8) {
+        if self.packet == 0 {
+            self.packet = packet;
+            self.rewind();
         }
     }
 
@@ -116,42 +124,34 @@ impl Pack {
 
     /// Reads from any place of the file. [`Body::Later`] if it takes another call to find that place.
     pub(super) fn read<R: Rows>(&mut self, rows: &R, offset: u32, out: &mut [u8]) -> Body {
-        if offset < self.at {
-            (self.index, self.at) = (0, HEADER_LEN);
+        let left = usize::try_from((Saturating(self.len()) - Saturating(offset)).0).unwrap_or(usize::MAX);
+        let len = left.min(out.len());
+        let mut window =
+            Window { skipped: Saturating(offset) - self.position, out: out.get_mut(..len).unwrap_or_default() };
+        if offset < self.position.0 {
+            self.rewind();
+            window.skipped = Saturating(offset);
+            window.put(&self.header());
         }
-        let header = self.header();
-        let mut len = copy(&header, offset, out);
         let mut steps = STEP;
-        while len < out.len() {
-            let Some((record, record_len)) = self.record(rows) else { break };
-            let place = offset.saturating_add(u32::try_from(len).unwrap_or(0)).saturating_sub(self.at);
-            let bytes = record.get(..record_len).unwrap_or_default();
-            let copied = copy(bytes, place, out.get_mut(len..).unwrap_or_default());
-            len = len.saturating_add(copied);
-            let used = usize::try_from(place).unwrap_or(usize::MAX).saturating_add(copied);
-            if used < record_len {
+        while !window.out.is_empty() {
+            let Some(record) = self.record(rows) else { break };
+            let record_len = u32::try_from(record.len()).unwrap_or(0);
+            let is_before = window.skipped.0 >= record_len;
+            if !window.put(&record) {
                 break;
             }
-            self.advance(record_len);
-            if copied == 0 {
-                steps = steps.saturating_sub(1);
-                if steps == 0 {
+            self.index += 1;
+            self.position += record_len;
+            if is_before {
+                steps -= 1;
+                if steps.0 == 0 {
                     return Body::Later;
                 }
             }
         }
-        let end = offset.saturating_add(u32::try_from(len).unwrap_or(0));
-        let rest = usize::try_from(self.len().saturating_sub(end)).unwrap_or(usize::MAX);
-        for byte in out.iter_mut().skip(len).take(rest) {
-            *byte = 0;
-            len = len.saturating_add(1);
-        }
+        window.out.fill(0);
         Body::Data(len)
-    }
-
-    fn advance(&mut self, len: usize) {
-        self.index = self.index.saturating_add(1);
-        self.at = self.at.saturating_add(u32::try_from(len).unwrap_or(0));
     }
 
     fn header(&self) -> [u8; 6] {
@@ -160,55 +160,73 @@ impl Pack {
         [a, b, c, d, e, f]
     }
 
-    /// Returns the record at `at` and its length; `None` behind the last one.
-    fn record<R: Rows>(&self, rows: &R) -> Option<([u8; MAX_RECORD], usize)> {
-        if self.index >= self.count {
+    /// Returns the next record; `None` after the last one.
+    fn record<R: Rows>(&self, rows: &R) -> Option<Vec<u8, MAX_RECORD, u8>> {
+        if self.index.0 >= self.count {
             return None;
         }
-        let index = self.first.checked_add(self.index)?;
-        let (info, bits) = rows.get(index)?;
+        let index = Saturating(self.first) + self.index;
+        let (info, bits) = rows.get(index.0)?;
         let info: &ParamInfo = info.borrow();
         let name = info.name_bytes();
-        let mut common = 0usize;
-        if self.index > 0
-            && let Some((before, _)) = rows.get(index.saturating_sub(1))
-        {
+        let mut common = 0;
+        if self.index.0 > 0 {
+            let (before, _) = rows.get((index - Saturating(1)).0)?;
             let before: &ParamInfo = before.borrow();
-            for _ in name.iter().zip(before.name_bytes()).take_while(|(a, b)| a == b) {
-                common = common.saturating_add(1);
-            }
+            // At least one byte of the name is not repeated.
+            let repeatable = name.split_last().map_or(name, |(_, repeatable)| repeatable);
+            let pairs = repeatable.iter().zip(before.name_bytes()).take(MAX_COMMON);
+            common = pairs.take_while(|(a, b)| a == b).count();
         }
-        // At least one byte of the name is not repeated.
-        let common = common.min(name.len().saturating_sub(1)).min(15);
         let rest = name.get(common..).unwrap_or_default();
-        let (kind, value, size) = packed(info, bits, self.has_defaults);
-        let mut record = [0; MAX_RECORD];
-        let head = rest.len().saturating_add(2);
-        let mut len = self.padding(head, size);
-        let mut push = |bytes: &[u8]| {
-            for (to, from) in record.get_mut(len..).unwrap_or_default().iter_mut().zip(bytes) {
-                *to = *from;
-                len = len.saturating_add(1);
-            }
-        };
-        let lens = nibbles(common, rest.len().saturating_sub(1));
-        push(&[kind | if self.has_defaults { 0x10 } else { 0 }, lens]);
-        push(rest);
-        push(value.to_le_bytes().get(..size).unwrap_or_default());
-        if self.has_defaults {
-            let default = default_as(kind, info);
-            push(default.to_le_bytes().get(..size).unwrap_or_default());
+        let PackedValue { kind, value, size } = packed(info, bits, self.has_defaults);
+        let (flags, default) = if self.has_defaults { (0x10, Some(default_as(kind, info))) } else { (0, None) };
+        let lens = common | rest.len().saturating_sub(1) << 4;
+        let mut record = Vec::new();
+        // There is room for all of it.
+        let _ = record.resize(self.padding(rest.len(), size), 0);
+        let _ = record.extend_from_slice(&[kind | flags, u8::try_from(lens).unwrap_or(0)]);
+        let _ = record.extend_from_slice(rest);
+        for value in [Some(value), default].into_iter().flatten() {
+            let _ = record.extend_from_slice(value.to_le_bytes().get(..size).unwrap_or_default());
         }
-        Some((record, len))
+        Some(record)
     }
 
-    /// Returns the number of zeros before a record whose value would otherwise cross a packet's end.
-    fn padding(&self, head: usize, size: usize) -> usize {
-        let block = if self.block == 0 { USUAL_BLOCK } else { self.block };
-        let value_at = self.at.saturating_add(u32::try_from(head).unwrap_or(0));
-        let left = u32::from(block).saturating_sub(value_at.checked_rem(u32::from(block)).unwrap_or(0));
-        let left = usize::try_from(left).unwrap_or(usize::MAX);
-        if left < size && usize::from(block) >= size { left } else { 0 }
+    /// Returns the number of zeros before a record whose value would otherwise cross a packet's end. `rest`: the length of its part
+    /// of the name; `size`: that of the value.
+    fn padding(&self, rest: usize, size: usize) -> usize {
+        let packet = NonZeroU32::new(self.packet.into()).unwrap_or(USUAL_PACKET);
+        let (rest, size) = (u32::try_from(rest).unwrap_or(0), u32::try_from(size).unwrap_or(0));
+        let value_at = self.position + Saturating(2) + Saturating(rest);
+        let left = (Saturating(packet.get()) - Saturating(value_at.0 % packet)).0;
+        let crosses = left < size && packet.get() >= size;
+        if crosses { usize::try_from(left).unwrap_or(0) } else { 0 }
+    }
+}
+
+/// The part of a file that a client reads.
+struct Window<'a> {
+    /// The number of bytes before it that are still to be generated.
+    skipped: Saturating<u32>,
+    /// The part that is not written yet.
+    out: &'a mut [u8],
+}
+
+impl Window<'_> {
+    /// Writes the next bytes of the file, as far as they are in the window. Returns false if they continue after it.
+    fn put(&mut self, bytes: &[u8]) -> bool {
+        let skipped = usize::try_from(self.skipped.0).unwrap_or(usize::MAX);
+        self.skipped -= u32::try_from(bytes.len()).unwrap_or(u32::MAX);
+        let bytes = bytes.get(skipped..).unwrap_or_default();
+        let len = bytes.len().min(self.out.len());
+        if let Some((written, rest)) = core::mem::take(&mut self.out).split_at_mut_checked(len) {
+            for (to, from) in written.iter_mut().zip(bytes) {
+                *to = *from;
+            }
+            self.out = rest;
+        }
+        len == bytes.len()
     }
 }
 
@@ -223,7 +241,7 @@ pub(super) fn entry(count: u16, index: u16, name: &mut Entries<'_>) -> Option<(u
 
 /// Returns the length of a file with this number of records.
 fn len(count: u16, longest: u32) -> u32 {
-    HEADER_LEN.saturating_add(longest.saturating_mul(count.into()))
+    (Saturating(HEADER_LEN) + Saturating(longest) * Saturating(count.into())).0
 }
 
 /// Whether the content is as long as its header says.
@@ -232,21 +250,7 @@ pub(super) fn is_complete(content: &[u8]) -> bool {
     content.len() >= usize::from(u16::from_le_bytes([*low, *high]))
 }
 
-/// Copies what follows `offset` in `bytes` to `out`. Returns how much it is.
-fn copy(bytes: &[u8], offset: u32, out: &mut [u8]) -> usize {
-    let rest = usize::try_from(offset).ok().and_then(|offset| bytes.get(offset..)).unwrap_or_default();
-    let len = rest.len().min(out.len());
-    if let (Some(from), Some(to)) = (rest.get(..len), out.get_mut(..len)) {
-        to.copy_from_slice(from);
-    }
-    len
-}
-
-/// Returns a byte of two lengths below 16.
-fn nibbles(low: usize, high: usize) -> u8 {
-    u8::try_from(low & 15 | (high & 15).wrapping_shl(4)).unwrap_or(0)
-}
-
+/// Returns a decimal number; `None` if it is none, or too large.
 fn decimal(digits: &[u8]) -> Option<u16> {
     let mut number = 0u16;
     for digit in digits {
@@ -256,16 +260,25 @@ fn decimal(digits: &[u8]) -> Option<u16> {
     Some(number).filter(|_| !digits.is_empty())
 }
 
-/// Returns the type of the format, the value in it, and its length. The type fits the default too, if that follows.
-fn packed(info: &ParamInfo, bits: u32, has_default: bool) -> (u8, u32, usize) {
+/// A value in a type of the format.
+struct PackedValue {
+    kind: u8,
+    value: u32,
+    /// The length of the value.
+    size: usize,
+}
+
+/// Returns a value in a type of the format, which fits the default too, if that follows.
+fn packed(info: &ParamInfo, bits: u32, has_default: bool) -> PackedValue {
     let default = if has_default { info.default_bits() } else { 0 };
-    match info.param_type() {
+    let (kind, value, size) = match info.param_type() {
         MavParamType::INT8 => (INT8, bits, 1),
         MavParamType::UINT8 | MavParamType::INT16 => (INT16, bits, 2),
         MavParamType::UINT32 if (bits | default).cast_signed() < 0 => (FLOAT, num::f32_from_u32(bits).to_bits(), 4),
         MavParamType::REAL32 => (FLOAT, bits, 4),
         _ => (INT32, bits, 4),
-    }
+    };
+    PackedValue { kind, value, size }
 }
 
 /// Returns a default in the type that the value has.
@@ -276,12 +289,12 @@ fn default_as(kind: u8, info: &ParamInfo) -> u32 {
     }
 }
 
-/// The records of an uploaded file.
+/// The records of an uploaded file. `None` is a damaged record, or something after the last one.
 pub(super) struct Records<'a> {
     rest: &'a [u8],
-    left: u16,
+    left: Saturating<u16>,
+    /// The name of the last record, padded with zeros.
     name: [u8; 16],
-    name_len: usize,
 }
 
 /// A parameter of an uploaded file.
@@ -298,32 +311,21 @@ impl<'a> Records<'a> {
         let [a, b, c, d, e, f] = *header;
         let len = usize::from(u16::from_le_bytes([e, f]));
         let is_good = u16::from_le_bytes([a, b]) == MAGIC && len == file.len();
-        is_good.then_some(Self { rest, left: u16::from_le_bytes([c, d]), name: [0; 16], name_len: 0 })
-    }
-
-    /// Returns the next record; `Some(Err(()))` if the file is damaged.
-    pub(super) fn next(&mut self) -> Option<Result<Uploaded, ()>> {
-        while let Some((0, rest)) = self.rest.split_first() {
-            self.rest = rest;
-        }
-        if self.left == 0 {
-            return if self.rest.is_empty() { None } else { Some(Err(())) };
-        }
-        self.left = self.left.saturating_sub(1);
-        Some(self.record().ok_or(()))
+        is_good.then_some(Self { rest, left: Saturating(u16::from_le_bytes([c, d])), name: [0; 16] })
     }
 
     fn record(&mut self) -> Option<Uploaded> {
         let ([kind, lens], rest) = self.rest.split_first_chunk()?;
         let (common, len) = (usize::from(lens & 15), usize::from(lens >> 4).saturating_add(1));
         let (name, rest) = rest.split_at_checked(len)?;
-        let end = common.checked_add(len).filter(|end| *end <= 16 && common <= self.name_len)?;
-        if name.contains(&0) {
+        let (kept, replaced) = self.name.split_at_mut_checked(common)?;
+        let (place, padding) = replaced.split_at_mut_checked(len)?;
+        // No name has a NUL, and the last one is long enough.
+        if name.contains(&0) || kept.contains(&0) {
             return None;
         }
-        self.name.get_mut(common..end)?.copy_from_slice(name);
-        self.name.get_mut(end..)?.fill(0);
-        self.name_len = end;
+        place.copy_from_slice(name);
+        padding.fill(0);
         let (r#type, size) = match *kind {
             INT8 => (MavParamType::INT8, 1),
             INT16 => (MavParamType::INT16, 2),
@@ -339,19 +341,31 @@ impl<'a> Records<'a> {
     }
 }
 
+impl Iterator for Records<'_> {
+    type Item = Option<Uploaded>;
+
+    fn next(&mut self) -> Option<Option<Uploaded>> {
+        while let Some((0, rest)) = self.rest.split_first() {
+            self.rest = rest;
+        }
+        if self.left.0 == 0 {
+            return if self.rest.is_empty() { None } else { Some(None) };
+        }
+        self.left -= 1;
+        Some(self.record())
+    }
+}
+
 impl Uploaded {
     /// Returns the value as one of this type; `None` if it does not fit. Clients send any number in the smallest type that
     /// has it.
     pub(super) fn value_of(&self, ours: MavParamType) -> Option<u32> {
-        let (from, bits) = match (self.r#type, ours) {
-            (MavParamType::REAL32, MavParamType::REAL32) => return Some(self.bits),
-            (MavParamType::REAL32, _) => value::whole(f32::from_bits(self.bits))?,
-            (integer, MavParamType::REAL32) => {
-                return Some(num::f32_from_i32(value::extended(integer, self.bits)).to_bits());
-            }
-            (integer, _) => (integer, self.bits),
-        };
-        value::converted(from, ours, bits)
+        match (self.r#type, ours) {
+            (MavParamType::REAL32, MavParamType::REAL32) => Some(self.bits),
+            (MavParamType::REAL32, _) => value::integer_bits(ours, value::whole(f32::from_bits(self.bits))?),
+            (sent, MavParamType::REAL32) => Some(num::f32_from_i32(value::extended(sent, self.bits)).to_bits()),
+            (sent, _) => value::integer_bits(ours, value::integer(sent, self.bits)),
+        }
     }
 }
 
@@ -368,7 +382,7 @@ mod tests {
             (5, 6, (INT32, 5, 6)),
         ] {
             let info = ParamInfo::new("COUNT", default, 0..=u32::MAX).expect("a good row");
-            let (kind, value, _) = packed(&info, bits, true);
+            let PackedValue { kind, value, .. } = packed(&info, bits, true);
             assert_eq!((kind, value, default_as(kind, &info)), expected);
         }
     }

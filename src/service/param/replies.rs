@@ -1,161 +1,98 @@
-//! The pending answers besides single values: the active list of each link, and a few refusals.
-//!
-//! Pending values need no memory here: the table has a mark for each parameter and link (P-12).
+//! Sends the pending answers, and the values of a list.
 
-use crate::dialect::{MavParamError, ParamError};
-use crate::link::Outbox;
+use core::borrow::Borrow;
+use core::num::Saturating;
+
+use super::info::{HASH_NAME, ParamInfo, Rows};
+use super::list::ParamList;
+use super::table::Table;
+use super::value;
+use super::vehicle::{ParamHash, ParamOptions};
+use crate::dialect::{MavParamType, ParamValue};
+use crate::link::{Outbox, Port};
 use crate::message::Text;
-use crate::service::rate_limit::{RateLimit, cost};
-use crate::time::{Duration, Instant};
-use crate::types::{LinkId, LinkMask, Peer};
+use crate::time::Instant;
+use crate::types::LinkMask;
 
-/// Number of refusals that can be pending on all links together.
-const SLOTS: usize = 4;
+/// `param_index` of a value that is not in the table.
+const NO_INDEX: u16 = u16::MAX;
 
-/// The cost of a value: the size of a PARAM_VALUE in MAVLink 2, for a share of 40 % of the link (P-11).
-const COST: u32 = cost(37, 40);
-
-/// A list value that has waited this long is sent before streams and forwarded frames; otherwise a saturated link would
-/// starve the list (D-4, P-11). Less than what a [`RateLimit`] makes up, so that waiting does not reduce the list's share.
-const MAX_LATENESS: Duration = Duration::from_millis(20);
-
-/// A pending refusal.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Refusal {
-    pub(super) to: Peer,
-    pub(super) error: MavParamError,
-    /// As in the request; -1 if it has a name instead (P-30).
-    pub(super) index: i16,
-    pub(super) name: [u8; 16],
-}
-
-/// The pending refusals of all links.
-///
-/// A link without a pending refusal always gets a slot: if none is free, it evicts a refusal of another link. Otherwise a stalled
-/// link would block the others. To its client, an evicted refusal looks like a lost frame; nothing was carried out, and after a
-/// PARAM_SET the client gets the value anyway.
-#[derive(Clone, Debug)]
-pub(super) struct Refusals([Option<Refusal>; SLOTS]);
-
-impl Refusals {
-    pub(super) const fn new() -> Self {
-        Self([None; SLOTS])
-    }
-
-    /// Returns the links on which refusals are pending.
-    pub(super) fn links(&self) -> LinkMask {
-        self.0.iter().flatten().fold(LinkMask::NONE, |links, refusal| links.with(LinkMask::of(refusal.to.link)))
-    }
-
-    /// Whether there is no slot for another refusal on a link.
-    pub(super) fn is_full(&self, link: LinkId) -> bool {
-        self.0.iter().all(Option::is_some) && self.links().contains(LinkMask::of(link))
-    }
-
-    /// Queues a refusal. Returns false if there is no slot for it.
-    pub(super) fn push(&mut self, refusal: Refusal) -> bool {
-        if self.is_full(refusal.to.link) {
-            return false;
-        }
-        // A free slot, or the last one, which then belongs to another link.
-        let place = self.0.iter().position(Option::is_none).unwrap_or(SLOTS.wrapping_sub(1));
-        if let Some(slot) = self.0.get_mut(place) {
-            *slot = Some(refusal);
-        }
-        true
-    }
-
-    fn slot(&mut self, link: LinkId) -> Option<&mut Option<Refusal>> {
-        self.0.iter_mut().find(|slot| slot.is_some_and(|refusal| refusal.to.link == link))
-    }
-
-    /// Sends a refusal of the link. Returns false if none is pending.
-    pub(super) fn next(&mut self, tx: &mut Outbox) -> bool {
-        let Some(refusal) = self.slot(tx.link()).and_then(Option::take) else { return false };
-        tx.send(&ParamError {
-            param_index: refusal.index,
-            target_system: refusal.to.address.system.wire(),
-            target_component: refusal.to.address.component.wire(),
-            param_id: Text::from_wire(refusal.name),
-            error: refusal.error,
-        })
-    }
-
-    /// Drops the refusals of these links.
-    pub(super) fn forget(&mut self, links: LinkMask) {
-        for slot in &mut self.0 {
-            if slot.is_some_and(|refusal| links.contains(LinkMask::of(refusal.to.link))) {
-                *slot = None;
-            }
+impl<R: Rows> Table<'_, R> {
+    /// Takes the next step of the hash, if it is pending and takes more than one.
+    pub(super) fn compute_hash(&mut self) {
+        let state = &mut *self.state;
+        if !state.hash_pending.is_empty() && !state.hash.is_ready(&self.rows) {
+            state.hash.step(&self.rows);
         }
     }
 
-    /// Returns the pending refusals.
-    #[cfg(test)]
-    pub(super) fn iter(&self) -> impl Iterator<Item = &Refusal> {
-        self.0.iter().flatten()
-    }
-}
-
-/// The state of a link: the progress of its list. Initially all zero bits.
-#[derive(Clone, Debug)]
-pub struct List {
-    /// When the next value is due.
-    limit: RateLimit,
-    /// The index of that value.
-    next: u16,
-    /// Where the search for the next pending single value starts, so that each one has its turn (round robin).
-    pub(super) from: u16,
-    is_active: bool,
-}
-
-impl List {
-    pub(crate) const fn new() -> Self {
-        Self { limit: RateLimit::NEW, next: 0, from: 0, is_active: false }
-    }
-
-    /// Starts or restarts the list (P-10). Returns true if no list was active.
-    pub(super) fn begin(&mut self, now: Instant) -> bool {
-        self.next = 0;
-        self.limit.begin(now);
-        !core::mem::replace(&mut self.is_active, true)
+    /// Sends a refusal, the hash or a pending value. Returns false if none is ready.
+    pub(super) fn send_answer(&mut self, options: ParamOptions, list: &mut ParamList, tx: &mut Outbox) -> bool {
+        let link = LinkMask::of(tx.link());
+        let state = &mut *self.state;
+        // The refusal is sent before the value: MAVSDK gives up after a PARAM_ERROR, but retries after the old value.
+        if options.has_errors && state.refusals.next(tx) {
+            return true;
+        }
+        let has_hash = options.hash != ParamHash::Never && state.hash_pending.contains(link);
+        if has_hash && state.hash.is_ready(&self.rows) {
+            state.hash_pending = state.hash_pending.without(link);
+            let sum = f32::from_bits(state.hash.sum(&self.rows));
+            return self.send_as(NO_INDEX, &HASH_NAME, MavParamType::UINT32, sum, tx);
+        }
+        let mut is_sent = false;
+        if let Some(index) = self.next_pending(link, list.search_from.0) {
+            list.search_from = Saturating(index) + Saturating(1);
+            is_sent = self.send_value(options, index, tx);
+        }
+        if self.next_pending(link, list.search_from.0).is_none() {
+            self.state.pending = self.state.pending.without(link);
+        }
+        is_sent
     }
 
-    /// Ends the list.
-    pub(crate) fn end(&mut self) {
-        self.is_active = false;
+    /// Returns the next value that is pending on a link: from `start` on, then from the beginning.
+    fn next_pending(&self, link: LinkMask, start: u16) -> Option<u16> {
+        if !self.state.pending.contains(link) {
+            return None;
+        }
+        let (before, after) = self.marks.split_at_checked(usize::from(start))?;
+        let mut rows = (start..).zip(after).chain((0..).zip(before));
+        rows.find(|(_, marks)| marks.contains(link)).map(|(index, _)| index)
     }
 
-    /// Whether a list is active.
-    pub(super) const fn is_active(&self) -> bool {
-        self.is_active
+    /// Sends the next value of the list (P-11).
+    pub(super) fn send_listed(
+        &mut self,
+        options: ParamOptions,
+        now: Instant,
+        list: &mut ParamList,
+        port: &mut Port,
+    ) -> bool {
+        let index = list.next();
+        list.advance(now, self.count(), port.config.bytes_per_second);
+        self.send_value(options, index, &mut port.outbox)
     }
 
-    /// Returns when a list could begin: after the pause that its predecessor has left.
-    pub(super) const fn begins_at(&self) -> Instant {
-        self.limit.due()
+    fn send_value(&mut self, options: ParamOptions, index: u16, tx: &mut Outbox) -> bool {
+        if let Some(marks) = self.marks.get_mut(usize::from(index)) {
+            *marks = marks.without(LinkMask::of(tx.link()));
+        }
+        let Some((info, bits)) = self.get(index) else { return false };
+        let info: &ParamInfo = info.borrow();
+        let value = value::to_wire(options.encoding, info.param_type(), bits);
+        self.send_as(index, info.wire_name(), info.param_type(), value, tx)
     }
 
-    /// Returns the index of the list's next value.
-    pub(super) const fn next(&self) -> u16 {
-        self.next
-    }
-
-    /// Returns when the list falls behind its share unless the next value is sent; [`Instant::NEVER`] without a list.
-    pub(crate) fn late_at(&self) -> Instant {
-        if self.is_active { self.limit.due() + MAX_LATENESS } else { Instant::NEVER }
-    }
-
-    /// Returns when the list's next value is due; [`Instant::NEVER`] without a list.
-    pub(crate) const fn due(&self) -> Instant {
-        if self.is_active { self.limit.due() } else { Instant::NEVER }
-    }
-
-    /// Records that a value of the list was sent. `count` is the length of the list, `bytes_per_second` the rate of the link; 0
-    /// means no limit.
-    pub(super) fn advance(&mut self, now: Instant, count: u16, bytes_per_second: u32) {
-        self.next = self.next.saturating_add(1);
-        self.is_active = self.next < count;
-        self.limit.spend(now, COST, bytes_per_second);
+    fn send_as(
+        &self,
+        param_index: u16,
+        name: &[u8; 16],
+        param_type: MavParamType,
+        param_value: f32,
+        tx: &mut Outbox,
+    ) -> bool {
+        let (param_count, param_id) = (self.count(), Text::from_wire(*name));
+        tx.send(&ParamValue { param_value, param_count, param_index, param_id, param_type })
     }
 }

@@ -3,173 +3,214 @@
 use core::borrow::Borrow;
 
 use super::hash::Hash;
-use super::replies::{List, Refusal};
-use super::table::{Rows, Table};
-use super::{Handled, Options, ParamEncoding, ParamHash, ParamInfo, Received, TEXT_PAUSE, value};
+use super::info::{ParamInfo, Rows};
+use super::list::ParamList;
+use super::refusals::ParamRefusal;
+use super::table::Table;
+use super::value::{self, ParamEncoding};
+use super::vehicle::{ParamHash, ParamOptions};
 use crate::dialect::{MavParamError, MavParamType, MavSeverity, ParamRequestList, ParamRequestRead, ParamSet};
 use crate::message::{Message, Text};
-use crate::time::Instant;
+use crate::service::{Handled, Received};
+use crate::time::{Duration, Instant};
 use crate::types::{LinkId, LinkMask, ONE_FRAME, Peer, StatusTexts};
 
+/// Minimum time between texts about refusals (P-32).
+const TEXT_PAUSE: Duration = Duration::from_secs(1);
+
+/// Whether the service handles the message with this id.
+pub(super) const fn handles(id: u32) -> bool {
+    matches!(id, ParamRequestRead::ID | ParamRequestList::ID | ParamSet::ID)
+}
+
+/// The sender of a request, and how it is answered.
+#[derive(Clone, Copy)]
+pub(super) struct ParamClient {
+    pub(super) now: Instant,
+    pub(super) from: Peer,
+    /// The options on its link.
+    pub(super) options: ParamOptions,
+    /// All normal links.
+    pub(super) normal: LinkMask,
+}
+
+/// The result of a checked request.
+pub(super) enum ParamRequest {
+    /// Nothing more is to do.
+    Handled(Handled),
+    /// A parameter is to be set to a different, valid value, and there is a slot for a refusal. The owner of the values decides, and
+    /// calls [`Table::on_decision`].
+    Set { index: u16, bits: u32 },
+}
+
 impl<R: Rows> Table<'_, R> {
-    /// Handles a request. Returns `Err` with an index if it is a PARAM_SET of a parameter that exists: the caller makes the
-    /// resulting value pending on all normal links, whatever it is (P-14). With the index comes a value if it is a different, valid
-    /// one: before that, the caller asks the vehicle, sets it, and calls [`on_decided`](Self::on_decided).
+    /// Handles a request, up to the decision about a PARAM_SET.
     pub(super) fn on_request(
         &mut self,
-        now: Instant,
         texts: &mut StatusTexts,
-        options: Options,
-        list: &mut List,
+        client: ParamClient,
+        list: &mut ParamList,
         received: &Received<'_>,
-    ) -> Result<Handled, (u16, Option<u32>)> {
-        match received.frame.id() {
+    ) -> ParamRequest {
+        let handled = match received.frame.id() {
+            ParamSet::ID => return self.on_set(texts, client, list, received),
+            ParamRequestRead::ID => self.on_read(texts, client, received),
             // It has nothing to list (P-18).
-            ParamRequestList::ID if self.count() == 0 => Ok(Handled::Yes),
-            ParamRequestList::ID => {
-                let is_first = list.begin(now);
+            _ if self.count() == 0 => Handled::Yes,
+            _ => {
+                let is_first = list.begin(client.now);
                 // A client that restarts the list did not use the hash (P-10).
-                if is_first && options.hash == ParamHash::InList {
-                    self.queue_hash(received.from.link);
+                if is_first && client.options.hash == ParamHash::InList {
+                    self.queue_hash(client.from.link);
                 }
-                Ok(Handled::Yes)
+                Handled::Yes
             }
-            ParamRequestRead::ID => Ok(self.on_read(now, texts, options, received)),
-            _ => self.on_set(now, texts, options, list, received),
-        }
+        };
+        ParamRequest::Handled(handled)
     }
 
     /// Handles PARAM_REQUEST_READ (P-13).
-    fn on_read(&mut self, now: Instant, texts: &mut StatusTexts, options: Options, received: &Received<'_>) -> Handled {
-        let (read, from) = (ParamRequestRead::decode(received.frame.payload()), received.from);
+    fn on_read(&mut self, texts: &mut StatusTexts, client: ParamClient, received: &Received<'_>) -> Handled {
+        let read = ParamRequestRead::decode(received.frame.payload());
         let name = wire_name(&read.param_id);
         let found = match u16::try_from(read.param_index) {
-            Ok(index) => self.get(index).map(|_| index),
-            Err(_) if options.is_hash(&name) => {
-                self.queue_hash(received.from.link);
+            Ok(index) => Some(index).filter(|index| *index < self.count()),
+            Err(_) if client.options.is_hash(&name) => {
+                self.queue_hash(client.from.link);
                 return Handled::Yes;
             }
-            Err(_) => self.find(&name),
+            Err(_) => self.rows.find(&name),
         };
         let Some(index) = found else {
-            let index = read.param_index.max(-1);
-            let why = (Asked::Read(index), MavParamError::DOES_NOT_EXIST);
-            return self.refuse(now, texts, options, from, why, &name);
+            let request = RefusedRequest::Read { index: read.param_index.max(-1) };
+            return self.refuse(texts, client, request, MavParamError::DOES_NOT_EXIST, &name);
         };
-        self.mark_pending(index, LinkMask::of(from.link));
+        self.mark_pending(index, LinkMask::of(client.from.link));
         Handled::Yes
     }
 
-    /// Handles PARAM_SET up to the vehicle's decision (P-14).
+    /// Handles PARAM_SET up to the decision (P-14).
     fn on_set(
         &mut self,
-        now: Instant,
         texts: &mut StatusTexts,
-        options: Options,
-        list: &mut List,
+        client: ParamClient,
+        list: &mut ParamList,
         received: &Received<'_>,
-    ) -> Result<Handled, (u16, Option<u32>)> {
-        let (set, from) = (ParamSet::decode(received.frame.payload()), received.from);
+    ) -> ParamRequest {
+        let set = ParamSet::decode(received.frame.payload());
         if set.target_system == 0 {
             // It would set the parameter on every vehicle in range.
-            return Ok(Handled::OutOfPlace);
+            return ParamRequest::Handled(Handled::OutOfPlace);
         }
         let name = wire_name(&set.param_id);
-        if options.is_hash(&name) {
+        if client.options.is_hash(&name) {
             // A client that has all values needs no list. No answer: QGroundControl would take it for a new hash, and set it
             // again.
             list.end();
-            self.state.hash_pending = self.state.hash_pending.without(LinkMask::of(from.link));
-            return Ok(Handled::Yes);
+            self.state.hash_pending = self.state.hash_pending.without(LinkMask::of(client.from.link));
+            return ParamRequest::Handled(Handled::Yes);
         }
-        if self.state.refusals.is_full(from.link) {
-            return Ok(Handled::NoRoom);
+        if !self.state.refusals.has_room(client.from.link) {
+            return ParamRequest::Handled(Handled::NoRoom);
         }
-        let Some((index, (info, old))) = self.find(&name).and_then(|index| Some((index, self.get(index)?))) else {
-            let why = (Asked::Set, MavParamError::DOES_NOT_EXIST);
-            return Ok(self.refuse(now, texts, options, from, why, &name));
+        let Some((index, (info, old))) = self.rows.find(&name).and_then(|index| Some((index, self.get(index)?))) else {
+            let handled = self.refuse(texts, client, RefusedRequest::Set, MavParamError::DOES_NOT_EXIST, &name);
+            return ParamRequest::Handled(handled);
         };
-        match check(info.borrow(), options.encoding, &set) {
-            Ok(bits) => Err((index, Some(bits).filter(|bits| *bits != old))),
-            Err(why) => {
-                self.refuse(now, texts, options, from, why, &name);
-                Err((index, None))
+        match requested_bits(info.borrow(), client.options.encoding, &set) {
+            Ok(bits) if bits != old => return ParamRequest::Set { index, bits },
+            Ok(_) => {}
+            Err(SetRefusal { request, error }) => {
+                self.refuse(texts, client, request, error, &name);
             }
         }
+        self.mark_pending(index, client.normal);
+        ParamRequest::Handled(Handled::Yes)
     }
 
-    /// Answers a PARAM_SET that was carried out or refused: queues the refusal, for which there is a free slot (P-14).
-    pub(super) fn on_decided(
+    /// Handles the decision about a PARAM_SET: makes the value pending on all normal links, whatever it is, and queues the refusal
+    /// (P-14).
+    pub(super) fn on_decision(
         &mut self,
-        now: Instant,
         texts: &mut StatusTexts,
-        options: Options,
-        from: Peer,
+        client: ParamClient,
         index: u16,
-        verdict: Result<(), MavParamError>,
+        decision: Result<(), MavParamError>,
     ) {
-        match verdict {
-            Ok(()) => event!("parameter {=u16} set by {}", index, from),
-            Err(error) => {
-                let Some((info, _)) = self.get(index) else { return };
+        match (decision, self.get(index)) {
+            (Err(error), Some((info, _))) => {
                 let info: &ParamInfo = info.borrow();
-                self.refuse(now, texts, options, from, (Asked::Set, error), info.wire_name());
+                self.refuse(texts, client, RefusedRequest::Set, error, info.wire_name());
             }
+            _ => event!("parameter {=u16} set by {}", index, client.from),
         }
+        self.mark_pending(index, client.normal);
     }
 
-    /// Marks the hash as pending on a client's link, and computes it again: a client must not get a hash from before, when a link
-    /// that takes nothing still waits for it. A computation that a link waits for goes on.
+    /// Marks the hash as pending on a client's link. Computes it again, unless a link waits for a computation: a hash from before
+    /// may still be pending on a link that takes nothing.
     fn queue_hash(&mut self, link: LinkId) {
-        if self.state.hash_pending.is_empty() || self.state.hash.is_ready(&self.rows) {
-            self.state.hash = Hash::new();
+        let state = &mut *self.state;
+        if state.hash_pending.is_empty() || state.hash.is_ready(&self.rows) {
+            state.hash = Hash::NEW;
         }
-        self.state.hash_pending = self.state.hash_pending.with(LinkMask::of(link));
+        state.hash_pending = state.hash_pending.with(LinkMask::of(link));
     }
 
     /// Queues a PARAM_ERROR. Clients that do not know it get a text too: after a PARAM_SET, and where PARAM_ERROR is not
     /// available, as in MAVLink 1 (P-31, P-32).
     fn refuse(
         &mut self,
-        now: Instant,
         texts: &mut StatusTexts,
-        options: Options,
-        from: Peer,
-        (asked, error): (Asked, MavParamError),
+        ParamClient { now, from, options, .. }: ParamClient,
+        request: RefusedRequest,
+        error: MavParamError,
         name: &[u8; 16],
     ) -> Handled {
-        let index = if let Asked::Read(index) = asked { index } else { -1 };
-        let has_error = options.has_errors;
-        if has_error && !self.state.refusals.push(Refusal { to: from, error, index, name: *name }) {
+        let (index, is_read) = match request {
+            RefusedRequest::Read { index } => (index, true),
+            RefusedRequest::Set | RefusedRequest::SetUnclear => (-1, false),
+        };
+        let state = &mut *self.state;
+        if options.has_errors && !state.refusals.push(ParamRefusal { to: from, error, index, name: *name }) {
             return Handled::NoRoom;
         }
-        if let Some(refused) = self.state.refused.count(now) {
+        if let Some(refused) = state.refusal_log.count(now) {
             event!("parameter of {} refused: {=u8}; {=u32} refused so far", from, error.0, refused);
         }
-        let has_text = !has_error || !matches!(asked, Asked::Read(_));
-        if cfg!(feature = "plan-texts") && has_text && now >= self.state.texts_from {
-            self.state.texts_from = now + TEXT_PAUSE;
-            let text = if asked == Asked::SetUnclear { ": firmware should declare it i32" } else { reason(error) };
+        let has_text = cfg!(feature = "plan-texts") && !(options.has_errors && is_read);
+        if has_text && now >= state.texts_from {
+            state.texts_from = now + TEXT_PAUSE;
+            let text = match request {
+                RefusedRequest::SetUnclear => ": firmware should declare it i32",
+                RefusedRequest::Read { .. } | RefusedRequest::Set => reason(error),
+            };
             warn(now, texts, from.link, text, name);
         }
         Handled::Yes
     }
 }
 
-/// What was asked for, and refused.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Asked {
-    /// A value, by this index; -1 by name.
-    Read(i16),
-    /// A change.
+/// A request that is refused.
+#[derive(Clone, Copy)]
+enum RefusedRequest {
+    /// A read, by this index; -1 by name.
+    Read { index: i16 },
+    /// A PARAM_SET.
     Set,
-    /// A change of a parameter with 8 or 16 bits to something that is not an integer (P-19).
+    /// A PARAM_SET of an integer of 8 or 16 bits whose value is no integer (P-19).
     SetUnclear,
 }
 
+/// A refused PARAM_SET: [`RefusedRequest::Set`] or [`RefusedRequest::SetUnclear`], and the error.
+struct SetRefusal {
+    request: RefusedRequest,
+    error: MavParamError,
+}
+
 /// Returns the value that a PARAM_SET requests, or the reason to refuse it.
-fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u32, (Asked, MavParamError)> {
-    let refused = |error| Err((Asked::Set, error));
+fn requested_bits(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u32, SetRefusal> {
+    let refused = |error| Err(SetRefusal { request: RefusedRequest::Set, error });
     let (sent, ours) = (set.param_type, info.param_type());
     if !value::is_supported(sent) {
         return refused(MavParamError::TYPE_UNSUPPORTED);
@@ -182,19 +223,20 @@ fn check(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u3
     } else if info.is_read_only() {
         return refused(MavParamError::READ_ONLY);
     }
-    let mut asked = Asked::Set;
+    let mut request = RefusedRequest::Set;
     let bits = if ours == MavParamType::REAL32 {
         Some(set.param_value.to_bits())
     } else {
         let integer = value::from_wire(encoding, named, set.param_value);
         if integer.is_none() && !is_cast && value::size(ours) < 4 {
-            asked = Asked::SetUnclear;
+            request = RefusedRequest::SetUnclear;
         }
         // A client may know the parameter from another autopilot, as an integer of another size.
-        integer.and_then(|(from, bits)| value::converted(from, ours, bits))
+        integer.and_then(|integer| value::integer_bits(ours, integer))
     };
     // Not clamped: a client that reads back a different value sets it again, and fails (P-14).
-    bits.filter(|bits| info.has_room(*bits)).ok_or((asked, MavParamError::VALUE_OUT_OF_RANGE))
+    let error = MavParamError::VALUE_OUT_OF_RANGE;
+    bits.filter(|bits| info.is_valid(*bits)).ok_or(SetRefusal { request, error })
 }
 
 /// Queues a text about a refusal.

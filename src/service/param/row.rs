@@ -4,13 +4,42 @@
 //! default: the compiler points at the default of the row, and the message has the name of the parameter.
 
 use core::marker::PhantomData;
+use core::ops::RangeInclusive;
 
 use super::info::{HASH_NAME, MAX_PARAMS, ParamFault, ParamInfo};
+use crate::dialect::MavParamType;
+
+macro_rules! rows_of {
+    ($($ty:ident: $wire:ident = |$value:ident| $bits:expr;)+) => {
+        /// The constructors of rows for [`parameters!`](crate::parameters), named after the types.
+        #[doc(hidden)]
+        impl ParamInfo { $(
+            pub const fn $ty(name: &str, default: $ty, range: &RangeInclusive<$ty>) -> Row {
+                #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; nothing is cut off")]
+                const fn bits($value: $ty) -> u32 {
+                    $bits
+                }
+                let range = [bits(*range.start()), bits(*range.end())];
+                Row(Self::checked(name.as_bytes(), MavParamType::$wire, bits(default), range))
+            }
+        )+ }
+    };
+}
+
+rows_of! {
+    u8: UINT8 = |value| value as u32;
+    i8: INT8 = |value| value.cast_unsigned() as u32;
+    u16: UINT16 = |value| value as u32;
+    i16: INT16 = |value| value.cast_unsigned() as u32;
+    u32: UINT32 = |value| value;
+    i32: INT32 = |value| value.cast_unsigned();
+    f32: REAL32 = |value| value.to_bits();
+}
 
 /// A row, valid or not.
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
-pub struct Row(pub(super) Result<ParamInfo, ParamFault>);
+pub struct Row(Result<ParamInfo, ParamFault>);
 
 impl Row {
     /// Returns the declaration; a vacant one for an invalid row, which [`Checked::row`] reports.

@@ -1,7 +1,7 @@
 //! A table of parameters whose declarations are only known at run time (P-1).
 
-use super::ParamService;
 use super::info::{MAX_PARAMS, ParamFault, ParamInfo};
+use super::service::ParamService;
 use super::table::{Param, ParamMemory, ParamTable, ParamValues, TableMut};
 use super::value::ParamType;
 use crate::types::Values;

@@ -12,13 +12,12 @@ const COLLECT: Duration = Duration::from_secs(1);
 /// Minimum time from the end of a write, or from a failure, to the next write.
 const COOLDOWN: Duration = Duration::from_secs(10);
 
-/// What must be written, and when.
+/// Whether the table must be written or loaded, and when.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Saving {
     pub(crate) schedule: WriteSchedule,
-    /// The generation of the table that is stored or being written. A value that is loaded advances it too, so it differs from the
-    /// table's only after other changes.
-    stored: u32,
+    /// Whether a value that is stored has changed since the last write began.
+    has_changed: bool,
     /// Whether the stored values must be loaded again.
     pub(crate) is_reload_requested: bool,
     /// Whether the stored values were not loaded yet.
@@ -28,36 +27,31 @@ pub(crate) struct Saving {
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 impl Saving {
     pub(super) const NEW: Self =
-        Self { schedule: WriteSchedule::NEW, stored: 0, is_reload_requested: false, is_unloaded: false };
+        Self { schedule: WriteSchedule::NEW, has_changed: false, is_reload_requested: false, is_unloaded: false };
 
     /// Records that storage is attached.
-    pub(super) const fn attach(&mut self, generation: u32) {
-        (self.stored, self.is_unloaded) = (generation, true);
+    pub(super) const fn attach(&mut self) {
+        (self.has_changed, self.is_unloaded) = (false, true);
         self.schedule.stored_differs = false;
     }
 
     /// Returns whether a page keeps values that are no defaults: after an earlier attempt failed, or if a value was set since
-    /// storage was attached. If the operator requests the stored values, what was set before the first page is not wanted. It is
+    /// storage was attached. If the operator requests the stored values, they replace what was set before the first page. That is
     /// still written if they cannot be read.
-    pub(crate) fn keeps_values(&mut self, now: Instant, generation: u32, is_first: bool, is_late: bool) -> bool {
+    pub(crate) fn keeps_values(&mut self, now: Instant, is_first: bool, is_late: bool) -> bool {
         if self.is_reload_requested {
             if is_first {
-                self.notice(now, generation);
-                self.stored = generation;
+                self.notice(now);
+                self.has_changed = false;
             }
             return false;
         }
-        is_late || self.is_unloaded && generation != self.stored
+        is_late || self.is_unloaded && self.has_changed
     }
 
-    /// Records that a change of the table was loaded from storage.
-    pub(super) const fn on_value_loaded(&mut self) {
-        self.stored = self.stored.wrapping_add(1);
-    }
-
-    /// Records that storage has other values than the table.
-    pub(super) const fn set_unsaved(&mut self, generation: u32) {
-        self.stored = generation.wrapping_sub(1);
+    /// Records that the table has other values than storage.
+    pub(super) const fn set_changed(&mut self) {
+        self.has_changed = true;
     }
 
     /// Records that the stored values were loaded. What was set meanwhile is noticed again. If they could not be read, pending
@@ -79,17 +73,15 @@ impl Saving {
     }
 
     /// Makes a write of all changes due now. Damaged values are written again, which ends the report of the damage (G-18).
-    pub(super) fn write_now(&mut self, now: Instant, generation: u32) {
-        if self.schedule.stored_differs {
-            self.set_unsaved(generation);
-        }
-        self.notice(now, generation);
+    pub(super) fn write_now(&mut self, now: Instant) {
+        self.has_changed |= self.schedule.stored_differs;
+        self.notice(now);
         self.schedule.write_now(now);
     }
 
-    /// Checks whether there is something to write.
-    pub(super) fn notice(&mut self, now: Instant, generation: u32) {
-        if generation != self.stored {
+    /// Schedules a write if there is something to write.
+    pub(super) fn notice(&mut self, now: Instant) {
+        if self.has_changed {
             self.schedule.collect(now, COLLECT);
         }
     }
@@ -102,13 +94,11 @@ impl Saving {
     }
 
     /// Returns the number of the write that is in progress or begins now.
-    pub(super) fn pending_write(&mut self, now: Instant, generation: u32) -> Option<u16> {
-        self.notice(now, generation);
+    pub(super) fn pending_write(&mut self, now: Instant) -> Option<u16> {
+        self.notice(now);
         let had_begun = !self.schedule.is_dirty();
         let write = self.schedule.begin(now, 1)?;
-        if !had_begun {
-            self.stored = generation;
-        }
+        self.has_changed &= had_begun;
         Some(write)
     }
 
@@ -117,8 +107,12 @@ impl Saving {
         self.schedule.on_saved(now, COOLDOWN);
     }
 
-    /// When the next write is due.
+    /// Returns when the next write or reload is due. Without storage, the compiler knows that none is.
     pub(super) fn deadline(&self) -> Instant {
-        if self.is_reload_requested { Instant::ZERO } else { self.schedule.deadline() }
+        match self.is_reload_requested {
+            _ if !self.schedule.is_attached() => Instant::NEVER,
+            true => Instant::ZERO,
+            false => self.schedule.deadline(),
+        }
     }
 }

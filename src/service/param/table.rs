@@ -2,17 +2,17 @@
 //!
 //! The declarations are a constant, or part of a [`RuntimeTable`](super::RuntimeTable); values and marks are part of the stack.
 //! Only the outermost type, [`ParamValues`], is generic over the number of parameters. The logic works on [`Table`], which is
-//! generic over where the [rows](Rows) are: a firmware has one kind of them, so it is compiled once.
+//! generic over its [rows](Rows): a firmware has one kind of them, so it is compiled once.
 
-use core::borrow::Borrow;
 use core::fmt;
 use core::marker::PhantomData;
 
-use super::info::ParamInfo;
-use super::state::{Kept, State};
+use super::info::{ParamInfo, Rows};
+use super::saving::Saving;
+use super::state::ParamState;
 use super::value::ParamType;
 use crate::service::Absent;
-use crate::types::{Context, LinkId, LinkMask, Peer, Values};
+use crate::types::{Context, LinkMask, Peer, Values};
 
 /// A parameter of the table `P` with values of type `T`. [`parameters!`](crate::parameters) generates a constant of this type for
 /// each parameter, so that the flight loop reads and sets it without a search.
@@ -91,13 +91,15 @@ impl<P> fmt::Debug for ParamChange<P> {
 pub struct ParamValues<const N: usize> {
     values: [u32; N],
     /// The links on which each value is pending.
-    pending: [LinkMask; N],
-    state: State<Kept>,
+    marks: [LinkMask; N],
+    state: ParamState,
+    saving: Saving,
 }
 
 impl<const N: usize> ParamValues<N> {
     /// All zero bits.
-    pub const VACANT: Self = Self { values: [0; N], pending: [LinkMask::NONE; N], state: State::new(Kept::NEW) };
+    pub const VACANT: Self =
+        Self { values: [0; N], marks: [LinkMask::NONE; N], state: ParamState::NEW, saving: Saving::NEW };
 
     /// Sets every parameter to its default.
     pub fn begin(&mut self, table: &'static [ParamInfo]) {
@@ -121,50 +123,22 @@ impl<const N: usize> ParamValues<N> {
     }
 
     pub fn table_mut<'a>(&'a mut self, info: &'a [ParamInfo]) -> TableMut<'a> {
-        let rows = Declared { info, values: &mut self.values };
-        Table { rows, pending: &mut self.pending, state: &mut self.state }
+        let rows = OwnRows { info, values: &mut self.values, saving: &mut self.saving };
+        Table { rows, marks: &mut self.marks, state: &mut self.state }
     }
-}
-
-/// All links that a stack can have.
-const ALL_LINKS: LinkMask = {
-    let mut all = LinkMask::NONE;
-    let mut link = 0;
-    while link < 16 {
-        all = all.with(LinkMask::of(LinkId(link)));
-        link = link.wrapping_add(1);
-    }
-    all
-};
-
-/// The parameters, wherever they are.
-pub trait Rows {
-    /// A declaration.
-    type Info: Borrow<ParamInfo>;
-    /// What the service keeps for the storage of the values.
-    type Kept;
-
-    /// Returns the number of parameters.
-    fn count(&self) -> u16;
-
-    /// Returns a parameter and its value.
-    fn get(&self, index: u16) -> Option<(Self::Info, u32)>;
-
-    /// Returns the index of the parameter with this name.
-    fn find(&self, name: &[u8; 16]) -> Option<u16>;
 }
 
 /// Parameters whose values the stack owns.
 #[doc(hidden)]
 #[derive(Debug)]
-pub struct Declared<'a> {
+pub struct OwnRows<'a> {
     info: &'a [ParamInfo],
     values: &'a mut [u32],
+    pub(super) saving: &'a mut Saving,
 }
 
-impl<'a> Rows for Declared<'a> {
+impl<'a> Rows for OwnRows<'a> {
     type Info = &'a ParamInfo;
-    type Kept = Kept;
 
     fn count(&self) -> u16 {
         u16::try_from(self.info.len()).unwrap_or(u16::MAX)
@@ -182,18 +156,19 @@ impl<'a> Rows for Declared<'a> {
     }
 }
 
-/// The parameters, and what the service keeps for each of them and for all.
+/// The parameters of a firmware, and the state of their service.
 #[doc(hidden)]
 #[derive(Debug)]
 pub struct Table<'a, R: Rows> {
     pub(super) rows: R,
-    pub(super) pending: &'a mut [LinkMask],
-    pub(super) state: &'a mut State<R::Kept>,
+    /// For each parameter, the links on which its value is pending.
+    pub(super) marks: &'a mut [LinkMask],
+    pub(super) state: &'a mut ParamState,
 }
 
 /// A table of any length, with its values.
 #[doc(hidden)]
-pub type TableMut<'a> = Table<'a, Declared<'a>>;
+pub type TableMut<'a> = Table<'a, OwnRows<'a>>;
 
 impl<R: Rows> Table<'_, R> {
     /// Returns the number of parameters.
@@ -206,35 +181,12 @@ impl<R: Rows> Table<'_, R> {
         self.rows.get(index)
     }
 
-    /// Returns the index of the parameter with this name.
-    pub(super) fn find(&self, name: &[u8; 16]) -> Option<u16> {
-        self.rows.find(name)
-    }
-
     /// Marks a value as pending on these links.
     pub(super) fn mark_pending(&mut self, index: u16, links: LinkMask) {
-        if let Some(pending) = self.pending.get_mut(usize::from(index)) {
-            *pending = pending.with(links);
+        if let Some(marks) = self.marks.get_mut(usize::from(index)) {
+            *marks = marks.with(links);
+            self.state.pending = self.state.pending.with(links);
         }
-        self.state.pending = self.state.pending.with(links);
-    }
-
-    /// Clears the mark: the value has been sent on this link, or is about to be.
-    pub(super) fn clear_pending(&mut self, index: u16, link: LinkMask) {
-        if let Some(pending) = self.pending.get_mut(usize::from(index)) {
-            *pending = pending.without(link);
-        }
-    }
-
-    /// Returns the next value that is pending on a link: from `start` on, then from the beginning.
-    pub(super) fn next_pending(&self, link: LinkMask, start: u16) -> Option<u16> {
-        let (front, back) = self.pending.split_at_checked(usize::from(start))?;
-        let is_pending = |mask: &LinkMask| mask.contains(link);
-        let index = match back.iter().position(is_pending) {
-            Some(index) => index.checked_add(front.len())?,
-            None => front.iter().position(is_pending)?,
-        };
-        u16::try_from(index).ok()
     }
 }
 
@@ -246,32 +198,49 @@ impl TableMut<'_> {
     }
 
     pub(super) fn set_bits(&mut self, index: u16, bits: u32) -> bool {
-        let Some((info, old)) = self.get(index) else { return false };
-        if !info.has_room(bits) {
-            return false;
+        let is_valid = self.get(index).is_some_and(|(info, _)| info.is_valid(bits));
+        if is_valid {
+            self.change(index, bits, LinkMask::ALL);
         }
-        if old != bits {
-            self.put(index, bits);
-            self.mark_pending(index, ALL_LINKS);
+        is_valid
+    }
+
+    /// Sets a parameter to a valid value, and makes it pending on `links`. Returns false if it has that value already.
+    pub(super) fn change(&mut self, index: u16, bits: u32, links: LinkMask) -> bool {
+        let is_stored = self.get(index).is_some_and(|(info, _)| !info.is_volatile());
+        let has_changed = self.load(index, bits, links);
+        if has_changed && is_stored {
+            self.rows.saving.set_changed();
         }
+        has_changed
+    }
+
+    /// As [`change`](Self::change), for a value that is in storage already.
+    pub(super) fn load(&mut self, index: u16, bits: u32, links: LinkMask) -> bool {
+        let value = self.rows.values.get_mut(usize::from(index)).filter(|value| **value != bits);
+        let Some(value) = value else { return false };
+        *value = bits;
+        self.mark_pending(index, links);
         true
     }
 
-    /// Sets a parameter to a valid value.
-    pub(super) fn put(&mut self, index: u16, bits: u32) {
-        let place = usize::from(index);
-        let Declared { info, values } = &mut self.rows;
-        let Some((value, info)) = values.get_mut(place).zip(info.get(place)) else { return };
-        *value = bits;
-        if !info.is_volatile() {
-            self.state.generation = self.state.generation.wrapping_add(1);
-        }
+    /// Returns a parameter as it is stored; `None` after the last one. A volatile parameter is stored as its default.
+    #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
+    pub(crate) fn stored(&self, index: u16) -> Option<(&ParamInfo, Stored)> {
+        let (info, bits) = self.get(index)?;
+        let is_default = info.is_volatile() || bits == info.default_bits();
+        let bits = if is_default { info.default_bits() } else { bits };
+        Some((info, Stored { bits, is_default }))
     }
+}
 
-    /// Returns a number that changes whenever a non-volatile parameter does.
-    pub(super) const fn generation(&self) -> u32 {
-        self.state.generation
-    }
+/// A stored value.
+#[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Stored {
+    pub(crate) bits: u32,
+    /// Whether it was the default when it was stored.
+    pub(crate) is_default: bool,
 }
 
 /// A table of parameters with their values: generated by [`parameters!`](crate::parameters), or a

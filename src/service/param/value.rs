@@ -3,10 +3,8 @@
 //! In memory, a value has 32 bits: those of the float, or the integer in the low bytes, padded with zeros. The byte-wise encoding
 //! on the wire is the same.
 
-use crate::dialect::MavParamType;
+use crate::dialect::{MavParamType, MavProtocolCapability};
 use crate::num;
-
-const SIGN: u32 = 1 << 31;
 
 /// The encoding of integers in the float field of PARAM_VALUE and PARAM_SET (P-2). An `f32` is the same in both encodings.
 ///
@@ -20,6 +18,16 @@ pub enum ParamEncoding {
     /// The integer converted to a float, which rounds integers beyond 2^24. pymavlink and MAVProxy expect this of every autopilot
     /// except PX4.
     CCast,
+}
+
+impl ParamEncoding {
+    /// Returns the capability that announces it.
+    pub(super) const fn capability(self) -> MavProtocolCapability {
+        match self {
+            Self::Bytewise => MavProtocolCapability::PARAM_ENCODE_BYTEWISE,
+            Self::CCast => MavProtocolCapability::PARAM_ENCODE_C_CAST,
+        }
+    }
 }
 
 /// A type of a parameter: one of those that PARAM_VALUE can carry (P-3). This trait is sealed.
@@ -112,7 +120,7 @@ pub(super) const fn size(r#type: MavParamType) -> usize {
 }
 
 /// Returns the number of unused high bits of this type.
-const fn spare_bits(r#type: MavParamType) -> u32 {
+const fn unused_bits(r#type: MavParamType) -> u32 {
     match size(r#type) {
         1 => 24,
         2 => 16,
@@ -138,22 +146,15 @@ pub(super) const fn is_supported(r#type: MavParamType) -> bool {
     )
 }
 
-/// Maps a value to an integer that has the same order; `None` for NaN, the infinities, and an integer that is not padded with zeros.
-pub(super) const fn rank(r#type: MavParamType, bits: u32) -> Option<u32> {
-    if !matches!(r#type, MavParamType::REAL32) {
-        if low(r#type, bits) != bits {
-            return None;
-        }
-        let high = bits.wrapping_shl(spare_bits(r#type));
-        return Some(if is_signed(r#type) { high ^ SIGN } else { high });
+/// Whether a value is within a range. Integers must be padded with zeros; NaN and the infinities are in no range.
+pub(super) const fn is_within(r#type: MavParamType, bits: u32, [min, max]: [u32; 2]) -> bool {
+    if matches!(r#type, MavParamType::REAL32) {
+        let (value, min, max) = (f32::from_bits(bits), f32::from_bits(min), f32::from_bits(max));
+        return min.is_finite() && max.is_finite() && min <= value && value <= max;
     }
-    match bits {
-        // Negative zero equals zero.
-        SIGN => Some(SIGN),
-        _ if bits & 0x7F80_0000 == 0x7F80_0000 => None,
-        _ if bits & SIGN == 0 => Some(bits | SIGN),
-        _ => Some(!bits),
-    }
+    let is_padded = low(r#type, bits) == bits && low(r#type, min) == min && low(r#type, max) == max;
+    let value = integer(r#type, bits);
+    is_padded && integer(r#type, min) <= value && value <= integer(r#type, max)
 }
 
 /// Returns the value as encoded in PARAM_VALUE.
@@ -164,52 +165,47 @@ pub(super) fn to_wire(encoding: ParamEncoding, r#type: MavParamType, bits: u32) 
     if is_signed(r#type) { num::f32_from_i32(extended(r#type, bits)) } else { num::f32_from_u32(bits) }
 }
 
-/// Returns the integer that is encoded in a PARAM_SET with this type, and its type; `None` if it is none (P-19).
+/// Returns the integer that is encoded in a PARAM_SET with this type; `None` if it is none (P-19).
 ///
 /// Clients fill the unused bytes of a small integer with zeros, or with copies of its top bit. MAVSDK 4.1 sends NaN in its place,
 /// and other clients send a float: its low bytes are no value.
-pub(super) fn from_wire(encoding: ParamEncoding, r#type: MavParamType, value: f32) -> Option<(MavParamType, u32)> {
+pub(super) fn from_wire(encoding: ParamEncoding, r#type: MavParamType, value: f32) -> Option<i64> {
     let bits = value.to_bits();
-    let low = low(r#type, bits);
-    let is_extended = low == bits || extended(r#type, bits).cast_unsigned() == bits;
-    if encoding == ParamEncoding::Bytewise && is_extended { Some((r#type, low)) } else { whole(value) }
+    let is_extended = low(r#type, bits) == bits || extended(r#type, bits).cast_unsigned() == bits;
+    if encoding == ParamEncoding::Bytewise && is_extended { Some(integer(r#type, bits)) } else { whole(value) }
 }
 
-/// Returns a float as an integer, and its type; `None` if it is not a whole number.
-pub(super) fn whole(value: f32) -> Option<(MavParamType, u32)> {
+/// Returns a float as an integer of up to 32 bits; `None` if it is not a whole number.
+pub(super) fn whole(value: f32) -> Option<i64> {
     match num::unsigned(value) {
-        Some(bits) => Some((MavParamType::UINT32, bits)),
-        None => Some((MavParamType::INT32, num::integer::<i32>(value)?.cast_unsigned())),
+        Some(integer) => Some(i64::from(integer)),
+        None => num::integer(value).map(|integer: i32| i64::from(integer)),
     }
 }
 
 /// Returns the bytes that this type uses; the others are zeros.
 const fn low(r#type: MavParamType, bits: u32) -> u32 {
-    let spare = spare_bits(r#type);
-    bits.wrapping_shl(spare).wrapping_shr(spare)
+    let unused = unused_bits(r#type);
+    bits.wrapping_shl(unused).wrapping_shr(unused)
 }
 
-/// Converts the value `bits` from one integer type to another; `None` when it does not fit. From float to float the bits are
-/// unchanged.
-pub(super) fn converted(from: MavParamType, to: MavParamType, bits: u32) -> Option<u32> {
-    let (value, is_negative) = number(from, bits);
-    let low = low(to, value);
-    (number(to, low) == (value, is_negative)).then_some(low)
+/// Returns the bits of an integer in this type; `None` if it does not fit.
+pub(super) fn integer_bits(r#type: MavParamType, value: i64) -> Option<u32> {
+    let [a, b, c, d, ..] = value.to_le_bytes();
+    let bits = low(r#type, u32::from_le_bytes([a, b, c, d]));
+    (integer(r#type, bits) == value).then_some(bits)
 }
 
-/// Returns a value as 32 bits, and whether it is negative.
-fn number(r#type: MavParamType, bits: u32) -> (u32, bool) {
-    if !is_signed(r#type) {
-        return (bits, false);
-    }
-    let value = extended(r#type, bits);
-    (value.cast_unsigned(), value < 0)
+/// Returns the value of an integer. Unused bits are ignored.
+#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; nothing is cut off")]
+pub(super) const fn integer(r#type: MavParamType, bits: u32) -> i64 {
+    if is_signed(r#type) { extended(r#type, bits) as i64 } else { low(r#type, bits) as i64 }
 }
 
 /// Returns the sign-extended integer.
-pub(super) fn extended(r#type: MavParamType, bits: u32) -> i32 {
-    let spare = spare_bits(r#type);
-    bits.wrapping_shl(spare).cast_signed().wrapping_shr(spare)
+pub(super) const fn extended(r#type: MavParamType, bits: u32) -> i32 {
+    let unused = unused_bits(r#type);
+    bits.wrapping_shl(unused).cast_signed().wrapping_shr(unused)
 }
 
 #[cfg(test)]
@@ -223,7 +219,12 @@ mod tests {
         if r#type == MavParamType::REAL32 {
             return Some(value.to_bits());
         }
-        super::from_wire(encoding, r#type, value).and_then(|(from, bits)| converted(from, r#type, bits))
+        super::from_wire(encoding, r#type, value).and_then(|integer| integer_bits(r#type, integer))
+    }
+
+    /// Returns a value of one integer type in another.
+    fn converted(from: MavParamType, to: MavParamType, bits: u32) -> Option<u32> {
+        integer_bits(to, integer(from, bits))
     }
 
     /// P-2: both encodings at the limits of the types, and of small negative integers.
@@ -314,13 +315,21 @@ mod tests {
     }
 
     #[test]
-    fn nan_and_infinities_have_no_rank() {
+    fn nan_and_infinities_are_in_no_range() {
+        let all = [f32::MIN, f32::MAX].map(f32::to_bits);
         for bits in [f32::NAN, -f32::NAN, f32::INFINITY, f32::NEG_INFINITY].map(f32::to_bits) {
-            assert_eq!(rank(MavParamType::REAL32, bits), None);
+            assert!(!is_within(MavParamType::REAL32, bits, all));
+            assert!(
+                !is_within(MavParamType::REAL32, 0, [bits, all[1]])
+                    && !is_within(MavParamType::REAL32, 0, [all[0], bits])
+            );
         }
-        assert_eq!(rank(MavParamType::REAL32, (-0.0f32).to_bits()), rank(MavParamType::REAL32, 0));
-        assert_eq!(rank(MavParamType::UINT8, 0x7FC0_0000), None, "P-19");
-        assert_eq!(rank(MavParamType::INT16, 0xFFFF_FFFE), None, "P-19");
+        let zeros = [0.0f32, -0.0].map(f32::to_bits);
+        for zero in zeros {
+            assert!(zeros.iter().all(|bits| is_within(MavParamType::REAL32, *bits, [zero, zero])));
+        }
+        assert!(!is_within(MavParamType::UINT8, 0x7FC0_0000, [0, 0xFF]), "P-19");
+        assert!(!is_within(MavParamType::INT16, 0xFFFF_FFFE, [0x8000, 0x7FFF]), "P-19");
     }
 
     const INTEGERS: [(MavParamType, i64, i64); 6] = [
@@ -334,7 +343,7 @@ mod tests {
 
     /// Returns the bits of an integer in `type`, padded with zeros.
     fn bits_of(r#type: MavParamType, value: i64) -> u32 {
-        value as u32 & (u32::MAX >> spare_bits(r#type))
+        value as u32 & (u32::MAX >> unused_bits(r#type))
     }
 
     /// P-14, P-2: integers convert between all types if the value fits, checked at the limits of each type.
@@ -349,8 +358,6 @@ mod tests {
                 }
             }
         }
-        let float = (-2.5f32).to_bits();
-        assert_eq!(converted(MavParamType::REAL32, MavParamType::REAL32, float), Some(float));
     }
 
     proptest! {
@@ -370,7 +377,7 @@ mod tests {
         fn a_small_integer_is_extended_or_a_whole_float(bits: u32, r#type in 0usize..4) {
             let (r#type, min, max) = INTEGERS[r#type];
             let value = f32::from_bits(bits);
-            let mask = u32::MAX >> spare_bits(r#type);
+            let mask = u32::MAX >> unused_bits(r#type);
             let top = bits & (mask ^ (mask >> 1)) != 0;
             let is_extended = bits & !mask == 0 || (top && bits | mask == u32::MAX);
             let is_whole = (f64::from(value).trunc() == f64::from(value)) && (min as f64..=max as f64).contains(&value.into());
@@ -379,17 +386,17 @@ mod tests {
         }
 
         #[test]
-        fn ranks_have_the_order_of_the_values(a: u32, b: u32) {
-            macro_rules! same_order {
+        fn ranges_have_the_order_of_the_values(value: u32, min: u32, max: u32) {
+            macro_rules! in_order {
                 ($($ty:ident $wire:ident),+) => { $(
-                    let (x, y) = (<$ty as Sealed>::from_bits(a), <$ty as Sealed>::from_bits(b));
-                    let bits = (Sealed::to_bits(x), Sealed::to_bits(y));
-                    if let (Some(p), Some(q)) = (rank(MavParamType::$wire, bits.0), rank(MavParamType::$wire, bits.1)) {
-                        prop_assert_eq!(x.partial_cmp(&y), Some(p.cmp(&q)));
-                    }
+                    let [v, low, high] = [value, min, max].map(<$ty as Sealed>::from_bits);
+                    let bits = [v, low, high].map(Sealed::to_bits);
+                    let is_finite = bits.iter().all(|bits| is_within(MavParamType::$wire, *bits, [*bits, *bits]));
+                    let is_in_order = is_finite && low <= v && v <= high;
+                    prop_assert_eq!(is_within(MavParamType::$wire, bits[0], [bits[1], bits[2]]), is_in_order);
                 )+ };
             }
-            same_order!(u8 UINT8, i8 INT8, u16 UINT16, i16 INT16, u32 UINT32, i32 INT32, f32 REAL32);
+            in_order!(u8 UINT8, i8 INT8, u16 UINT16, i16 INT16, u32 UINT32, i32 INT32, f32 REAL32);
         }
 
         /// P-2: a value that a client reads and sends back is unchanged: always byte-wise, with casts up to 2^24.

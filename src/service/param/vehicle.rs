@@ -1,7 +1,11 @@
 //! The parameter service's interface to the vehicle.
 
-use super::{ParamChange, ParamEncoding, ParamTable};
+use super::info::HASH_NAME;
+use super::table::{ParamChange, ParamTable};
+use super::value::ParamEncoding;
 use crate::dialect::MavParamError;
+use crate::frame::Version;
+use crate::link::Port;
 use crate::types::Context;
 
 /// The hooks of a vehicle with parameters: the stack owns their values, and the vehicle decides which changes it permits.
@@ -97,4 +101,33 @@ pub enum ParamHash {
     /// Also at the beginning of every list, as PX4 does. Only for a vehicle that reports itself as PX4: from any other autopilot,
     /// QGroundControl and MAVProxy take it for a parameter.
     InList,
+}
+
+/// The vehicle's configuration of the service.
+#[derive(Clone, Copy)]
+pub(super) struct ParamOptions {
+    pub(super) encoding: ParamEncoding,
+    pub(super) hash: ParamHash,
+    pub(super) has_errors: bool,
+}
+
+impl ParamOptions {
+    /// There is no hash of values that are cast.
+    pub(super) const fn new(encoding: ParamEncoding, hash: ParamHash, has_errors: bool) -> Self {
+        let hash = match encoding {
+            ParamEncoding::Bytewise => hash,
+            ParamEncoding::CCast => ParamHash::Never,
+        };
+        Self { encoding, hash, has_errors }
+    }
+
+    /// Returns the options on a link: MAVLink 1 has no PARAM_ERROR (P-31).
+    pub(super) fn on(self, port: &Port) -> Self {
+        Self { has_errors: self.has_errors && port.outbox.version() != Version::V1, ..self }
+    }
+
+    /// Whether this is the name of the hash, and the hash is enabled.
+    pub(super) fn is_hash(self, name: &[u8; 16]) -> bool {
+        self.hash != ParamHash::Never && *name == HASH_NAME
+    }
 }

@@ -8,7 +8,7 @@ const NONE: f32 = f32::NAN;
 
 fn with_storage() -> Bench {
     let mut bench = Bench::new();
-    bench.params.saving(&mut bench.table, |saving, _| saving.loaded(true));
+    bench.params.saving(&mut bench.table, |saving| saving.loaded(true));
     bench
 }
 
@@ -204,11 +204,11 @@ fn the_stored_values_are_loaded_again() {
     assert_eq!(bench.command([0.0, -1.0, 0.0, 0.0]), ACCEPTED);
     assert!(bench.params.is_reload_requested(&mut bench.table));
     let now = bench.now;
-    let begin = |saving: &mut Saving, generation| saving.keeps_values(now, generation, true, false);
+    let begin = |saving: &mut Saving| saving.keeps_values(now, true, false);
     assert!(!bench.params.saving(&mut bench.table, begin));
     let (params, mut cx, _) = bench.parts();
     params.load(&mut cx, 1, &stored, false);
-    bench.params.saving(&mut bench.table, |saving, _| saving.loaded(true));
+    bench.params.saving(&mut bench.table, |saving| saving.loaded(true));
     assert!(!bench.params.is_reload_requested(&mut bench.table) && !bench.is_due());
     let value = bench.value(1);
     assert_eq!(bench.drain(), [vec![value.clone()], vec![value]]);

@@ -1,7 +1,7 @@
 //! Parameters that live elsewhere: what is due is sent, and the last value of each reaches every link.
 
 use super::super::external::ExternalService;
-use super::super::{ExternalParams, ParamBackend, ParamUpdate, ParamWrite};
+use super::super::{ExternalParams, ParamBackend, ParamMemory, ParamUpdate, ParamWrite};
 use super::*;
 use proptest::prelude::*;
 
@@ -57,7 +57,7 @@ struct Bench {
     rover: Rover,
     rest: Rest,
     now: Instant,
-    lists: [List; 2],
+    lists: [ParamList; 2],
     ports: [Port; 2],
     /// The last value of each parameter that each link has sent.
     sent: [[Option<u32>; COUNT as usize]; 2],
@@ -71,7 +71,7 @@ impl Bench {
             rover: Rover { values: [0; COUNT as usize], update: ParamUpdate::Nothing },
             rest: Rest::new(),
             now: Instant::from_millis(60_000),
-            lists: [const { List::new() }; 2],
+            lists: [const { ParamList::NEW }; 2],
             ports: [0, 1].map(|link| port(LinkId(link), Version::V2)),
             sent: [[None; COUNT as usize]; 2],
         }

@@ -12,15 +12,25 @@ use std::string::String;
 use std::vec;
 use std::vec::Vec;
 
-use super::*;
-use crate::dialect::{MavParamError, MavState, ParamError};
-use crate::frame::{MAX_FRAME_LEN, encode};
-use crate::link::Link;
-use crate::message::Address;
+use super::list::ParamList;
+use super::saving::Saving;
+use super::value::{self, ParamEncoding, ParamType};
+use super::{ParamChange, ParamHash, ParamInfo, ParamService, ParamTable, Parameters};
+use crate::dialect::{
+    MavCmd, MavModeFlag, MavParamError, MavParamType, MavResult, MavState, ParamError, ParamRequestList,
+    ParamRequestRead, ParamSet, ParamValue,
+};
+use crate::frame::{MAX_FRAME_LEN, Version, encode};
+use crate::link::{Link, Outbox, Port};
+use crate::message::{Address, Message, Text};
 use crate::network::target_of;
 use crate::pulse::Pulse;
 use crate::service::rest::{Rest, sent_texts, take, with_frame};
-use crate::types::{Command, CommandPosition, Config, Context, LinkClass, LinkConfig, NoPlans, VehicleState};
+use crate::service::{Cx, Handled, Received, Request, Service, StackEvent, Turn, Verdict};
+use crate::time::{Duration, Instant};
+use crate::types::{
+    Command, CommandPosition, Config, Context, Firmware, LinkClass, LinkConfig, LinkId, NoPlans, Peer, VehicleState,
+};
 
 crate::parameters! {
     /// Parameters with every type, flag and length of name.
@@ -108,7 +118,7 @@ struct Bench<const CAST: bool = false, const HASH: bool = false, const ERRORS: b
     vehicle: Vehicle<CAST, HASH, ERRORS>,
     rest: Rest,
     now: Instant,
-    lists: [List; 2],
+    lists: [ParamList; 2],
     ports: [Port; 2],
 }
 
@@ -126,13 +136,13 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
             vehicle: Vehicle { verdict: Ok(()), is_armed: false, asked: Vec::new(), changed: Vec::new() },
             rest: Rest::new(),
             now: Instant::from_millis(60_000),
-            lists: [const { List::new() }; 2],
+            lists: [const { ParamList::NEW }; 2],
             ports: [0, 1].map(|link| port(LinkId(link), version)),
         }
     }
 
     /// Returns the service with everything it needs, and its state on each link.
-    fn parts(&mut self) -> (&mut ParamService, Cx<'_, Board<CAST, HASH, ERRORS>>, [(&mut Port, &mut List); 2]) {
+    fn parts(&mut self) -> (&mut ParamService, Cx<'_, Board<CAST, HASH, ERRORS>>, [(&mut Port, &mut ParamList); 2]) {
         let cx = self.rest.cx(self.now, &mut self.table, &mut self.vehicle);
         let ([port_a, port_b], [list_a, list_b]) = (&mut self.ports, &mut self.lists);
         (&mut self.params, cx, [(port_a, list_a), (port_b, list_b)])

@@ -170,7 +170,7 @@ fn run<const CAST: bool, const HASH: bool>(events: Vec<(bool, Event)>) {
         }
         for index in 0..COUNT {
             let (info, bits) = bench.table.table_mut().get(index).expect("exists");
-            assert!(info.has_room(bits), "{} is out of its range", info.name());
+            assert!(info.is_valid(bits), "{} is out of its range", info.name());
         }
     }
     for link in 0..2 {

@@ -1,0 +1,72 @@
+//! A cache of what must be known about the links without access to the table.
+
+use super::info::Rows;
+use super::state::ParamState;
+use super::table::Table;
+use crate::time::Instant;
+use crate::types::{LinkId, LinkMask};
+
+/// The links on which something is pending.
+#[derive(Debug)]
+pub(super) struct ParamLinks {
+    /// The links on which an answer is pending, and can be sent now.
+    pending: LinkMask,
+    /// The links on which the hash is pending.
+    hash_pending: LinkMask,
+    /// Whether the hash takes more polls.
+    pub(super) is_hashing: bool,
+    /// The links that were reopened since the last access to the table.
+    reopened: LinkMask,
+}
+
+impl ParamLinks {
+    pub(super) const NEW: Self =
+        Self { pending: LinkMask::NONE, hash_pending: LinkMask::NONE, is_hashing: false, reopened: LinkMask::NONE };
+
+    /// Calls `work` with the table, which is updated for reopened links before. Updates the cache after it.
+    pub(super) fn with<'t, R: Rows, T>(
+        &mut self,
+        mut table: Table<'t, R>,
+        work: impl FnOnce(&mut Table<'t, R>) -> T,
+    ) -> T {
+        if !self.reopened.is_empty() {
+            table.state.forget(core::mem::take(&mut self.reopened));
+        }
+        let result = work(&mut table);
+        self.update(&table);
+        result
+    }
+
+    fn update<R: Rows>(&mut self, table: &Table<'_, R>) {
+        let ParamState { pending, hash_pending, hash, refusals, .. } = &*table.state;
+        self.pending = pending.with(refusals.links());
+        self.hash_pending = *hash_pending;
+        self.is_hashing = !hash_pending.is_empty() && !hash.is_ready(&table.rows);
+        if !self.is_hashing {
+            self.pending = self.pending.with(*hash_pending);
+        }
+    }
+
+    /// Returns when the next step of the hash is due.
+    pub(super) fn hash_deadline(&self) -> Instant {
+        if self.is_hashing { Instant::ZERO } else { Instant::NEVER }
+    }
+
+    /// Whether an answer is pending on a link.
+    pub(super) const fn is_pending(&self, link: LinkId) -> bool {
+        self.pending.contains(LinkMask::of(link))
+    }
+
+    /// Whether the list of a link waits for the hash, which is sent first.
+    pub(super) const fn is_list_held(&self, link: LinkId) -> bool {
+        self.hash_pending.contains(LinkMask::of(link))
+    }
+
+    /// Drops the pending answers of a link that was reopened.
+    pub(super) fn reopen(&mut self, link: LinkId) {
+        let link = LinkMask::of(link);
+        self.reopened = self.reopened.with(link);
+        self.pending = self.pending.without(link);
+        self.hash_pending = self.hash_pending.without(link);
+    }
+}
