@@ -12,16 +12,15 @@
 //!      └── MISSION_ACK, or 10 s without a request ──────────┘
 //! ```
 
-use super::Progress;
-use super::replies::{Kind, Reply};
-use super::validate;
-use crate::dialect::{MavMissionResult, MissionCount, MissionItem};
+use super::check;
+use super::replies::{Reply, ReplyContent};
+use super::vehicle::Progress;
+use crate::dialect::{MavMissionResult, MissionCount, MissionItem, MissionItemInt};
 use crate::link::Outbox;
 use crate::log::RefusalLog;
 use crate::message::{Address, CommandRule, Message};
 use crate::time::{Duration, Instant};
-use crate::types::{LinkId, Peer};
-use crate::types::{PlanType, PlansMut};
+use crate::types::{LinkId, Peer, PlanType, PlansMut};
 
 /// Number of sessions. A new one evicts the session that has been silent for longest.
 const SESSIONS: usize = 4;
@@ -75,9 +74,9 @@ impl Sessions {
         }
     }
 
-    /// Whether `client`, which requests an item, expects a plan that has been replaced. If the client has moved to this link, it
-    /// may have requested the count on another one (M-11).
-    fn is_stale(&mut self, now: Instant, client: Peer, plan: PlanType) -> bool {
+    /// Renews the session of `client`, which requests an item. Returns whether it expects a plan that has been replaced. If the
+    /// client has moved to this link, it may have requested the count on another one (M-11).
+    fn check_stale(&mut self, now: Instant, client: Peer, plan: PlanType) -> bool {
         let is_elsewhere = self.find(now, client, plan, false).is_none();
         self.find(now, client, plan, is_elsewhere).is_some_and(|session| {
             session.at = now;
@@ -120,11 +119,11 @@ impl Sessions {
         floats: Option<&'static [CommandRule]>,
         tx: &mut Outbox,
     ) -> bool {
-        let Reply { to, mission_type, .. } = *reply;
+        let Reply { to, mission_type, content } = *reply;
         let client = Peer { address: to, link: tx.link() };
         // The plan was checked when the request was received.
         let plan = PlanType::from_mission_type(mission_type).unwrap_or(PlanType::Mission);
-        if reply.kind() == Kind::Count {
+        let ReplyContent::Item { seq, is_old_request } = content else {
             self.open(now, client, plan);
             return tx.send(&MissionCount {
                 count: plans.count(plan),
@@ -133,27 +132,25 @@ impl Sessions {
                 mission_type,
                 opaque_id: plans.live(plan).id(),
             });
-        }
-        let seq = reply.seq();
-        let refused = if self.is_stale(now, client, plan) {
+        };
+        let seq = u16::from_le_bytes(seq);
+        if self.check_stale(now, client, plan) {
             if let Some(refused) = self.refused.count(now) {
                 event!("{} download by {}: the plan has changed; {=u32} refused so far", plan, to, refused);
             }
-            MavMissionResult::OPERATION_CANCELLED
-        } else if let Some(item) = plans.live(plan).items().get(usize::from(seq)) {
-            let is_current = plan == PlanType::Mission && seq == progress.current;
-            let message = item.to_int(to, mission_type, seq, is_current);
-            return match floats.filter(|_| reply.kind() == Kind::LegacyItem) {
-                Some(rules) => {
-                    let rule = validate::rule(plan, rules, item.command);
-                    let has_position = rule.is_ok_and(CommandRule::is_located);
-                    tx.send_like(&item.with_floats(message, has_position), const { &MissionItem::INFO })
-                }
-                None => tx.send(&message),
-            };
-        } else {
-            MavMissionResult::INVALID_SEQUENCE
+            return reply.send_refusal(MavMissionResult::OPERATION_CANCELLED, tx);
+        }
+        let Some(item) = plans.live(plan).items().get(usize::from(seq)) else {
+            return reply.send_refusal(MavMissionResult::INVALID_SEQUENCE, tx);
         };
-        reply.ack(refused, 0, tx)
+        let is_current = plan == PlanType::Mission && seq == progress.current;
+        let mut message = item.to_int(to, mission_type, seq, is_current);
+        let mut info = const { &MissionItemInt::INFO };
+        if let Some(rules) = floats.filter(|_| is_old_request) {
+            let has_position = check::rule(plan, rules, item.command).is_ok_and(CommandRule::is_located);
+            message = item.with_floats(message, has_position);
+            info = const { &MissionItem::INFO };
+        }
+        tx.send_like(&message, info)
     }
 }

@@ -1,36 +1,117 @@
-//! Changes of the current item, and reports of items reached (M-91 to M-95).
+//! Where the vehicle is in its mission: reports of it, and changes of the current item (M-53, M-90 to M-95).
+
+use core::num::Saturating;
 
 use heapless::Vec;
 
-use super::distance::first_too_far;
-use super::validate::Problem;
-use super::{Cx, Missions, Plans, Progress};
+use super::Missions;
+use super::problem::Problem;
+use super::vehicle::{Plans, Progress};
 use crate::dialect::{MavCmd, MavResult, MissionCurrent, MissionItemReached, MissionSetCurrent, MissionState};
 use crate::link::Outbox;
 use crate::list::take_first;
 use crate::message::{ComponentId, Message};
 use crate::num;
+use crate::service::Cx;
 use crate::time::{Duration, Instant};
-use crate::types::{Command, CommandPosition, Context, Firmware, LinkMask, Origin, PlanType};
+use crate::types::{Command, CommandPosition, Firmware, LinkId, LinkMask, Origin, PlanType, PlansMut};
+
+/// Interval between MISSION_CURRENT, and between the reports of an item.
+const PERIOD: Duration = Duration::from_secs(1);
+
+/// MISSION_CURRENT.total of a vehicle without a mission; 0 would mean "unknown".
+const NO_ITEMS: u16 = u16::MAX;
+
+/// MISSION_CURRENT.mission_mode.
+const IN_MISSION_MODE: u8 = 1;
+const SUSPENDED: u8 = 2;
 
 /// Capacity of the queue of reached items that are not yet reported on every link.
 const PENDING: usize = 4;
 /// Maximum number of repeated reports of an item.
 const MAX_REPEATS: u8 = 3;
-/// Interval between the reports of an item.
-const PERIOD: Duration = Duration::from_secs(1);
+
+/// MISSION_CURRENT, which is sent on every normal link once a second, and at once when anything in it changes.
+#[derive(Clone, Debug)]
+pub(super) struct Current {
+    /// The links on which it is pending.
+    pending: LinkMask,
+    /// When it is sent on all links again, changed or not.
+    due: Instant,
+    /// The last reported progress.
+    reported: Progress,
+}
+
+impl Current {
+    pub(super) const fn new() -> Self {
+        let reported = Progress { current: 0, state: MissionState(0), in_mission_mode: false };
+        Self { pending: LinkMask::NONE, due: Instant::ZERO, reported }
+    }
+
+    /// Marks MISSION_CURRENT as pending on `links`.
+    pub(super) fn announce(&mut self, links: LinkMask) {
+        self.pending = self.pending.with(links);
+    }
+
+    /// The same, because the progress may have changed.
+    pub(super) fn announce_progress(&mut self, progress: Progress, links: LinkMask) {
+        self.reported = progress;
+        self.announce(links);
+    }
+
+    pub(super) fn poll(&mut self, now: Instant, progress: Progress, links: LinkMask) {
+        if now >= self.due {
+            let next = self.due + PERIOD;
+            self.due = if next > now { next } else { now + PERIOD };
+            self.announce(links);
+        }
+        if self.reported != progress {
+            self.announce_progress(progress, links);
+        }
+    }
+
+    /// When [`poll`](Self::poll) is due.
+    pub(super) fn deadline(&self) -> Instant {
+        self.due
+    }
+
+    pub(super) fn is_pending(&self, link: LinkId) -> bool {
+        self.pending.contains(LinkMask::of(link))
+    }
+
+    /// Sends MISSION_CURRENT.
+    pub(super) fn send(&mut self, plans: &PlansMut<'_>, progress: &Progress, tx: &mut Outbox) -> bool {
+        self.pending = self.pending.without(LinkMask::of(tx.link()));
+        let count = plans.count(PlanType::Mission);
+        let (total, last, state) = match count {
+            0 => (NO_ITEMS, 0, MissionState::NO_MISSION),
+            count => (count, count.saturating_sub(1), progress.state),
+        };
+        let id = |plan| plans.live(plan).id();
+        tx.send(&MissionCurrent {
+            // Never beyond the end of the plan, whatever the vehicle reports (M-94).
+            seq: progress.current.min(last),
+            total,
+            mission_state: state,
+            mission_mode: if progress.in_mission_mode { IN_MISSION_MODE } else { SUSPENDED },
+            mission_id: id(PlanType::Mission),
+            fence_id: id(PlanType::Fence),
+            rally_points_id: id(PlanType::Rally),
+        })
+    }
+}
 
 /// The pending MISSION_ITEM_REACHED, oldest first.
 #[derive(Clone, Debug)]
-pub(super) struct Reached(Vec<Entry, PENDING, u8>);
+pub(super) struct Reached(Vec<ReachedItem, PENDING, u8>);
 
 #[derive(Clone, Debug)]
-struct Entry {
+struct ReachedItem {
     seq: u16,
     /// The links on which it is pending.
     pending: LinkMask,
     /// Remaining repetitions.
-    repeats: u8,
+    repeats: Saturating<u8>,
     /// When the next repetition is due.
     at: Instant,
 }
@@ -45,40 +126,40 @@ impl Reached {
         self.0.clear();
     }
 
-    fn push(&mut self, entry: Entry) {
+    fn push(&mut self, item: ReachedItem) {
         if self.0.is_full() {
             // Evict the oldest report: it was sent before, or its link has stalled. MISSION_CURRENT shows the progress too.
             let _ = take_first(&mut self.0, |_| true);
         }
-        let _ = self.0.push(entry);
+        let _ = self.0.push(item);
     }
 
     /// Makes the due repetitions pending on `links`.
     pub(super) fn poll(&mut self, now: Instant, links: LinkMask) {
-        for entry in self.0.iter_mut().filter(|entry| entry.repeats > 0 && now >= entry.at) {
-            entry.repeats = entry.repeats.saturating_sub(1);
-            entry.at = now + PERIOD;
-            entry.pending = links;
+        for item in self.0.iter_mut().filter(|item| item.repeats.0 > 0 && now >= item.at) {
+            item.repeats -= 1;
+            item.at = now + PERIOD;
+            item.pending = links;
         }
     }
 
     /// When [`poll`](Self::poll) is due.
     pub(super) fn deadline(&self) -> Instant {
-        let repeated = self.0.iter().filter(|entry| entry.repeats > 0);
-        repeated.map(|entry| entry.at).min().unwrap_or(Instant::NEVER)
+        let repeated = self.0.iter().filter(|item| item.repeats.0 > 0);
+        repeated.map(|item| item.at).min().unwrap_or(Instant::NEVER)
     }
 
     pub(super) fn is_pending(&self, link: LinkMask) -> bool {
-        self.0.iter().any(|entry| entry.pending.contains(link))
+        self.0.iter().any(|item| item.pending.contains(link))
     }
 
     /// Sends the oldest report that is pending on this link.
-    pub(super) fn next(&mut self, tx: &mut Outbox) -> bool {
+    pub(super) fn send(&mut self, tx: &mut Outbox) -> bool {
         let link = LinkMask::of(tx.link());
-        let Some(entry) = self.0.iter_mut().find(|entry| entry.pending.contains(link)) else { return false };
-        entry.pending = entry.pending.without(link);
-        let seq = entry.seq;
-        while take_first(&mut self.0, |entry| entry.pending == LinkMask::NONE && entry.repeats == 0).is_some() {}
+        let Some(item) = self.0.iter_mut().find(|item| item.pending.contains(link)) else { return false };
+        item.pending = item.pending.without(link);
+        let seq = item.seq;
+        while take_first(&mut self.0, |item| item.pending == LinkMask::NONE && item.repeats.0 == 0).is_some() {}
         tx.send(&MissionItemReached { seq })
     }
 }
@@ -86,12 +167,12 @@ impl Reached {
 impl Missions {
     /// Queues MISSION_ITEM_REACHED on `links`: the vehicle has reached item `seq` (M-91).
     pub(crate) fn reached(&mut self, now: Instant, seq: u16, links: LinkMask, repeats: u8) {
-        self.reached.push(Entry { seq, pending: links, repeats: repeats.min(MAX_REPEATS), at: now + PERIOD });
+        let repeats = Saturating(repeats.min(MAX_REPEATS));
+        self.reached.push(ReachedItem { seq, pending: links, repeats, at: now + PERIOD });
     }
 
     /// Handles MISSION_SET_CURRENT. It has no acknowledgement: MISSION_CURRENT shows success and failure, and a text reports a
     /// failure (M-93).
-    ///
     pub(super) fn on_set_current<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, seq: u16) {
         let is_there = seq < cx.plans.count(PlanType::Mission);
         if is_there && go_to(cx, seq, false) == MavResult::ACCEPTED {
@@ -185,7 +266,7 @@ fn set_current<F: Firmware<Vehicle: Plans>>(
     }
 }
 
-/// Has the vehicle continue at item `seq`. If it flies its mission, item 0 begins it again, and is checked like a start (M-48).
+/// Makes item `seq` the current one. While the vehicle flies its mission, item 0 restarts it, and is checked like a start (M-48).
 fn go_to<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, seq: u16, reset: bool) -> MavResult {
     let (vehicle, mut context) = cx.hook();
     if seq == 0
@@ -223,22 +304,6 @@ fn start<F: Firmware<Vehicle: Plans>>(
         return Ok(result);
     }
     Ok(vehicle.start_mission(&mut context, command, first, last))
-}
-
-/// Checks the distance of the live mission's first waypoint before a start (M-48): see [`Plans::check_start`].
-pub(super) fn check_start<V: Plans>(vehicle: &V, cx: &mut Context<'_>) -> Result<(), MavResult> {
-    if !vehicle.limits_first_waypoint() {
-        return Ok(());
-    }
-    let Some((from, limit)) = vehicle.first_waypoint_limit() else {
-        Problem::NotChecked.say(cx);
-        return Err(MavResult::TEMPORARILY_REJECTED);
-    };
-    let items = cx.plan(PlanType::Mission).items();
-    first_too_far(items, V::MISSION_COMMANDS, from, limit).map_or(Ok(()), |seq| {
-        Problem::TooFar(seq, limit).say(cx);
-        Err(MavResult::DENIED)
-    })
 }
 
 /// Returns the item that a parameter names; `None` for NaN.

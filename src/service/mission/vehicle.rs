@@ -1,6 +1,7 @@
 //! The plan service's interface to the vehicle.
 
-use super::progress::check_start;
+use super::distance::first_too_far;
+use super::problem::{PlanFault, Problem};
 use crate::dialect::{MavMissionResult, MavResult, MissionState};
 use crate::message::{CommandRule, Item, LatLon};
 use crate::types::{Command, Context, Peer, PlanType, Vehicle};
@@ -27,34 +28,6 @@ pub struct Progress {
     pub state: MissionState,
     /// Whether the vehicle is in a mode that flies the mission.
     pub in_mission_mode: bool,
-}
-
-/// What is wrong with a plan as a whole.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct PlanFault {
-    /// The item at fault, if there is one. MISSION_ACK has no field for it; the text names it (M-38).
-    pub seq: Option<u16>,
-    /// The result for the MISSION_ACK.
-    pub result: MavMissionResult,
-}
-
-impl core::fmt::Display for PlanFault {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let result = self.result.0;
-        match self.seq {
-            Some(seq) => write!(f, "item {seq} refused: MAV_MISSION_RESULT {result}"),
-            None => write!(f, "plan refused: MAV_MISSION_RESULT {result}"),
-        }
-    }
-}
-
-impl core::error::Error for PlanFault {}
-
-impl From<MavMissionResult> for PlanFault {
-    fn from(result: MavMissionResult) -> Self {
-        Self { seq: None, result }
-    }
 }
 
 /// The hooks of a vehicle with plans: it decides which uploads it accepts, and flies them.
@@ -168,7 +141,20 @@ pub trait Plans: Vehicle {
     where
         Self: Sized,
     {
-        check_start(self, cx)
+        if !self.limits_first_waypoint() {
+            return Ok(());
+        }
+        let Some((from, limit)) = self.first_waypoint_limit() else {
+            Problem::NotChecked.report_from_hook(cx);
+            return Err(MavResult::TEMPORARILY_REJECTED);
+        };
+        match first_too_far(cx.plan(PlanType::Mission).items(), Self::MISSION_COMMANDS, from, limit) {
+            None => Ok(()),
+            Some(seq) => {
+                Problem::TooFar { seq, limit }.report_from_hook(cx);
+                Err(MavResult::DENIED)
+            }
+        }
     }
 
     /// Called when a new plan has become live: the vehicle restarts its progress (M-39), even if the old plan was longer

@@ -13,16 +13,15 @@ mod upload;
 
 use std::vec::Vec;
 
-use super::number::Number;
 use super::*;
 use crate::dialect::{MavCmd, MavFrame, MavResult, MissionCurrent, MissionState, rules};
-use crate::frame::{MAX_FRAME_LEN, encode};
+use crate::frame::{MAX_FRAME_LEN, Version, encode};
 use crate::link::Link;
 use crate::message::{Address, CommandRule, Item};
 use crate::service::param::NoParams;
 use crate::service::rest::{Rest, offer, sent_texts, take, with_frame};
 use crate::time::Duration;
-use crate::types::{Command, Durability, Outcome, Peer, TextEntry};
+use crate::types::{Command, Context, LinkId, Outcome, Peer, StatusTexts, TextEntry};
 
 type Memory = crate::plan_memory!(mission: 5, fence: 3, rally: 0);
 
@@ -155,10 +154,8 @@ impl Bench {
     }
 
     fn of(float_form: bool, version: Version) -> Self {
-        let mut missions = Missions::VACANT;
-        missions.reset();
         Self {
-            missions,
+            missions: Missions::INITIAL,
             memory: Memory::new(),
             float_form,
             second_ack: false,
@@ -188,7 +185,7 @@ impl Bench {
         let mut bytes = [0; MAX_FRAME_LEN];
         let len = encode(message, version, from.address, self.number, &mut bytes).expect("fits");
         with_frame(&bytes[..len], |frame| {
-            assert!(Missions::handles(frame.id()));
+            assert!(is_handled(frame.id()));
             let received = Received { frame, from, target: VEHICLE, age: None };
             self.with_link(usize::from(from.link.0), |missions, cx, port, replies| {
                 missions.receive(cx, port, replies, &received);
@@ -234,9 +231,9 @@ impl Bench {
     }
 
     /// The same for an event that is not a frame, but may have an answer.
-    fn with_answer(&mut self, act: impl FnOnce(&mut Missions, &mut Cx<'_, Board>) -> Option<(LinkId, Reply)>) {
+    fn with_answer(&mut self, act: impl FnOnce(&mut Missions, &mut Cx<'_, Board>) -> Option<FinalAnswer>) {
         self.with(|missions, cx, _, replies| {
-            if let Some((link, reply)) = act(missions, cx) {
+            if let Some(FinalAnswer { link, reply }) = act(missions, cx) {
                 replies[usize::from(link.0)].set_result(reply);
             }
         });

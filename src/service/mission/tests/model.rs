@@ -164,7 +164,7 @@ impl Protocol {
                 break true;
             }
             path.push(state.key);
-            let action = if state.bench.missions.commit.is_some() {
+            let action = if state.bench.missions.is_committing() {
                 Action::Stored
             } else if let Some(first) = state.in_transit.first() {
                 Action::Deliver(*first)
@@ -283,7 +283,7 @@ impl Model for Protocol {
             late.filter(|(at, frame)| !state.in_transit[..*at].contains(frame))
                 .map(|(_, frame)| Action::Deliver(*frame)),
         );
-        if state.bench.missions.commit.is_some() {
+        if state.bench.missions.is_committing() {
             actions.push(Action::Stored);
             if state.faults > 0 {
                 actions.push(Action::NotStored);

@@ -2,6 +2,7 @@
 
 use super::*;
 use core::fmt::{self, Debug, Write};
+use core::num::Wrapping;
 use std::collections::BTreeSet;
 use std::hash::DefaultHasher;
 use std::string::String;
@@ -37,7 +38,7 @@ pub(super) struct InTransit {
     pub(super) msg: Msg,
     pub(super) sent: Instant,
     /// `None` for frames of the vehicle, whose numbers do not matter.
-    pub(super) number: Option<Number>,
+    pub(super) number: Option<FrameNumber>,
     /// Others may overtake it.
     pub(super) is_delayed: bool,
 }
@@ -73,22 +74,25 @@ impl State {
     /// When the engine's next timer is due. MISSION_CURRENT is not part of the model.
     pub(super) fn engine_due(&self) -> Option<Instant> {
         let missions = &self.bench.missions;
-        let upload = missions.upload.as_ref().map(Upload::deadline);
-        let commit = missions.commit.as_ref().map(|_| missions.commit_deadline());
-        let second_answer = missions.second_answer.as_ref().map(|(at, ..)| *at);
-        [upload, commit, second_answer].into_iter().flatten().min()
+        let transfer = match &missions.transfer {
+            Transfer::Idle => None,
+            Transfer::Upload(_) => Some(missions.upload_deadline()),
+            Transfer::Commit(_) => Some(missions.commit_deadline()),
+        };
+        let second_answer = missions.second_answer.as_ref().map(|second| second.at);
+        transfer.into_iter().chain(second_answer).min()
     }
 
     /// Whether the engine is idle.
     pub(super) fn is_idle(&self) -> bool {
         let missions = &self.bench.missions;
-        missions.upload.is_none() && missions.commit.is_none() && missions.second_answer.is_none()
+        matches!(missions.transfer, Transfer::Idle) && missions.second_answer.is_none()
     }
 
     pub(super) fn send(&mut self, msg: Msg) {
         let sent = self.now();
         self.number = self.number.wrapping_add(u8::from(self.is_counting && msg.is_to_vehicle()));
-        let number = msg.is_to_vehicle().then_some(Number(A.link, self.number));
+        let number = msg.is_to_vehicle().then_some(FrameNumber { link: A.link, seq: Wrapping(self.number) });
         self.in_transit.push(InTransit { msg, sent, number, is_delayed: false });
     }
 
@@ -105,7 +109,7 @@ impl State {
 
     /// Delivers a frame.
     pub(super) fn deliver(&mut self, InTransit { msg, number, .. }: InTransit, op: Option<Op>) {
-        self.bench.number = number.map_or(0, |number| number.1);
+        self.bench.number = number.map_or(0, |number| number.seq.0);
         match msg {
             Msg::Count(len) => self.bench.send(A, &count(MISSION, len.into())),
             Msg::Item { op, seq } => self.bench.send(A, &int(MISSION, seq.into(), &item(tag(op), seq))),
@@ -146,20 +150,19 @@ impl State {
     /// Hashes everything that the future depends on: times relative to now, and the order of sequence numbers. Not included are
     /// counters, texts, downloads, MISSION_CURRENT, and the ids of plans, which follow from their items.
     pub(super) fn rehash(&mut self) {
-        let Missions { upload, commit, schedule, done, second_answer, .. } = &self.bench.missions;
-        let mut text =
-            std::format!("{upload:?}{commit:?}{schedule:?}{done:?}{second_answer:?}{:?}", self.bench.replies);
+        let Missions { transfer, schedule, finished, second_answer, .. } = &self.bench.missions;
+        let mut text = std::format!("{transfer:?}{schedule:?}{finished:?}{second_answer:?}{:?}", self.bench.replies);
         let mut frames = self.in_transit.clone();
         frames.sort_by_key(|frame| {
-            frame.is_delayed.then_some((frame.sent, frame.msg, frame.number.map(|number| number.1)))
+            frame.is_delayed.then_some((frame.sent, frame.msg, frame.number.map(|number| number.seq)))
         });
         let mut memory = self.bench.memory.clone();
         let staged = names(memory.view().staged_items());
         let plans = (names(self.live()), names(&self.stored), staged);
         // The order of the numbers does not show which of them belong to the upload's COUNTs.
         let is_own = |frame: &InTransit| {
-            let counts = self.bench.missions.upload.as_ref().map(|upload| upload.counts);
-            counts.zip(frame.number).is_some_and(|(counts, number)| counts.contains(number.1))
+            let Transfer::Upload(upload) = &self.bench.missions.transfer else { return false };
+            frame.number.is_some_and(|number| upload.counts.contains(number.seq))
         };
         let own: Vec<bool> = frames.iter().map(is_own).collect();
         write!(text, "{:?}{frames:?}{own:?}{plans:?}{}", self.client, self.faults).expect("a String takes everything");
@@ -203,17 +206,16 @@ fn relative(text: &str, now: Instant) -> String {
 
 /// Returns `text` with each sequence number replaced by its rank, counted from `newest`.
 fn ranked(text: &str, newest: u8) -> String {
-    let mut parts = text.split("Number(");
+    let mut parts = text.split("seq: Wrapping(");
     let mut key = String::from(parts.next().unwrap_or_default());
     let parts = parts.map(|part| {
-        let (link, rest) = part.split_once("), ").expect("a number follows the link");
-        let (number, rest) = rest.split_once(')').expect("a number ends");
+        let (number, rest) = part.split_once(')').expect("a number ends");
         let age = newest.wrapping_sub(number.parse().expect("a number is digits"));
-        (link, age, rest)
+        (age, rest)
     });
-    let ages: BTreeSet<u8> = parts.clone().map(|(_, age, _)| age).collect();
-    for (link, age, rest) in parts {
-        write!(key, "{link}{}{rest}", ages.range(..age).count()).expect("a String takes everything");
+    let ages: BTreeSet<u8> = parts.clone().map(|(age, _)| age).collect();
+    for (age, rest) in parts {
+        write!(key, "{}{rest}", ages.range(..age).count()).expect("a String takes everything");
     }
     key
 }

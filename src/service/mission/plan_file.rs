@@ -22,12 +22,18 @@
 //!                         └──────────────────┴── a refusal ──────────┴──────────────────┴─▶ Refused
 //! ```
 
-use super::replies::Kind;
-use super::upload::Upload;
-use super::validate::{self, Problem};
-use super::{Cx, Missions, Plans, Replies, WithoutPlans};
+use core::num::Saturating;
+
+use super::Missions;
+use super::check::stage_item;
+use super::problem::Problem;
+use super::replies::{Client, Replies};
+use super::transfer::{Change, Transfer, Upload};
+use super::vehicle::Plans;
+use super::without_plans::WithoutPlans;
 use crate::dialect::{MavFtpErr, MavMissionResult, MissionItemInt};
 use crate::message::{Address, Item, Message, zero_extend};
+use crate::service::Cx;
 use crate::service::command::Commands;
 use crate::service::files::{Body, Entries, HasFiles, NoFile, Part, VirtualFile};
 use crate::types::{Firmware, NO_ITEM, Peer, PlanMemory, PlanType, PlanView, PlansMut, UploadStep};
@@ -72,7 +78,8 @@ impl PlanFile {
 
 /// Returns the length of the file of so many items.
 fn len(count: usize) -> u32 {
-    u32::try_from(count.saturating_mul(ITEM_LEN).saturating_add(HEADER_LEN)).unwrap_or(u32::MAX)
+    let len = Saturating(count) * Saturating(ITEM_LEN) + Saturating(HEADER_LEN);
+    u32::try_from(len.0).unwrap_or(u32::MAX)
 }
 
 impl<F: Firmware<Vehicle: Plans + Commands>> VirtualFile<F> for PlanFile {
@@ -121,9 +128,9 @@ impl<F: Firmware<Vehicle: Plans + Commands>> VirtualFile<F> for PlanFile {
         let mut rest = content;
         loop {
             match take(cx, self.plan, rest) {
-                Ok(Some(0)) => return Part::Taken(content.len().saturating_sub(rest.len())),
-                Ok(Some(taken)) => rest = rest.get(taken..).unwrap_or_default(),
-                Ok(None) => return Part::Last,
+                Ok(Taken::Record(others)) => rest = others,
+                Ok(Taken::Nothing) => return Part::Taken(content.len().saturating_sub(rest.len())),
+                Ok(Taken::Last) => return Part::Last,
                 Err(problem) => {
                     problem.report(cx);
                     if let Some(upload) = cx.plans.upload_mut() {
@@ -171,15 +178,13 @@ fn read(plan: PlanType, items: &[Item], current: u16, offset: u32, out: &mut [u8
     if put(&[a, b, mission_type.0, 0, 0, 0, 0, 0, c, d], offset) {
         return len;
     }
-    let behind_header = offset.saturating_sub(HEADER_LEN);
-    let (index, mut at) = (behind_header / ITEM_LEN, behind_header % ITEM_LEN);
-    let items = items.get(index..).unwrap_or_default();
-    let mut seq = u16::try_from(index).unwrap_or(NO_ITEM);
-    for item in items {
+    let after_header = offset.saturating_sub(HEADER_LEN);
+    let (first, mut at) = (after_header / ITEM_LEN, after_header % ITEM_LEN);
+    for (seq, item) in items.iter().enumerate().skip(first) {
         let mut record = [0; ITEM_LEN];
+        let seq = u16::try_from(seq).unwrap_or(NO_ITEM);
         let message = item.to_int(Address::new(0, 0), mission_type, seq, seq == current);
         let _ = message.encode(&mut record);
-        seq = seq.wrapping_add(1);
         if put(&record, core::mem::take(&mut at)) {
             break;
         }
@@ -187,19 +192,30 @@ fn read(plan: PlanType, items: &[Item], current: u16, offset: u32, out: &mut [u8
     len
 }
 
-/// Takes the header or an item of an upload: returns its length, 0 for too few bytes, or `None` behind the last item.
-fn take<F: Firmware<Vehicle: Plans>>(
+/// The part of an uploaded file that was taken.
+enum Taken<'a> {
+    /// The header or an item. These bytes follow.
+    Record(&'a [u8]),
+    /// Too few bytes.
+    Nothing,
+    /// The last item, or the header of a file without items.
+    Last,
+}
+
+/// Takes the header or an item of an upload.
+fn take<'a, F: Firmware<Vehicle: Plans>>(
     cx: &mut Cx<'_, F>,
     plan: PlanType,
-    bytes: &[u8],
-) -> Result<Option<usize>, Problem<'static>> {
+    bytes: &'a [u8],
+) -> Result<Taken<'a>, Problem> {
     let refused = |result: MavMissionResult| Problem::Refused(plan, result.into());
     let (seq, capacity) = (cx.plans.staged(), cx.plans.capacity(plan));
     let upload = cx.plans.upload_mut().filter(|upload| upload.step == UploadStep::Permitted);
     let upload = upload.ok_or(refused(MavMissionResult::DENIED))?;
     let count = upload.count;
-    let taken = if count == NO_ITEM {
-        let Some([a, b, c, d, options @ .., e, f]) = bytes.first_chunk::<HEADER_LEN>() else { return Ok(Some(0)) };
+    let rest = if count == NO_ITEM {
+        let Some((header, rest)) = bytes.split_first_chunk::<HEADER_LEN>() else { return Ok(Taken::Nothing) };
+        let [a, b, c, d, options @ .., e, f] = header;
         let (magic, of) = (u16::from_le_bytes([*a, *b]), u16::from_le_bytes([*c, *d]));
         // F-25: neither options nor a first item.
         if (magic, of) != (MAGIC, plan.mission_type().0.into()) || *options != [0; 4] {
@@ -209,29 +225,25 @@ fn take<F: Firmware<Vehicle: Plans>>(
         if upload.count > capacity {
             return Err(refused(MavMissionResult::NO_SPACE));
         }
-        HEADER_LEN
+        rest
     } else {
-        let Some(bytes) = bytes.first_chunk::<ITEM_LEN>() else { return Ok(Some(0)) };
-        let message = MissionItemInt::decode(bytes);
+        let Some((item, rest)) = bytes.split_first_chunk::<ITEM_LEN>() else { return Ok(Taken::Nothing) };
+        let message = MissionItemInt::decode(item);
         if seq >= count || message.mission_type != plan.mission_type() || message.current > 1 {
             return Err(refused(MavMissionResult::INVALID));
         }
         if message.current == 1 && upload.first == NO_ITEM {
             upload.first = seq;
         }
-        let item = Item::from_int(&message);
-        Missions::stage_item(cx, plan, item).map_err(|fault| {
-            let rule = validate::rule(plan, F::Vehicle::MISSION_COMMANDS, item.command);
-            Problem::of_item(plan, seq, &item, rule, fault.result)
-        })?;
-        ITEM_LEN
+        stage_item(cx, plan, Item::from_int(&message))?;
+        rest
     };
     let staged = cx.plans.staged();
     if let Some(upload) = cx.plans.upload_mut().filter(|upload| upload.count == staged) {
         upload.step = UploadStep::Complete;
-        return if bytes.len() == taken { Ok(None) } else { Err(refused(MavMissionResult::INVALID)) };
+        return if rest.is_empty() { Ok(Taken::Last) } else { Err(refused(MavMissionResult::INVALID)) };
     }
-    Ok(Some(taken))
+    Ok(Taken::Record(rest))
 }
 
 /// Whether the plan that is being stored was uploaded as a file.
@@ -240,27 +252,25 @@ pub(super) fn is_writing_file<F: Firmware>(cx: &Cx<'_, F>) -> bool {
 }
 
 impl Missions {
-    /// Ends the upload as a file with this answer.
-    pub(super) fn end_file(&mut self, plans: &mut PlansMut<'_>, kind: Kind) {
+    /// Ends the upload as a file: its plan was accepted, or refused.
+    pub(super) fn end_file(&mut self, plans: &mut PlansMut<'_>, is_accepted: bool) {
         // Its client does not repeat an item, and gets no message.
-        (self.done, self.second_answer) = (None, None);
+        (self.finished, self.second_answer) = (None, None);
         if let Some(upload) = plans.upload_mut() {
-            upload.step = if kind == Kind::Accepted { UploadStep::Accepted } else { UploadStep::Refused };
+            upload.step = if is_accepted { UploadStep::Accepted } else { UploadStep::Refused };
         }
     }
 
     /// Lends the staging area to an upload as a file, makes its plan live, and takes the area back (F-23, F-26).
     pub(super) fn poll_file<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) {
         let Some(upload) = cx.plans.upload().copied() else { return };
-        let is_lent = self.upload.as_ref().is_some_and(Upload::is_of_file);
-        if !is_lent && matches!(upload.step, UploadStep::Nothing | UploadStep::Refused) {
-            return;
-        }
+        let is_lent = matches!(&self.transfer, Transfer::Upload(upload) if upload.is_of_file());
         // The same checks as of a client of messages. The answer is for the file.
-        let mut answers = Replies::new();
-        let (client, plan) = (upload.client, upload.plan);
+        let mut replies = Replies::new();
+        let mut client = Client { peer: upload.client, replies: &mut replies };
         let step = match upload.step {
             UploadStep::Accepted | UploadStep::Writing => return,
+            UploadStep::Nothing | UploadStep::Refused if !is_lent => return,
             UploadStep::Permitted if is_lent => return,
             UploadStep::Permitted => UploadStep::Refused,
             UploadStep::Nothing => {
@@ -269,35 +279,30 @@ impl Missions {
             }
             UploadStep::Refused => {
                 let seq = cx.plans.staged();
-                self.finish(cx, client, &mut answers, seq, upload.result);
-                self.done = None;
+                self.refuse_upload(cx, &mut client, seq, upload.result);
+                self.finished = None;
                 UploadStep::Refused
             }
             UploadStep::Asked => {
                 if is_lent {
                     self.abandon(&mut cx.plans);
                 }
-                let is_free = !self.is_receiving() && self.committing().is_none() && !self.is_loading();
-                let is_permitted =
-                    is_free && self.may_change(cx, plan, client).is_ok() && self.may_write(cx, plan, client, 0).is_ok();
-                if is_permitted {
+                if self.admits_file(cx, upload.plan, upload.client) {
                     self.abandon(&mut cx.plans);
-                    self.done = None;
-                    event!("{} upload as a file by {}: started", plan, client);
-                    self.upload = Some(Upload::of_file(plan));
+                    self.finished = None;
+                    event!("{} upload as a file by {}: started", upload.plan, upload.client);
+                    self.transfer = Transfer::Upload(Upload::of_file(upload.plan));
                     UploadStep::Permitted
                 } else {
                     UploadStep::Refused
                 }
             }
             UploadStep::Complete => {
-                self.complete_file(cx, client, &mut answers, plan, upload.first);
-                if self.committing().is_some() {
-                    UploadStep::Writing
-                } else {
-                    let kind = answers.first();
-                    return self.end_file(&mut cx.plans, kind);
+                self.complete_file(cx, &mut client, upload.plan, upload.first);
+                if self.committing().is_none() {
+                    return self.end_file(&mut cx.plans, replies.is_accepted());
                 }
+                UploadStep::Writing
             }
         };
         if let Some(upload) = cx.plans.upload_mut() {
@@ -305,29 +310,35 @@ impl Missions {
         }
     }
 
+    /// Whether an upload as a file may begin. Reports a refusal.
+    fn admits_file<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, plan: PlanType, client: Peer) -> bool {
+        let is_free = !self.is_receiving() && self.committing().is_none() && !self.is_loading();
+        is_free && self.ask_permission(cx, plan, client).is_ok() && self.limit_rate(cx, plan, client, 0).is_ok()
+    }
+
     /// Completes an upload as a file, as the last item completes one by messages.
     fn complete_file<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
-        client: Peer,
-        answers: &mut Replies,
+        client: &mut Client<'_>,
         plan: PlanType,
         first: u16,
     ) {
         let count = cx.plans.staged();
-        let last = count.saturating_sub(1);
+        let last_seq = count.saturating_sub(1);
         let may_clear = count > 0 || self.is_clear(&cx.plans, Some(plan));
-        let is_permitted = may_clear || self.may_change(cx, plan, client).is_ok();
-        if !is_permitted || self.may_write(cx, plan, client, count).is_err() {
-            return self.finish(cx, client, answers, last, MavMissionResult::DENIED);
+        let is_permitted = may_clear || self.ask_permission(cx, plan, client.peer).is_ok();
+        if !is_permitted || self.limit_rate(cx, plan, client.peer, count).is_err() {
+            return self.refuse_upload(cx, client, last_seq, MavMissionResult::DENIED);
         }
         if count == 0 {
-            self.upload = None;
-            return self.clear(cx, client, answers, Some(plan));
+            self.transfer = Transfer::Idle;
+            return self.change(cx, client, Change::Clear(Some(plan)));
         }
-        if let Some(upload) = &mut self.upload {
-            upload.enter(cx.plans.staged_items(), (first != NO_ITEM).then_some(first));
+        if let Transfer::Upload(upload) = &mut self.transfer {
+            cx.plans.staged_items().iter().for_each(|item| upload.digest.add(item));
+            upload.first = (first != NO_ITEM).then_some(first);
         }
-        self.complete(cx, client, answers, last);
+        self.complete(cx, client, last_seq);
     }
 }

@@ -1,0 +1,238 @@
+//! The state of a change of the plans: an upload, then its write to storage, then its result.
+
+use core::num::Wrapping;
+
+use super::replies::{FinalAnswer, Replies, Reply};
+use super::request_form::RequestForm;
+use super::retry::RetryTimer;
+use crate::dialect::{MavMissionResult, MavMissionType, MissionRequestInt};
+use crate::frame::Frame;
+use crate::link::Outbox;
+use crate::message::{Address, Digest};
+use crate::time::Instant;
+use crate::types::{LinkId, NO_ITEM, Peer, PlanType};
+
+/// The change that uses the staging area. The explicit tag makes `Idle` all zero bits, so that the stack lies in `.bss`.
+#[derive(Clone, Debug)]
+#[repr(u8)]
+pub(super) enum Transfer {
+    Idle,
+    /// Items are received. The staging area has those received so far.
+    Upload(Upload),
+    /// A durable change is being written to storage.
+    Commit(Commit),
+}
+
+/// An upload in progress.
+#[derive(Clone, Debug)]
+pub(super) struct Upload {
+    /// The client, and the link on which it was last heard: answers are sent there (M-11).
+    pub(super) client: Peer,
+    pub(super) plan: PlanType,
+    pub(super) count: u16,
+    /// The first item marked as current.
+    pub(super) first: Option<u16>,
+    pub(super) digest: Digest,
+    pub(super) retry: RetryTimer,
+    /// Whether the request for the next item is pending.
+    pub(super) is_request_pending: bool,
+    pub(super) form: RequestForm,
+    /// Whether the upload began with a COUNT that may be a delayed duplicate of the previous upload's COUNT.
+    ///
+    /// Item 0 is then requested once for each such COUNT, and not by the timer: after a duplicate, the answer might be item 0 of
+    /// the client's next plan. Until item 0 is received, other clients may start uploads, a timeout is not reported, and the
+    /// state and pending answers of the previous upload are kept.
+    pub(super) may_be_duplicate: bool,
+    /// The last expected item's frame. While the COUNT may be a duplicate, that of the previous upload: a COUNT sent after it is
+    /// not a duplicate (M-22).
+    pub(super) last: FrameNumber,
+    pub(super) counts: CountRange,
+}
+
+impl Upload {
+    /// The address of a file's upload, instead of a client's.
+    const FILE: Address = Address::new(0, 0);
+
+    pub(super) fn new(client: Peer, plan: PlanType, count: u16, number: FrameNumber, now: Instant) -> Self {
+        Self {
+            client,
+            plan,
+            count,
+            first: None,
+            digest: Digest::new(),
+            retry: RetryTimer::new(now),
+            is_request_pending: true,
+            form: RequestForm::NEW,
+            may_be_duplicate: false,
+            last: number,
+            counts: CountRange::new(number),
+        }
+    }
+
+    /// The upload of a file. No client of messages owns it, so all of them are refused (F-24). Its timers do not run: the file's
+    /// session ends it.
+    pub(super) fn of_file(plan: PlanType) -> Self {
+        let client = Peer { address: Self::FILE, link: LinkId(0) };
+        let upload = Self::new(client, plan, NO_ITEM, FrameNumber::NONE, Instant::NEVER);
+        Self { is_request_pending: false, ..upload }
+    }
+
+    pub(super) fn is_of_file(&self) -> bool {
+        self.is_by(Self::FILE)
+    }
+
+    pub(super) fn is_by(&self, address: Address) -> bool {
+        self.client.address == address
+    }
+
+    /// Whether other clients must wait until this upload has ended.
+    pub(super) fn is_exclusive(&self) -> bool {
+        !self.may_be_duplicate
+    }
+
+    /// Sends the request for item `seq`.
+    pub(super) fn send_request(&mut self, now: Instant, seq: u16, tx: &mut Outbox) -> bool {
+        self.is_request_pending = false;
+        self.retry.on_request(now);
+        let request = MissionRequestInt {
+            seq,
+            target_system: self.client.address.system.wire(),
+            target_component: self.client.address.component.wire(),
+            mission_type: self.plan.mission_type(),
+        };
+        tx.send_like(&request, self.form.record_request())
+    }
+}
+
+/// A durable change that is being written.
+#[derive(Clone, Debug)]
+pub(super) struct Commit {
+    /// The client that waits for the result, and its link.
+    pub(super) client: Peer,
+    pub(super) change: Change,
+    pub(super) since: Instant,
+}
+
+impl Commit {
+    /// Has the result sent on the link on which the client was heard now (M-11), if the result slot there is free.
+    pub(super) fn move_client(&mut self, link: LinkId, replies: &Replies) {
+        if !replies.has_result() {
+            self.client.link = link;
+        }
+    }
+}
+
+/// A change of the live plans.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Change {
+    /// The staging area becomes this plan.
+    Upload {
+        plan: PlanType,
+        id: u32,
+        /// The item to start from.
+        first: u16,
+        last_seq: u16,
+        /// The last item's frame.
+        last: FrameNumber,
+    },
+    /// This plan is cleared, or all plans are.
+    Clear(Option<PlanType>),
+}
+
+impl Change {
+    /// Whether it changes `plan`.
+    pub(super) fn affects(&self, plan: PlanType) -> bool {
+        match *self {
+            Self::Upload { plan: only, .. } => only == plan,
+            Self::Clear(only) => only.is_none_or(|only| only == plan),
+        }
+    }
+}
+
+/// The result of the previous upload, so that a lost final ACK can be sent again (M-31).
+///
+/// No field has a niche, so an `Option` of it has a tag, which is 0 for `None`.
+#[derive(Clone, Debug)]
+pub(super) struct FinishedUpload {
+    pub(super) client: Address,
+    pub(super) mission_type: MavMissionType,
+    pub(super) last_seq: u16,
+    pub(super) result: MavMissionResult,
+    pub(super) id: u32,
+    /// The last item's frame.
+    pub(super) last: FrameNumber,
+    pub(super) at: Instant,
+}
+
+/// The second final answer of an accepted upload (M-31). An `Option` of it is all zero bits for `None`, as above.
+#[derive(Clone, Debug)]
+pub(super) struct SecondAnswer {
+    pub(super) at: Instant,
+    pub(super) client: Peer,
+    pub(super) mission_type: MavMissionType,
+    pub(super) id: u32,
+}
+
+impl SecondAnswer {
+    pub(super) fn answer(&self) -> FinalAnswer {
+        let reply = Reply::of_result(self.client.address, self.mission_type, MavMissionResult::ACCEPTED, self.id);
+        FinalAnswer { link: self.client.link, reply }
+    }
+}
+
+/// The sequence number of a frame, and the link on which it was received. It shows which frame was sent first (M-22, M-45).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct FrameNumber {
+    pub(super) link: LinkId,
+    pub(super) seq: Wrapping<u8>,
+}
+
+impl FrameNumber {
+    const NONE: Self = Self { link: LinkId(0), seq: Wrapping(0) };
+
+    pub(super) fn of(frame: &Frame<'_>, from: Peer) -> Self {
+        Self { link: from.link, seq: Wrapping(frame.header().seq) }
+    }
+
+    /// Whether this frame was certainly sent after `other`. Each link has its own sequence numbers, and some senders do not
+    /// increment them.
+    pub(super) fn is_after(self, other: Self) -> bool {
+        self.link == other.link && matches!((self.seq - other.seq).0, 1..=127)
+    }
+}
+
+/// The range of sequence numbers of an upload's COUNTs: the first COUNT, up to the first item. Empty for a sender that does not
+/// increment its sequence number.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CountRange {
+    first: FrameNumber,
+    len: u8,
+}
+
+impl CountRange {
+    /// Starts the range with the first COUNT.
+    const fn new(first: FrameNumber) -> Self {
+        Self { first, len: 1 }
+    }
+
+    /// Extends the range to a repeated COUNT.
+    pub(super) fn extend(&mut self, number: FrameNumber) {
+        let len = number.seq - self.first.seq + Wrapping(1);
+        if number.link == self.first.link && len.0 <= 127 {
+            self.len = self.len.max(len.0);
+        }
+    }
+
+    /// Ends the range before the first item.
+    pub(super) fn end(&mut self, number: FrameNumber) {
+        let len = number.seq - self.first.seq;
+        if number.link == self.first.link && len.0 <= 127 {
+            self.len = len.0;
+        }
+    }
+
+    /// Whether this is the sequence number of one of these COUNTs, on whichever link it was received.
+    pub(super) fn contains(&self, seq: Wrapping<u8>) -> bool {
+        (seq - self.first.seq).0 < self.len
+    }
+}
