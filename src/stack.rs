@@ -16,6 +16,8 @@ mod parts;
 mod peers;
 #[cfg(test)]
 mod permuted;
+#[cfg(feature = "storage")]
+mod persistence;
 mod plans;
 mod receive;
 mod services;

@@ -4,7 +4,7 @@
 //! ```text
 //!   0  an image     geometry; where it begins (2 bytes); bytes of the flash
 //!   1  records      geometry; then for each: kind, flags, length, content; the pages and their checksums are valid
-//!   2  a log        geometry, effect of a power cut; then a script of saves, cuts and damage
+//!   2  a journal      geometry, effect of a power cut; then a script of saves, cuts and damage
 //! ```
 
 mod model;
@@ -330,14 +330,14 @@ fn start<const W: usize, const E: usize>(flash: RamFlash<W, E>) {
     let device = Device::boot(flash);
     device.check();
     if device.errors().region == Some(RestoreError::Foreign) {
-        // Newer firmware wrote the log: not a byte of it changes.
+        // Newer firmware wrote the journal: not a byte of it changes.
         let before = device.store.flash().bytes.clone();
         let mut device = device;
         for index in 0..KINDS.len() {
             device.change(index, 7);
         }
         device.settle();
-        assert!(device.store.flash().bytes == before, "a log of another version was written");
+        assert!(device.store.flash().bytes == before, "a journal of another version was written");
         return;
     }
     let foreign = pages::kept(&device.store.flash().bytes);

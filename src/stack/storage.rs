@@ -1,25 +1,23 @@
-//! Persistence: the code between the services and the [log](crate::storage) (D-5, G-18, P-17).
+//! Persistence: the code between the services and the [journal](crate::storage) (D-5, G-18, P-17).
 //!
 //! Storage is used by jobs, apart from polling: an erase of a microcontroller's own flash stops the processor for 100 ms
 //! and more. The firmware chooses when a job runs, and the vehicle is asked before each one that writes.
 
-mod work;
-
 use embedded_storage::nor_flash::NorFlash;
 
 use super::parts::HasStorage;
+use super::persistence::Persistence;
 use super::{Cx, Declares, Stack, split};
 use crate::service::param::{ParamService, ParamTable, Parameters};
-use crate::storage::{Event, Job, JobSlot, Page, RecordService, Region, RestoreErrors, Storage, Store};
+use crate::storage::{Job, JobSlot, Page, RecordService, Region, RestoreErrors, Storage, Store};
 use crate::time::Instant;
-use work::Work;
 
 impl<F: NorFlash> Store<F> {
     /// Returns the least length of the region for everything that the firmware declares, in bytes: two segments of as
     /// many erase units as its longest records fill, one of each. A longer region wears less: see
     /// [the format](crate::storage#wear).
     pub const fn region_len<D: Declares>() -> u32 {
-        Self::region_len_for(Work::<D>::PAGES.0)
+        Self::region_len_for(Persistence::<D>::PAGES.least)
     }
 }
 
@@ -28,7 +26,7 @@ impl<F: embedded_storage_async::nor_flash::NorFlash> crate::storage::AsyncStore<
     /// Returns the least length of the region for everything that the firmware declares, in bytes, like
     /// [`Store::region_len`].
     pub const fn region_len<D: Declares>() -> u32 {
-        Self::region_len_for(Work::<D>::PAGES.0)
+        Self::region_len_for(Persistence::<D>::PAGES.least)
     }
 }
 
@@ -41,20 +39,19 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     where
         D::Storage: HasStorage<Part = Storage>,
     {
-        let (mut cx, services, _, storage) = split!(&mut *self, now, vehicle, storage);
-        (storage.to_load, storage.is_late, storage.errors) = (Work::<D>::ALL_RECORDS, false, RestoreErrors::NONE);
-        storage.log.attach(region, Work::<D>::PAGES.1);
-        Work::attach(&mut cx, services);
+        let mut persistence = self.persistence(now, vehicle);
+        persistence.storage.is_late = false;
+        persistence.storage.errors = RestoreErrors::NONE;
+        persistence.storage.journal.attach(region, Persistence::<D>::PAGES.longest_record);
+        persistence.attach();
     }
 
-    /// Collects what a call that concerns storage works on.
-    #[inline(never)]
-    fn storage_work<'a>(&'a mut self, now: Instant, page: &'a mut Page, vehicle: &'a mut D::Vehicle) -> Work<'a, D>
+    fn persistence<'a>(&'a mut self, now: Instant, vehicle: &'a mut D::Vehicle) -> Persistence<'a, D>
     where
         D::Storage: HasStorage<Part = Storage>,
     {
         let (cx, services, states, storage) = split!(self, now, vehicle, storage);
-        Work { cx, services, states, storage, page }
+        Persistence { cx, services, states, storage }
     }
 
     /// Returns the next operation on the storage, if one is to be done now. Carry it out with `page`, and report the
@@ -73,13 +70,12 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         if !self.shared.is_begun() {
             return None;
         }
-        let mut work = self.storage_work(now, page, vehicle);
-        if work.storage.log.is_busy() {
-            let event = work.done(false);
-            work.on_event(event);
+        let mut persistence = self.persistence(now, vehicle);
+        if persistence.storage.journal.is_busy() {
+            persistence.take_result(false, page);
         }
-        let job = work.next_job();
-        work.cx.shared.is_storage_busy = job.is_some();
+        let job = persistence.next_job(page);
+        persistence.cx.shared.is_storage_busy = job.is_some();
         job
     }
 
@@ -88,13 +84,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     where
         D::Storage: HasStorage<Part = Storage>,
     {
-        let mut work = self.storage_work(now, &mut *page, vehicle);
-        work.cx.shared.is_storage_busy = false;
-        match work.done(is_done) {
-            Event::Loaded { len, is_first, is_last } => work.on_loaded(len, is_first, is_last),
-            event => work.on_event(event),
-        }
-        if work.storage.log.is_idle() {
+        let mut persistence = self.persistence(now, vehicle);
+        persistence.cx.shared.is_storage_busy = false;
+        persistence.take_result(is_done, page);
+        if persistence.storage.journal.is_idle() {
             page.wipe();
         }
     }
@@ -146,7 +139,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     where
         D::Storage: HasStorage<Part = Storage>,
     {
-        if self.storage.part().log.is_busy() {
+        if self.storage.part().journal.is_busy() {
             let is_done = slot.is_done();
             self.storage_done(now, is_done, slot.page_mut(), vehicle);
             slot.put(None);
@@ -258,9 +251,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         // A page is copied in four jobs: read, write, write its end, check. It is not left half written.
         const JOBS: u8 = 4;
         for done in 0..2 * JOBS {
-            let was_within = self.storage.part().log.is_within_page();
+            let was_within = self.storage.part().journal.is_within_page();
             let Some(is_erase) = self.run_job(now, store, vehicle) else { return done > 0 };
-            let is_within = self.storage.part().log.is_within_page();
+            let is_within = self.storage.part().journal.is_within_page();
             let is_end = was_within || done.wrapping_add(1) >= JOBS;
             if is_erase || is_end && !is_within {
                 break;

@@ -1,9 +1,9 @@
-//! The end of the log on an async driver.
+//! Runs the jobs of the journal on an async driver.
 
 use embedded_storage_async::nor_flash::NorFlash;
 
-use super::region::{Job, Region};
-use super::slot::JobSlot;
+use super::job::{Job, JobSlot};
+use super::region::Region;
 use super::store::store;
 
 /// A region of a storage with an async driver, for everything that a firmware stores. Needs the feature

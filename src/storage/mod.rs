@@ -9,17 +9,19 @@
 
 #[cfg(feature = "embedded-storage-async")]
 mod async_store;
-mod content;
-mod log;
+mod job;
+mod journal;
+mod own_records;
 mod page;
 mod params;
 mod partition;
+mod persistent;
 mod plans;
-mod records;
 mod region;
+mod restore_error;
 #[cfg(feature = "signing")]
 mod signing;
-mod slot;
+mod state;
 mod store;
 
 #[cfg(test)]
@@ -27,12 +29,15 @@ mod tests;
 
 #[cfg(feature = "embedded-storage-async")]
 pub use async_store::AsyncStore;
-pub(crate) use content::{Kind, Part, Texts, Write, report};
-pub use content::{Persistent, RestoreError, RestoreErrors, Storage};
-pub(crate) use log::{Event, Next};
+pub use job::{Job, JobSlot};
+pub(crate) use journal::{Event, Next};
+pub use own_records::{MAX_RECORD_LEN, RecordService, Records, decode_record, encode_record};
 pub use page::Page;
 pub use partition::{Partition, PartitionError};
-pub use records::{MAX_RECORD_LEN, RecordService, Records, decode_record, encode_record};
-pub use region::{Job, Region};
-pub use slot::JobSlot;
+pub use persistent::Persistent;
+pub(crate) use persistent::{LoadResult, LoadedPage, PendingWrite, RestoreTexts, report};
+pub use region::Region;
+pub use restore_error::{RestoreError, RestoreErrors};
+pub use state::Storage;
+pub(crate) use state::{Content, RecordLayout};
 pub use store::Store;

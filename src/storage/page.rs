@@ -1,4 +1,4 @@
-//! A page of the log: 256 bytes, which are whole or not there. `format.md` in this folder documents each byte.
+//! A page of the journal: 256 bytes, which are whole or not there. `format.md` in this folder documents each byte.
 //!
 //! A page has its magic in front, so that a page that was begun does not look erased, and its checksums at the end, so
 //! that a page whose write was cut off does not match them.

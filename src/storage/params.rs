@@ -4,9 +4,11 @@
 //! another table keeps the parameters that both tables have. If you change the row, increment the schema version, and
 //! keep reading the old one.
 
-use super::content::{Part, Persistent, RestoreError, Texts, Write, is_disarmed};
+use core::num::Saturating;
+
 use super::page::PAYLOAD;
-use super::plans::Loading;
+use super::persistent::{FilledPage, LoadResult, LoadedPage, PendingWrite, Persistent, RestoreTexts, is_disarmed};
+use super::restore_error::RestoreError;
 use crate::crc32::Crc32;
 use crate::service::Cx;
 use crate::service::param::{ParamInfo, ParamService, ParamTable, Parameters, Stored};
@@ -42,7 +44,7 @@ where
     const SCHEMA: u16 = 1;
     #[allow(clippy::as_conversions, reason = "`from` is not const; a table has fewer than 65,536 parameters")]
     const MAX_LEN: u32 = F::Parameters::INFO.len() as u32 * 8;
-    const TEXTS: Texts = Texts {
+    const TEXTS: RestoreTexts = RestoreTexts {
         unreadable: "Stored parameters cannot be read",
         damaged: "Stored parameters are damaged",
         readable: "Stored parameters can be read again",
@@ -60,27 +62,27 @@ where
     /// Late, or if values were set since storage was attached, it takes only the parameters that still have their defaults: a
     /// value that was set since is newer.
     #[inline(never)]
-    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> bool {
+    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> bool {
         let now = cx.now;
-        let keeps_values = self.saving(cx.parameters, |saving| saving.keeps_values(now, part.is_first, part.is_late));
+        let keeps_values = self.saving(cx.parameters, |saving| saving.keeps_values(now, page.is_first, page.is_late));
         // Both tables are sorted by name, so the search usually ends at once.
         let mut next = 0;
-        let rows: &[Row] = part.bytes.as_chunks().0.as_chunks().0;
+        let rows: &[Row] = page.bytes.as_chunks().0.as_chunks().0;
         for row in rows {
             next = load_row::<F>(self, cx, next, row, keeps_values);
         }
         true
     }
 
-    fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, is_late: bool) {
+    fn loaded(&mut self, cx: &mut Cx<'_, F>, result: LoadResult, is_late: bool) {
         let now = cx.now;
         self.saving(cx.parameters, |saving| {
             if is_late && !saving.is_reload_requested {
-                saving.reread(now, result != Err(RestoreError::Unreadable));
+                saving.reread(now, result != LoadResult::Failed(RestoreError::Unreadable));
             } else {
-                saving.loaded(result == Ok(true));
+                saving.loaded(result == LoadResult::Loaded);
             }
-            saving.schedule.stored_differs |= result == Err(RestoreError::Damaged);
+            saving.schedule.stored_differs |= result == LoadResult::Failed(RestoreError::Damaged);
         });
     }
 
@@ -89,7 +91,7 @@ where
     where
         Self::Link: 'l,
     {
-        Persistent::<F>::loaded(self, cx, Err(RestoreError::Unreadable), true);
+        Persistent::<F>::loaded(self, cx, LoadResult::Failed(RestoreError::Unreadable), true);
     }
 
     fn is_reload_requested(&self, cx: &mut Cx<'_, F>) -> bool {
@@ -104,24 +106,25 @@ where
         !is_late || is_disarmed(cx.vehicle)
     }
 
-    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Write> {
+    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<PendingWrite> {
         let version = self.pending_write(cx.now, cx.parameters)?;
-        Some(Write { record: 0, version, is_secret: false })
+        Some(PendingWrite { record: 0, version, is_secret: false })
     }
 
-    fn fill(&mut self, cx: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
+    fn fill(&mut self, cx: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<FilledPage> {
         let table = cx.parameters.table_mut();
         let first = page.checked_mul(ROWS)?;
-        let mut len = 0u8;
+        let mut len = Saturating(0);
         let rows: &mut [Row] = bytes.as_chunks_mut().0.as_chunks_mut().0;
         for (index, row) in (first..table.count()).zip(rows) {
             let (info, Stored { bits, is_default }) = table.stored(index)?;
             let key = key(info) | if is_default { DEFAULT } else { 0 };
             *row = [key.to_le_bytes(), bits.to_le_bytes()];
-            len = len.saturating_add(8);
+            len += 8;
         }
         // An empty table has an empty page.
-        (len > 0 || page == 0).then_some((len, first.saturating_add(ROWS) >= table.count()))
+        let is_last = first.saturating_add(ROWS) >= table.count();
+        (len.0 > 0 || page == 0).then_some(FilledPage { len: len.0, is_last })
     }
 
     fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>, is_saved: bool)

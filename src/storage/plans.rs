@@ -2,22 +2,21 @@
 //!
 //! `format.md` in this folder documents the format: a head, and a row for each item. If you change it, increment the schema version, and keep reading the old one.
 
-use super::content::{Part, Persistent, RestoreError, Texts, Write, is_disarmed};
+use core::num::Saturating;
+
 use super::page::PAYLOAD;
-use crate::dialect::{MavCmd, MavFrame, MavMissionResult};
+use super::persistent::{
+    FilledPage, LoadProgress, LoadResult, LoadedPage, NO_FAULT, PendingWrite, Persistent, RestoreTexts, is_disarmed,
+};
+use crate::dialect::{MavCmd, MavFrame};
 use crate::message::{Digest, Item};
 use crate::service::Cx;
 use crate::service::command::Commands;
-use crate::service::mission::{Missions, PlanFault, Plans};
+use crate::service::mission::{Missions, Plans};
 use crate::types::{Firmware, PlanMemory, PlanType, PlanView, Vehicle};
 
 /// Number of rows in a page.
-const ROWS: u32 = 7;
-#[allow(clippy::as_conversions, reason = "`from` is not const")]
-const _: () = assert!(ROWS as usize * size_of::<Row>() == PAYLOAD);
-
-/// Stands for no fault of a plan.
-const NO_FAULT: PlanFault = PlanFault { seq: None, result: MavMissionResult::ACCEPTED };
+const ROWS: usize = PAYLOAD / size_of::<Row>();
 
 /// A row: eight words, in little-endian order.
 type Row = [[u8; 4]; 8];
@@ -49,70 +48,31 @@ fn rows(bytes: &[u8]) -> &[Row] {
     bytes.as_chunks().0.as_chunks().0
 }
 
-/// The stored plans while they are loaded.
-#[derive(Clone, Copy, Debug)]
-pub struct Loading {
-    counts: [u32; 3],
-    ids: [u32; 3],
-    /// The index of the plan whose items are next, and the number of its items so far.
-    plan: u8,
-    items: u16,
-    digest: Digest,
-    /// Why the plan is not used. ACCEPTED if it is: all zeros, unlike an `Option`.
-    fault: PlanFault,
-    /// Whether a plan was not used.
-    differs: bool,
-}
-
-impl Loading {
-    pub(crate) const NEW: Self = Self {
-        counts: [0; 3],
-        ids: [0; 3],
-        plan: 0,
-        items: 0,
-        digest: Digest::VACANT,
-        fault: NO_FAULT,
-        differs: false,
-    };
-}
-
-/// Writes a row of the content; `None` if it has fewer rows.
-#[inline(never)]
-fn write_row(content: &[PlanView<'_>; 3], index: u32, row: &mut Row) -> Option<()> {
-    let Some(index) = index.checked_sub(1) else {
-        let [mission, fence, rally] = content;
-        let count = |plan: &PlanView<'_>| u32::try_from(plan.items().len()).unwrap_or(u32::MAX).to_le_bytes();
-        let id = |plan: &PlanView<'_>| plan.id().to_le_bytes();
-        *row = [count(mission), count(fence), count(rally), id(mission), id(fence), id(rally), [0; 4], [0; 4]];
-        return Some(());
-    };
-    let mut index = usize::try_from(index).ok()?;
-    for plan in content {
-        match index.checked_sub(plan.items().len()) {
-            Some(rest) => index = rest,
-            None => {
-                *row = row_of(plan.items().get(index)?);
-                return Some(());
-            }
-        }
+/// Returns a row of the content; `None` if it has fewer rows.
+fn row_at(content: &[PlanView<'_>; 3], index: usize) -> Option<Row> {
+    if let Some(item) = index.checked_sub(1) {
+        return content.iter().flat_map(PlanView::items).nth(item).map(row_of);
     }
-    None
+    let [mission, fence, rally] = content;
+    let count = |plan: &PlanView<'_>| u32::try_from(plan.items().len()).unwrap_or(u32::MAX).to_le_bytes();
+    let id = |plan: &PlanView<'_>| plan.id().to_le_bytes();
+    Some([count(mission), count(fence), count(rally), id(mission), id(fence), id(rally), [0; 4], [0; 4]])
 }
 
-/// Fills a page with rows. Returns the number of bytes, and whether it is the last page.
-pub(super) fn fill(content: &[PlanView<'_>; 3], page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
-    let rows = content.iter().fold(1usize, |rows, plan| rows.saturating_add(plan.items().len()));
-    let rows = u32::try_from(rows).unwrap_or(u32::MAX);
-    let first = u32::from(page).saturating_mul(ROWS);
-    let mut len = 0u8;
-    for (index, row) in (first..rows).zip(bytes.as_chunks_mut().0.as_chunks_mut().0) {
-        write_row(content, index, row)?;
-        len = len.saturating_add(32);
+/// Fills a page with rows.
+pub(super) fn fill(content: &[PlanView<'_>; 3], page: u16, bytes: &mut [u8]) -> Option<FilledPage> {
+    let first = usize::from(page).checked_mul(ROWS)?;
+    let mut len = Saturating(0u8);
+    for (index, place) in (first..).zip(bytes.as_chunks_mut().0.as_chunks_mut().0) {
+        let Some(row) = row_at(content, index) else { break };
+        *place = row;
+        len += 32;
     }
-    (len > 0).then_some((len, first.saturating_add(ROWS) >= rows))
+    let is_last = row_at(content, first.checked_add(ROWS)?).is_none();
+    (len.0 > 0).then_some(FilledPage { len: len.0, is_last })
 }
 
-impl Loading {
+impl LoadProgress {
     /// Takes the first row.
     fn begin(&mut self, row: &Row) {
         let [a, b, c, d, e, f, ..] = row.map(u32::from_le_bytes);
@@ -120,17 +80,17 @@ impl Loading {
     }
 
     fn plan(&self) -> Option<(PlanType, u32, u32)> {
-        let index = usize::from(self.plan);
+        let index = usize::from(self.plan.0);
         Some((*PlanType::ALL.get(index)?, *self.counts.get(index)?, *self.ids.get(index)?))
     }
 
     /// Makes each plan live whose items are complete.
     fn finish<F: Firmware<Vehicle: Plans>>(&mut self, missions: &mut Missions, cx: &mut Cx<'_, F>, is_late: bool) {
-        while let Some((plan, _, id)) = self.plan().filter(|(_, count, _)| *count == u32::from(self.items)) {
+        while let Some((plan, _, id)) = self.plan().filter(|(_, count, _)| *count == u32::from(self.items.0)) {
             // A plan that was uploaded in the meantime is newer.
             if !(is_late && cx.plans.count(plan) > 0) {
                 let result = if self.fault == NO_FAULT {
-                    missions.make_loaded(cx, plan, Some((self.items, id)), self.digest)
+                    missions.make_loaded(cx, plan, Some((self.items.0, id)), self.digest)
                 } else {
                     Err(self.fault)
                 };
@@ -140,7 +100,8 @@ impl Loading {
                 }
             }
             cx.plans.clear_staging();
-            (self.plan, self.items) = (self.plan.saturating_add(1), 0);
+            self.plan += 1;
+            self.items.0 = 0;
             (self.digest, self.fault) = (Digest::new(), NO_FAULT);
         }
     }
@@ -155,7 +116,7 @@ impl Loading {
                 self.fault = fault;
             }
         }
-        self.items = self.items.saturating_add(1);
+        self.items += 1;
         true
     }
 }
@@ -173,7 +134,7 @@ where
         let [mission, fence, rally] = F::Plans::CAPACITIES;
         (1 + mission as u32 + fence as u32 + rally as u32) * 32
     };
-    const TEXTS: Texts = Texts {
+    const TEXTS: RestoreTexts = RestoreTexts {
         unreadable: "Stored plans cannot be read",
         damaged: "Stored plans are damaged",
         readable: "Stored plans can be read again",
@@ -188,29 +149,30 @@ where
     }
 
     #[inline(never)]
-    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, loading: &mut Loading) -> bool {
-        let mut is_head = part.is_first;
-        for row in rows(part.bytes) {
+    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> bool {
+        let LoadedPage { bytes, is_first, is_last, is_late, progress, .. } = page;
+        let mut is_head = is_first;
+        for row in rows(bytes) {
             if core::mem::replace(&mut is_head, false) {
-                loading.begin(row);
+                progress.begin(row);
                 self.set_loading(&mut cx.plans, true);
-            } else if !loading.item(cx, row) {
+            } else if !progress.item(cx, row) {
                 return false;
             }
-            loading.finish(self, cx, part.is_late);
+            progress.finish(self, cx, is_late);
         }
-        if part.is_last {
-            self.set_stored_differs(loading.differs);
+        if is_last {
+            self.set_stored_differs(progress.differs);
         }
-        !is_head && (!part.is_last || loading.plan().is_none())
+        !is_head && (!is_last || progress.plan().is_none())
     }
 
-    fn loaded(&mut self, cx: &mut Cx<'_, F>, result: Result<bool, RestoreError>, _: bool) {
+    fn loaded(&mut self, cx: &mut Cx<'_, F>, result: LoadResult, _: bool) {
         self.set_loading(&mut cx.plans, false);
         match result {
-            Ok(false) => self.set_stored_differs(false),
-            Ok(true) => {}
-            Err(_) => self.set_stored_differs(true),
+            LoadResult::Empty => self.set_stored_differs(false),
+            LoadResult::Loaded => {}
+            LoadResult::Failed(_) => self.set_stored_differs(true),
         }
     }
 
@@ -227,13 +189,13 @@ where
         self.queue_result(cx, links, answer);
     }
 
-    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Write> {
+    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<PendingWrite> {
         let version = Missions::pending_write(self, cx.now)?;
-        Some(Write { record: 0, version, is_secret: false })
+        Some(PendingWrite { record: 0, version, is_secret: false })
     }
 
     #[inline(never)]
-    fn fill(&mut self, cx: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
+    fn fill(&mut self, cx: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<FilledPage> {
         fill(&self.content(&cx.plans), page, bytes)
     }
 
@@ -260,7 +222,7 @@ where
         }
     }
 
-    fn on_readable<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) -> bool
+    fn prepare_load<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) -> bool
     where
         Self::Link: 'l,
     {

@@ -1,4 +1,4 @@
-//! The part of a storage that the log uses, and the jobs on it.
+//! The part of a storage that the journal uses.
 
 use core::ops::Range;
 
@@ -7,37 +7,7 @@ use super::page::{PAGE, TAIL};
 #[allow(clippy::as_conversions, reason = "256")]
 pub(super) const PAGE_LEN: u32 = PAGE as u32;
 
-/// One operation on the storage. [`Stack::storage_job`](crate::Stack::storage_job) hands it out, and
-/// [`Stack::storage_done`](crate::Stack::storage_done) takes its result.
-#[derive(Clone, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Job {
-    /// Read this range of the [`Page`](super::Page) from `offset` on, in bytes from the start of the storage. Its length is 32 or 256
-    /// bytes, and `offset` is a multiple of 32.
-    Read {
-        /// The address of the first byte.
-        offset: u32,
-        /// The part of the page to fill.
-        range: Range<usize>,
-    },
-    /// Write this range of the [`Page`](super::Page) at `offset`: a multiple of the write unit, at a multiple of it. The place is
-    /// erased, and is written once.
-    Write {
-        /// The address of the first byte.
-        offset: u32,
-        /// The part of the page to write.
-        range: Range<usize>,
-    },
-    /// Erase `len` bytes at `offset`: one erase unit, or as many as 256 bytes are.
-    Erase {
-        /// The address of the first byte.
-        offset: u32,
-        /// The number of bytes.
-        len: u32,
-    },
-}
-
-/// The part of a storage that the log uses: some number of erase units of equal size, two at least.
+/// The part of a storage that the journal uses: some number of erase units of equal size, two at least.
 ///
 /// With an odd number of units, each segment begins one unit further on, so that all of them wear evenly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,7 +25,7 @@ pub struct Region {
 impl Region {
     pub(super) const NONE: Self = Self { start: 0, pages: 0, unit: 0, segment: 0, tail: 0 };
 
-    /// Returns the erase unit of the log in bytes, for a storage with this erase unit: a multiple of 256.
+    /// Returns the erase unit of the journal in bytes, for a storage with this erase unit: a multiple of 256.
     pub(super) const fn unit_of(erase_size: u32) -> u32 {
         if erase_size < PAGE_LEN { PAGE_LEN } else { erase_size }
     }

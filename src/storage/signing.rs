@@ -2,8 +2,8 @@
 //!
 //! `format.md` in this folder documents the format.
 
-use super::content::{Part, Persistent, RestoreError, Texts, Write};
-use super::plans::Loading;
+use super::persistent::{FilledPage, LoadResult, LoadedPage, PendingWrite, Persistent, RestoreTexts};
+use super::restore_error::RestoreError;
 use crate::frame::SigningKey;
 use crate::service::Cx;
 use crate::service::signing::{Signing, SigningStream};
@@ -21,7 +21,7 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Sign
     const MAX_LEN: u32 = LEN as u32;
     /// It may have been replaced because it was compromised.
     const USES_OLDER: bool = false;
-    const TEXTS: Texts = Texts {
+    const TEXTS: RestoreTexts = RestoreTexts {
         unreadable: "The signing key cannot be read",
         damaged: "The signing key is damaged: links are closed",
         readable: "The signing key can be read again",
@@ -31,27 +31,27 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Sign
         self.attach_storage(cx.shared.config.storage_refill);
     }
 
-    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> bool {
+    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> bool {
         // A key that was set while this one was read takes precedence.
-        !self.is_lost() || load(self, cx.now, part.bytes).is_some()
+        !self.is_lost() || load(self, cx.now, page.bytes).is_some()
     }
 
-    fn loaded(&mut self, _: &mut Cx<'_, F>, result: Result<bool, RestoreError>, _: bool) {
+    fn loaded(&mut self, _: &mut Cx<'_, F>, result: LoadResult, _: bool) {
         match result {
             // A key was set or removed in the meantime.
-            Err(_) if !self.is_lost() => {}
-            Ok(true) => {}
-            Ok(false) => self.nothing_stored(),
-            Err(error) => self.lost(error == RestoreError::Unreadable),
+            LoadResult::Failed(_) if !self.is_lost() => {}
+            LoadResult::Loaded => {}
+            LoadResult::Empty => self.nothing_stored(),
+            LoadResult::Failed(error) => self.lost(error == RestoreError::Unreadable),
         }
     }
 
-    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Write> {
+    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<PendingWrite> {
         let version = Signing::pending_write(self, cx.now)?;
-        Some(Write { record: 0, version, is_secret: self.has_old_key() })
+        Some(PendingWrite { record: 0, version, is_secret: self.has_old_key() })
     }
 
-    fn fill(&mut self, _: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
+    fn fill(&mut self, _: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<FilledPage> {
         if page > 0 {
             return None;
         }
@@ -61,7 +61,7 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Sign
         *place = key.map_or([0; 32], |key| *key.bytes());
         *time = timestamp.to_le_bytes();
         *rest.first_mut()? = key.is_some().into();
-        Some((LEN, true))
+        Some(FilledPage { len: LEN, is_last: true })
     }
 
     fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>, is_saved: bool)
@@ -76,7 +76,7 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Sign
     }
 
     /// A key that was set in the meantime takes precedence.
-    fn on_readable<'l>(&mut self, _: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>) -> bool
+    fn prepare_load<'l>(&mut self, _: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>) -> bool
     where
         Self::Link: 'l,
     {

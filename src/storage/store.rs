@@ -1,10 +1,10 @@
-//! The ends of the log: what carries out its jobs on a driver.
+//! Runs the jobs of the journal on a blocking driver.
 
 use embedded_storage::nor_flash::NorFlash;
 
+use super::job::{Job, JobSlot};
 use super::page::{PAGE, Page};
-use super::region::{Job, Region};
-use super::slot::JobSlot;
+use super::region::Region;
 
 /// A region of a storage with a blocking driver, for everything that a firmware stores.
 ///
@@ -84,7 +84,7 @@ pub(super) const fn region_len(erase_size: u32, pages: u32) -> u32 {
     }
 }
 
-/// What a store has on a driver of either kind.
+/// Implements a store on drivers of one kind.
 macro_rules! store {
     ($Store:ident, $NorFlash:path) => {
         impl<F: $NorFlash> $Store<F> {

@@ -472,7 +472,7 @@ fn a_key_of_another_format_opens_no_link() {
     assert!(rig.transmit(0)[0].is_signed_with(OTHER_KEY));
 }
 
-/// G-18: newer firmware wrote the log in a version that is not known. Everything counts as stored in another format, links stay
+/// G-18: newer firmware wrote the journal in a version that is not known. Everything counts as stored in another format, links stay
 /// closed, and nothing is written, so that the newer firmware finds its data.
 #[test]
 fn a_log_of_another_version_is_not_written() {

@@ -1,4 +1,4 @@
-//! Pages of the log, as `src/storage/format.md` documents them: what the tests read from flash and write to it.
+//! Pages of the journal, as `src/storage/format.md` documents them: what the tests read from flash and write to it.
 
 /// Length of a page in bytes.
 pub const PAGE: usize = 256;

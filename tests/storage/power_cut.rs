@@ -1,5 +1,5 @@
 //! Power cuts at every byte and in every erase while plans are uploaded or cleared over a line. The restarted vehicle has exactly
-//! the old plans or exactly the new ones (SEC-11). Second cuts have their tests in the unit tests of the log.
+//! the old plans or exactly the new ones (SEC-11). Second cuts have their tests in the unit tests of the journal.
 
 use crate::support::flash::{Fault, RamFlash, Torn};
 use crate::support::*;

@@ -1,4 +1,4 @@
-//! The log's pages by the letter of `src/storage/format.md`, independent of the library: what damage must be reported, and records
+//! The journal's pages by the letter of `src/storage/format.md`, independent of the library: what damage must be reported, and records
 //! that a fuzzer cannot find because of their checksums.
 
 use crate::flash::RamFlash;

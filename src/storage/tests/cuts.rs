@@ -22,7 +22,7 @@ fn cut_save<const W: usize, const E: usize>(
     (rig.flash, is_saved)
 }
 
-/// A log that holds these, whose next append begins at each place of a segment in turn.
+/// A journal that holds these, whose next append begins at each place of a segment in turn.
 fn filled<const W: usize, const E: usize>(units: u32, appends: u32, torn: Torn) -> (RamFlash<W, E>, Model) {
     let mut rig = Rig::<W, E>::blank(units * E as u32);
     rig.flash.torn = torn;

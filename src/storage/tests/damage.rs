@@ -5,7 +5,7 @@ use super::*;
 const W: usize = 8;
 const E: usize = 1024;
 
-/// A log of 8 units whose open segment has records of three kinds, one of them of several pages, and the model.
+/// A journal of 8 units whose open segment has records of three kinds, one of them of several pages, and the model.
 fn filled(saves: u32) -> (RamFlash<W, E>, Model) {
     let mut rig = Rig::<W, E>::blank(8 * E as u32);
     let mut model = Model::new();
@@ -115,13 +115,13 @@ fn garbage_is_no_log() {
 fn other_data_is_reported() {
     for (fill, is_other) in [(0xFF, false), (0x00, false), (0x55, true)] {
         let rig = Rig::<W, E>::start(RamFlash::of(std::vec![fill; 4 * E]));
-        assert_eq!(rig.log.has_other_data(), is_other, "{fill:x}");
+        assert_eq!(rig.journal.has_other_data(), is_other, "{fill:x}");
     }
     let (flash, _) = filled(9);
-    assert!(!Rig::start(flash).log.has_other_data());
+    assert!(!Rig::start(flash).journal.has_other_data());
 }
 
-/// A log of another version of the format is neither read nor written.
+/// A journal of another version of the format is neither read nor written.
 #[test]
 fn a_log_of_another_version_is_left_alone() {
     let (mut flash, _) = filled(5);
@@ -135,7 +135,7 @@ fn a_log_of_another_version_is_left_alone() {
     }
     let before = flash.bytes.clone();
     let mut rig = Rig::start(flash);
-    assert!(rig.log.is_foreign() && !rig.log.is_idle());
-    assert!(matches!(rig.log.next(rig.now, true, &mut rig.page), Next::Idle));
+    assert!(rig.journal.is_foreign() && !rig.journal.is_idle());
+    assert!(matches!(rig.journal.next(rig.now, true, &mut rig.page), Next::Idle));
     assert_eq!(rig.flash.bytes, before);
 }

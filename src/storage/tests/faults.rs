@@ -6,7 +6,7 @@ use super::*;
 const W: usize = 8;
 const E: usize = 1024;
 
-/// A log with records of three kinds, whose next save of kind 1 begins a segment if `is_full`.
+/// A journal with records of three kinds, whose next save of kind 1 begins a segment if `is_full`.
 fn filled(is_full: bool) -> (Rig<W, E>, Model) {
     let mut rig = Rig::<W, E>::blank(8 * E as u32);
     let mut model = Model::new();
@@ -183,14 +183,14 @@ fn unreadable_storage_is_not_written() {
     flash.fault = Fault::Read(0..u32::MAX);
     let mut rig = Rig::new(flash);
     for _ in 0..20_000 {
-        match rig.log.next(rig.now, true, &mut rig.page) {
+        match rig.journal.next(rig.now, true, &mut rig.page) {
             Next::Job(job) => {
                 assert!(matches!(job, Job::Read { .. }));
                 rig.run(&job);
             }
             _ => rig.now = rig.now + Duration::from_secs(1),
         }
-        assert!(!rig.log.is_idle());
+        assert!(!rig.journal.is_idle());
     }
     assert_eq!((rig.flash.erases, rig.flash.writes), before);
     rig.flash.fault = Fault::None;
@@ -206,10 +206,10 @@ fn a_record_that_is_lost_later_is_reported() {
     let lost = rig.flash.bytes.chunks(256).rposition(|page| page.starts_with(b"ML\x01\x03")).unwrap() as u32;
     rig.flash.fault = Fault::Read(lost * 256..lost * 256 + 256);
     let mut told = Vec::new();
-    assert!(rig.log.begin(1, 1, 3, false));
+    assert!(rig.journal.begin(1, 1, 3, false));
     model.insert(1, content(3 * PAYLOAD, 8));
     loop {
-        match rig.log.next(rig.now, true, &mut rig.page) {
+        match rig.journal.next(rig.now, true, &mut rig.page) {
             Next::Job(job) => match rig.run(&job) {
                 Event::Written => break,
                 Event::Nothing => {}
@@ -218,7 +218,7 @@ fn a_record_that_is_lost_later_is_reported() {
             Next::Content(index) => {
                 let at = usize::from(index) * PAYLOAD;
                 rig.page.payload_mut().copy_from_slice(&model[&1][at..at + PAYLOAD]);
-                rig.log.put(&mut rig.page, PAYLOAD as u8, index == 2);
+                rig.journal.put(&mut rig.page, PAYLOAD as u8, index == 2);
             }
             Next::Idle => rig.now = rig.now + Duration::from_secs(1),
         }
@@ -252,27 +252,27 @@ fn an_abandoned_save_changes_nothing() {
     for is_full in [false, true] {
         for at in 0..40 {
             let (mut rig, mut model) = filled(is_full);
-            assert!(rig.log.begin(1, 1, 3, false));
+            assert!(rig.journal.begin(1, 1, 3, false));
             let new = content(3 * PAYLOAD, 77);
             let mut is_written = false;
             for _ in 0..at {
-                match rig.log.next(rig.now, true, &mut rig.page) {
+                match rig.journal.next(rig.now, true, &mut rig.page) {
                     Next::Job(job) => is_written |= rig.run(&job) == Event::Written,
                     Next::Content(index) => {
                         let at = usize::from(index) * PAYLOAD;
                         rig.page.payload_mut().copy_from_slice(&new[at..at + PAYLOAD]);
-                        rig.log.put(&mut rig.page, PAYLOAD as u8, index == 2);
+                        rig.journal.put(&mut rig.page, PAYLOAD as u8, index == 2);
                     }
                     Next::Idle => break,
                 }
             }
-            rig.log.abandon();
-            if rig.log.writing() != 0 {
+            rig.journal.abandon();
+            if rig.journal.is_writing() {
                 // A page is written, and only its check is left.
-                let Next::Job(job) = rig.log.next(rig.now, true, &mut rig.page) else { panic!("a check") };
+                let Next::Job(job) = rig.journal.next(rig.now, true, &mut rig.page) else { panic!("a check") };
                 assert!(matches!(job, Job::Read { .. }));
                 is_written = rig.run(&job) == Event::Written;
-                rig.log.abandon();
+                rig.journal.abandon();
             }
             if is_written {
                 model.insert(1, new);

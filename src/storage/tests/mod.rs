@@ -1,6 +1,6 @@
-//! The log over flash with power cuts at any byte, with faults, with damage, and with garbage (SEC-11, G-18).
+//! The journal over flash with power cuts at any byte, with faults, with damage, and with garbage (SEC-11, G-18).
 //!
-//! A restart is a new log over the same flash: nothing else survives.
+//! A restart is a new journal over the same flash: nothing else survives.
 
 mod cuts;
 mod damage;
@@ -17,9 +17,10 @@ use std::vec::Vec;
 use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 
 use self::flash::RamFlash;
-use super::log::{Event, Log, Next};
+use super::job::Job;
+use super::journal::{Event, Journal, Next};
 use super::page::{PAYLOAD, Page};
-use super::region::{Job, Region};
+use super::region::Region;
 use crate::time::{Duration, Instant};
 
 /// The content of each kind.
@@ -30,9 +31,9 @@ fn content(len: usize, salt: u32) -> Vec<u8> {
     (0..len as u32).map(|at| (at.wrapping_mul(0x9E37_79B9) ^ salt.wrapping_mul(0x85EB_CA6B)).to_le_bytes()[2]).collect()
 }
 
-/// A log and its flash, driven as the stack and a blocking driver do.
+/// A journal and its flash, driven as the stack and a blocking driver do.
 struct Rig<const W: usize, const E: usize> {
-    log: Log,
+    journal: Journal,
     flash: RamFlash<W, E>,
     page: Page,
     now: Instant,
@@ -51,9 +52,9 @@ impl<const W: usize, const E: usize> Rig<W, E> {
     /// A start with this flash, not read yet.
     fn new(flash: RamFlash<W, E>) -> Self {
         let region = Region::new(0..flash.capacity() as u32, W as u32, E as u32);
-        let mut log = Log::NEW;
-        log.attach(region, 4);
-        Self { log, flash, page: Page::new(), now: Instant::from_millis(1_000) }
+        let mut journal = Journal::NEW;
+        journal.attach(region, 4);
+        Self { journal, flash, page: Page::new(), now: Instant::from_millis(1_000) }
     }
 
     /// A start with this flash, after everything is read.
@@ -80,16 +81,16 @@ impl<const W: usize, const E: usize> Rig<W, E> {
             Job::Write { offset, range } => self.flash.write(*offset, &self.page.bytes()[range.clone()]).is_ok(),
             Job::Erase { offset, len } => self.flash.erase(*offset, *offset + *len).is_ok(),
         };
-        self.log.done(self.now, is_done, &mut self.page)
+        self.journal.done(self.now, is_done, &mut self.page)
     }
 
     /// Runs until there is nothing to do, not even after some time, or the power is off.
     fn settle(&mut self) {
         for _ in 0..100_000 {
-            match self.log.next(self.now, true, &mut self.page) {
+            match self.journal.next(self.now, true, &mut self.page) {
                 Next::Job(job) => drop(self.run(&job)),
                 Next::Content(_) => panic!("nothing is written"),
-                Next::Idle if self.log.is_idle() || self.log.is_foreign() || self.flash.is_off() => return,
+                Next::Idle if self.journal.is_idle() || self.journal.is_foreign() || self.flash.is_off() => return,
                 Next::Idle => self.now = self.now + Duration::from_secs(1),
             }
         }
@@ -99,11 +100,11 @@ impl<const W: usize, const E: usize> Rig<W, E> {
     /// Appends a record. `each` is called before each job.
     fn save_with(&mut self, kind: u8, content: &[u8], is_secret: bool, mut each: impl FnMut(&mut Self, &Job)) -> Saved {
         let pages = content.len().div_ceil(PAYLOAD).max(1);
-        if !self.log.begin(kind, 1, pages as u16, is_secret) {
+        if !self.journal.begin(kind, 1, pages as u16, is_secret) {
             return Saved::NoRoom;
         }
         for _ in 0..100_000 {
-            match self.log.next(self.now, true, &mut self.page) {
+            match self.journal.next(self.now, true, &mut self.page) {
                 Next::Job(job) => {
                     each(self, &job);
                     match self.run(&job) {
@@ -116,7 +117,7 @@ impl<const W: usize, const E: usize> Rig<W, E> {
                     let rest = &content[usize::from(index) * PAYLOAD..];
                     let len = rest.len().min(PAYLOAD);
                     self.page.payload_mut()[..len].copy_from_slice(&rest[..len]);
-                    self.log.put(&mut self.page, len as u8, len == rest.len());
+                    self.journal.put(&mut self.page, len as u8, len == rest.len());
                 }
                 Next::Idle if self.flash.is_off() => return Saved::No,
                 Next::Idle => self.now = self.now + Duration::from_secs(1),
@@ -131,19 +132,19 @@ impl<const W: usize, const E: usize> Rig<W, E> {
 
     /// Reads a record.
     fn load(&mut self, kind: u8) -> Option<Vec<u8>> {
-        if self.log.find(kind).pages == 0 {
+        if self.journal.find(kind).pages == 0 {
             return None;
         }
-        self.log.load(kind);
+        self.journal.load(kind);
         let mut content = Vec::new();
         for _ in 0..1_000 {
-            let Next::Job(job) = self.log.next(self.now, false, &mut self.page) else { panic!("a job") };
+            let Next::Job(job) = self.journal.next(self.now, false, &mut self.page) else { panic!("a job") };
             match self.run(&job) {
                 Event::Loaded { len, is_first, is_last } => {
                     assert_eq!(is_first, content.is_empty());
                     content.extend_from_slice(self.page.payload(len));
                     if is_last {
-                        self.log.end_load();
+                        self.journal.end_load();
                         return Some(content);
                     }
                 }
@@ -160,7 +161,7 @@ impl<const W: usize, const E: usize> Rig<W, E> {
 
     /// The kinds that are damaged.
     fn damaged(&self) -> Vec<u8> {
-        (1..10).filter(|kind| self.log.find(*kind).is_damaged).collect()
+        (1..10).filter(|kind| self.journal.find(*kind).is_damaged).collect()
     }
 
     /// What a restart finds, without damage.
@@ -192,7 +193,7 @@ fn records_come_back_and_wear_is_even() {
             }
             assert_eq!(rig.all(), model, "round {round}");
         }
-        // The last half of a log unit is not used.
+        // The last half of a journal unit is not used.
         let used = units as usize * E / E.max(256) * E.max(256) / E;
         let erases = &rig.flash.erases_of[..used];
         let (most, least) = (erases.iter().max().unwrap(), erases.iter().min().unwrap());

@@ -6,7 +6,7 @@ use super::*;
 const W: usize = 8;
 const E: usize = 1024;
 
-/// A log of 8 units with three kinds, after this many saves of the second.
+/// A journal of 8 units with three kinds, after this many saves of the second.
 fn filled(saves: u32) -> (Rig<W, E>, Model) {
     let mut rig = Rig::<W, E>::blank(8 * E as u32);
     let mut model = Model::from([(1, content(3 * PAYLOAD, 1)), (2, content(40, 2)), (3, content(41, 3))]);
@@ -143,7 +143,7 @@ fn an_old_secret_is_erased_though_erasing_fails_once() {
     let has_old = |rig: &Rig<W, E>| rig.flash.bytes.windows(41).any(|bytes| bytes == content(41, 3));
     rig.flash.fault = Fault::Erase;
     for _ in 0..20 {
-        if let Next::Job(job) = rig.log.next(rig.now, true, &mut rig.page) {
+        if let Next::Job(job) = rig.journal.next(rig.now, true, &mut rig.page) {
             rig.run(&job);
         }
     }
@@ -159,7 +159,7 @@ fn an_old_secret_is_erased_though_erasing_fails_once() {
 fn many_starts_wear_evenly() {
     let start = |flash| {
         let mut rig = Rig::<4, 4096>::new(flash);
-        rig.log.attach(Region::new(0..65_536, 4, 4096), 48);
+        rig.journal.attach(Region::new(0..65_536, 4, 4096), 48);
         rig.settle();
         rig
     };

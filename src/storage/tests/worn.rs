@@ -8,7 +8,7 @@ use super::*;
 const W: usize = 8;
 const E: usize = 1024;
 
-/// A log in new flash with these worn units.
+/// A journal in new flash with these worn units.
 fn worn(units: u32, worn: &[(usize, Worn)]) -> Rig<W, E> {
     let mut flash = RamFlash::new(units * E as u32);
     flash.worn = worn.to_vec();
@@ -100,7 +100,7 @@ fn copies_are_made_around_a_worn_unit() {
     }
 }
 
-/// A unit wears out while the log is in use, in each save of a run in turn.
+/// A unit wears out while the journal is in use, in each save of a run in turn.
 #[test]
 fn a_unit_wears_out_at_any_time() {
     for unit in [0, 3, 6, 9] {
@@ -172,7 +172,7 @@ fn an_old_key_is_erased_beside_a_worn_unit() {
         let mut erases = 0;
         for _ in 0..200 {
             rig.now += Duration::from_secs(1);
-            while let Next::Job(job) = rig.log.next(rig.now, true, &mut rig.page) {
+            while let Next::Job(job) = rig.journal.next(rig.now, true, &mut rig.page) {
                 erases += u32::from(matches!(job, Job::Erase { .. }));
                 rig.run(&job);
             }
@@ -241,7 +241,7 @@ fn renumbered(flash: &RamFlash<W, E>, number: u32, kind: Option<u8>) -> RamFlash
     flash
 }
 
-/// G-18: a segment number that no segment has is damage, not an empty log. What is stored then ends it.
+/// G-18: a segment number that no segment has is damage, not an empty journal. What is stored then ends it.
 #[test]
 fn impossible_segment_numbers_are_damage() {
     let mut rig = check(worn(8, &[]), 3, 1, "sound");
@@ -252,7 +252,7 @@ fn impossible_segment_numbers_are_damage() {
     for number in [0, 1 << 31, (1 << 31) + 1, u32::MAX] {
         let mut rig = Rig::start(renumbered(&rig.flash, number, None));
         assert_eq!((rig.damaged(), rig.all()), ((1..10).collect(), Model::new()), "{number:#x}");
-        assert!(!rig.log.has_other_data());
+        assert!(!rig.journal.has_other_data());
         for kind in 1..4 {
             assert_eq!(rig.save(kind, &model[&kind]), Saved::Yes);
         }

@@ -1,7 +1,38 @@
 //! A job on its way from the stack to the driver, and its result on the way back.
 
+use core::ops::Range;
+
 use super::page::Page;
-use super::region::Job;
+
+/// One operation on the storage. [`Stack::storage_job`](crate::Stack::storage_job) hands it out, and
+/// [`Stack::storage_done`](crate::Stack::storage_done) takes its result.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Job {
+    /// Read this range of the [`Page`](super::Page) from `offset` on, in bytes from the start of the storage. Its length is 32 or 256
+    /// bytes, and `offset` is a multiple of 32.
+    Read {
+        /// The address of the first byte.
+        offset: u32,
+        /// The part of the page to fill.
+        range: Range<usize>,
+    },
+    /// Write this range of the [`Page`](super::Page) at `offset`: a multiple of the write unit, at a multiple of it. The place is
+    /// erased, and is written once.
+    Write {
+        /// The address of the first byte.
+        offset: u32,
+        /// The part of the page to write.
+        range: Range<usize>,
+    },
+    /// Erase `len` bytes at `offset`: one erase unit, or as many as 256 bytes are.
+    Erase {
+        /// The address of the first byte.
+        offset: u32,
+        /// The number of bytes.
+        len: u32,
+    },
+}
 
 #[derive(Clone, Debug)]
 enum State {

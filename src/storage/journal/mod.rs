@@ -1,6 +1,6 @@
-//! The log: records of kinds, in the two halves of a region of erase units (D-5, G-18, SEC-11, SEC-12, SEC-15).
+//! The journal: records of kinds, in the two halves of a region of erase units (D-5, G-18, SEC-11, SEC-12, SEC-15).
 //!
-//! `format.md` in this folder documents the format, and says why no cut of the power loses a record. The log calls no
+//! `format.md` in this folder documents the format, and says why no cut of the power loses a record. The journal calls no
 //! driver. It hands out one [`Job`] at a time, and is told its result:
 //!
 //! ```text
@@ -19,13 +19,14 @@ mod append;
 mod record;
 mod scan;
 
+use super::job::Job;
 use super::page::{Content, Footer, PAGE, Page, TAIL, VERSION, flag};
-use super::region::{Job, PAGE_LEN, Region};
+use super::region::{PAGE_LEN, Region};
 use crate::time::{Duration, Instant};
 pub(crate) use record::Entry;
 use record::{Record, Segment};
 
-/// The number of kinds of records that a log keeps.
+/// The number of kinds of records that a journal keeps.
 pub(crate) const ENTRIES: usize = 16;
 /// Stands for no entry.
 const NO_ENTRY: u8 = u8::MAX;
@@ -75,7 +76,7 @@ enum Task {
     Replay,
     /// Something could not be read: reading is repeated.
     Waiting,
-    /// The region has a log of another version: it is neither read nor written.
+    /// The region has a journal of another version: it is neither read nor written.
     Foreign,
     Idle,
     Load,
@@ -110,11 +111,11 @@ enum Pending {
     Scrub,
 }
 
-/// What [`Log::next`] asks for.
+/// What [`Journal::next`] asks for.
 #[derive(Debug)]
 pub(crate) enum Next {
     Job(Job),
-    /// The content of this page of the record: then [`Log::put`].
+    /// The content of this page of the record: then [`Journal::put`].
     Content(u16),
     Idle,
 }
@@ -145,12 +146,12 @@ pub(crate) enum Event {
     Lost(u8),
 }
 
-/// The log. All zero bits while no storage is attached.
+/// The journal. All zero bits while no storage is attached.
 // Small fields are first: shorter instructions reach them there.
 #[derive(Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(C)]
-pub(crate) struct Log {
+pub(crate) struct Journal {
     task: Task,
     stage: Stage,
     pending: Pending,
@@ -164,7 +165,7 @@ pub(crate) struct Log {
     has_lost_all: bool,
     /// Whether the page did not match its checksums, and is read again.
     is_read_twice: bool,
-    /// Whether the region has other data, a log, and a log of another version.
+    /// Whether the region has other data, a journal, and a journal of another version.
     has_other_data: bool,
     has_log: bool,
     has_foreign: bool,
@@ -221,7 +222,7 @@ pub(crate) struct Log {
     entries: [Entry; ENTRIES],
 }
 
-impl Log {
+impl Journal {
     pub(crate) const NEW: Self = Self {
         region: Region::NONE,
         task: Task::Detached,
@@ -263,7 +264,7 @@ impl Log {
         scrub_from: Instant::ZERO,
     };
 
-    /// Begins to read the log in this region. `largest` is the length of the longest record in pages.
+    /// Begins to read the journal in this region. `largest` is the length of the longest record in pages.
     pub(crate) fn attach(&mut self, region: Region, largest: u16) {
         (self.region, self.largest) = (region, largest);
         (self.pending, self.attempts, self.retry_at) = (Pending::None, 0, Instant::ZERO);
@@ -276,7 +277,7 @@ impl Log {
         }
     }
 
-    /// Whether nothing is in progress, and the log can be read and written.
+    /// Whether nothing is in progress, and the journal can be read and written.
     pub(crate) fn is_idle(&self) -> bool {
         self.task == Task::Idle
     }
@@ -301,12 +302,12 @@ impl Log {
         self.task == Task::Append && self.stage != Stage::Content
     }
 
-    /// Whether the region has a log of another version.
+    /// Whether the region has a journal of another version.
     pub(crate) fn is_foreign(&self) -> bool {
         self.task == Task::Foreign
     }
 
-    /// Whether the region has data, but no log.
+    /// Whether the region has data, but no journal.
     pub(crate) const fn has_other_data(&self) -> bool {
         self.has_other_data
     }
@@ -316,10 +317,9 @@ impl Log {
         self.pending != Pending::None
     }
 
-    /// Returns the kind of the record that is being written; 0 if none is. It cannot be [abandoned](Self::abandon) once
-    /// its last bytes are written.
-    pub(crate) fn writing(&self) -> u8 {
-        if self.task == Task::Append { self.new.kind } else { 0 }
+    /// Whether a record is being written. It cannot be [abandoned](Self::abandon) once its last bytes are written.
+    pub(crate) fn is_writing(&self) -> bool {
+        self.task == Task::Append
     }
 
     /// Returns the newest record of a kind, and whether a newer one was lost.

@@ -1,8 +1,8 @@
 //! A firmware's own small records: an odometer, a count of starts, a calibration.
 
-use super::content::{Part, Persistent, Texts, Write};
 use super::page::PAYLOAD;
-use super::plans::Loading;
+use super::persistent::{FilledPage, LoadedPage, PendingWrite, Persistent, RestoreTexts};
+use super::state::RecordSet;
 use crate::service::{Cx, Service};
 use crate::time::{Duration, Instant};
 use crate::types::{Context, Firmware};
@@ -17,7 +17,7 @@ pub const MAX_RECORD_LEN: usize = PAYLOAD;
 ///
 /// `Stack::save_record` requests a write. The record is written when storage is free and the vehicle
 /// [permits](crate::Vehicle::may_persist) it; then [`save_record`](Self::save_record) is asked for the content. Records are
-/// not rate-limited: each takes 256 bytes of the log, so do not save one more often than the storage endures.
+/// not rate-limited: each takes 256 bytes of the journal, so do not save one more often than the storage endures.
 ///
 /// ```
 /// # use mavstack::prelude::*;
@@ -93,9 +93,9 @@ pub fn decode_record<'a, T: serde::Deserialize<'a>>(bytes: &'a [u8]) -> Option<T
 /// The service of a firmware's own records, at most 8.
 #[derive(Debug)]
 pub struct RecordService<const N: usize> {
-    /// The records to write, including the one that is being written: a bit each.
-    pending: u8,
-    writing: u8,
+    /// The records to write, without the one that is being written.
+    pending: RecordSet,
+    writing: Option<u8>,
     /// After a failure, nothing is written until then.
     retry_at: Instant,
 }
@@ -104,7 +104,7 @@ impl<const N: usize> RecordService<N> {
     /// Requests a write of a record. Does nothing if there is no such record.
     pub(crate) fn save(&mut self, number: u8) {
         if usize::from(number) < N {
-            self.pending |= 1u8.checked_shl(number.into()).unwrap_or(0);
+            self.pending.insert(number);
         }
     }
 }
@@ -115,7 +115,7 @@ impl<F: Firmware, const N: usize> Service<F> for RecordService<N> {
     type Reply = ();
     const NEW: Self = {
         assert!(N > 0 && N <= 8, "`records` of `storage` is 1 to 8; leave it out for none");
-        Self { pending: 0, writing: 0, retry_at: Instant::ZERO }
+        Self { pending: RecordSet::EMPTY, writing: None, retry_at: Instant::ZERO }
     };
 }
 
@@ -124,47 +124,46 @@ impl<F: Firmware<Vehicle: Records>, const N: usize> Persistent<F> for RecordServ
     #[allow(clippy::as_conversions, reason = "at most 8")]
     const RECORDS: u8 = N as u8;
     const MAX_LEN: u32 = 1;
-    const TEXTS: Texts = Texts {
+    const TEXTS: RestoreTexts = RestoreTexts {
         unreadable: "Stored records cannot be read",
         damaged: "A stored record is damaged",
         readable: "Stored records can be read again",
     };
 
-    fn load(&mut self, cx: &mut Cx<'_, F>, part: &Part<'_>, _: &mut Loading) -> bool {
-        let is_newer = part.is_late && self.pending & 1u8.checked_shl(part.record.into()).unwrap_or(0) != 0;
+    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> bool {
+        let is_newer = page.is_late && self.pending.contains(page.record);
         if !is_newer {
             let (vehicle, mut context) = cx.hook();
-            vehicle.load_record(&mut context, part.record, part.bytes);
+            vehicle.load_record(&mut context, page.record, page.bytes);
         }
         true
     }
 
-    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<Write> {
+    fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<PendingWrite> {
         if cx.now < self.retry_at {
             return None;
         }
-        if self.writing == 0 {
-            self.writing = self.pending & self.pending.wrapping_neg();
-            self.pending &= !self.writing;
+        if self.writing.is_none() {
+            self.writing = self.pending.take_first();
         }
-        let record = self.writing.checked_ilog2()?;
-        Some(Write { record: u8::try_from(record).unwrap_or(0), version: 0, is_secret: false })
+        Some(PendingWrite { record: self.writing?, version: 0, is_secret: false })
     }
 
-    fn fill(&mut self, cx: &mut Cx<'_, F>, record: u8, page: u16, bytes: &mut [u8]) -> Option<(u8, bool)> {
+    fn fill(&mut self, cx: &mut Cx<'_, F>, record: u8, page: u16, bytes: &mut [u8]) -> Option<FilledPage> {
         if page > 0 {
             return None;
         }
         let (vehicle, mut context) = cx.hook();
         let len = vehicle.save_record(&mut context, record, bytes);
-        Some((u8::try_from(len.min(PAYLOAD)).unwrap_or(0), true))
+        Some(FilledPage { len: u8::try_from(len.min(PAYLOAD)).unwrap_or(0), is_last: true })
     }
 
     fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>, is_saved: bool) {
-        if !is_saved {
-            self.pending |= self.writing;
+        if let Some(record) = self.writing.take()
+            && !is_saved
+        {
+            self.pending.insert(record);
             self.retry_at = cx.now + RETRY;
         }
-        self.writing = 0;
     }
 }

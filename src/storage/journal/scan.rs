@@ -1,13 +1,13 @@
-//! Reading the log: where the open segment is, and its newest records (G-18).
+//! Reading the journal: where the open segment is, and its newest records (G-18).
 
 use super::super::page::{Content, Footer, Page, flag, is_all};
 use super::{
-    ANY_KIND, ATTEMPTS, ENTRIES, Entry, Event, FEW, LONG_ATTEMPTS, LONG_PAUSE, Log, PAUSE, Record, Segment, Switch,
+    ANY_KIND, ATTEMPTS, ENTRIES, Entry, Event, FEW, Journal, LONG_ATTEMPTS, LONG_PAUSE, PAUSE, Record, Segment, Switch,
     Task, is_newer,
 };
 use crate::time::Instant;
 
-impl Log {
+impl Journal {
     /// Starts reading from the beginning.
     pub(super) fn scan(&mut self) {
         self.task = Task::Find;
@@ -56,7 +56,7 @@ impl Log {
         }
         let Footer { segment, position, .. } = footer;
         if segment.cast_signed() <= 0 {
-            // No segment has this number. Without an open segment, it is what is left of a log.
+            // No segment has this number. Without an open segment, it is what is left of a journal.
             self.has_lost_all = true;
             return;
         }

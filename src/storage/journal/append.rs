@@ -1,14 +1,14 @@
-//! Writing the log: a new record, and in a new segment the copies before it (SEC-11).
+//! Writing the journal: a new record, and in a new segment the copies before it (SEC-11).
 
+use super::super::job::Job;
 use super::super::page::{Content, Footer, PAGE, Page, flag};
-use super::super::region::Job;
 use super::{
-    ANY_KIND, ATTEMPTS, ENTRIES, Entry, Event, GRACE, Log, NO_ENTRY, Next, PAUSE, Pending, Record, Segment, Stage,
+    ANY_KIND, ATTEMPTS, ENTRIES, Entry, Event, GRACE, Journal, NO_ENTRY, Next, PAUSE, Pending, Record, Segment, Stage,
     Switch, Task,
 };
 use crate::time::Instant;
 
-impl Log {
+impl Journal {
     /// Begins to write a record of a kind, of at most this many pages. With `is_secret`, everything older is erased once
     /// it is complete. Returns false if there is no room for it.
     pub(crate) fn begin(&mut self, kind: u8, schema: u16, pages: u16, is_secret: bool) -> bool {
