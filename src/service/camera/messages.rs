@@ -1,132 +1,48 @@
 //! The camera's messages, made when a link has room (CAM-1 to CAM-3, CAM-5).
 
-use super::commands::device;
-use super::{Camera, CameraControl, CameraLink, Image, can_send, seconds};
+use super::control::{CameraControl, millis};
+use super::image::{Image, ImageNumber};
+use super::link::{CameraLink, CameraReply};
+use super::vehicle::{Camera, device_id};
 use crate::dialect::{
-    CameraCaptureStatus, CameraImageCaptured, CameraInformation, CameraSettings, MavCmd, StorageInformation,
+    CameraCaptureStatus, CameraImageCaptured, CameraInformation, CameraSettings, StorageInformation,
     VideoStreamInformation, VideoStreamStatus,
 };
 use crate::link::Port;
 use crate::message::Message;
+use crate::num;
 use crate::service::Cx;
-use crate::time::{Duration, Instant};
+use crate::time::Duration;
 use crate::types::Firmware;
 
-/// A message of the camera that can be requested.
-pub(super) struct Row {
-    pub(super) id: u32,
-    /// The command that MAV_CMD_REQUEST_MESSAGE has replaced.
-    pub(super) old: MavCmd,
-}
-
-/// The messages, in the order in which they are sent on request.
-pub(super) const ROWS: [Row; 7] = [
-    Row { id: CameraInformation::ID, old: MavCmd::REQUEST_CAMERA_INFORMATION },
-    Row { id: CameraSettings::ID, old: MavCmd::REQUEST_CAMERA_SETTINGS },
-    Row { id: StorageInformation::ID, old: MavCmd::REQUEST_STORAGE_INFORMATION },
-    Row { id: VideoStreamInformation::ID, old: MavCmd::REQUEST_VIDEO_STREAM_INFORMATION },
-    Row { id: VideoStreamStatus::ID, old: MavCmd::REQUEST_VIDEO_STREAM_STATUS },
-    Row { id: CameraCaptureStatus::ID, old: MavCmd::REQUEST_CAMERA_CAPTURE_STATUS },
-    Row { id: CameraImageCaptured::ID, old: MavCmd::REQUEST_CAMERA_IMAGE_CAPTURE },
-];
-
-// Their places in the table.
-const INFORMATION: usize = 0;
-const SETTINGS: usize = 1;
-pub(super) const STORAGE: usize = 2;
-const STREAM: usize = 3;
-const STREAM_STATE: usize = 4;
-const STATUS: usize = 5;
-pub(super) const IMAGE: usize = 6;
-
-/// Returns the number of instances of each message, plus 1; 0 for one that has none.
-pub(super) const fn counts(storages: u8, streams: u8) -> [u8; ROWS.len()] {
-    let (storages, streams) = (storages.saturating_add(1), streams.saturating_add(1));
-    [0, 0, storages, streams, streams, 0, 0]
-}
-
-/// What the camera sends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CameraReply {
-    /// A message that was requested, by its row, and the id of the instance.
-    Asked(usize, u8),
-    /// CAMERA_IMAGE_CAPTURED, by the number of the image.
-    Image(u32),
-    /// CAMERA_CAPTURE_STATUS, when it is due.
-    Status,
-}
-
-impl CameraControl {
-    /// Returns the message that is pending on a link, and when it is due.
-    pub(super) fn pending(&self, now: Instant, port: &Port, link: &CameraLink) -> Option<(Instant, CameraReply)> {
-        if !can_send(port) {
-            return None;
-        }
-        if let Some((row, bits)) = link.asked.iter().enumerate().find(|(_, bits)| **bits != 0) {
-            let id = u8::try_from(bits.trailing_zeros()).unwrap_or(0).wrapping_add(1);
-            return Some((now, CameraReply::Asked(row, id)));
-        }
-        if link.settings != self.settings {
-            return Some((now, CameraReply::Asked(SETTINGS, 0)));
-        }
-        let requested = link.requested.iter().find(|entry| self.is_requested(**entry));
-        let requested = requested.map(|entry| entry.wrapping_sub(1));
-        Some(match requested.or(self.unreported(link).0) {
-            Some(number) => (now, CameraReply::Image(number)),
-            None => (self.status_due(now, link), CameraReply::Status),
-        })
-    }
-
-    /// Records that a message is being sent.
-    fn sent(&mut self, now: Instant, link: &mut CameraLink, reply: CameraReply) {
-        match reply {
-            CameraReply::Asked(row, _) => {
-                if let Some(bits) = link.asked.get_mut(row) {
-                    *bits &= bits.wrapping_sub(1);
-                }
-                if row == SETTINGS {
-                    link.settings = self.settings;
-                }
-                if row != STATUS {
-                    return;
-                }
-            }
-            CameraReply::Image(number) => {
-                let entry = number.wrapping_add(1);
-                for other in &mut link.requested {
-                    *other = if *other == entry { 0 } else { *other };
-                }
-                let (next, lost) = self.unreported(link);
-                if next == Some(number) {
-                    self.counters.unsent = self.counters.unsent.wrapping_add(lost);
-                    link.next_image = entry;
-                }
-                return;
-            }
-            CameraReply::Status => {}
-        }
-        link.changes = self.changes;
-        link.status_at = now + Duration::from_millis(u64::from(self.status_interval(link)));
-    }
+/// Whether a link can send the camera's messages: MAVLink 1 has no room for their ids (S-10), and high-latency links
+/// carry none.
+pub(super) fn can_send(port: &Port) -> bool {
+    port.outbox.takes(CameraInformation::ID)
 }
 
 /// Sends a message.
 pub(super) fn send<F: Firmware<Vehicle: Camera>>(
     control: &mut CameraControl,
-    cx: &mut Cx<'_, F>,
+    cx: &Cx<'_, F>,
     port: &mut Port,
     link: &mut CameraLink,
     reply: CameraReply,
 ) -> bool {
-    control.sent(cx.now, link, reply);
-    match reply {
-        CameraReply::Asked(INFORMATION, _) => send_information(cx, port),
-        CameraReply::Asked(SETTINGS, _) => send_settings(cx, port),
-        CameraReply::Asked(STORAGE, id) if F::Vehicle::STORAGES > 0 => send_storage(cx, port, id),
-        CameraReply::Asked(STREAM, id) if F::Vehicle::VIDEO_STREAMS > 0 => send_stream(cx, port, id),
-        CameraReply::Asked(STREAM_STATE, id) if F::Vehicle::VIDEO_STREAMS > 0 => send_stream_state(cx, port, id),
-        CameraReply::Image(number) => send_image(control, cx, port, number),
-        // CAMERA_CAPTURE_STATUS was requested, or is due.
+    let (id, instance) = match reply {
+        CameraReply::Image(number) => {
+            control.record_image(link, number);
+            return send_image(control, cx, port, number);
+        }
+        CameraReply::Message { id, instance } => (id, instance),
+    };
+    control.record_message(cx.now, link, id);
+    match id {
+        CameraInformation::ID => send_information(cx, port),
+        CameraSettings::ID => send_settings(cx, port),
+        StorageInformation::ID if F::Vehicle::STORAGES > 0 => send_storage(cx, port, instance),
+        VideoStreamInformation::ID if F::Vehicle::VIDEO_STREAMS > 0 => send_stream(cx, port, instance),
+        VideoStreamStatus::ID if F::Vehicle::VIDEO_STREAMS > 0 => send_stream_state(cx, port, instance),
         _ => send_status(control, cx, port),
     }
 }
@@ -144,7 +60,7 @@ fn send_information<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Por
     cx.vehicle.camera_information(&mut information);
     information.time_boot_ms = cx.now.time_boot_ms();
     information.flags = F::Vehicle::FLAGS;
-    information.camera_device_id = device::<F::Vehicle>();
+    information.camera_device_id = device_id::<F::Vehicle>();
     port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &information)
 }
 
@@ -152,7 +68,7 @@ fn send_settings<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port) 
     let mut settings = CameraSettings::UNKNOWN;
     cx.vehicle.camera_settings(&mut settings);
     settings.time_boot_ms = cx.now.time_boot_ms();
-    settings.camera_device_id = device::<F::Vehicle>();
+    settings.camera_device_id = device_id::<F::Vehicle>();
     port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &settings)
 }
 
@@ -161,7 +77,8 @@ fn storage<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, id: u8) -> StorageInfor
     let mut information = StorageInformation::default();
     cx.vehicle.storage_information(id, &mut information);
     information.time_boot_ms = cx.now.time_boot_ms();
-    (information.storage_id, information.storage_count) = (id, F::Vehicle::STORAGES);
+    information.storage_id = id;
+    information.storage_count = F::Vehicle::STORAGES;
     information
 }
 
@@ -172,8 +89,9 @@ fn send_storage<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port, i
 /// Fills in the description of a stream.
 fn describe_stream<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, id: u8, information: &mut VideoStreamInformation) {
     cx.vehicle.video_stream_information(id, information);
-    (information.stream_id, information.count) = (id, F::Vehicle::VIDEO_STREAMS);
-    information.camera_device_id = device::<F::Vehicle>();
+    information.stream_id = id;
+    information.count = F::Vehicle::VIDEO_STREAMS;
+    information.camera_device_id = device_id::<F::Vehicle>();
 }
 
 fn send_stream<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port, id: u8) -> bool {
@@ -203,12 +121,12 @@ fn send_image<F: Firmware<Vehicle: Camera>>(
     control: &CameraControl,
     cx: &Cx<'_, F>,
     port: &mut Port,
-    number: u32,
+    number: ImageNumber,
 ) -> bool {
-    let Some(image) = control.image(number) else { return false };
+    let Some(image) = control.images.get(number) else { return false };
     let Image { time_utc, time_boot_ms, latitude, longitude, altitude, relative_altitude, attitude, is_success } =
         *image;
-    let index = number.wrapping_sub(control.base);
+    let index = control.images.index(number);
     let mut message = CameraImageCaptured {
         time_utc,
         time_boot_ms,
@@ -218,7 +136,7 @@ fn send_image<F: Firmware<Vehicle: Camera>>(
         relative_alt: relative_altitude,
         q: attitude,
         image_index: index.cast_signed(),
-        camera_id: device::<F::Vehicle>(),
+        camera_id: device_id::<F::Vehicle>(),
         capture_result: i8::from(is_success),
         ..CameraImageCaptured::default()
     };
@@ -227,20 +145,18 @@ fn send_image<F: Firmware<Vehicle: Camera>>(
 }
 
 fn send_status<F: Firmware<Vehicle: Camera>>(control: &CameraControl, cx: &Cx<'_, F>, port: &mut Port) -> bool {
+    let is_at_interval = control.is_at_interval();
     let recording = if control.is_recording { cx.now - control.recording_since } else { Duration::ZERO };
-    // 1: an image is being taken; 2: images are taken at an interval.
-    let image_status = u8::from(control.is_busy || control.is_ordered) | (u8::from(control.left > 0) << 1);
     let message = CameraCaptureStatus {
         time_boot_ms: cx.now.time_boot_ms(),
-        image_interval: if control.left > 0 { seconds(control.interval) } else { 0.0 },
-        recording_time_ms: u32::try_from(recording.as_millis()).unwrap_or(u32::MAX),
+        image_interval: if is_at_interval { num::f32_from_u32(control.interval) / 1_000.0 } else { 0.0 },
+        recording_time_ms: millis(recording),
         available_capacity: if F::Vehicle::STORAGES > 0 { storage(cx, 1).available_capacity } else { 0.0 },
-        image_status,
+        // 1: an image is being taken; 2: images are taken at an interval.
+        image_status: u8::from(control.is_busy || control.is_ordered) | (u8::from(is_at_interval) << 1),
         video_status: u8::from(control.is_recording),
         image_count: control.image_count().cast_signed(),
-        camera_device_id: device::<F::Vehicle>(),
+        camera_device_id: device_id::<F::Vehicle>(),
     };
     port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &message)
 }
-
-const _: () = assert!(size_of::<Image>() == 48, "the memory of an image is documented");

@@ -1,6 +1,6 @@
 //! The camera service's interface to the vehicle.
 
-use super::Image;
+use super::image::Image;
 use crate::dialect::{
     CameraCapFlags, CameraInformation, CameraSettings, CameraSource, CameraZoomType, MavResult, SetFocusType,
     StorageInformation, VideoStreamInformation,
@@ -9,20 +9,20 @@ use crate::message::{ComponentId, Text};
 use crate::time::Duration;
 use crate::types::Context;
 
-/// What [`Camera::take_image`] did.
+/// The result of [`Camera::take_image`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Shot {
     /// The image was taken.
     Taken(Image),
-    /// The exposure has started. [`CameraControl::image_captured`](super::CameraControl::image_captured) reports its end, within
-    /// [`Camera::IMAGE_TIMEOUT`].
+    /// The exposure has started. [`CameraControl::image_captured`](super::CameraControl::image_captured) reports its
+    /// end, within [`Camera::IMAGE_TIMEOUT`].
     Started,
     /// The camera could not take the image. It is reported as one that has failed.
     Failed,
 }
 
-/// What the vehicle itself has its camera do; see [`Camera::camera_order`].
+/// The vehicle's order to its camera: see [`Camera::camera_order`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CameraOrder {
@@ -43,14 +43,14 @@ pub enum CameraOrder {
     StopVideo,
 }
 
-/// A camera, for a vehicle that has [`CameraControl`](super::CameraControl) in the struct of its [stack](macro@crate::Stack): it shows which part
-/// is the stack's.
+/// A camera, for a vehicle that has [`CameraControl`](super::CameraControl) in the struct of its
+/// [stack](macro@crate::Stack): it shows which part is the stack's.
 ///
-/// Only [`FLAGS`](Self::FLAGS), [`camera_information`](Self::camera_information) and [`take_image`](Self::take_image) are
-/// required. A command that the flags exclude is passed to [`Commands::command`](crate::Commands::command).
+/// Only [`FLAGS`](Self::FLAGS), [`camera_information`](Self::camera_information) and [`take_image`](Self::take_image)
+/// are required. A command that the flags exclude is passed to [`Commands::command`](crate::Commands::command).
 ///
-/// This vehicle takes images by itself while it flies a survey. MAV_CMD_DO_SET_CAM_TRIGG_DIST is addressed to the autopilot, which
-/// knows how far it has flown:
+/// This vehicle takes images by itself while it flies a survey. MAV_CMD_DO_SET_CAM_TRIGG_DIST is addressed to the
+/// autopilot, which knows how far it has flown:
 ///
 /// ```
 /// use mavstack::camera::{Image, Shot};
@@ -111,11 +111,12 @@ pub enum CameraOrder {
     note = "`CameraControl` in the struct of a stack needs `impl Camera for {Self}`: write it, or leave the field out"
 )]
 pub trait Camera {
-    /// The component that the camera is, such as 100 (MAV_COMP_ID_CAMERA). `None` is a camera of the autopilot, with the camera id 1:
-    /// few ground stations look for one there.
+    /// The component that the camera is, such as 100 (MAV_COMP_ID_CAMERA). `None` is a camera of the autopilot, with
+    /// the camera id 1: few ground stations look for one there.
     const COMPONENT: Option<ComponentId> = None;
 
-    /// The capabilities, as CAMERA_INFORMATION has them. Commands for others are not handled, and their code is left out.
+    /// The capabilities, as CAMERA_INFORMATION has them. Commands for others are not handled, and their code is left
+    /// out.
     const FLAGS: CameraCapFlags;
 
     /// The number of storages, such as memory cards: 0 to 8. They have the ids 1, 2 and so on.
@@ -130,34 +131,35 @@ pub trait Camera {
     /// How long an image may take after [`Shot::Started`]. Then it has failed.
     const IMAGE_TIMEOUT: Duration = Duration::from_secs(10);
 
-    /// Fills in the camera's description. It begins as [`CameraInformation::UNKNOWN`]; the stack sets the time, the flags and the
-    /// camera id.
+    /// Fills in the camera's description. It begins as [`CameraInformation::UNKNOWN`]; the stack sets the time, the
+    /// flags and the camera id.
     fn camera_information(&self, information: &mut CameraInformation);
 
-    /// Fills in mode, zoom and focus. They begin as the image mode and unknown; the stack sets the time and the camera id.
+    /// Fills in mode, zoom and focus. They begin as the image mode and unknown; the stack sets the time and the camera
+    /// id.
     fn camera_settings(&self, settings: &mut CameraSettings) {
         let _ = settings;
     }
 
-    /// Fills in the state of storage `id`, 1 to [`STORAGES`](Self::STORAGES). The stack sets the time, the id and the number of
-    /// storages.
+    /// Fills in the state of storage `id`, 1 to [`STORAGES`](Self::STORAGES). The stack sets the time, the id and the
+    /// number of storages.
     fn storage_information(&self, id: u8, information: &mut StorageInformation) {
         let _ = (id, information);
     }
 
-    /// Fills in the description and the state of video stream `id`, 1 to [`VIDEO_STREAMS`](Self::VIDEO_STREAMS). The stack sets the
-    /// id, the number of streams and the camera id. VIDEO_STREAM_STATUS consists of the same fields.
+    /// Fills in the description and the state of video stream `id`, 1 to [`VIDEO_STREAMS`](Self::VIDEO_STREAMS). The
+    /// stack sets the id, the number of streams and the camera id. VIDEO_STREAM_STATUS consists of the same fields.
     fn video_stream_information(&self, id: u8, information: &mut VideoStreamInformation) {
         let _ = (id, information);
     }
 
-    /// Takes an image, or starts to. It will have this index, which counts from 0. Called in [`poll`](crate::Stack::poll), never
-    /// while another image is being taken.
+    /// Takes an image, or starts to. It will have this index, which counts from 0. Called in
+    /// [`poll`](crate::Stack::poll), never while another image is being taken.
     fn take_image(&mut self, cx: &mut Context<'_>, index: u32) -> Shot;
 
-    /// Returns what the vehicle itself has its camera do, such as for an item of its mission, once. Called in every
-    /// [`poll`](crate::Stack::poll), up to four times, until it returns `None`. From the flight loop,
-    /// [`CameraControl`](super::CameraControl) has the same as methods.
+    /// Returns the vehicle's next order to its camera, such as from a mission item. Each order is returned once. Called
+    /// in every [`poll`](crate::Stack::poll), up to four times, until it returns `None`. The flight loop calls the
+    /// methods of [`CameraControl`](super::CameraControl) instead.
     fn camera_order(&mut self, cx: &mut Context<'_>) -> Option<CameraOrder> {
         let _ = cx;
         None
@@ -181,8 +183,8 @@ pub trait Camera {
         MavResult::UNSUPPORTED
     }
 
-    /// Starts or stops the transmission of video `stream`, 1 to [`VIDEO_STREAMS`](Self::VIDEO_STREAMS), or 0 for every one. By default
-    /// it is ACCEPTED, as for a server to which clients connect.
+    /// Starts or stops the transmission of video `stream`, 1 to [`VIDEO_STREAMS`](Self::VIDEO_STREAMS), or 0 for every
+    /// one. By default it is ACCEPTED, as for a server to which clients connect.
     fn stream_video(&mut self, cx: &mut Context<'_>, stream: u8, on: bool) -> MavResult {
         let _ = (cx, stream, on);
         MavResult::ACCEPTED
@@ -224,4 +226,9 @@ pub trait Camera {
         let _ = (cx, id);
         MavResult::UNSUPPORTED
     }
+}
+
+/// Returns the camera id in messages and answers (CAM-9): 1 for a camera of the autopilot, otherwise 0.
+pub(super) const fn device_id<V: Camera>() -> u8 {
+    if V::COMPONENT.is_none() { 1 } else { 0 }
 }
