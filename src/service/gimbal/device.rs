@@ -1,4 +1,4 @@
-//! The gimbal device: attitude and failures of the gimbal, and what its manager asks of it: rules GIM-10 and GIM-11.
+//! The gimbal device: reports its attitude and failures, and follows its manager's setpoints: rules GIM-10 and GIM-11.
 
 use super::super::stream::has_listener;
 use super::super::{About, Cx, Handled, Received, Request, Service, ShowCounters, Turn, Verdict, View, increment};
@@ -30,17 +30,18 @@ counters! {
         count taken,
         /// Setpoints that were dropped because they were not from the manager, or were sent to every vehicle.
         drop not_manager,
-        /// Setpoints that were dropped because a rate was infinite, the quaternion was not normalised, or the flags named two frames.
+        /// Setpoints that were dropped because a rate was infinite, the quaternion was not normalised, or the flags
+        /// named two frames.
         drop invalid,
     }
 }
 
-/// What the manager asks of the gimbal device: see [`GimbalDevice::set_device_attitude`].
+/// A setpoint of the manager: see [`GimbalDevice::set_device_attitude`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct DeviceSetpoint {
-    /// Which axes are locked to the earth, the frame of the yaw, and [`RETRACT`](GimbalDeviceFlags::RETRACT), which takes
-    /// precedence over [`NEUTRAL`](GimbalDeviceFlags::NEUTRAL), which takes precedence over all else.
+    /// Which axes are locked to the earth, the frame of the yaw, and [`RETRACT`](GimbalDeviceFlags::RETRACT), which
+    /// takes precedence over [`NEUTRAL`](GimbalDeviceFlags::NEUTRAL), which takes precedence over all else.
     pub flags: GimbalDeviceFlags,
     /// The attitude (w, x, y, z). Its length is 0.99 to 1.01. `None`: only rates.
     pub attitude: Option<[f32; 4]>,
@@ -49,8 +50,8 @@ pub struct DeviceSetpoint {
 }
 
 impl DeviceSetpoint {
-    /// Returns whether the yaw and its rate are relative to north, and not to the front of the vehicle. A manager that names neither
-    /// frame means the earth exactly if it locks the yaw.
+    /// Returns whether the yaw and its rate are relative to north, and not to the front of the vehicle. A manager that
+    /// names neither frame means the earth exactly if it locks the yaw.
     pub const fn is_yaw_in_earth_frame(&self) -> bool {
         let flags = self.flags;
         flags.contains(GimbalDeviceFlags::YAW_IN_EARTH_FRAME)
@@ -58,8 +59,8 @@ impl DeviceSetpoint {
     }
 }
 
-/// A gimbal device, for a firmware that has [`DeviceService`] in the struct of its [stack](macro@crate::Stack): the firmware of a gimbal, or of an
-/// autopilot that has one.
+/// A gimbal device, for a firmware that has [`DeviceService`] in the struct of its [stack](macro@crate::Stack): the
+/// firmware of a gimbal, or of an autopilot that has one.
 ///
 /// | | [`COMPONENT`](Self::COMPONENT) | [`ID`](Self::ID) | [`MANAGER`](Self::MANAGER) |
 /// |---|---|---|---|
@@ -67,8 +68,8 @@ impl DeviceSetpoint {
 /// | an autopilot with a gimbal that is a component of its own | `Some(ComponentId::new(154))` | 0 | `None` |
 /// | an autopilot with a gimbal that is not, such as two servos | `None` | 1 to 6 | `None` |
 ///
-/// If the manager is in the same firmware, its [`point_gimbal`](crate::GimbalManager::point_gimbal) moves the gimbal, and no frame is
-/// sent for it.
+/// If the manager is in the same firmware, its [`point_gimbal`](crate::GimbalManager::point_gimbal) moves the gimbal,
+/// and no frame is sent for it.
 ///
 /// ```
 /// use mavstack::dialect::{GimbalDeviceAttitudeStatus, GimbalDeviceFlags, GimbalDeviceInformation};
@@ -103,11 +104,12 @@ impl DeviceSetpoint {
     note = "`DeviceService` in the struct of a stack needs `impl GimbalDevice for {Self}`: write it, or leave the field out"
 )]
 pub trait GimbalDevice {
-    /// The component that the gimbal is, besides the one of [`Config`](crate::Config); `None` if it is that one, or none at all.
+    /// The component that the gimbal is, besides the one of [`Config`](crate::Config); `None` if it is that one, or
+    /// none at all.
     const COMPONENT: Option<ComponentId> = None;
 
-    /// The `gimbal_device_id` of its messages: 1 to 6 for a gimbal that is attached to the autopilot and no component of its own;
-    /// otherwise 0.
+    /// The `gimbal_device_id` of its messages: 1 to 6 for a gimbal that is attached to the autopilot and no component
+    /// of its own; otherwise 0.
     const ID: u8 = 0;
 
     /// The component of our system whose setpoints it follows; `None` if its manager is in this firmware.
@@ -116,8 +118,8 @@ pub trait GimbalDevice {
     /// Returns names, capabilities and limits, for GIMBAL_DEVICE_INFORMATION. The stack sets time and id.
     fn device_information(&self) -> GimbalDeviceInformation;
 
-    /// Returns attitude, flags and failures, for GIMBAL_DEVICE_ATTITUDE_STATUS; `None` if they are not known yet: nothing is sent then. The
-    /// flags name the frame of the yaw. The stack sets time, target and id, and adds
+    /// Returns attitude, flags and failures, for GIMBAL_DEVICE_ATTITUDE_STATUS; `None` if they are not known yet:
+    /// nothing is sent then. The flags name the frame of the yaw. The stack sets time, target and id, and adds
     /// [`NO_MANAGER`](GimbalDeviceErrorFlags::NO_MANAGER) while the [`MANAGER`](Self::MANAGER) is not alive.
     fn device_status(&self) -> Option<GimbalDeviceAttitudeStatus>;
 
@@ -127,21 +129,22 @@ pub trait GimbalDevice {
     }
 }
 
-/// The gimbal device: `gimbal_device: DeviceService` in the struct of a [stack](macro@crate::Stack). [`GimbalDevice`] has its hooks.
+/// The gimbal device: `gimbal_device: DeviceService` in the struct of a [stack](macro@crate::Stack). [`GimbalDevice`]
+/// has its hooks.
 ///
 /// GIMBAL_DEVICE_ATTITUDE_STATUS is sent ten times a second by default, or once on a link with
-/// [`StreamProfile::Radio`](crate::config::StreamProfile::Radio), on every normal link that carries MAVLink 2; a client may set
-/// another interval, from 20 ms. GIMBAL_DEVICE_INFORMATION is sent on request. GIMBAL_DEVICE_SET_ATTITUDE is followed only if it comes
-/// from the manager and is addressed to our system.
+/// [`StreamProfile::Radio`](crate::config::StreamProfile::Radio), on every normal link that carries MAVLink 2; a client
+/// may set another interval, from 20 ms. GIMBAL_DEVICE_INFORMATION is sent on request. GIMBAL_DEVICE_SET_ATTITUDE is
+/// followed only if it comes from the manager and is addressed to our system.
 #[derive(Clone, Debug)]
 pub struct DeviceService {
     counters: DeviceCounters,
 }
 
-/// What the gimbal device sends.
+/// A message that the gimbal device sends.
 #[derive(Clone, Copy, Debug)]
 pub enum DeviceReply {
-    /// What a client has asked for: the status, its interval, or GIMBAL_DEVICE_INFORMATION.
+    /// A message that a client has requested: the status, its interval, or GIMBAL_DEVICE_INFORMATION.
     Asked(Asked),
     /// GIMBAL_DEVICE_ATTITUDE_STATUS, in its stream.
     Stream,
@@ -157,15 +160,12 @@ impl DeviceService {
 /// Returns the setpoint in a message; `None` if it is invalid.
 fn read(frame: &Frame<'_>) -> Option<DeviceSetpoint> {
     let message = frame.decode::<GimbalDeviceSetAttitude>()?;
-    let GimbalDeviceSetAttitude {
-        flags, q, angular_velocity_x: x, angular_velocity_y: y, angular_velocity_z: z, ..
-    } = message;
-    let frames = GimbalDeviceFlags::YAW_IN_VEHICLE_FRAME.with(GimbalDeviceFlags::YAW_IN_EARTH_FRAME);
-    let rates = [x, y, z];
-    if flags.contains(frames) || rates.iter().any(|rate| rate.is_infinite()) {
+    let both_frames = GimbalDeviceFlags::YAW_IN_VEHICLE_FRAME.with(GimbalDeviceFlags::YAW_IN_EARTH_FRAME);
+    let rates = [message.angular_velocity_x, message.angular_velocity_y, message.angular_velocity_z];
+    if message.flags.contains(both_frames) || rates.iter().any(|rate| rate.is_infinite()) {
         return None;
     }
-    Some(DeviceSetpoint { flags, attitude: attitude(q)?, rates: Axes(rates) })
+    Some(DeviceSetpoint { flags: message.flags, attitude: attitude(message.q).ok()?, rates: Axes(rates) })
 }
 
 impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
@@ -200,19 +200,18 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         if frame.id() != GimbalDeviceSetAttitude::ID {
             return Handled::No;
         }
-        let system = cx.shared.config.address.get().system;
+        let system = cx.address().system;
         let manager = F::Vehicle::MANAGER.map(|component| Address { system, component });
-        let counter = if target.system != system || manager != Some(from.address) {
-            &mut self.counters.not_manager
+        if target.system != system || manager != Some(from.address) {
+            increment(&mut self.counters.not_manager);
         } else if let Some(setpoint) = read(frame) {
+            increment(&mut self.counters.taken);
             cx.shared.has_acted = true;
             let (vehicle, mut context) = cx.hook();
             vehicle.set_device_attitude(&mut context, &setpoint);
-            &mut self.counters.taken
         } else {
-            &mut self.counters.invalid
-        };
-        increment(counter);
+            increment(&mut self.counters.invalid);
+        }
         Handled::Yes
     }
 
@@ -244,7 +243,7 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
     }
 
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut StatusStream, reply: DeviceReply) -> bool {
-        let mut asked = match reply {
+        let mut requested = match reply {
             DeviceReply::Asked(asked) => Some(asked),
             DeviceReply::Stream => {
                 link.sent(cx.now, STATUS, port);
@@ -252,17 +251,18 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
                 return send_status::<F>(cx, port);
             }
         };
-        // The vehicle may not know its status any more: then what else was asked for is sent.
-        while let Some(first) = asked {
-            link.forget(first);
-            if match first {
+        // The vehicle may not know its status any more: then the next requested message is sent.
+        while let Some(asked) = requested {
+            link.forget(asked);
+            let is_sent = match asked {
                 Asked::Message => send_status::<F>(cx, port),
                 Asked::Interval => send::<F, _>(port, F::Vehicle::COMPONENT, &link.told(STATUS, port)),
                 Asked::Other => send_information::<F>(cx, port),
-            } {
+            };
+            if is_sent {
                 return true;
             }
-            asked = link.asked();
+            requested = link.asked();
         }
         false
     }
@@ -281,7 +281,7 @@ fn send_information<F: Firmware<Vehicle: GimbalDevice>>(cx: &Cx<'_, F>, port: &m
 
 fn send_status<F: Firmware<Vehicle: GimbalDevice>>(cx: &Cx<'_, F>, port: &mut Port) -> bool {
     let Some(mut status) = cx.vehicle.device_status() else { return false };
-    let own = cx.shared.config.address.get();
+    let own = cx.address();
     let is_alone = F::Vehicle::MANAGER.is_some_and(|component| {
         let manager = Address { component, ..own };
         !cx.peers.iter().any(|info| info.is_alive && info.peer.address == manager)
@@ -291,6 +291,7 @@ fn send_status<F: Firmware<Vehicle: GimbalDevice>>(cx: &Cx<'_, F>, port: &mut Po
     }
     status.time_boot_ms = cx.now.time_boot_ms();
     status.gimbal_device_id = F::Vehicle::ID;
-    (status.target_system, status.target_component) = (0, 0);
+    status.target_system = 0;
+    status.target_component = 0;
     send::<F, _>(port, F::Vehicle::COMPONENT, &status)
 }

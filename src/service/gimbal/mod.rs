@@ -1,7 +1,8 @@
-//! The gimbal protocol, version 2: the manager, which decides who points a gimbal, and the device, which is one.
+//! The gimbal protocol, version 2: the manager, which decides which component points a gimbal, and the device, which is
+//! one.
 //!
-//! Implements <https://mavlink.io/en/services/gimbal_v2.html>, rules GIM-1 to GIM-12. The two sides are services of their own; a firmware
-//! may declare one of them or both:
+//! Implements <https://mavlink.io/en/services/gimbal_v2.html>, rules GIM-1 to GIM-12. The two sides are services of
+//! their own; a firmware may declare one of them or both:
 //!
 //! ```text
 //!   ground station ─┐   MAV_CMD_DO_GIMBAL_MANAGER_*, MAV_CMD_DO_SET_ROI_*       ┌─▶ a gimbal of the vehicle's own
@@ -9,11 +10,13 @@
 //!   mission ────────┘                          (who may?)                       └─▶ GIMBAL_DEVICE_SET_ATTITUDE ─▶ device
 //! ```
 //!
-//! Left out: several gimbals of one manager, tracking of a point or a rectangle in the picture, and the device's side of
-//! AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, which reaches [`Vehicle::message`](crate::Vehicle::message).
+//! Left out: several gimbals of one manager, tracking of a point or a rectangle in the picture, and the device's side
+//! of AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, which reaches [`Vehicle::message`](crate::Vehicle::message).
 
+mod command;
 mod device;
 mod manager;
+mod remote;
 mod setpoint;
 mod status_stream;
 mod vehicle;
