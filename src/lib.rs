@@ -420,7 +420,8 @@ pub mod high_latency {
 
 /// Manual control: the sticks and channels of a pilot on the ground.
 pub mod manual_control {
-    pub use crate::service::manual_control::{ControlSource, ManualCounters, ManualInput};
+    pub use crate::service::holder::ControlSource;
+    pub use crate::service::manual_control::{ManualCounters, ManualInput};
     pub use crate::types::{ManualControlInput, RcOverride};
 }
 

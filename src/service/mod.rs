@@ -85,6 +85,7 @@ pub(crate) mod forwarding;
 pub(crate) mod gimbal;
 pub(crate) mod heartbeat;
 pub(crate) mod high_latency;
+pub(crate) mod holder;
 pub(crate) mod identity;
 pub(crate) mod log_streaming;
 pub(crate) mod logs;

@@ -1,11 +1,13 @@
-//! Operator control: of several ground stations, one is in control of the vehicle, and another one takes over with its consent.
+//! Operator control: of several ground stations, one is in control of the vehicle, and another one takes over with its
+//! consent.
 //!
-//! Implements MAV_CMD_REQUEST_OPERATOR_CONTROL and CONTROL_STATUS of MAVLink's `development.xml`, rule O-5, as the manager of the
-//! whole system. They may still change there. Who is in control decides over commands (C-5), sticks (J-2) and setpoints (J-6).
+//! Implements MAV_CMD_REQUEST_OPERATOR_CONTROL and CONTROL_STATUS of MAVLink's `development.xml`, rule O-5, as the
+//! manager of the whole system. They may still change there. The system in control sends commands (C-5), sticks (J-2)
+//! and setpoints (J-6).
 //!
-//! Left out: control of single components, and changes of plans and parameters by messages. A vehicle that refuses those too copies
-//! [`owner`](OperatorControl::owner) in its flight loop, and compares it with the sender in [`Plans::may_change`](crate::Plans::may_change) and
-//! [`Parameters::may_set`](crate::Parameters::may_set).
+//! Left out: control of single components, and changes of plans and parameters by messages. A vehicle that refuses
+//! those too copies [`owner`](OperatorControl::owner) in its flight loop, and compares it with the sender in
+//! [`Plans::may_change`](crate::Plans::may_change) and [`Parameters::may_set`](crate::Parameters::may_set).
 //!
 //! [`OperatorControl`] shows how control is requested, taken over and released.
 
@@ -25,20 +27,21 @@ use crate::network::{PeerInfo, Peers};
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{Command, Firmware, LinkId, LinkMask, Peer, Refusal, Why};
+use core::num::{Saturating, Wrapping};
 
 /// MAV_CMD_REQUEST_OPERATOR_CONTROL: action, takeover, timeout, system.
 const REQUEST_OPERATOR_CONTROL: MavCmd = MavCmd(32_100);
 
-/// Requests control.
+/// The action that requests control; 0 releases it.
 const REQUEST: u8 = 1;
 
 /// The number of systems besides the owner that may send commands.
 const SECONDARIES: usize = 10;
 
-/// How often CONTROL_STATUS is sent without a change.
+/// The period of CONTROL_STATUS without a change.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// The maximum number of times that the owner is told of a request, and how often.
+/// The maximum number of times that the owner is notified of a request, every [`PERIOD`].
 const NOTICES: u8 = 3;
 
 /// GCS_CONTROL_STATUS_FLAGS: about the whole system.
@@ -64,8 +67,8 @@ counters! {
         count refused,
         /// Commands that were answered NOT_IN_CONTROL.
         drop commands,
-        /// Sticks, setpoints, messages that are equivalent to a command, and requests to change files, that were dropped because
-        /// their sender was not in control.
+        /// Sticks, setpoints, messages that are equivalent to a command, and requests to change files, that were
+        /// dropped because their sender was not in control.
         drop messages,
     }
 }
@@ -93,14 +96,15 @@ counters! {
 /// | [secondary](Self::set_secondaries) systems | yes | no |
 /// | others | NOT_IN_CONTROL | dropped and counted |
 ///
-/// A refused command calls no hook of the vehicle. Everyone may request control, messages, their intervals, and the vehicle's
-/// capabilities. COMMAND_CANCEL, LOG_ERASE, MISSION_SET_CURRENT, SET_MODE, SET_HOME_POSITION and SET_GPS_GLOBAL_ORIGIN are treated like
-/// commands, but only SET_MODE has an answer that could say so, if the vehicle has modes. SET_ACTUATOR_CONTROL_TARGET is
-/// treated like a setpoint. FTP requests that change files are treated like commands, without an answer. Uploads of
-/// plans and parameters as files are such requests. All other messages reach [`Vehicle::message`](crate::Vehicle::message).
+/// A refused command calls no hook of the vehicle. Everyone may request control, messages, their intervals, and the
+/// vehicle's capabilities. COMMAND_CANCEL, LOG_ERASE, MISSION_SET_CURRENT, SET_MODE, SET_HOME_POSITION and
+/// SET_GPS_GLOBAL_ORIGIN are treated like commands, but only SET_MODE has an answer that could say so, if the vehicle
+/// has modes. SET_ACTUATOR_CONTROL_TARGET is treated like a setpoint. FTP requests that change files are treated like
+/// commands, without an answer. Uploads of plans and parameters as files are such requests. All other messages reach
+/// [`Vehicle::message`](crate::Vehicle::message).
 ///
-/// The owner is told of a request by the same command, up to three times, until it has answered. CONTROL_STATUS is sent on
-/// every normal link that carries MAVLink 2: at once after a change, and every second.
+/// The owner is notified of a request by the same command, up to three times, until it has answered. CONTROL_STATUS is
+/// sent on every normal link that carries MAVLink 2: at once after a change, and every second.
 ///
 /// ```
 /// # use mavstack::prelude::*;
@@ -128,24 +132,25 @@ counters! {
 /// ```
 #[derive(Clone, Debug)]
 pub struct OperatorControl {
-    /// 0 for nobody.
-    owner: SystemId,
+    owner: Option<SystemId>,
     allows_takeover: bool,
+    /// Control is not released when the owner is lost.
     keeps_lost: bool,
     /// The owner is another one since [`take_new_owner`](ControlGate::take_new_owner).
     is_new: bool,
-    /// The number of changes, to report each of them once on each link. Wraps.
-    changes: u8,
+    /// The number of changes, to report each of them once on each link.
+    changes: Wrapping<u8>,
+    /// As CONTROL_STATUS has them: 0 is none.
     secondaries: [u8; SECONDARIES],
     notice: Notice,
     counters: OperatorCounters,
 }
 
-/// What the owner is told about a refused request.
+/// The notification of the owner about a refused request.
 #[derive(Clone, Copy, Debug)]
 struct Notice {
     /// How often it will be sent.
-    left: u8,
+    left: Saturating<u8>,
     /// The owner's ground station, and the link on which it is alive.
     to: Peer,
     /// The system that requests control, whether it would allow a takeover, and how long it waits (s).
@@ -159,7 +164,7 @@ struct Notice {
 impl Notice {
     /// All zero bits.
     const NONE: Self = Self {
-        left: 0,
+        left: Saturating(0),
         to: Peer { address: Address::new(0, 0), link: LinkId(0) },
         requester: SystemId::ALL,
         allow: 0,
@@ -172,56 +177,55 @@ impl Notice {
 #[derive(Clone, Copy, Debug)]
 pub struct OperatorLink {
     /// When CONTROL_STATUS is due without a change.
-    at: Instant,
-    /// The changes that it has reported.
-    changes: u8,
+    status_at: Instant,
+    /// The changes that were reported.
+    changes: Wrapping<u8>,
 }
 
-/// What operator control sends.
+/// A message of operator control.
 #[derive(Clone, Copy, Debug)]
 pub enum OperatorReply {
-    /// The owner is told of a request.
+    /// The notification of the owner about a request.
     Notice,
     /// CONTROL_STATUS.
     Status,
 }
 
 impl OperatorControl {
-    /// Returns the owner as of the last poll; `None` if nobody is in control.
-    fn owner(&self) -> Option<SystemId> {
-        Some(self.owner).filter(|owner| owner.wire() != 0)
-    }
-
-    /// Returns the system in control, whose stations are among these peers: see [`Stack::operator`](crate::Stack::operator).
+    /// Returns the system in control, whose stations are among these peers: see
+    /// [`Stack::operator`](crate::Stack::operator).
     pub(crate) fn operator(&self, mut peers: impl Iterator<Item = PeerInfo>) -> Option<SystemId> {
-        let mut is_there = |owner| peers.any(|info| info.is_living_station() && info.peer.address.system == owner);
-        self.owner().filter(|owner| self.keeps_lost || is_there(*owner))
+        let owner = self.owner?;
+        let is_kept =
+            self.keeps_lost || peers.any(|info| info.is_living_station() && info.peer.address.system == owner);
+        is_kept.then_some(owner)
     }
 
     /// Returns whether a request for control is granted, as of the last poll.
     pub(crate) const fn allows_takeover(&self) -> bool {
-        self.allows_takeover || self.owner.wire() == 0
+        self.allows_takeover || self.owner.is_none()
     }
 
     /// Sets the systems that may send commands besides the owner, at most ten; more are ignored.
     pub fn set_secondaries(&mut self, systems: &[SystemId]) {
         self.secondaries = [0; SECONDARIES];
-        for (place, system) in self.secondaries.iter_mut().zip(systems) {
-            *place = system.wire();
+        for (secondary, system) in self.secondaries.iter_mut().zip(systems) {
+            *secondary = system.wire();
         }
-        self.changed();
+        self.changes += 1;
     }
 
-    /// Sets whether control is released when no ground station of the owner is [alive](crate::network::PeerInfo::is_living_station)
-    /// on any link; by default it is. Otherwise only the owner releases it, and the firmware by [`release`](Self::release).
-    /// While control is released on loss, only a ground station that is alive can request it.
+    /// Sets whether control is released when no ground station of the owner is
+    /// [alive](crate::network::PeerInfo::is_living_station) on any link; by default it is. Otherwise only the owner
+    /// releases it, and the firmware by [`release`](Self::release). While control is released on loss, only a ground
+    /// station that is alive can request it.
     pub fn set_release_on_loss(&mut self, releases: bool) {
         self.keeps_lost = !releases;
     }
 
     /// Releases control: then no system is in control.
     pub fn release(&mut self) {
-        self.set_owner(SystemId::ALL, false);
+        self.set_owner(None, false);
     }
 
     /// Returns the counters.
@@ -229,85 +233,91 @@ impl OperatorControl {
         self.counters
     }
 
-    fn changed(&mut self) {
-        self.changes = self.changes.wrapping_add(1);
-    }
-
-    fn set_owner(&mut self, owner: SystemId, allows_takeover: bool) {
-        self.notice.left = 0;
+    fn set_owner(&mut self, owner: Option<SystemId>, allows_takeover: bool) {
+        self.notice.left.0 = 0;
         if (self.owner, self.allows_takeover) != (owner, allows_takeover) {
             self.is_new = self.owner != owner;
-            (self.owner, self.allows_takeover) = (owner, allows_takeover);
-            event!("operator control: system {=u8}", owner.wire());
-            self.changed();
+            self.owner = owner;
+            self.allows_takeover = allows_takeover;
+            event!("operator control: system {=u8}", self.main());
+            self.changes += 1;
+        }
+    }
+
+    /// Returns the owner as CONTROL_STATUS has it: 0 is none.
+    const fn main(&self) -> u8 {
+        match self.owner {
+            Some(owner) => owner.wire(),
+            None => 0,
         }
     }
 
     /// Whether a system may steer.
     fn may_steer(&self, own: SystemId, system: SystemId) -> bool {
-        self.owner.wire() == 0 || system == self.owner || system == own
+        self.owner.is_none_or(|owner| system == owner || system == own)
     }
 
     /// Whether a system may send commands.
     fn may_command(&self, own: SystemId, system: SystemId) -> bool {
-        // An empty place is 0, which no system is.
         self.may_steer(own, system) || self.secondaries.contains(&system.wire())
     }
 
     /// Handles MAV_CMD_REQUEST_OPERATOR_CONTROL.
-    fn request<F: Firmware>(&mut self, cx: &Cx<'_, F>, command: &Command) -> MavResult {
+    fn request<F: Firmware>(&mut self, cx: &Cx<'_, F>, command: &Command) -> Verdict {
         let [action, allow, timeout, system] = command.params;
         let from = command.from.address.system;
         let allow = if allow.is_nan() { Some(0) } else { num::integer::<u8>(allow).filter(|&allow| allow <= 1) };
         // It must not be requested for another system. Clients give no system by 0 or NaN.
         let is_for_sender = system.is_nan() || num::integer(system).is_some_and(|id: u8| id == 0 || id == from.wire());
-        let is_ours = from == cx.shared.config.address.get().system;
+        let is_ours = from == cx.address().system;
         let (Some(action @ 0..=REQUEST), Some(allow), true, false, false) =
             (num::integer::<u8>(action), allow, is_for_sender, is_ours, command.is_broadcast)
         else {
-            return MavResult::DENIED;
+            let why = if command.is_broadcast { Why::Broadcast } else { Why::Result };
+            return Verdict::Refused(Refusal { result: MavResult::DENIED, why });
         };
-        if action != REQUEST {
-            if self.owner == from {
+        let is_accepted = if action == REQUEST {
+            self.request_for(cx, from, allow, num::integer(timeout).unwrap_or(0))
+        } else {
+            if self.owner == Some(from) {
                 self.release();
             }
-            return if self.owner.wire() == 0 { MavResult::ACCEPTED } else { MavResult::FAILED };
+            self.owner.is_none()
+        };
+        if is_accepted {
+            return Verdict::done(MavResult::ACCEPTED);
         }
-        let is_possible = self.keeps_lost || station(cx.peers, from, LinkMask::ALL).is_some();
-        if is_possible && (self.allows_takeover() || self.owner == from) {
-            self.set_owner(from, allow != 0);
+        match self.owner {
+            Some(_) => Verdict::Refused(Refusal { result: MavResult::FAILED, why: Why::Taken }),
+            None => Verdict::done(MavResult::FAILED),
+        }
+    }
+
+    /// Gives control to a system, or notifies the owner of the request. Returns whether the system is in control.
+    fn request_for<F: Firmware>(&mut self, cx: &Cx<'_, F>, system: SystemId, allow: u8, timeout: u8) -> bool {
+        let is_possible = self.keeps_lost || station(cx.peers, system, LinkMask::ALL).is_some();
+        if is_possible && (self.allows_takeover() || self.owner == Some(system)) {
+            // A frame may have 0 as its source.
+            self.set_owner(Some(system).filter(|system| !system.is_all()), allow != 0);
             increment(&mut self.counters.granted);
-            return MavResult::ACCEPTED;
+            return true;
         }
         increment(&mut self.counters.refused);
-        if is_possible && let Some(to) = station(cx.peers, self.owner, cx.shared.normal) {
-            let timeout = num::integer::<u8>(timeout).unwrap_or(0).clamp(3, 60);
-            self.notice = Notice { left: NOTICES, to, requester: from, allow, timeout, at: cx.now };
+        if is_possible
+            && let Some(owner) = self.owner
+            && let Some(to) = station(cx.peers, owner, cx.shared.normal)
+        {
+            let (left, timeout) = (Saturating(NOTICES), timeout.clamp(3, 60));
+            self.notice = Notice { left, to, requester: system, allow, timeout, at: cx.now };
         }
-        MavResult::FAILED
-    }
-
-    /// Returns when CONTROL_STATUS is due on a link.
-    fn status_due(&self, now: Instant, port: &Port, link: &OperatorLink) -> Instant {
-        match port.outbox.takes(ControlStatus::ID) {
-            false => Instant::NEVER,
-            true if link.changes != self.changes => now,
-            true => link.at,
-        }
-    }
-
-    /// Returns when the owner is told of a request on a link.
-    fn notice_due(&self, port: &Port) -> Instant {
-        let Notice { left, to, at, .. } = self.notice;
-        if left > 0 && to.link == port.id { at } else { Instant::NEVER }
+        false
     }
 }
 
 /// Returns a ground station of a system that is alive on one of the links.
 fn station(peers: &Peers, system: SystemId, links: LinkMask) -> Option<Peer> {
-    let mut peers = peers.iter();
-    let is_it = |peer: Peer| peer.address.system == system && links.contains(LinkMask::of(peer.link));
-    peers.find(|info| info.is_living_station() && is_it(info.peer)).map(|info| info.peer)
+    let mut stations = peers.iter().filter(|info| info.is_living_station()).map(|info| info.peer);
+    stations.find(|peer| peer.address.system == system && links.contains(LinkMask::of(peer.link)))
 }
 
 /// Whether everyone may send this command: it requests control, or information.
@@ -360,23 +370,24 @@ impl ControlGate for OperatorControl {
     }
 
     fn take_new_owner(&mut self) -> Option<SystemId> {
-        core::mem::take(&mut self.is_new).then(|| self.owner()).flatten()
+        let is_new = core::mem::take(&mut self.is_new);
+        self.owner.filter(|_| is_new)
     }
 }
 
 impl<F: Firmware> Service<F> for OperatorControl {
     const NEW: Self = Self {
-        owner: SystemId::ALL,
+        owner: None,
         allows_takeover: false,
         keeps_lost: false,
         is_new: false,
-        changes: 0,
+        changes: Wrapping(0),
         secondaries: [0; SECONDARIES],
         notice: Notice::NONE,
         counters: OperatorCounters::ZERO,
     };
     type Link = OperatorLink;
-    const VACANT: OperatorLink = OperatorLink { at: Instant::ZERO, changes: 0 };
+    const VACANT: OperatorLink = OperatorLink { status_at: Instant::ZERO, changes: Wrapping(0) };
     type Reply = OperatorReply;
     const ABOUT: About = About {
         turns: &[Turn::OperatorControl],
@@ -386,7 +397,10 @@ impl<F: Firmware> Service<F> for OperatorControl {
 
     /// Releases control when the owner is lost.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut OperatorLink>) {
-        if self.owner.wire() != 0 && !self.keeps_lost && station(cx.peers, self.owner, LinkMask::ALL).is_none() {
+        if let Some(owner) = self.owner
+            && !self.keeps_lost
+            && station(cx.peers, owner, LinkMask::ALL).is_none()
+        {
             self.release();
         }
     }
@@ -397,8 +411,8 @@ impl<F: Firmware> Service<F> for OperatorControl {
         if ack.command != REQUEST_OPERATOR_CONTROL {
             return Handled::No;
         }
-        if received.from.address.system == self.owner {
-            self.notice.left = 0;
+        if self.owner == Some(received.from.address.system) {
+            self.notice.left.0 = 0;
         }
         Handled::Yes
     }
@@ -410,36 +424,30 @@ impl<F: Firmware> Service<F> for OperatorControl {
         _: &mut OperatorLink,
         request: &Request,
     ) -> Option<Verdict> {
-        let command = &request.command;
-        if command.id != REQUEST_OPERATOR_CONTROL {
-            return None;
-        }
-        let why = match self.request(cx, command) {
-            MavResult::DENIED if command.is_broadcast => Why::Broadcast,
-            MavResult::DENIED => Why::Result,
-            MavResult::FAILED if self.owner.wire() != 0 => Why::Taken,
-            result => return Some(Verdict::done(result)),
-        };
-        let result = if why == Why::Taken { MavResult::FAILED } else { MavResult::DENIED };
-        Some(Verdict::Refused(Refusal { result, why }))
+        (request.command.id == REQUEST_OPERATOR_CONTROL).then(|| self.request(cx, &request.command))
     }
 
     #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &OperatorLink, _: Turn) -> Option<(Instant, OperatorReply)> {
-        let (notice_at, status_at) = (self.notice_due(port), self.status_due(view.now, port, link));
-        Some(match notice_at {
-            at if at <= view.now => (view.now, OperatorReply::Notice),
-            at if at < status_at => (at, OperatorReply::Notice),
-            _ => (status_at, OperatorReply::Status),
-        })
+        let status_at = match port.outbox.takes(ControlStatus::ID) {
+            false => Instant::NEVER,
+            true if link.changes != self.changes => view.now,
+            true => link.status_at,
+        };
+        let Notice { left, to, at: notice_at, .. } = self.notice;
+        if left.0 > 0 && to.link == port.id && (notice_at <= view.now || notice_at < status_at) {
+            return Some((notice_at, OperatorReply::Notice));
+        }
+        Some((status_at, OperatorReply::Status))
     }
 
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut OperatorLink, reply: OperatorReply) -> bool {
         match reply {
             OperatorReply::Notice => {
                 let notice = &mut self.notice;
-                let confirmation = NOTICES.saturating_sub(notice.left);
-                (notice.left, notice.at) = (notice.left.saturating_sub(1), cx.now + PERIOD);
+                let confirmation = Saturating(NOTICES) - notice.left;
+                notice.left -= 1;
+                notice.at = cx.now + PERIOD;
                 port.outbox.send(&CommandLong {
                     param1: f32::from(REQUEST),
                     param2: f32::from(notice.allow),
@@ -448,14 +456,15 @@ impl<F: Firmware> Service<F> for OperatorControl {
                     command: REQUEST_OPERATOR_CONTROL,
                     target_system: notice.to.address.system.wire(),
                     target_component: notice.to.address.component.wire(),
-                    confirmation,
+                    confirmation: confirmation.0,
                     ..CommandLong::default()
                 })
             }
             OperatorReply::Status => {
-                (link.at, link.changes) = (cx.now + PERIOD, self.changes);
+                link.status_at = cx.now + PERIOD;
+                link.changes = self.changes;
                 let flags = if self.allows_takeover() { SYSTEM_MANAGER | TAKEOVER_ALLOWED } else { SYSTEM_MANAGER };
-                port.outbox.send(&ControlStatus { flags, gcs_main: self.owner.wire(), gcs_secondary: self.secondaries })
+                port.outbox.send(&ControlStatus { flags, gcs_main: self.main(), gcs_secondary: self.secondaries })
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use super::{Declares, PeerMemory, Stack};
 use crate::network::PeerInfo;
-use crate::service::manual_control::ControlSource;
+use crate::service::holder::ControlSource;
 use crate::time::Instant;
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {

@@ -5,6 +5,7 @@ use crate::frame::Frame;
 use crate::message::Message;
 use crate::time::Instant;
 use crate::types::{CHANNELS, RcOverride};
+use core::num::Saturating;
 
 impl RcOverride {
     /// Returns the pulse of channel `number`, 1 to 32, in µs. Any number from 1 to 65533 is possible; a sane sender
@@ -62,14 +63,14 @@ impl RcOverride {
     }
 }
 
-/// What a message says about a channel.
-pub(super) enum Given {
+/// The value of a channel in a message.
+pub(super) enum ChannelValue {
     /// A pulse (µs).
     Pulse(u16),
     /// The channel is no longer overridden.
     Released,
-    /// Nothing: it stays as it is.
-    Nothing,
+    /// The channel stays as it is.
+    NotGiven,
     /// A value out of range, which is ignored.
     Invalid,
 }
@@ -80,39 +81,42 @@ const FIRST_OVERRIDES: u8 = 8;
 /// The value of RC_CHANNELS_OVERRIDE that releases a channel.
 const RELEASE: u16 = u16::MAX - 1;
 
-/// Where the extensions begin in the payloads: the channels of RADIO_RC_CHANNELS, and those after channel 8 in
-/// RC_CHANNELS_OVERRIDE.
+/// Where channel 1 is in the payload of RADIO_RC_CHANNELS; and where it would be in RC_CHANNELS_OVERRIDE if the target
+/// did not separate channels 8 and 9.
 const RADIO_AT: u8 = 9;
-const OVERRIDES_AT: u8 = 18;
-const _: () = assert!(RadioRcChannels::BASE_LEN == 9 && RcChannelsOverride::BASE_LEN == 18, "the offsets above");
+const LATER_OVERRIDES_AT: u8 = 2;
+const _: () = assert!(
+    RadioRcChannels::BASE_LEN == 9 && RcChannelsOverride::BASE_LEN == 18,
+    "the offsets above: extensions follow the other fields"
+);
 
-/// Returns a number of a payload, as far as the sender did not cut it off (S-6). A loop over bytes takes less flash than decoding
-/// all channels by name.
-fn number(frame: &Frame<'_>, at: u8) -> u16 {
-    u16::from_le_bytes([frame.byte(at), frame.byte(at.saturating_add(1))])
+/// Returns a channel's number in a payload, as far as the sender did not cut it off (S-6). A loop over bytes takes less
+/// flash than decoding all channels by name. `first_at` is where channel 1 is, and `index` is 0 for it.
+fn number(frame: &Frame<'_>, first_at: u8, index: u8) -> u16 {
+    let at = Saturating(first_at) + Saturating(index) * Saturating(2);
+    u16::from_le_bytes([frame.byte(at.0), frame.byte((at + Saturating(1)).0)])
 }
 
-/// Returns what RC_CHANNELS_OVERRIDE says about a channel (J-4). `index` is 0 for channel 1.
-pub(super) fn of_override(frame: &Frame<'_>, index: u8) -> Given {
-    let later = index.checked_sub(FIRST_OVERRIDES);
-    let at = later.map_or(index.wrapping_mul(2), |later| later.wrapping_mul(2).saturating_add(OVERRIDES_AT));
-    match number(frame, at) {
-        u16::MAX => Given::Nothing,
+/// Returns the value of a channel in RC_CHANNELS_OVERRIDE (J-4). `index` is 0 for channel 1.
+pub(super) fn of_override(frame: &Frame<'_>, index: u8) -> ChannelValue {
+    let is_later = index >= FIRST_OVERRIDES;
+    match number(frame, if is_later { LATER_OVERRIDES_AT } else { 0 }, index) {
+        u16::MAX => ChannelValue::NotGiven,
         // In the later channels a 0 means that the field was cut off.
-        0 if later.is_some() => Given::Nothing,
+        0 if is_later => ChannelValue::NotGiven,
         // The later channels' value for "release" works for all: no pulse is 65 ms long.
-        0 | RELEASE => Given::Released,
-        raw => Given::Pulse(raw),
+        0 | RELEASE => ChannelValue::Released,
+        pulse => ChannelValue::Pulse(pulse),
     }
 }
 
-/// Returns what RADIO_RC_CHANNELS says about a channel (J-12): ±4096 is 860 to 2140 µs, as ArduPilot takes it. `index` is 0 for
-/// channel 1.
-pub(super) fn of_radio(frame: &Frame<'_>, index: u8) -> Given {
-    let value = i32::from(number(frame, index.wrapping_mul(2).saturating_add(RADIO_AT)).cast_signed());
-    let pulse = u16::try_from((value.wrapping_mul(5) / 32).wrapping_add(1_500));
-    match pulse {
-        Ok(pulse) if (-4_096..=4_096).contains(&value) => Given::Pulse(pulse),
-        _ => Given::Invalid,
+/// Returns the value of a channel in RADIO_RC_CHANNELS (J-12): ±4096 is 860 to 2140 µs, as ArduPilot takes it. `index`
+/// is 0 for channel 1.
+pub(super) fn of_radio(frame: &Frame<'_>, index: u8) -> ChannelValue {
+    let value = Saturating(i32::from(number(frame, RADIO_AT, index).cast_signed()));
+    let pulse = value * Saturating(5) / Saturating(32) + Saturating(1_500);
+    match u16::try_from(pulse.0) {
+        Ok(pulse) if (-4_096..=4_096).contains(&value.0) => ChannelValue::Pulse(pulse),
+        _ => ChannelValue::Invalid,
     }
 }

@@ -1,82 +1,35 @@
 //! Manual control: the sticks of a pilot on the ground, and the radio control channels that a receiver or a peer sends.
 //!
-//! Implements <https://mavlink.io/en/services/manual_control.html>: MANUAL_CONTROL, its alternative RC_CHANNELS_OVERRIDE
-//! (rules J-1 to J-5), and RADIO_RC_CHANNELS of a receiver for radio control (J-10 to J-13). None of them is answered. The
-//! vehicle decides what a stick does: it reads the input in every pass of its loop, and gets `None` when no one is steering.
+//! Implements <https://mavlink.io/en/services/manual_control.html>: MANUAL_CONTROL, its alternative
+//! RC_CHANNELS_OVERRIDE (rules J-1 to J-5), and RADIO_RC_CHANNELS of a receiver for radio control (J-10 to J-13). None
+//! of them is answered. The vehicle decides what a stick does: it reads the input in every pass of its loop, and gets
+//! `None` when no one is steering.
 //!
 //! [`ManualInput`] shows which sender steers, and for how long.
 //!
-//! Left out: MANUAL_INPUT_STATUS, which is still under development. [`ManualInput::holder`], [`Vehicle::stick_holder`] and a
-//! text say who steers.
+//! Left out: MANUAL_INPUT_STATUS, which is still under development. [`ManualInput::holder`], [`Vehicle::stick_holder`]
+//! and a text report the steering sender.
 //!
 //! [`Vehicle::stick_holder`]: crate::Vehicle::stick_holder
 
 mod channels;
 mod receiver;
 
-use channels::{Given, OVERRIDES, of_override, of_radio};
-use receiver::{Heard, Radio, Receiver};
+use channels::{ChannelValue, OVERRIDES, of_override, of_radio};
+use receiver::{RadioHeader, Receiver, ReceiverFrame};
 
+use super::holder::{ControlSource, Holder};
 use super::{Cx, Handled, Received, Service, ShowCounters, StackEvent, SticksGate, increment};
-use crate::dialect::{ManualControl, MavSeverity, MavType, RadioRcChannels, RcChannelsOverride};
+use crate::dialect::{ManualControl, MavSeverity, RadioRcChannels, RcChannelsOverride};
 use crate::frame::Frame;
 use crate::link::Port;
-use crate::message::{Message, SystemId, Text};
-use crate::network::{PeerInfo, Peers};
+use crate::message::{Message, Text};
+use crate::network::Peers;
 use crate::time::{Duration, Instant};
 use crate::types::{CHANNELS, ControlInput, Firmware, MAX_TEXT_LEN, ManualControlInput, Peer, RcOverride, Vehicle};
 
 /// The maximum number of receivers.
 const RECEIVERS: usize = 2;
-
-/// Who may steer the vehicle, by hand (J-2) or by setpoints (J-6).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum ControlSource {
-    /// Nobody.
-    Nobody,
-    /// Every component of one system: the ground station in control.
-    System(SystemId),
-    /// Every system from `first` to `last`, both included.
-    Systems {
-        /// The lowest id.
-        first: SystemId,
-        /// The highest id.
-        last: SystemId,
-    },
-    /// Every system that sends a ground station's heartbeats on the same link: type [`GCS`](MavType::GCS), and not
-    /// [timed out](crate::PeerEvent::Lost). A sender without an entry in the peer table is not known.
-    GroundStation,
-}
-
-impl ControlSource {
-    /// Whether it allows this sender.
-    pub(crate) fn allows(self, from: Peer, peers: &Peers) -> bool {
-        let system = from.address.system;
-        match self {
-            Self::Nobody => false,
-            Self::System(only) => system == only,
-            Self::Systems { first, last } => first <= system && system <= last,
-            Self::GroundStation => peers.iter().any(|info| {
-                info.peer.address.system == system
-                    && info.peer.link == from.link
-                    && info.r#type == MavType::GCS
-                    && info.is_alive
-            }),
-        }
-    }
-
-    /// Whether a ground station that may steer is alive, on any link.
-    pub(crate) fn is_alive(self, mut peers: impl Iterator<Item = PeerInfo>) -> bool {
-        let systems = match self {
-            Self::Nobody => return false,
-            Self::System(only) => only..=only,
-            Self::Systems { first, last } => first..=last,
-            Self::GroundStation => SystemId::ALL..=SystemId::new(u8::MAX),
-        };
-        peers.any(|info| info.is_living_station() && systems.contains(&info.peer.address.system))
-    }
-}
 
 counters! {
     /// Counters of the messages of manual control. They wrap. Messages for other systems are counted in
@@ -91,8 +44,8 @@ counters! {
         drop not_allowed,
         /// Dropped because another sender was steering, or because a receiver sends RADIO_RC_CHANNELS besides (J-12).
         drop not_holder,
-        /// Axes in accepted messages that were neither within ±1000 nor "not given" (J-1), and channels of RADIO_RC_CHANNELS
-        /// that were not within ±4096 (J-12).
+        /// Axes in accepted messages that were neither within ±1000 nor "not given" (J-1), and channels of
+        /// RADIO_RC_CHANNELS that were not within ±4096 (J-12).
         drop bad_axes,
     }
 }
@@ -120,15 +73,16 @@ counters! {
 /// | first | the pilot's receiver for radio control, such as ExpressLRS or mLRS in MAVLink mode (J-10) | [`set_receivers`](Self::set_receivers) |
 /// | second | a ground station's joystick, or a companion computer (J-2) | [`set_source`](Self::set_source) |
 ///
-/// Among senders of the second rank, the first one holds the sticks until it stops. A receiver takes them from a sender of
-/// lower rank once it has sent for 500 ms without a gap of that length (J-11). Nothing takes them from a receiver while it is
-/// alive, [operator control](crate::operator_control) included. Its own frames show that it is alive: it sends no heartbeats.
-/// RADIO_RC_CHANNELS says when the receiver has lost its transmitter. Then the sticks are free at once (J-12).
+/// Among senders of the second rank, the first one holds the sticks until it stops. A receiver takes them from a sender
+/// of lower rank once it has sent for 500 ms without a gap of that length (J-11). Nothing takes them from a receiver
+/// while it is alive, [operator control](crate::operator_control) included. Its own frames show that it is alive: it
+/// sends no heartbeats. RADIO_RC_CHANNELS says when the receiver has lost its transmitter. Then the sticks are free at
+/// once (J-12).
 ///
 /// A change of the holder is reported by [`Vehicle::stick_holder`] and in a text (J-13).
 ///
-/// [`Vehicle::control_input`] gets each accepted message at once. A vehicle that enters a mode only with current input decides
-/// by it, because a request for the mode may follow in the same read (C-17).
+/// [`Vehicle::control_input`] gets each accepted message at once. A vehicle that enters a mode only with current input
+/// decides by it, because a request for the mode may follow in the same read (C-17).
 ///
 /// Manual control does not show that a ground station is alive: only heartbeats do (H-10). To count it too, check
 /// [`ManualInput::holder`] besides [`Stack::has_controller`](crate::Stack::has_controller).
@@ -170,22 +124,20 @@ counters! {
 /// ```
 #[derive(Clone, Debug)]
 pub struct ManualInput {
-    source: ControlSource,
     /// The first has the highest rank.
     receivers: [Receiver; RECEIVERS],
-    timeout: Duration,
-    /// The steering sender, and when its turn ends if it sends nothing more.
-    holder: Option<(Peer, Instant)>,
+    holder: Holder,
     /// The holder that was reported last.
     reported: Option<Peer>,
     /// The sticks, and until when they are valid.
-    sticks: Option<(ManualControlInput, Instant)>,
+    sticks: ManualControlInput,
+    sticks_until: Instant,
     /// The channels as received (µs); 0 for those that are not overridden.
     channels: [u16; CHANNELS],
     /// Until when each channel is valid.
-    until: [Instant; CHANNELS],
+    channels_until: [Instant; CHANNELS],
     counters: ManualCounters,
-    /// How far the stack's clock is ahead of the firmware's (X-7).
+    /// How far the stack's clock is ahead of the firmware's (X-7). All instants here are the firmware's.
     lead: Duration,
 }
 
@@ -194,37 +146,21 @@ impl ManualInput {
     /// messages.
     pub const TIMEOUT: Duration = Duration::from_millis(500);
 
-    /// Returns the state in which no one is steering. `source` may; its input is valid for `timeout`, and with a timeout of
-    /// zero never.
-    const fn new(source: ControlSource, timeout: Duration) -> Self {
-        Self {
-            source,
-            receivers: [Receiver::VACANT; RECEIVERS],
-            timeout,
-            holder: None,
-            reported: None,
-            sticks: None,
-            channels: [0; CHANNELS],
-            until: [Instant::ZERO; CHANNELS],
-            counters: ManualCounters::ZERO,
-            lead: Duration::ZERO,
-        }
-    }
-
-    /// Sets who may steer besides the receivers. A change ends the turn of the steering sender, unless it is a receiver; it
-    /// may begin again with its next message if it is still authorised. Until the first call only receivers may steer.
+    /// Sets who may steer besides the receivers. A change ends the turn of the steering sender, unless it is a
+    /// receiver; it may begin again with its next message if it is still authorised. Until the first call only
+    /// receivers may steer.
     pub fn set_source(&mut self, source: ControlSource) {
-        if self.source != source {
-            self.source = source;
+        if self.holder.source != source {
+            self.holder.source = source;
             if !self.is_held_by_receiver() {
-                self.forget();
+                self.release();
             }
         }
     }
 
-    /// Sets the receivers for radio control, the one with the highest rank first: at most two; more are ignored. Each is an
-    /// address on a link (J-10). It needs no heartbeats, and is not a ground station. A change ends the turn of the steering
-    /// sender. Until the first call there is no receiver.
+    /// Sets the receivers for radio control, the one with the highest rank first: at most two; more are ignored. Each
+    /// is an address on a link (J-10). It needs no heartbeats, and is not a ground station. A change ends the turn of
+    /// the steering sender. Until the first call there is no receiver.
     ///
     /// | receiver | address |
     /// |---|---|
@@ -232,9 +168,9 @@ impl ManualInput {
     /// | mLRS that sends RC_CHANNELS_OVERRIDE | 255/68 |
     /// | mLRS that sends RADIO_RC_CHANNELS | 51/68; the system id is a setting, 51 to 55 |
     ///
-    /// A receiver's MANUAL_CONTROL, RC_CHANNELS_OVERRIDE and RADIO_RC_CHANNELS are accepted. The last two may be addressed to
-    /// all: mLRS does so unless the autopilot is ArduPilot. Channels of RC_CHANNELS_OVERRIDE are ignored while the same
-    /// receiver also sends RADIO_RC_CHANNELS (J-12).
+    /// A receiver's MANUAL_CONTROL, RC_CHANNELS_OVERRIDE and RADIO_RC_CHANNELS are accepted. The last two may be
+    /// addressed to all: mLRS does so unless the autopilot is ArduPilot. Channels of RC_CHANNELS_OVERRIDE are ignored
+    /// while the same receiver also sends RADIO_RC_CHANNELS (J-12).
     ///
     /// ```
     /// # use mavstack::manual_control::ManualInput;
@@ -251,13 +187,13 @@ impl ManualInput {
     /// }
     /// ```
     pub fn set_receivers(&mut self, receivers: &[Peer]) {
-        let mut places = [Receiver::VACANT; RECEIVERS];
-        for (place, &peer) in places.iter_mut().zip(receivers) {
-            place.peer = peer;
+        let mut new = [Receiver::VACANT; RECEIVERS];
+        for (receiver, &peer) in new.iter_mut().zip(receivers) {
+            receiver.peer = peer;
         }
-        if places.iter().zip(&self.receivers).any(|(new, old)| new.peer != old.peer) {
-            self.receivers = places;
-            self.forget();
+        if new.iter().zip(&self.receivers).any(|(new, old)| new.peer != old.peer) {
+            self.receivers = new;
+            self.release();
         }
     }
 
@@ -266,29 +202,31 @@ impl ManualInput {
         self.rank(peer) < RECEIVERS
     }
 
-    /// Returns the rank of a sender: 0 is the highest. It is the place of a receiver; all other senders have the lowest.
+    /// Returns the rank of a sender: 0 is the highest. It is the position of a receiver; all other senders have the
+    /// lowest.
     fn rank(&self, peer: Peer) -> usize {
-        let is_it = |receiver: &Receiver| receiver.peer == peer && !peer.address.system.is_all();
-        self.receivers.iter().position(is_it).unwrap_or(RECEIVERS)
+        let mut receivers = self.receivers.iter();
+        let rank = receivers.position(|receiver| receiver.peer == peer && !peer.address.system.is_all());
+        rank.unwrap_or(RECEIVERS)
     }
 
     /// Sets how long input is valid, [`TIMEOUT`](Self::TIMEOUT) by default. It applies to later messages: input that
     /// has expired does not become valid again.
     pub fn set_timeout(&mut self, timeout: Duration) {
-        self.timeout = timeout;
+        self.holder.timeout = timeout;
     }
 
     /// Returns the sticks now; `None` without current input: initially, and once the last MANUAL_CONTROL is as old as
     /// the timeout (J-3).
     pub fn manual_control(&self, now: Instant) -> Option<ManualControlInput> {
-        self.sticks.filter(|&(_, until)| now < until).map(|(sticks, _)| sticks)
+        (now < self.sticks_until).then_some(self.sticks)
     }
 
     /// Returns the channels that are overridden now; `None` if none is. A message may leave channels unchanged, so each
     /// is valid for the timeout since it was last given (J-3, J-4).
     pub fn rc_channels(&self, now: Instant) -> Option<RcOverride> {
         let mut channels = self.channels;
-        for (channel, &until) in channels.iter_mut().zip(&self.until) {
+        for (channel, &until) in channels.iter_mut().zip(&self.channels_until) {
             if now >= until {
                 *channel = 0;
             }
@@ -298,13 +236,14 @@ impl ManualInput {
 
     /// Returns who may steer besides the receivers, as last set.
     pub const fn source(&self) -> ControlSource {
-        self.source
+        self.holder.source
     }
 
-    /// Returns the steering sender: its address, and the link by which it steers (J-13). Nobody of the same or a lower rank can
-    /// steer until it was silent for the timeout. [`is_receiver`](Self::is_receiver) says whether it is the pilot's receiver.
+    /// Returns the steering sender: its address, and the link by which it steers (J-13). Nobody of the same or a lower
+    /// rank can steer until it was silent for the timeout. [`is_receiver`](Self::is_receiver) says whether it is the
+    /// pilot's receiver.
     pub fn holder(&self, now: Instant) -> Option<Peer> {
-        self.holder.filter(|&(_, until)| now < until).map(|(holder, _)| holder)
+        self.holder.sender(now)
     }
 
     /// Returns the counters.
@@ -312,81 +251,87 @@ impl ManualInput {
         self.counters
     }
 
-    fn forget(&mut self) {
-        self.holder = None;
-        self.sticks = None;
+    /// Ends the turn of the steering sender.
+    fn release(&mut self) {
+        self.holder.release();
+        self.sticks_until = Instant::ZERO;
         self.channels = [0; CHANNELS];
     }
 
     /// Whether a receiver steers, or was the last one to do so.
     fn is_held_by_receiver(&self) -> bool {
-        self.holder.is_some_and(|(holder, _)| self.is_receiver(holder))
+        self.holder.last_sender().is_some_and(|sender| self.is_receiver(sender))
     }
 
     /// Handles one of the messages. Returns whether it is input that is accepted.
     fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) -> bool {
-        let (holder, rank, radio) = (self.holder(now), self.rank(from), Radio::of(frame));
-        let is_receiver = rank < RECEIVERS;
+        let holder = self.holder.sender(now);
+        let rank = self.rank(from);
         // mLRS addresses its channels to all.
-        let may_broadcast = is_receiver && frame.id() != ManualControl::ID;
-        let heard = self.receivers.get_mut(rank).filter(|_| !is_broadcast || may_broadcast);
-        let heard = heard.map(|receiver| receiver.hear(now, self.timeout, frame.id(), radio));
-        let is_refused = match holder {
-            Some(holder) if holder != from => {
-                rank >= self.rank(holder) || !self.receivers.get(rank).is_some_and(|it| it.has_returned(now))
-            }
-            _ => false,
-        };
-        let counters = &mut self.counters;
-        let counter = if is_broadcast && !may_broadcast {
-            &mut counters.broadcast
-        } else if !is_receiver && (radio.is_some() || !self.source.allows(from, peers)) {
-            &mut counters.not_allowed
-        } else if heard == Some(Heard::Outdated) {
-            &mut counters.taken
-        } else if heard == Some(Heard::Failsafe) {
-            increment(&mut counters.taken);
-            if holder == Some(from) {
-                self.forget();
-            }
+        if is_broadcast && (rank == RECEIVERS || frame.id() == ManualControl::ID) {
+            increment(&mut self.counters.broadcast);
             return false;
-        } else if is_refused || heard == Some(Heard::Redundant) {
-            &mut counters.not_holder
-        } else {
-            if holder != Some(from) {
-                self.forget();
-            }
-            self.holder = Some((from, now + self.timeout));
-            self.take(now, from, frame, radio);
-            increment(&mut self.counters.taken);
-            return true;
-        };
-        increment(counter);
-        false
-    }
-
-    /// Returns what an accepted message with this id has set.
-    fn input(&self, now: Instant, id: u32) -> Option<ControlInput> {
-        match id {
-            ManualControl::ID => self.manual_control(now).map(ControlInput::Sticks),
-            _ => self.rc_channels(now).map(ControlInput::Channels),
         }
+        let radio = RadioHeader::of(frame);
+        let receiver = self.receivers.get_mut(rank);
+        match receiver.map(|receiver| receiver.on_frame(now, self.holder.timeout, frame.id(), radio)) {
+            None if radio.is_some() || !self.holder.source.allows(from, peers) => {
+                increment(&mut self.counters.not_allowed);
+                return false;
+            }
+            Some(ReceiverFrame::Outdated) => {
+                increment(&mut self.counters.taken);
+                return false;
+            }
+            Some(ReceiverFrame::Failsafe) => {
+                increment(&mut self.counters.taken);
+                if holder == Some(from) {
+                    self.release();
+                }
+                return false;
+            }
+            Some(ReceiverFrame::Redundant) => {
+                increment(&mut self.counters.not_holder);
+                return false;
+            }
+            None | Some(ReceiverFrame::Input) => {}
+        }
+        if let Some(holder) = holder
+            && holder != from
+        {
+            let has_returned = self.receivers.get(rank).is_some_and(|receiver| receiver.has_returned(now));
+            if rank >= self.rank(holder) || !has_returned {
+                increment(&mut self.counters.not_holder);
+                return false;
+            }
+        }
+        if holder != Some(from) {
+            self.release();
+        }
+        self.holder.hold(now, from);
+        self.take(now, from, frame, radio);
+        increment(&mut self.counters.taken);
+        true
     }
 
-    fn take(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, radio: Option<Radio>) {
-        let valid_until = now + self.timeout;
+    /// Takes the sticks or the channels of an accepted message.
+    fn take(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, radio: Option<RadioHeader>) {
+        let valid_until = self.holder.until();
         if let Some(message) = frame.decode::<ManualControl>() {
-            self.sticks = Some((sticks(now, from, &message, &mut self.counters.bad_axes), valid_until));
+            self.sticks = sticks(now, from, &message, &mut self.counters.bad_axes);
+            self.sticks_until = valid_until;
             return;
         }
         let count = radio.map_or(OVERRIDES, |radio| radio.count);
-        for (index, (channel, until)) in (0..count).zip(self.channels.iter_mut().zip(&mut self.until)) {
-            let given = if radio.is_some() { of_radio(frame, index) } else { of_override(frame, index) };
-            match given {
-                Given::Pulse(pulse) => (*channel, *until) = (pulse, valid_until),
-                Given::Released => *channel = 0,
-                Given::Nothing => {}
-                Given::Invalid => increment(&mut self.counters.bad_axes),
+        for (index, (channel, until)) in (0..count).zip(self.channels.iter_mut().zip(&mut self.channels_until)) {
+            match if radio.is_some() { of_radio(frame, index) } else { of_override(frame, index) } {
+                ChannelValue::Pulse(pulse) => {
+                    *channel = pulse;
+                    *until = valid_until;
+                }
+                ChannelValue::Released => *channel = 0,
+                ChannelValue::NotGiven => {}
+                ChannelValue::Invalid => increment(&mut self.counters.bad_axes),
             }
         }
     }
@@ -433,10 +378,16 @@ fn sticks(now: Instant, from: Peer, message: &ManualControl, bad_axes: &mut u32)
 }
 
 impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
-    /// `Some` of zeros is all zero bits, which `None` is not. These sticks have expired since [`Instant::ZERO`].
     const NEW: Self = Self {
-        sticks: Some((ManualControlInput::VACANT, Instant::ZERO)),
-        ..Self::new(ControlSource::Nobody, Duration::ZERO)
+        receivers: [Receiver::VACANT; RECEIVERS],
+        holder: Holder::NEW,
+        reported: None,
+        sticks: ManualControlInput::VACANT,
+        sticks_until: Instant::ZERO,
+        channels: [0; CHANNELS],
+        channels_until: [Instant::ZERO; CHANNELS],
+        counters: ManualCounters::ZERO,
+        lead: Duration::ZERO,
     };
     type Link = ();
     const VACANT: () = ();
@@ -450,7 +401,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>) {
         let holder = self.holder(cx.shared.clock.shown(cx.now));
         if holder.is_none() {
-            self.holder = None;
+            self.holder.release();
         }
         if holder != self.reported {
             self.reported = holder;
@@ -459,10 +410,13 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
     }
 
     fn deadline(&self) -> Instant {
-        match self.holder {
-            None if self.reported.is_none() => Instant::NEVER,
-            Some((holder, until)) if self.reported == Some(holder) => until + self.lead,
-            _ => Instant::ZERO,
+        let sender = self.holder.last_sender();
+        if sender != self.reported {
+            Instant::ZERO
+        } else if sender.is_some() {
+            self.holder.until() + self.lead
+        } else {
+            Instant::NEVER
         }
     }
 
@@ -472,29 +426,32 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
             return Handled::No;
         }
         let now = cx.shared.clock.shown(cx.now);
-        if self.receive(now, *from, frame, target.system.is_all(), cx.peers)
-            && let Some(input) = self.input(now, frame.id())
-        {
-            let (vehicle, mut context) = cx.hook();
-            vehicle.control_input(&mut context, &input);
+        if self.receive(now, *from, frame, target.system.is_all(), cx.peers) {
+            let input = match frame.id() {
+                ManualControl::ID => self.manual_control(now).map(ControlInput::Sticks),
+                _ => self.rc_channels(now).map(ControlInput::Channels),
+            };
+            if let Some(input) = input {
+                let (vehicle, mut context) = cx.hook();
+                vehicle.control_input(&mut context, &input);
+            }
         }
         Handled::Yes
     }
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         match event {
-            StackEvent::Begun(_) => self.timeout = Self::TIMEOUT,
+            StackEvent::Begun(_) => self.holder.timeout = Self::TIMEOUT,
             // A receiver's rank is above operator control (J-11).
             StackEvent::NewOwner { own, owner } => {
-                let is_allowed = |(holder, _): (Peer, Instant)| [own, owner].contains(&holder.address.system);
-                if !self.holder.is_none_or(is_allowed) && !self.is_held_by_receiver() {
-                    self.forget();
+                let is_allowed = |sender: Peer| [own, owner].contains(&sender.address.system);
+                if !self.holder.last_sender().is_none_or(is_allowed) && !self.is_held_by_receiver() {
+                    self.release();
                 }
             }
-            // All instants here are the firmware's.
             StackEvent::ClockSetBack(lead) => {
                 self.lead = lead;
-                self.forget();
+                self.release();
                 self.receivers.iter_mut().for_each(Receiver::forget);
             }
             _ => {}

@@ -11,12 +11,12 @@ const TAKEOVER: Duration = Duration::from_millis(500);
 
 /// A RADIO_RC_CHANNELS, without its channels.
 #[derive(Clone, Copy)]
-pub(super) struct Radio {
+pub(super) struct RadioHeader {
     flags: RadioRcChannelsFlags,
     pub(super) count: u8,
 }
 
-impl Radio {
+impl RadioHeader {
     pub(super) fn of(frame: &Frame<'_>) -> Option<Self> {
         frame.decode::<RadioRcChannels>().map(|RadioRcChannels { flags, count, .. }| Self { flags, count })
     }
@@ -25,9 +25,10 @@ impl Radio {
 /// A receiver for radio control.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Receiver {
-    /// Its address is 0/0 in a vacant place.
+    /// Its address is 0/0 in a vacant entry.
     pub(super) peer: Peer,
-    /// Since when it has sent without a gap, and when its last frame was received that shows that the transmitter is alive.
+    /// Since when it has sent without a gap, and when its last frame was received that shows that the transmitter is
+    /// alive.
     since: Instant,
     heard: Instant,
     /// Until when its RC_CHANNELS_OVERRIDEs are ignored, because it sends RADIO_RC_CHANNELS (J-12).
@@ -43,26 +44,33 @@ impl Receiver {
         radio_until: Instant::ZERO,
     };
 
-    /// Handles a frame of this receiver, and says what it is.
-    pub(super) fn hear(&mut self, now: Instant, timeout: Duration, id: u32, radio: Option<Radio>) -> Heard {
-        if let Some(Radio { flags, .. }) = radio {
+    /// Handles a frame of this receiver, and returns what it means.
+    pub(super) fn on_frame(
+        &mut self,
+        now: Instant,
+        timeout: Duration,
+        id: u32,
+        radio: Option<RadioHeader>,
+    ) -> ReceiverFrame {
+        if let Some(RadioHeader { flags, .. }) = radio {
             self.radio_until = now + timeout;
             if flags.contains(RadioRcChannelsFlags::FAILSAFE) {
                 // The next input is the first after a gap.
-                (self.since, self.heard) = (now, Instant::ZERO);
-                return Heard::Failsafe;
+                self.since = now;
+                self.heard = Instant::ZERO;
+                return ReceiverFrame::Failsafe;
             }
             if flags.contains(RadioRcChannelsFlags::OUTDATED) {
-                return Heard::Outdated;
+                return ReceiverFrame::Outdated;
             }
         } else if id == RcChannelsOverride::ID && now < self.radio_until {
-            return Heard::Redundant;
+            return ReceiverFrame::Redundant;
         }
         if now - self.heard >= timeout.min(TAKEOVER) {
             self.since = now;
         }
         self.heard = now;
-        Heard::Input
+        ReceiverFrame::Input
     }
 
     /// Forgets when it has sent: the clock was set back.
@@ -76,9 +84,9 @@ impl Receiver {
     }
 }
 
-/// What a frame of a receiver is.
+/// The meaning of a receiver's frame.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Heard {
+pub(super) enum ReceiverFrame {
     /// Input from its transmitter.
     Input,
     /// RC_CHANNELS_OVERRIDE besides RADIO_RC_CHANNELS.
