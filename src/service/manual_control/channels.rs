@@ -114,7 +114,7 @@ pub(super) fn of_override(frame: &Frame<'_>, index: u8) -> ChannelValue {
 /// is 0 for channel 1.
 pub(super) fn of_radio(frame: &Frame<'_>, index: u8) -> ChannelValue {
     let value = Saturating(i32::from(number(frame, RADIO_AT, index).cast_signed()));
-    let pulse = value * Saturating(5) / Saturating(32) + Saturating(1_500);
+    let pulse = Saturating((value * Saturating(5)).0 / 32) + Saturating(1_500);
     match u16::try_from(pulse.0) {
         Ok(pulse) if (-4_096..=4_096).contains(&value.0) => ChannelValue::Pulse(pulse),
         _ => ChannelValue::Invalid,
