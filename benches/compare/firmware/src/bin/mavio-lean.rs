@@ -2,46 +2,18 @@
 #![no_std]
 #![no_main]
 
+#[path = "../mavio.rs"]
+mod common;
+
 use core::hint::black_box;
 
+use common::{Reader, send};
 use mavio::dialects::common::messages::*;
-use mavio::error::{IoError, IoErrorKind};
-use mavio::io::{Read, Receiver};
+use mavio::error::IoError;
+use mavio::io::Receiver;
 use mavio::mavspec::rust::spec::MessageSpecStatic;
-use mavio::protocol::{Endpoint, Frame, MavLinkId, Message, V2, Versionless};
+use mavio::protocol::{Endpoint, Frame, MavLinkId, V2, Versionless};
 use mavstack_compare_firmware::{Uart, measure};
-
-/// An allocator that is never used. The crate does not link without one.
-struct NoMemory;
-
-// SAFETY: it returns null only.
-unsafe impl core::alloc::GlobalAlloc for NoMemory {
-    unsafe fn alloc(&self, _: core::alloc::Layout) -> *mut u8 {
-        core::ptr::null_mut()
-    }
-
-    unsafe fn dealloc(&self, _: *mut u8, _: core::alloc::Layout) {}
-}
-
-#[global_allocator]
-static NO_MEMORY: NoMemory = NoMemory;
-
-struct Reader(Uart);
-
-impl Read<IoError> for Reader {
-    fn read_exact(&mut self, out: &mut [u8]) -> Result<(), IoError> {
-        if self.0.take_exact(out) { Ok(()) } else { Err(IoErrorKind::UnexpectedEof.into()) }
-    }
-}
-
-fn send(endpoint: &Endpoint<V2>, message: &dyn Message) {
-    let mut out = [0; 280];
-    if let Ok(frame) = endpoint.next_frame(message)
-        && let Ok(len) = frame.serialize(&mut out)
-    {
-        Uart::send(out.get(..len).unwrap_or_default());
-    }
-}
 
 macro_rules! twelve {
     ($frame:expr, $endpoint:expr, $($message:ident => $then:expr,)+) => {{
