@@ -54,10 +54,7 @@ enum Task {
     Boards(Boards),
     Dialects(Dialects),
     Trace(Trace),
-    /// Check that the crates could be published.
-    ///
-    /// Publishes nothing. Checks contents and metadata, builds the documentation, and does Cargo's dry run.
-    PublishCheck,
+    PublishCheck(PublishCheck),
 }
 
 /// Run the demo vehicle on an emulated Cortex-M4.
@@ -183,6 +180,16 @@ struct Trace {
     tests: bool,
 }
 
+/// Check that the crates could be published.
+///
+/// Publishes nothing. Checks contents and metadata, builds the documentation, and does Cargo's dry run, which builds each package.
+#[derive(Args)]
+struct PublishCheck {
+    /// Build nothing. `cargo measure nightly packages` does everything.
+    #[arg(long)]
+    no_build: bool,
+}
+
 /// Generate, compile and check a whole other dialect: ardupilotmega.
 ///
 /// Its definitions come with pymavlink. Every message is compared with pymavlink's own table.
@@ -260,7 +267,7 @@ fn main() -> ExitCode {
         Task::Boards(Boards { run }) => boards::build_all(run),
         Task::Dialects(arguments) => dialects::run(arguments.toolchain),
         Task::Trace(arguments) => trace::run(arguments.tests),
-        Task::PublishCheck => publish::check(),
+        Task::PublishCheck(PublishCheck { no_build }) => publish::check(!no_build),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -156,6 +156,8 @@ fn build_linked(choice: Choice, bin: &str, arguments: &[&str], linker: &[&str]) 
     let mut command = toolchain::cargo_for(choice, "rustc", TARGET, &folder);
     run(command
         .args(["--package", PACKAGE, "--bin", bin, "--profile", "firmware", "--no-default-features"])
+        // Nothing reads it, and it takes a third of the time to link.
+        .args(["--config", "profile.firmware.debug=false"])
         .args(arguments)
         // Allows `-Zemit-stack-sizes` on a stable compiler.
         .env("RUSTC_BOOTSTRAP", "1")

@@ -44,7 +44,8 @@ enum Task {
         /// Also list the largest functions and constants of each firmware, for Cortex-M4F at opt-level s.
         #[arg(long, value_name = "COUNT", num_args = 0..=1, default_value_t = 0, default_missing_value = "20")]
         symbols: usize,
-        /// Measure the Cortex-M4F at opt-level s only. `cargo measure nightly size` measures everything.
+        /// Measure the Cortex-M4F at opt-level s only, and one firmware of the demo vehicle. `cargo measure nightly size` measures
+        /// everything.
         #[arg(long, conflicts_with = "accept")]
         only_m4: bool,
         #[command(flatten)]
@@ -83,6 +84,9 @@ enum Task {
     /// It links without a panic handler: at opt-level s and 3, with overflow checks on in the library, with and without a log.
     /// `core::fmt`, an allocator and f64 arithmetic are errors too.
     PanicFree {
+        /// Only at opt-level s. `cargo measure nightly panic-free` does both.
+        #[arg(long)]
+        only_s: bool,
         #[command(flatten)]
         build: Build,
     },
@@ -183,7 +187,7 @@ fn main() -> ExitCode {
         Task::Options { figures, build } => options::report(build.toolchain, figures.accept),
         Task::Stack { figures, build } => stack::prove(build.toolchain, figures.accept),
         Task::Work { figures, build } => work::measure(build.toolchain, figures.accept),
-        Task::PanicFree { build } => panic_free::prove(build.toolchain),
+        Task::PanicFree { only_s, build } => panic_free::prove(build.toolchain, only_s),
         Task::Compare { rounds, figures, build } => compare::run_all(rounds, build.toolchain, figures.accept),
         Task::Coverage { missing, figures } => coverage::measure(missing, figures.accept),
         Task::Loom => loom::run_tests(),

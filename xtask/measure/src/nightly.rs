@@ -31,7 +31,7 @@ const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
 }
 
 /// All steps, short ones first.
-const STEPS: [Step; 27] = [
+const STEPS: [Step; 31] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
@@ -53,6 +53,10 @@ const STEPS: [Step; 27] = [
         "1,000 frames a second in each direction for a minute, over smoltcp and embassy-net in QEMU",
         &["xtask", "integration", "--target", "qemu", "--file", "test_ethernet.py", "--load-seconds", "60"],
     ),
+    step("packages", "each crate built from its package alone, as it would be published", &["xtask", "publish-check"]),
+    step("panic-free", "no panic in the firmware, at opt-level s and 3", &["measure", "panic-free"]),
+    step("dialects", "ardupilotmega, generated, compiled and compared with pymavlink", &["xtask", "dialects"]),
+    step("jitter", "the delay of flight beside MAVLink and storage, in QEMU", &["xtask", "jitter"]),
     step(
         "storage-cuts",
         "a power cut at every byte of a save, second cuts at every write unit, and 100,000 saves",

@@ -120,7 +120,7 @@ const DEMOS: [(&str, &str, App, bool); 6] = [
 pub struct Options {
     /// Whether the figures become the accepted ones.
     pub accepts: bool,
-    /// Whether only the Cortex-M4F at `opt-level` s is measured.
+    /// Whether only the Cortex-M4F at `opt-level` s is measured, and of the demo vehicle's firmwares only the first.
     pub only_m4: bool,
     /// How many symbols of each firmware are listed.
     pub symbols: usize,
@@ -161,7 +161,8 @@ pub fn report(choice: Option<Choice>, options: Options) -> Result {
             }
         }
     }
-    for (id, name, app, log) in DEMOS {
+    let demos = if options.only_m4 { 1 } else { DEMOS.len() };
+    for (id, name, app, log) in DEMOS.into_iter().take(demos) {
         let size = measure(&read(&firmware::build(choice, app, log)?)?)?;
         let mut line = line(id, name, 0);
         line.flash[0] = Some(size.flash);
@@ -174,11 +175,11 @@ pub fn report(choice: Option<Choice>, options: Options) -> Result {
     if options.only_m4 {
         // What is not measured stays as it is.
         let accepted = Figures::read()?;
-        for Line { id, .. } in &lines {
-            for (.., column) in COLUMNS.into_iter().skip(1) {
-                let key = format!("{id}.{column}");
-                figures.extend(accepted.get(&format!("size.{key}")).map(|value| Figure::new(key, value)));
-            }
+        let columns = lines.iter().flat_map(|line| COLUMNS.iter().skip(1).map(|(.., column)| (line.id, *column)));
+        let demos = DEMOS.iter().skip(demos).flat_map(|(id, ..)| [(*id, COLUMNS[0].3), (*id, "ram")]);
+        for (id, column) in columns.chain(demos) {
+            let key = format!("{id}.{column}");
+            figures.extend(accepted.get(&format!("size.{key}")).map(|value| Figure::new(key, value)));
         }
     }
     settle("size", &toolchain::release(choice), &figures, options.accepts)
