@@ -8,6 +8,8 @@
 
 #[path = "embassy/executors.rs"]
 mod executors;
+#[path = "embassy/shared.rs"]
+mod shared;
 #[path = "embassy/tasks.rs"]
 mod tasks;
 #[path = "embassy/time.rs"]
@@ -33,8 +35,9 @@ use mavstack_qemu::device::interrupt;
 use mavstack_qemu::lan9118::{self, EmbassyDriver};
 use mavstack_qemu::memory::{self, FlashStore};
 use mavstack_qemu::network::{BROADCAST, FIXED, PATIENCE, PORT, STALL, log_address};
+use shared::{SharedApp, WAKE};
 use static_cell::{ConstStaticCell, StaticCell};
-use tasks::{SharedApp, SharedStore, WAKE, exchange, flight, receive, run, transmit};
+use tasks::{SharedStore, exchange, flight, receive, run, transmit};
 use uart::Uart;
 
 /// Queues for the bytes that arrive while flight runs, for some milliseconds.

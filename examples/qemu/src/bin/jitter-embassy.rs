@@ -5,6 +5,8 @@
 
 #[path = "embassy/executors.rs"]
 mod executors;
+#[path = "embassy/shared.rs"]
+mod shared;
 #[path = "embassy/time.rs"]
 mod time;
 #[allow(dead_code, reason = "the other kinds of traffic are for the firmware `work`")]
@@ -14,36 +16,20 @@ mod traffic;
 use core::convert::Infallible;
 
 use cortex_m_rt::entry;
-use embassy_futures::select::select;
 use embassy_futures::yield_now;
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::mutex::Mutex;
-use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, Ticker, Timer};
 use embedded_io_async::{ErrorType, Read, Write};
 use mavstack::LinkId;
-use mavstack::frame::MAX_FRAME_LEN;
-use mavstack::io::{AsyncReceiver, AsyncTransmitter};
-use mavstack_demo::{App, LINKS};
+use mavstack_demo::LINKS;
 use mavstack_qemu::board::{self, Board};
 use mavstack_qemu::jitter::{BYTES, Delays, PERIOD, SlowStore, Way};
 use mavstack_qemu::memory;
+use shared::{DONE, JOB, SharedApp, wake_transmitters};
 use static_cell::StaticCell;
 use traffic::{Kind, Sender};
 
-/// The most bytes for one call of the stack: not much more than one frame, so that flight waits for one frame.
-const PIECE: usize = 16;
-
-type SharedApp = Mutex<CriticalSectionRawMutex, &'static mut App>;
-type SharedStore = Mutex<CriticalSectionRawMutex, SlowStore>;
-
-static WAKE: [Signal<CriticalSectionRawMutex, ()>; LINKS] = [const { Signal::new() }; LINKS];
-static JOB: Signal<CriticalSectionRawMutex, ()> = Signal::new();
-static DONE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
-
-fn wake_transmitters() {
-    WAKE.iter().for_each(|wake| wake.signal(()));
-}
+type SharedStore = shared::SharedStore<SlowStore>;
 
 #[entry]
 fn main() -> ! {
@@ -141,41 +127,12 @@ impl Write for Sink {
 #[embassy_executor::task(pool_size = LINKS)]
 async fn receive(app: &'static SharedApp, link: LinkId, sender: Sender, bytes: usize) {
     let source = Source { sender, bytes, left: 0, ticker: Ticker::every(Duration::from_millis(1)) };
-    let mut buffer = [0; 64];
-    let mut receiver = AsyncReceiver::new(source, &mut buffer).with_piece(PIECE);
-    loop {
-        receiver.wait().await;
-        let is_pending = {
-            let mut app = app.lock().await;
-            let (stack, vehicle) = app.parts();
-            stack.receive_from(board::now(), link, &mut receiver, vehicle)
-        };
-        if is_pending != Ok(true) {
-            wake_transmitters();
-        }
-    }
+    shared::receive(app, link, source).await;
 }
 
 #[embassy_executor::task(pool_size = LINKS)]
 async fn transmit(app: &'static SharedApp, link: LinkId, bytes: usize) {
-    let mut frame = [0; MAX_FRAME_LEN];
-    let mut transmitter = AsyncTransmitter::new(Sink { bytes }, &mut frame);
-    loop {
-        // One call for each lock, so that flight waits for one call at most.
-        app.lock().await.poll(board::now());
-        let (has_bytes, deadline) = {
-            let mut app = app.lock().await;
-            let now = board::now();
-            let (stack, vehicle) = app.parts();
-            let has_bytes = stack.transmit_to(now, link, &mut transmitter, vehicle);
-            (has_bytes, stack.link_deadline(now, link))
-        };
-        if has_bytes == Ok(true) {
-            transmitter.send().await;
-        } else {
-            select(WAKE[usize::from(link.0)].wait(), Timer::at(deadline.into())).await;
-        }
-    }
+    shared::transmit(app, link, Sink { bytes }).await;
 }
 
 #[embassy_executor::task]

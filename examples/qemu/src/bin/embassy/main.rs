@@ -26,6 +26,7 @@
 #![no_main]
 
 mod executors;
+mod shared;
 mod tasks;
 mod time;
 mod uart;
@@ -36,8 +37,9 @@ use mavstack::LinkId;
 use mavstack_qemu::board::{self, Board};
 use mavstack_qemu::device::interrupt;
 use mavstack_qemu::memory::{self, FlashStore};
+use shared::SharedApp;
 use static_cell::StaticCell;
-use tasks::{SharedApp, SharedStore, exchange, flight, receive, run, transmit};
+use tasks::{SharedStore, exchange, flight, receive, run, transmit};
 use uart::Uart;
 
 /// Queues for the bytes that arrive while flight runs, for some milliseconds.
