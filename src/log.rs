@@ -64,7 +64,12 @@ pub trait Counters {
 
 /// Increments a counter, which wraps.
 pub(crate) fn increment(counter: &mut u32) {
-    *counter = counter.wrapping_add(1);
+    count(counter, 1);
+}
+
+/// Adds to a counter, which wraps.
+pub(crate) fn count(counter: &mut u32, number: u32) {
+    *counter = counter.wrapping_add(number);
 }
 
 /// Rate limit for logging a drop counter: at most once a second, and only when it has changed. Logging each drop would

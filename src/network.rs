@@ -16,10 +16,10 @@ mod routes;
 // For firmwares, whose names of links and peers are here.
 pub use crate::link::{LinkCounters, LinkError};
 #[doc(hidden)]
-pub use forward::Passage;
+pub use forward::ForwardDecision;
 pub use forward::{ForwardCounters, ForwardQueues};
 pub use peers::PeerInfo;
 #[doc(hidden)]
-pub use peers::{Booking, Peers};
+pub use peers::{Peers, SenderEntry};
 pub(crate) use peers::{Reception, deadline, is_heard, is_known, is_of_vehicle, poll, record, record_unchecked};
 pub(crate) use routes::{forget_rebooted, routes, target_of};

@@ -3,17 +3,15 @@
 //! The only module that knows every service. [`Stack`] shows the path of a frame. No call waits (D-3) or takes a lock (D-6), and
 //! the budget bounds the work of each (D-2, SEC-2).
 
-mod commands;
+mod clock;
 #[cfg(test)]
 mod deadlines;
 mod declare;
-mod declared;
 #[cfg(feature = "defmt")]
 mod drops;
 mod fanout;
 mod memory;
 mod parts;
-mod peers;
 #[cfg(test)]
 mod permuted;
 #[cfg(feature = "storage")]
@@ -23,28 +21,27 @@ mod receive;
 mod services;
 #[cfg(feature = "storage")]
 mod storage;
-mod transmit;
+mod transport;
 
 pub use declare::{Declaration, Declares, Persistent};
 pub use memory::{EventMemory, PeerMemory, RequestMemory, StorageMemory, TextMemory};
 
-use embedded_io::{Read, ReadReady, Write, WriteReady};
-
+use self::receive::OwnFrame;
 use self::services::{Services, States};
 use crate::dialect::{MavProtocolCapability, MavSeverity};
-use crate::frame::{RxCounters, cost_of_sending};
-use crate::link::{Link, LinkCounters, LinkError, Transport};
+use crate::frame::RxCounters;
+use crate::link::{Link, LinkCounters};
 #[cfg(feature = "defmt")]
 use crate::log::DropLog;
 use crate::message::Address;
 use crate::network;
 use crate::service::command::CommandMemory;
 use crate::service::param::ParamMemory;
-use crate::service::{Cx, Service, Shared, SigningGate, View, increment};
+use crate::service::{Cx, Service, Shared, SigningGate, View};
 use crate::time::Instant;
 use crate::types::{
-    Allowance, Component, Config, Context, LinkConfig, LinkId, LinkMask, MAX_LINKS, PlanMemory, Values, Vehicle,
-    VehicleAddress,
+    Allowance, Component, Config, Context, HookFaults, LinkConfig, LinkId, LinkMask, MAX_LINKS, PlanMemory, Values,
+    Vehicle, VehicleAddress,
 };
 
 /// The vehicle's side of MAVLink for the declaration `D`, on `LINKS` links. It derefs to the struct of the
@@ -221,125 +218,6 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.log_drops(self.shared.clock.now());
     }
 
-    /// Moves bytes between a link and its transport: reads, handles the received frames, and writes.
-    ///
-    /// It never blocks: it reads and writes only what the transport says is ready.
-    /// [`Config::budget`](crate::Config::budget) bounds the work. Poll each link at least every 20 ms to use all of its
-    /// rate: a transfer queues no more bytes than the link transmits in 20 ms, plus one frame. Otherwise a heartbeat
-    /// would have to wait for more (D-4).
-    ///
-    /// It sends no HEARTBEAT unless the stack was [polled](Self::poll) within [`max_loop_gap`](crate::Config::max_loop_gap):
-    /// otherwise a firmware that polls only its links would look healthy, while no peer times out (H-18).
-    ///
-    /// # Errors
-    ///
-    /// Returns the transport's error after everything else was done; see [`LinkError`]. The link stays usable.
-    pub fn poll_link<U: Read + Write + ReadReady + WriteReady>(
-        &mut self,
-        now: Instant,
-        link: LinkId,
-        uart: &mut U,
-        vehicle: &mut D::Vehicle,
-    ) -> Result<(), LinkError<U::Error>> {
-        if !self.shared.is_begun() {
-            return Err(LinkError::NotBegun);
-        }
-        let mut allowance = self.shared.config.budget.allowance();
-        let read = self.poll_read(now, link, uart, vehicle, &mut allowance);
-        let write = self.poll_write(now, link, uart, vehicle, &mut allowance);
-        read.and(write)
-    }
-
-    fn poll_read<U: Read + ReadReady>(
-        &mut self,
-        now: Instant,
-        link: LinkId,
-        uart: &mut U,
-        vehicle: &mut D::Vehicle,
-        allowance: &mut Allowance,
-    ) -> Result<(), LinkError<U::Error>> {
-        let mut left = length(self.shared.config.budget.rx_bytes);
-        let result = loop {
-            let decoder = &mut self.link_mut(link).ok_or(LinkError::NoSuchLink)?.decoder;
-            allowance.spend_but_for_a_frame(decoder.spare_cost());
-            let spare = decoder.spare();
-            let room = spare.len().min(left);
-            let Some(room) = spare.get_mut(..room).filter(|room| !room.is_empty()) else { break Ok(()) };
-            let read = match uart.read_ready() {
-                Ok(false) => break Ok(()),
-                Ok(true) => uart.read(room),
-                Err(error) => Err(error),
-            };
-            match read {
-                Ok(0) => break Err(LinkError::Closed),
-                Ok(len) => {
-                    left = left.saturating_sub(len);
-                    self.handle_received(now, link, len, vehicle, allowance);
-                }
-                // Reception continues (S-20).
-                Err(error) => {
-                    if let Some(link) = self.link_mut(link) {
-                        increment(&mut link.port.counters.read_errors);
-                    }
-                    break Err(LinkError::Read(error));
-                }
-            }
-        };
-        // Bytes in the decoder from before: they wait for silence, or for more budget.
-        self.handle_received(now, link, 0, vehicle, allowance);
-        result
-    }
-
-    /// Not inlined: its locals would be on the call stack below the services that handle received frames.
-    #[inline(never)]
-    fn poll_write<U: Write + WriteReady>(
-        &mut self,
-        now: Instant,
-        link: LinkId,
-        uart: &mut U,
-        vehicle: &mut D::Vehicle,
-        allowance: &mut Allowance,
-    ) -> Result<(), LinkError<U::Error>> {
-        let mut left = length(self.shared.config.budget.tx_bytes);
-        let result = loop {
-            let begins = self.link_mut(link).is_none_or(|link| link.port.outbox.is_empty());
-            if left == 0 || (begins && !allowance.may_send()) {
-                return Ok(());
-            }
-            // The transport is asked first. A frame that cannot begin yet is not made yet, so after a stall it reports
-            // the state at that moment. A heartbeat from before the flight loop stopped must not be sent after it
-            // (H-5).
-            let written = match uart.write_ready() {
-                Ok(is_ready) => {
-                    self.note_transport(link, is_ready);
-                    if !is_ready {
-                        return Ok(());
-                    }
-                    let pending = self.transmit(now, link, vehicle);
-                    if begins {
-                        allowance.send(cost_of_sending(pending));
-                    }
-                    let pending = pending.get(..left).unwrap_or(pending);
-                    if pending.is_empty() {
-                        return Ok(());
-                    }
-                    uart.write(pending)
-                }
-                Err(error) => Err(error),
-            };
-            match written {
-                Ok(0) => break Err(LinkError::Closed),
-                Ok(len) => {
-                    left = left.saturating_sub(len);
-                    self.transmitted(link, len);
-                }
-                Err(error) => break Err(LinkError::Write(error)),
-            }
-        };
-        self.note_failure(link);
-        result
-    }
-
     /// Takes received bytes, for interrupts and DMA, and handles the frames in them, up to the budget of one poll.
     /// Returns the number of bytes that there was room for. Call it again with the rest, or with none when
     /// [`next_deadline`] requires it.
@@ -420,34 +298,6 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             link.port.bucket.spend(len);
             let bytes = &mut link.port.counters.tx_bytes;
             *bytes = bytes.wrapping_add(u32::try_from(len).unwrap_or(0));
-        }
-    }
-
-    /// Restarts a link whose transport was opened again. Discards the received part of an unfinished frame. The first frame
-    /// that is sent is a HEARTBEAT, and everything else waits for it for at most
-    /// [`max_loop_gap`](crate::Config::max_loop_gap) after the link was first asked for a frame (H-17), but not while the vehicle is in a
-    /// fault. A frame that was cut off is sent from its start again, unless it
-    /// is a heartbeat, which would be out of date, or a frame of bulk data with over 230 bytes.
-    pub fn restart_link(&mut self, link: LinkId) {
-        self.greet(link);
-        self.reset_link(link);
-    }
-
-    /// As [`restart_link`](Self::restart_link), but frames wait for a HEARTBEAT only if they already do.
-    pub(crate) fn reset_link(&mut self, link: LinkId) {
-        let index = usize::from(link.0);
-        let state = self.states.get_mut(index);
-        if let Some((Link { decoder, port }, state)) = self.links.get_mut(index).zip(state) {
-            decoder.clear();
-            port.transport = Transport::Unknown;
-            port.outbox.restart(port.is_held());
-            // Which may ask whether a peer was heard before.
-            self.services.restart(port, state);
-            port.has_accepted = false;
-            port.retry_at = Instant::ZERO;
-            if D::SLOWS_STREAMS {
-                port.facts.transferring_until = Instant::ZERO;
-            }
         }
     }
 
@@ -544,6 +394,11 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.texts.view().dropped()
     }
 
+    /// Returns the counters of answers of the vehicle's hooks that promised what did not happen.
+    pub fn hook_faults(&self) -> HookFaults {
+        self.shared.faults
+    }
+
     /// Returns when the stack must be polled again even if no byte is received: for a loop that sleeps. Poll it also
     /// when a byte is received, when the transport can take more of [`transmit`](Self::transmit), and after the
     /// vehicle's state has changed. It is never further away than [`max_loop_gap`](crate::Config::max_loop_gap) after the
@@ -596,44 +451,6 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         if deadline <= time { now } else { shared.clock.shown(deadline).max(now) }
     }
 
-    /// Returns the time by the stack's clock when the firmware's clock shows `now`: it is never set back.
-    #[inline(never)]
-    pub(crate) fn enter(&mut self, now: Instant) -> Instant {
-        if !self.shared.clock.advance(now) {
-            self.note_clock_step(now);
-        }
-        self.shared.clock.now()
-    }
-
-    /// The firmware's clock was set back to `now`: the stack's goes on.
-    #[inline(never)]
-    fn note_clock_step(&mut self, now: Instant) {
-        if !self.shared.clock.anchor(now) {
-            return;
-        }
-        let Shared { clock, clock_steps, normal, .. } = &mut self.shared;
-        increment(clock_steps);
-        self.services.on_clock_step(clock.lead());
-        self.requests.view_mut().lead = clock.lead();
-        for link in &mut self.links {
-            link.port.outbox.set_lead(clock.lead());
-        }
-        if D::HAS_TEXTS {
-            self.texts.view_mut().push(
-                clock.now(),
-                *normal,
-                MavSeverity::WARNING,
-                b"Clock was set back: check the firmware's timer",
-            );
-        }
-    }
-
-    /// Returns how often the clock that the firmware passes as `now` was set back by a second or more. The stack then
-    /// continues from where it was, and a text says so. A counter that wraps is the usual cause: extend it to 64 bits. Wraps.
-    pub fn clock_steps(&self) -> u32 {
-        self.shared.clock_steps
-    }
-
     /// Whether the stack was begun.
     pub(crate) const fn is_begun(&self) -> bool {
         self.shared.is_begun()
@@ -642,55 +459,6 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the configuration.
     pub(crate) fn config(&self) -> &Config {
         &self.shared.config
-    }
-
-    /// Records whether the transport of a link accepts bytes.
-    pub(crate) fn note_transport(&mut self, link: LinkId, is_ready: bool) {
-        if let Some(link) = self.link_mut(link) {
-            link.port.transport = if is_ready { Transport::Ready } else { Transport::Full };
-        }
-    }
-
-    /// Records an error of a link's transport while writing.
-    #[inline(never)]
-    pub(crate) fn note_failure(&mut self, link: LinkId) {
-        let now = self.shared.clock.now();
-        if let Some(link) = self.link_mut(link) {
-            link.port.failed(now);
-        }
-    }
-
-    /// Has a HEARTBEAT sent first on a link, to a peer that is new there (H-17).
-    pub(crate) fn greet(&mut self, link: LinkId) {
-        if let Some(Link { port, .. }) = self.link_mut(link) {
-            port.hold();
-            port.facts.is_sign_of_life_due = port.is_held();
-        }
-    }
-
-    /// Returns the counters of a link; `None` if there is no such link.
-    pub(crate) fn counters_mut(&mut self, link: LinkId) -> Option<&mut LinkCounters> {
-        self.link_mut(link).map(|link| &mut link.port.counters)
-    }
-
-    /// Returns the error of a call for a link that the stack lacks.
-    #[cfg(feature = "embedded-io-async")]
-    pub(crate) const fn no_link<E>(&self) -> LinkError<E> {
-        if self.shared.is_begun() { LinkError::NoSuchLink } else { LinkError::NotBegun }
-    }
-
-    /// Whether a link has sent nothing since it was opened, and when its transport may be asked again.
-    #[cfg(feature = "embedded-io-async")]
-    pub(crate) fn transmit_state<E>(&mut self, link: LinkId) -> Result<(bool, Instant), LinkError<E>> {
-        let no_link = self.no_link();
-        let link = self.link_mut(link).ok_or(no_link)?;
-        Ok((link.port.is_held(), link.port.retry_at))
-    }
-
-    /// Whether received frames are pending that exceeded the budget of a call.
-    #[cfg(feature = "embedded-io-async")]
-    pub(crate) fn has_backlog(&self, link: LinkId) -> bool {
-        self.links.get(usize::from(link.0)).is_some_and(|link| link.decoder.has_backlog())
     }
 
     fn link_mut(&mut self, link: LinkId) -> Option<&mut Link> {
@@ -715,24 +483,12 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         if len > 0 {
             link_state.decoder.filled(len, cx.now);
         }
-        let own_frame = services.drain(&mut cx, link_state, state, allowance);
-        if let Some(own_frame) = own_frame
-            && is_conflict(links, link, own_frame)
-        {
-            receive::report_conflict(&mut cx, link);
+        if let Some(OwnFrame { seq, checksum }) = services.drain(&mut cx, link_state, state, allowance) {
+            // Another vehicle has our address if no link can have sent the frame, and it is not the first such frame (H-14).
+            let is_echo = links.iter().any(|link| link.port.outbox.may_have_sent(seq, checksum));
+            if !is_echo && links.get_mut(index).is_some_and(|link| link.port.count_stranger()) {
+                receive::report_conflict(&mut cx, link);
+            }
         }
     }
-}
-
-/// Whether a received frame with our own address proves that another vehicle has that address. It does if no link can
-/// have sent it recently, and if it is not the first of its kind (H-14). Not inlined, because it is rare.
-#[inline(never)]
-fn is_conflict(links: &mut [Link], link: LinkId, [seq, checksum]: [u8; 2]) -> bool {
-    let is_echo = links.iter().any(|link| link.port.outbox.may_have_sent(seq, checksum));
-    !is_echo && links.get_mut(usize::from(link.0)).is_some_and(|link| link.port.is_conflict())
-}
-
-/// Converts a number of bytes.
-fn length(bytes: u32) -> usize {
-    usize::try_from(bytes).unwrap_or(usize::MAX)
 }

@@ -195,6 +195,11 @@ impl<'a> Frame<'a> {
         self.raw
     }
 
+    /// Returns the checksum's bytes.
+    pub(crate) fn checksum(&self) -> Option<[u8; 2]> {
+        self.raw.get(self.header.payload_end()..)?.first_chunk().copied()
+    }
+
     /// Returns whether the checksum was verified. False for a message whose `CRC_EXTRA` is unknown: such a frame may be
     /// forwarded, but is never acted on (S-12).
     #[inline]

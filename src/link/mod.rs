@@ -6,6 +6,8 @@
 mod bucket;
 mod outbox;
 
+use core::num::Saturating;
+
 pub(crate) use bucket::{Bucket, Pace};
 pub(crate) use outbox::Outbox;
 
@@ -78,9 +80,9 @@ impl<E: core::fmt::Debug> core::fmt::Display for LinkError<E> {
         match self {
             Self::Read(error) => write!(f, "reading failed: {error:?}"),
             Self::Write(error) => write!(f, "writing failed: {error:?}"),
-            Self::Closed => f.write_str("the line was closed: restart the link when it is open again"),
+            Self::Closed => f.write_str("the transport was closed: restart the link when it is open again"),
             Self::NotBegun => f.write_str("the stack was not started: call `begin` first"),
-            Self::NoSuchLink => f.write_str("the stack has no link of that number: they count from 0"),
+            Self::NoSuchLink => f.write_str("the stack has no link with that number: they count from 0"),
         }
     }
 }
@@ -104,10 +106,10 @@ pub struct Port {
     pub(crate) counters: LinkCounters,
     /// The number of frames with our address that are not echoes. At [`CONFLICT`](Self::CONFLICT) the vehicle reports a
     /// conflict (H-14).
-    strangers: u8,
+    strangers: Saturating<u8>,
     /// Whether a frame of a sender that the link's policy trusts was accepted since the link was restarted.
     pub(crate) has_accepted: bool,
-    /// What the services on the link tell each other.
+    /// Facts that the services on the link share.
     pub(crate) facts: LinkFacts,
     /// The state of the transport when it was last asked.
     pub(crate) transport: Transport,
@@ -171,7 +173,7 @@ impl Link {
             outbox: Outbox::VACANT,
             bucket: Bucket::VACANT,
             counters: LinkCounters::ZERO,
-            strangers: 0,
+            strangers: Saturating(0),
             has_accepted: false,
             facts: LinkFacts::NONE,
             transport: Transport::Unknown,
@@ -246,7 +248,7 @@ impl Port {
     }
 
     /// Records that a frame of this version was received (V-1).
-    pub(crate) fn heard(&mut self, version: Version) {
+    pub(crate) fn note_version(&mut self, version: Version) {
         if version == Version::V2 && self.config.version == TxVersion::Auto {
             self.outbox.set_version(Version::V2);
         }
@@ -254,11 +256,11 @@ impl Port {
 
     /// Counts a frame with our own address that no link can have sent. Returns true, once, when another vehicle must have
     /// that address (H-14).
-    pub(crate) fn is_conflict(&mut self) -> bool {
-        if self.strangers >= Self::CONFLICT {
+    pub(crate) fn count_stranger(&mut self) -> bool {
+        if self.strangers.0 >= Self::CONFLICT {
             return false;
         }
-        self.strangers = self.strangers.saturating_add(1);
-        self.strangers == Self::CONFLICT
+        self.strangers += 1;
+        self.strangers.0 == Self::CONFLICT
     }
 }

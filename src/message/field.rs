@@ -87,7 +87,7 @@ impl<T: Field, const N: usize> Field for [T; N] {
     }
 }
 
-/// Writes a longer array.
+/// Writes 9 to 32 bytes: a loop is smaller than `memcpy`.
 #[inline(never)]
 fn write_elements<T: Field>(elements: &[T], payload: &mut [u8], at: usize) {
     for (element, at) in elements.iter().zip((at..).step_by(T::SIZE)) {

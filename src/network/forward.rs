@@ -7,7 +7,7 @@
 //! [`ForwardQueues`] documents which frames are forwarded. Only forwarded frames are remembered for duplicate detection.
 //! Duplicates of other frames are handled locally like any frame.
 
-use super::memory::{Lookup, Memory, Seen, Ticket};
+use super::memory::{Lookup, Memory, NewFrame, Seen};
 use super::queue::Ring;
 use super::routes::Routes;
 use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, HighLatency2, RadioStatus, SetupSigning};
@@ -282,9 +282,9 @@ impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> ForwardQueues<LI
     }
 
     /// Returns the state without its sizes, on which the logic works.
-    pub const fn forwarding(&mut self) -> Forwarding<'_> {
+    pub(crate) const fn view(&mut self) -> QueuesView<'_> {
         let Self { lanes, bytes, memory } = self;
-        Forwarding { lanes, bytes: bytes.as_flattened_mut(), size: BYTES, memory }
+        QueuesView { lanes, bytes: bytes.as_flattened_mut(), size: BYTES, memory }
     }
 
     /// Returns the counts of a link; `None` if its id is `LINKS` or more.
@@ -301,7 +301,7 @@ impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> Default for Forw
 
 /// A borrowed view of [`ForwardQueues`] of any size.
 #[derive(Debug)]
-pub struct Forwarding<'a> {
+pub(crate) struct QueuesView<'a> {
     lanes: &'a mut [Lane],
     /// The bytes of all queues, one after the other.
     bytes: &'a mut [u8],
@@ -312,16 +312,16 @@ pub struct Forwarding<'a> {
 
 /// Whether a frame is forwarded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Passage {
-    /// It is handled locally only.
-    Stays,
-    /// It is a duplicate of a forwarded frame.
-    Again,
-    /// It is forwarded, if there is a link for it.
-    Goes(Ticket),
+pub enum ForwardDecision {
+    /// The frame is handled locally only.
+    LocalOnly,
+    /// The frame is a duplicate of a forwarded frame.
+    Duplicate,
+    /// The frame is forwarded, if there is a link for it.
+    Forward(NewFrame),
 }
 
-impl Forwarding<'_> {
+impl QueuesView<'_> {
     /// Examines a frame that a link received, and accepted or refused. `is_broadcast_from_peer` returns whether it is a
     /// broadcast whose source was heard on the link before, so that R-4 prevents a loop.
     pub(crate) fn examine(
@@ -331,22 +331,22 @@ impl Forwarding<'_> {
         frame: &Frame<'_>,
         is_accepted: bool,
         is_broadcast_from_peer: impl FnOnce() -> bool,
-    ) -> Passage {
+    ) -> ForwardDecision {
         let id = frame.id();
         // HIGH_LATENCY2 of others passes from a high-latency link (L-5).
         let is_local = matches!(id, SetupSigning::ID | RadioStatus::ID | RADIO);
         if is_local || (port.config.class == LinkClass::HighLatency && id != HighLatency2::ID && !is_command(id)) {
-            return Passage::Stays;
+            return ForwardDecision::LocalOnly;
         }
         match self.memory.look_up(now, frame.raw(), port.id, is_accepted) {
-            Lookup::New(ticket) => Passage::Goes(ticket),
+            Lookup::New(new) => ForwardDecision::Forward(new),
             Lookup::Duplicate { is_same_share } => {
                 // Otherwise its sender has sent it twice, or on two links, or a refused sender has repeated it.
                 if is_accepted && !is_same_share && !is_broadcast_from_peer() {
-                    self.memory.on_loop(now);
+                    self.memory.note_loop(now);
                 }
                 self.increment(port.id, |counters| &mut counters.duplicates);
-                Passage::Again
+                ForwardDecision::Duplicate
             }
         }
     }
@@ -359,12 +359,12 @@ impl Forwarding<'_> {
 
     /// Queues a frame that was received on link `from` for the links of its routes, and returns the links that queued
     /// it. `has_key`: the vehicle has a key for verifying signatures.
-    pub(crate) fn pass_on(
+    pub(crate) fn push(
         &mut self,
         now: Instant,
         from: LinkId,
         frame: &Frame<'_>,
-        ticket: &Ticket,
+        new: &NewFrame,
         routes: Routes,
         has_key: bool,
     ) -> LinkMask {
@@ -378,23 +378,23 @@ impl Forwarding<'_> {
             }
             if !is_addressed && routes.seen.contains(lane.link) {
                 increment(&mut lane.counters.source_heard);
-            } else if ticket.is_refused() && lane.withholds(frame.id(), has_key) {
+            } else if new.is_refused() && lane.withholds(frame.id(), has_key) {
                 increment(&mut lane.counters.not_accepted);
             } else {
                 links = links.with(lane.link);
             }
         }
         // A frame that was refused before must be remembered as accepted, or each duplicate would be handled.
-        if !ticket.was_refused && links.is_empty() {
+        if !new.was_refused && links.is_empty() {
             return LinkMask::NONE;
         }
-        if !self.memory.has_room(ticket, is_addressed) {
+        if !self.memory.has_room(new, is_addressed) {
             self.increment(from, |counters| &mut counters.not_remembered);
             return LinkMask::NONE;
         }
         // A storm of broadcasts leaves room for addressed frames, and refused frames leave room for accepted ones.
         let spare = match is_addressed {
-            _ if ticket.is_refused() => self.size / 2,
+            _ if new.is_refused() => self.size / 2,
             true => 0,
             false => self.size / 4,
         };
@@ -414,7 +414,7 @@ impl Forwarding<'_> {
                 increment(&mut lane.counters.queue_full);
             }
         }
-        self.memory.remember(now, ticket);
+        self.memory.remember(now, new);
         queued
     }
 

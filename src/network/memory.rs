@@ -7,6 +7,8 @@
 //!
 //! A frame without a place is not forwarded. It is not remembered either, so each of its duplicates is handled locally.
 
+use core::num::Saturating;
+
 use crate::time::{Duration, Instant};
 use crate::types::{LinkId, MAX_LINKS};
 use heapless::deque::{Deque, DequeView};
@@ -39,14 +41,14 @@ const _: () = assert!(Share::COUNT == 17, "one share for each link, and one for 
 
 /// A frame that is not a duplicate, or only of a refused frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Ticket {
+pub struct NewFrame {
     hash: u32,
     from: Share,
     /// Whether it is remembered as a refused frame.
     pub(super) was_refused: bool,
 }
 
-impl Ticket {
+impl NewFrame {
     pub(super) fn is_refused(&self) -> bool {
         self.from == Share::REFUSED
     }
@@ -56,7 +58,7 @@ impl Ticket {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Lookup {
     /// It may be forwarded.
-    New(Ticket),
+    New(NewFrame),
     /// It was forwarded within the last 0.8 s. `is_same_share`: the original was received on the same link, or both
     /// were refused.
     Duplicate { is_same_share: bool },
@@ -80,7 +82,7 @@ const LOOP_TIMEOUT: Duration = Duration::from_secs(10);
 #[derive(Clone, Debug)]
 pub(super) struct Memory<S: ?Sized = DequeView<Seen>> {
     /// The number of places that each share has taken.
-    held: [u16; Share::COUNT],
+    held: [Saturating<u16>; Share::COUNT],
     /// When the last frame was looked up.
     last_lookup: Instant,
     /// When the last frame returned through a loop.
@@ -92,7 +94,7 @@ pub(super) struct Memory<S: ?Sized = DequeView<Seen>> {
 impl<const SEEN: usize> Memory<Deque<Seen, SEEN>> {
     /// An empty memory: all zero bits.
     pub(super) const EMPTY: Self =
-        Self { held: [0; Share::COUNT], last_lookup: Instant::ZERO, last_loop: None, seen: Deque::new() };
+        Self { held: [Saturating(0); Share::COUNT], last_lookup: Instant::ZERO, last_loop: None, seen: Deque::new() };
 }
 
 impl Memory {
@@ -102,9 +104,9 @@ impl Memory {
         self.forget_old(now);
         let (hash, from) = (hash_of(frame), Share::of(from, is_accepted));
         match self.seen.iter().find(|seen| seen.hash == hash) {
-            None => Lookup::New(Ticket { hash, from, was_refused: false }),
+            None => Lookup::New(NewFrame { hash, from, was_refused: false }),
             Some(seen) if seen.from == Share::REFUSED && is_accepted => {
-                Lookup::New(Ticket { hash, from, was_refused: true })
+                Lookup::New(NewFrame { hash, from, was_refused: true })
             }
             Some(seen) => Lookup::Duplicate { is_same_share: seen.from == from },
         }
@@ -118,23 +120,23 @@ impl Memory {
         let is_old = |seen: &Seen| is_late || at.wrapping_sub(seen.at) >= REMEMBERED_STEPS;
         while let Some(oldest) = self.seen.front().filter(|seen| is_old(seen)) {
             if let Some(held) = self.held.get_mut(usize::from(oldest.from.0)) {
-                *held = held.saturating_sub(1);
+                *held -= 1;
             }
             self.seen.pop_front();
         }
     }
 
     /// Returns whether there is a place within the frame's share.
-    pub(super) fn has_room(&self, ticket: &Ticket, is_addressed: bool) -> bool {
+    pub(super) fn has_room(&self, frame: &NewFrame, is_addressed: bool) -> bool {
         let (older, newer) = self.seen.as_slices();
         let free = self.seen.storage_capacity().saturating_sub(older.len()).saturating_sub(newer.len());
-        let held = self.held.get(usize::from(ticket.from.0)).map_or(usize::MAX, |&held| held.into());
+        let held = self.held.get(usize::from(frame.from.0)).map_or(usize::MAX, |held| held.0.into());
         held < free.saturating_mul(if is_addressed { 7 } else { 3 })
     }
 
     /// Remembers a frame for which there is a place.
-    pub(super) fn remember(&mut self, now: Instant, ticket: &Ticket) {
-        let Ticket { hash, from, was_refused } = *ticket;
+    pub(super) fn remember(&mut self, now: Instant, frame: &NewFrame) {
+        let NewFrame { hash, from, was_refused } = *frame;
         if was_refused {
             for seen in self.seen.iter_mut().filter(|seen| seen.hash == hash) {
                 seen.hash = 0;
@@ -142,12 +144,12 @@ impl Memory {
         }
         let seen = Seen { hash, from, at: steps(now) };
         if let (Ok(()), Some(held)) = (self.seen.push_back(seen), self.held.get_mut(usize::from(from.0))) {
-            *held = held.saturating_add(1);
+            *held += 1;
         }
     }
 
     /// Records that a frame returned through a routing loop.
-    pub(super) fn on_loop(&mut self, now: Instant) {
+    pub(super) fn note_loop(&mut self, now: Instant) {
         self.last_loop = Some(now);
     }
 
@@ -183,8 +185,8 @@ mod tests {
     /// Looks up an accepted frame, and remembers it if it is new and has a place. Returns whether it did.
     fn pass(memory: &mut Memory, now: Instant, frame: &[u8], from: LinkId, is_addressed: bool) -> bool {
         match memory.look_up(now, frame, from, true) {
-            Lookup::New(ticket) if memory.has_room(&ticket, is_addressed) => {
-                memory.remember(now, &ticket);
+            Lookup::New(frame) if memory.has_room(&frame, is_addressed) => {
+                memory.remember(now, &frame);
                 true
             }
             _ => false,
@@ -245,7 +247,7 @@ mod tests {
         let mut memory = Memory::<Deque<Seen, 1>>::EMPTY;
         let memory: &mut Memory = &mut memory;
         assert!(!memory.is_looped(Instant::ZERO));
-        memory.on_loop(Instant::from_millis(5));
+        memory.note_loop(Instant::from_millis(5));
         assert!(memory.is_looped(Instant::from_millis(10_004)) && !memory.is_looped(Instant::from_millis(10_005)));
     }
 
@@ -309,18 +311,18 @@ mod tests {
                         false
                     }
                 };
-                let Lookup::New(ticket) = lookup else { unreachable!() };
-                prop_assert_eq!(ticket.was_refused, was_refused);
-                prop_assert_eq!(ticket.is_refused(), !step.is_accepted);
+                let Lookup::New(frame) = lookup else { unreachable!() };
+                prop_assert_eq!(frame.was_refused, was_refused);
+                prop_assert_eq!(frame.is_refused(), !step.is_accepted);
                 let is_share = |other: &Step| match step.is_accepted {
                     true => other.is_accepted && other.from == step.from,
                     false => !other.is_accepted,
                 };
                 let held = live.iter().filter(|(_, other)| is_share(other)).count();
                 let has_room = held < (12 - live.len()) * if step.is_addressed { 7 } else { 3 };
-                prop_assert_eq!(memory.has_room(&ticket, step.is_addressed), has_room);
+                prop_assert_eq!(memory.has_room(&frame, step.is_addressed), has_room);
                 if has_room {
-                    memory.remember(instant, &ticket);
+                    memory.remember(instant, &frame);
                     list.push((now, step));
                 }
             }

@@ -3,8 +3,11 @@
 //! Implements the receiver's side of <https://mavlink.io/en/services/heartbeat.html>, rules H-10 to H-13, and the loss
 //! statistics of <https://mavlink.io/en/guide/packet_loss.html> (S-16). [`PeerInfo`] shows the states of a peer.
 
+use core::num::Saturating;
+
 use crate::dialect::{Heartbeat, MavAutopilot, MavType};
 use crate::frame::{Frame, Version};
+use crate::log::{count, increment};
 use crate::message::{Address, Message, SystemId};
 use crate::time::{Clock, Duration, Instant};
 use crate::types::{LinkClass, LinkId, MAX_LINKS, Peer, PeerEvent};
@@ -69,8 +72,7 @@ pub struct PeerInfo {
     pub(super) is_route: bool,
     /// Whether its last answer to a request of ours was received on this link (K-4).
     pub(crate) has_answered: bool,
-    /// The sequence number that is expected next.
-    seq: u8,
+    expected: Sequence,
     /// Its last SYSTEM_TIME.time_boot_ms; 0 before the first, and if forwarding is off.
     pub(super) time_boot_ms: u32,
     heartbeat: Instant,
@@ -100,10 +102,47 @@ impl PeerInfo {
         self.r#type == MavType::GCS && self.is_alive
     }
 
+    /// Records a heartbeat. Returns the change to report, if it is the first one, or the first after a timeout.
+    fn note_heartbeat(&mut self, heartbeat: &Heartbeat, now: Instant) -> Option<PeerEvent> {
+        self.r#type = heartbeat.r#type;
+        self.autopilot = heartbeat.autopilot;
+        self.heartbeat = now;
+        let was_alive = core::mem::replace(&mut self.is_alive, true);
+        if !core::mem::replace(&mut self.has_heartbeat, true) {
+            event!("peer {} found", self.peer);
+            Some(PeerEvent::Found(self.peer))
+        } else if !was_alive {
+            event!("peer {} reconnected", self.peer);
+            Some(PeerEvent::Regained(self.peer))
+        } else {
+            None
+        }
+    }
+
     /// Returns when its last frame was received. On a link that requires signatures, an exempt unsigned frame such as
     /// RADIO_STATUS counts only until a verified frame was received.
     pub const fn last_heard(&self) -> Instant {
         self.heard
+    }
+}
+
+/// The sequence number that is expected next from a peer (S-16).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+struct Sequence(u8);
+
+impl Sequence {
+    /// A number up to this much behind the expected one is a duplicate or a delayed frame, not a loss of over 200 frames.
+    const MAX_DELAY: u8 = 32;
+
+    /// Expects the number after `received`, unless that is a duplicate or delayed. Returns how many numbers were skipped.
+    fn advance_past(&mut self, received: u8) -> u8 {
+        let skipped = received.wrapping_sub(self.0);
+        if skipped >= Self::MAX_DELAY.wrapping_neg() {
+            return 0;
+        }
+        self.0 = received.wrapping_add(1);
+        skipped
     }
 }
 
@@ -120,20 +159,16 @@ pub(crate) fn is_heard(peers: &Peers, peer: Peer) -> bool {
     peers.iter().any(|info| info.peer == peer)
 }
 
-/// The result of recording a frame's sender in the table (H-12).
+/// Whether the table has an entry for the sender of a frame (H-12).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Booking {
+pub enum SenderEntry {
     /// The sender had an entry, or there was room for one.
-    Kept,
+    Present,
     /// The sender evicted another peer.
     Evicted,
     /// The table is full, and the sender may evict no peer.
     NoRoom,
 }
-
-/// A sequence number up to this much behind the expected one is a duplicate or a delayed frame, not a loss of over 200
-/// frames.
-const LATE: u8 = 32;
 
 /// How a frame was received.
 #[derive(Clone, Copy, Debug)]
@@ -152,14 +187,13 @@ pub(crate) fn record(
     own: SystemId,
     frame: &Frame<'_>,
     mut report: impl FnMut(PeerEvent),
-) -> Booking {
+) -> SenderEntry {
     let Reception { now, link, class, is_verified } = by;
     let is_satellite = class == LinkClass::HighLatency;
     let heartbeat = frame.decode::<Heartbeat>().filter(|_| !is_satellite);
-    let peer = Peer { address: frame.source(), link };
     let header = frame.header();
     let new = PeerInfo {
-        peer,
+        peer: Peer { address: frame.source(), link },
         r#type: heartbeat.map_or(MavType::GENERIC, |heartbeat| heartbeat.r#type),
         autopilot: MavAutopilot::INVALID,
         version: Version::V2,
@@ -171,52 +205,39 @@ pub(crate) fn record(
         // An unverified frame must not teach a route.
         is_route: is_verified,
         has_answered: false,
-        seq: header.seq,
+        expected: Sequence(header.seq),
         time_boot_ms: 0,
         heartbeat: now,
         heard: now,
     };
-    let Some((info, evicted)) = find_or_insert(peers, new, own, heartbeat.is_some() || is_satellite) else {
-        return Booking::NoRoom;
+    let Some(Found { info, evicted }) = find_or_insert(peers, new, own, heartbeat.is_some() || is_satellite) else {
+        return SenderEntry::NoRoom;
     };
-    if let Some((evicted, true)) = evicted {
-        // It is no longer monitored.
-        report(PeerEvent::Lost(evicted));
+    if let Some(Evicted { peer, was_alive: true }) = evicted {
+        // Its timeout is no longer monitored.
+        report(PeerEvent::Lost(peer));
     }
-    let booking = if evicted.is_some() { Booking::Evicted } else { Booking::Kept };
-    let gap = header.seq.wrapping_sub(info.seq);
-    if gap < LATE.wrapping_neg() {
-        info.seq = header.seq.wrapping_add(1);
-        info.lost = info.lost.wrapping_add(u32::from(gap));
-    }
-    info.received = info.received.wrapping_add(1);
+    count(&mut info.lost, info.expected.advance_past(header.seq).into());
+    increment(&mut info.received);
     info.version = header.version;
     info.is_verified |= is_verified;
     // An unverified frame must not change where a verified peer is heard.
     if is_verified || !info.is_verified {
         info.heard = now;
     }
-    let Some(heartbeat) = heartbeat else { return booking };
-    info.r#type = heartbeat.r#type;
-    info.autopilot = heartbeat.autopilot;
-    info.heartbeat = now;
-    let was_alive = core::mem::replace(&mut info.is_alive, true);
-    let is_new = !core::mem::replace(&mut info.has_heartbeat, true);
-    if is_new {
-        event!("peer {} found", peer);
-        report(PeerEvent::Found(peer));
-    } else if !was_alive {
-        event!("peer {} reconnected", peer);
-        report(PeerEvent::Regained(peer));
+    if let Some(heartbeat) = heartbeat
+        && let Some(event) = info.note_heartbeat(&heartbeat, now)
+    {
+        report(event);
     }
-    booking
+    if evicted.is_some() { SenderEntry::Evicted } else { SenderEntry::Present }
 }
 
 /// Records a frame with an unknown id, whose checksum could not be verified. It is trusted only if it has the expected
 /// sequence number: then it does not count as lost (S-16).
 pub(crate) fn record_unchecked(peers: &mut Peers, peer: Peer, seq: u8) {
-    if let Some(info) = peers.iter_mut().find(|info| info.peer == peer && info.seq == seq) {
-        info.seq = seq.wrapping_add(1);
+    if let Some(info) = peers.iter_mut().find(|info| info.peer == peer && info.expected == Sequence(seq)) {
+        info.expected.advance_past(seq);
     }
 }
 
@@ -237,34 +258,44 @@ pub(crate) fn deadline(peers: &[PeerInfo], timeout: Duration) -> Instant {
     alive.map(|info| info.heartbeat + timeout).min().unwrap_or(Instant::NEVER)
 }
 
-/// Returns the entry of the sender of `new`, and the peer that it evicted and whether that was alive; `None` if the table is full
-/// and the sender may evict no peer. `is_heartbeat`: the frame counts as a heartbeat.
-fn find_or_insert(
-    peers: &mut Peers,
-    new: PeerInfo,
-    own: SystemId,
-    is_heartbeat: bool,
-) -> Option<(&mut PeerInfo, Option<(Peer, bool)>)> {
+/// The entry of a sender.
+struct Found<'a> {
+    info: &'a mut PeerInfo,
+    /// The peer that had to leave the table.
+    evicted: Option<Evicted>,
+}
+
+/// A peer that left the table.
+#[derive(Clone, Copy)]
+struct Evicted {
+    peer: Peer,
+    was_alive: bool,
+}
+
+/// Returns the entry of the sender of `new`; `None` if the table is full and the sender may evict no peer. `is_heartbeat`: the
+/// frame counts as a heartbeat.
+fn find_or_insert(peers: &mut Peers, new: PeerInfo, own: SystemId, is_heartbeat: bool) -> Option<Found<'_>> {
     if let Some(index) = peers.iter().position(|info| info.peer == new.peer) {
-        return Some((peers.get_mut(index)?, None));
+        return Some(Found { info: peers.get_mut(index)?, evicted: None });
     }
     if peers.push(new).is_ok() {
-        return Some((peers.last_mut()?, None));
+        return Some(Found { info: peers.last_mut()?, evicted: None });
     }
-    let (mut held, mut ours) = ([0_u8; MAX_LINKS], 0_usize);
+    // The entries of each link.
+    let mut held = [Saturating(0_u8); MAX_LINKS];
     for old in peers.iter() {
         if let Some(held) = held.get_mut(usize::from(old.peer.link.0)) {
-            *held = held.saturating_add(1);
+            *held += 1;
         }
-        ours = ours.saturating_add(usize::from(old.peer.address.system == own));
     }
-    let held = |info: &PeerInfo| held.get(usize::from(info.peer.link.0)).copied().unwrap_or(0);
+    let held = |info: &PeerInfo| held.get(usize::from(info.peer.link.0)).copied().unwrap_or_default();
     let is_ours = |info: &PeerInfo| info.peer.address.system == own;
-    let protects_ours = !is_ours(&new) && ours.saturating_mul(2) <= peers.len();
+    let ours = peers.iter().filter(|info| is_ours(info)).count();
+    let protects_ours = !is_ours(&new) && ours <= peers.len() / 2;
     // Rank 0 is never evicted, rank 5 first.
     let rank = |old: &PeerInfo| {
         let is_other_link = old.peer.link != new.peer.link;
-        let protects_link = is_other_link && held(old) <= held(&new).saturating_add(1);
+        let protects_link = is_other_link && held(old) <= held(&new) + Saturating(1);
         let (only_new_is_verified, only_old_is_verified) =
             (!old.is_verified && new.is_verified, old.is_verified && !new.is_verified);
         let is_protected = protects_link || (protects_ours && is_ours(old));
@@ -285,10 +316,10 @@ fn find_or_insert(
             (victim, highest) = (Some(old), rank);
         }
     }
-    let victim = victim?;
-    let evicted = (victim.peer, victim.is_alive);
-    *victim = new;
-    Some((victim, Some(evicted)))
+    let info = victim?;
+    let evicted = Evicted { peer: info.peer, was_alive: info.is_alive };
+    *info = new;
+    Some(Found { info, evicted: Some(evicted) })
 }
 
 /// Whether a frame is the heartbeat of another vehicle, or of a part of one: not of a ground station or a companion computer.

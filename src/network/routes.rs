@@ -83,12 +83,12 @@ pub(crate) fn forget_rebooted(peers: &mut Peers, from: Peer, frame: &Frame<'_>) 
 
 const HOUR_MS: u32 = 3_600_000;
 
-/// Whom a frame is for; for everyone, where that is not known.
+/// Returns the address to which a frame is sent; a broadcast if the message is unknown.
 pub(crate) fn target_of(frame: &Frame<'_>) -> Address {
     let Some(info) = frame.info() else { return Address::default() };
-    // MANUAL_CONTROL alone calls the system that it means otherwise.
+    // MANUAL_CONTROL is the only message whose target field is not named `target_system`.
     let system = if info.id() == ManualControl::ID { Some(MANUAL_CONTROL_TARGET) } else { info.target_system() };
-    // A field that was cut off, or is not there, reads as 0: for everyone.
+    // A field that was trimmed, or does not exist, reads as 0: a broadcast.
     let byte = |offset: Option<u8>| offset.map_or(0, |offset| frame.byte(offset));
     Address::new(byte(system), byte(info.target_component()))
 }

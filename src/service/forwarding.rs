@@ -6,7 +6,7 @@ use super::gate::ForwardingGate;
 use super::{About, Cx, Service, ShowCounters, Turn, View};
 use crate::frame::Frame;
 use crate::link::Port;
-use crate::network::{self, Booking, ForwardCounters, ForwardQueues, Passage};
+use crate::network::{self, ForwardCounters, ForwardDecision, ForwardQueues, SenderEntry};
 use crate::time::Instant;
 use crate::types::{Firmware, LinkId, LinkMask, Peer};
 
@@ -38,7 +38,7 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
 
     /// Sends the next frame of the link's queue, and drops those that have waited for too long.
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), (): ()) -> bool {
-        let mut queues = self.queues.forwarding();
+        let mut queues = self.queues.view();
         let sent = queues.next(cx.now, &mut port.outbox);
         if queues.is_empty(port.id) {
             self.queued = self.queued.without(LinkMask::of(port.id));
@@ -59,54 +59,55 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
 impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> ForwardingGate<F>
     for Forwarding<LINKS, BYTES, SEEN>
 {
-    fn examine(&mut self, cx: &Cx<'_, F>, port: &Port, frame: &Frame<'_>, is_accepted: bool) -> Passage {
+    fn examine(&mut self, cx: &Cx<'_, F>, port: &Port, frame: &Frame<'_>, is_accepted: bool) -> ForwardDecision {
         let target = network::target_of(frame);
         let own = cx.shared.config.address.get();
         let is_ours = target.component == own.component || cx.shared.has_component::<F>(target.component);
         if !port.config.forwards || (target.system == own.system && is_ours) {
-            return Passage::Stays;
+            return ForwardDecision::LocalOnly;
         }
         let from = Peer { address: frame.source(), link: port.id };
         let is_way = || target.system.is_all() && network::is_heard(cx.peers, from);
-        self.queues.forwarding().examine(cx.now, port, frame, is_accepted, is_way)
+        self.queues.view().examine(cx.now, port, frame, is_accepted, is_way)
     }
 
-    fn pass_on(
+    fn forward(
         &mut self,
         cx: &mut Cx<'_, F>,
         port: &Port,
         frame: &Frame<'_>,
-        passage: Passage,
-        booking: Option<Booking>,
+        decision: ForwardDecision,
+        sender: Option<SenderEntry>,
         has_key: bool,
     ) -> u32 {
-        let mut queues = self.queues.forwarding();
+        let mut queues = self.queues.view();
         let from = Peer { address: frame.source(), link: port.id };
-        if booking.is_some() {
+        if sender.is_some() {
             network::forget_rebooted(cx.peers, from, frame);
         }
-        let Passage::Goes(ticket) = passage else { return 0 };
+        let ForwardDecision::Forward(new) = decision else { return 0 };
         let len = u32::try_from(frame.raw().len()).unwrap_or(u32::MAX);
         let target = network::target_of(frame);
         // A broadcast needs no route back for an answer.
-        if booking == Some(Booking::NoRoom) && !target.system.is_all() {
+        if sender == Some(SenderEntry::NoRoom) && !target.system.is_all() {
             queues.increment(port.id, |counters| &mut counters.no_peer_slot);
             return len;
         }
         let free = queues.free_links(frame.id(), target);
-        let routes = network::routes(cx.peers, cx.now, from, booking.is_some(), target, free);
+        let routes = network::routes(cx.peers, cx.now, from, sender.is_some(), target, free);
         let own = cx.shared.config.address.get();
         let is_ours_too = target.system == own.system && target.component.is_all();
         if routes.to.is_empty() && !is_ours_too {
             queues.increment(port.id, |counters| &mut counters.no_route);
         }
-        let queued = queues.pass_on(cx.now, port.id, frame, &ticket, routes, has_key);
+        let queued = queues.push(cx.now, port.id, frame, &new, routes, has_key);
         self.queued = self.queued.with(queued);
+        // Examining the frame costs as much as a copy.
         len.saturating_mul(queued.len().saturating_add(1))
     }
 
     fn prepare(&mut self, port: &Port) {
-        self.queues.forwarding().open(port);
+        self.queues.view().open(port);
     }
 
     fn link_counters(&self, link: LinkId) -> Option<ForwardCounters> {

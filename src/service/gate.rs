@@ -5,7 +5,7 @@ use crate::dialect::{MavCmd, SetupSigning};
 use crate::frame::{Decoder, Frame};
 use crate::link::Port;
 use crate::message::{Address, Message, SystemId};
-use crate::network::{Booking, ForwardCounters, Passage};
+use crate::network::{ForwardCounters, ForwardDecision, SenderEntry};
 use crate::time::{Duration, Instant};
 use crate::types::{Command, CommandAnswer, Firmware, LinkId, Peer, SignedAt};
 
@@ -53,17 +53,17 @@ pub trait SigningGate<L> {
 /// Examines received frames, and queues those that are forwarded.
 pub trait ForwardingGate<F: Firmware>: Service<F> {
     /// Decides whether to forward a frame, accepted or not, before anything is learned from it.
-    fn examine(&mut self, cx: &Cx<'_, F>, port: &Port, frame: &Frame<'_>, is_accepted: bool) -> Passage;
+    fn examine(&mut self, cx: &Cx<'_, F>, port: &Port, frame: &Frame<'_>, is_accepted: bool) -> ForwardDecision;
 
-    /// Queues an examined frame for the links of its routes. `booking` is the result of recording its sender in the
-    /// peer table; `None` if nothing may be learned from the frame. Returns the cost, in cost units.
-    fn pass_on(
+    /// Queues an examined frame for the links of its routes. `sender` is the sender's entry in the peer table; `None` if
+    /// nothing may be learned from the frame. Returns the number of bytes that were copied, which is the cost.
+    fn forward(
         &mut self,
         cx: &mut Cx<'_, F>,
         port: &Port,
         frame: &Frame<'_>,
-        passage: Passage,
-        booking: Option<Booking>,
+        decision: ForwardDecision,
+        sender: Option<SenderEntry>,
         has_key: bool,
     ) -> u32;
 
@@ -232,11 +232,19 @@ fn is_open(port: &Port) -> bool {
 
 /// Without forwarding, every frame is handled locally only.
 impl<F: Firmware> ForwardingGate<F> for Absent {
-    fn examine(&mut self, _: &Cx<'_, F>, _: &Port, _: &Frame<'_>, _: bool) -> Passage {
-        Passage::Stays
+    fn examine(&mut self, _: &Cx<'_, F>, _: &Port, _: &Frame<'_>, _: bool) -> ForwardDecision {
+        ForwardDecision::LocalOnly
     }
 
-    fn pass_on(&mut self, _: &mut Cx<'_, F>, _: &Port, _: &Frame<'_>, _: Passage, _: Option<Booking>, _: bool) -> u32 {
+    fn forward(
+        &mut self,
+        _: &mut Cx<'_, F>,
+        _: &Port,
+        _: &Frame<'_>,
+        _: ForwardDecision,
+        _: Option<SenderEntry>,
+        _: bool,
+    ) -> u32 {
         0
     }
 

@@ -8,8 +8,8 @@ use crate::message::{ComponentId, SystemId};
 #[cfg(feature = "defmt")]
 use crate::service::ShowCounters;
 use crate::service::{
-    BULK_PERCENT, Cx, Handled, Look, LookAll, MAX_LATENESS, Part, RateLimit, Received, Request, Service, Shared,
-    StackEvent, Turn, Verdict, View, Visit, VisitAll, cost, turns,
+    BULK_PERCENT, Cx, ForwardingGate, Handled, Look, LookAll, MAX_LATENESS, Part, RateLimit, Received, Request,
+    Service, Shared, SigningGate, StackEvent, Turn, Verdict, View, Visit, VisitAll, cost, increment, turns,
 };
 use crate::time::{Duration, Instant};
 use crate::types::{Config, Firmware, Peer};
@@ -337,6 +337,25 @@ impl<D: Declares> Services<D> {
     #[cfg(feature = "defmt")]
     pub(super) fn counters(&self, show: &mut impl ShowCounters) {
         self.look_all(&mut Count(show));
+    }
+
+    /// Brings up to date what decides on the next frame of a link, before the services are asked for it.
+    pub(super) fn prepare(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) {
+        port.bucket.drain(cx.now);
+        self.signing.prepare(cx.now, port);
+        ForwardingGate::<D>::prepare(&mut self.forwarding, port);
+        self.heartbeat.prepare(cx, port, &mut state.heartbeat);
+    }
+
+    /// Puts the next frame into the link's outbox, and signs it. While frames are held for a HEARTBEAT, only that is sent (H-17).
+    pub(super) fn fill(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) {
+        self.prepare(cx, port, state);
+        if self.send(cx, port, state) {
+            self.signing.sign(cx.now, port);
+            port.release();
+            increment(&mut port.counters.tx_frames);
+            self.on_sent(port, state);
+        }
     }
 
     /// Puts the frame of a turn into the link's empty outbox. Returns false if nothing is due.

@@ -7,7 +7,7 @@ use crate::dialect::{MavCmd, MavResult, MavSeverity};
 use crate::frame::{Decoder, Frame};
 use crate::link::{Link, Port};
 use crate::message::{Address, Text};
-use crate::network::{self, Booking, Passage, Reception};
+use crate::network::{self, ForwardDecision, Reception, SenderEntry};
 use crate::service::command::{self, CommandMemory, CommandService};
 use crate::service::mission;
 use crate::service::mode;
@@ -18,8 +18,13 @@ use crate::service::{
 use crate::time::Instant;
 use crate::types::{Allowance, CommandAnswer, LinkId, MAX_TEXT_LEN, Peer, PeerEvent, Vehicle};
 
-/// The sequence number and the low checksum byte of a received frame with our own address.
-pub(super) type OwnFrame = [u8; 2];
+/// A received frame with our own address: an echo, if a link has sent such a frame.
+#[derive(Clone, Copy)]
+pub(super) struct OwnFrame {
+    pub(super) seq: u8,
+    /// The low byte.
+    pub(super) checksum: u8,
+}
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Whether the link has accepted a frame since it was restarted: a checked one, signed if the link requires it, and not the heartbeat of
@@ -52,9 +57,14 @@ impl<D: Declares> Services<D> {
             allowance.handle();
             allowance.spend(self.signing.cost(frame));
             let id = frame.id();
-            let is_accepted = self.accepts(cx, port, state, frame);
-            let (copied, is_served) = self.learn(cx, port, frame, is_accepted, &mut own_frame);
-            allowance.spend(copied);
+            let is_ours = is_ours(cx, frame.source());
+            if is_ours {
+                own_frame = self.own_frame(cx, port, frame).or(own_frame);
+            }
+            let is_served = !is_ours && {
+                let is_accepted = self.signing.admits(cx.now, port, &mut state.signing, frame);
+                self.learn(cx, port, frame, is_accepted, allowance)
+            };
             if is_served && let Some(target) = filter(cx, port, frame) {
                 // Another press of a button has its text again (C-16).
                 if D::HAS_TEXTS {
@@ -88,14 +98,7 @@ impl<D: Declares> Services<D> {
         decoder.next_vouched(cx.now, messages, &mut allowance.work, is_known, vouches)
     }
 
-    /// Whether signing accepts a frame of others. Not inlined: a signature takes much of the call stack.
-    #[inline(never)]
-    fn accepts(&mut self, cx: &Cx<'_, D>, port: &mut Port, state: &mut States<D>, frame: &Frame<'_>) -> bool {
-        !is_ours(cx, frame.source()) && self.signing.admits(cx.now, port, &mut state.signing, frame)
-    }
-
-    /// Learns from a received frame, and forwards it. Returns the cost of forwarding, in cost units, and whether the
-    /// services get the frame. Not inlined, and separate from the services, which need the stack space themselves.
+    /// Learns from a received frame, and forwards it. Returns true if the services get it.
     #[inline(never)]
     fn learn(
         &mut self,
@@ -103,53 +106,59 @@ impl<D: Declares> Services<D> {
         port: &mut Port,
         frame: &Frame<'_>,
         is_accepted: bool,
-        own_frame: &mut Option<OwnFrame>,
-    ) -> (u32, bool) {
-        let own = cx.shared.config.address.get();
-        // Neither used nor forwarded (S-15, R-8).
-        let source = frame.source();
-        if !is_accepted && is_ours(cx, source) {
-            increment(&mut port.counters.own_address);
-            if source == own && frame.is_checked() && self.signing.believes_unsigned(port, frame.id()) {
-                let header = frame.header();
-                let sum_at = header.version.header_len().saturating_add(frame.payload().len());
-                *own_frame = frame.raw().get(sum_at).map(|&checksum| [header.seq, checksum]);
-            }
-            return (0, false);
-        }
+        allowance: &mut Allowance,
+    ) -> bool {
         let from = Peer { address: frame.source(), link: port.id };
         // A refused frame may be forwarded to links that verify signatures themselves; it has no other effect.
-        let passage = self.forwarding.examine(cx, port, frame, is_accepted);
-        let has_key = self.signing.has_key();
-        if !is_accepted {
-            return (self.forwarding.pass_on(cx, port, frame, passage, None, has_key), false);
-        }
+        let decision = self.forwarding.examine(cx, port, frame, is_accepted);
+        let is_duplicate = decision == ForwardDecision::Duplicate;
         // An unknown message is never acted on (S-12), but may be forwarded.
-        if !frame.is_checked() {
+        let is_trusted = is_accepted && frame.is_checked();
+        let mut sender = None;
+        if is_trusted {
+            if is_duplicate && !network::is_heard(cx.peers, from) {
+                // A duplicate must not teach a route to its sender.
+                return false;
+            }
+            sender = self.record_sender(cx, port, frame);
+            if !is_duplicate {
+                self.on_heard(cx.now, from);
+            }
+        } else if is_accepted {
             increment(&mut port.counters.unknown);
             network::record_unchecked(cx.peers, from, frame.header().seq);
-            return (self.forwarding.pass_on(cx, port, frame, passage, None, has_key), false);
         }
-        if passage == Passage::Again && !network::is_heard(cx.peers, from) {
-            // A duplicate must not teach a route to its sender.
-            return (0, false);
-        }
-        port.heard(frame.header().version);
+        let has_key = self.signing.has_key();
+        allowance.spend(self.forwarding.forward(cx, port, frame, decision, sender, has_key));
+        is_trusted && !is_duplicate
+    }
+
+    /// Records the sender of an accepted frame in the peer table. Returns its entry if the sender is verified.
+    fn record_sender(&self, cx: &mut Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<SenderEntry> {
+        port.note_version(frame.header().version);
         let is_verified = self.signing.knows_sender(port, frame);
         port.has_accepted |= is_verified && !network::is_of_vehicle(frame);
         let by = Reception { now: cx.now, link: port.id, class: port.config.class, is_verified };
+        let own = cx.address();
         let (peers, vehicle, mut context) = cx.peers_and_hook();
-        let booking = network::record(peers, by, own.system, frame, |event| vehicle.peer(&mut context, event));
-        match booking {
-            Booking::Evicted => increment(&mut port.counters.evicted_peers),
-            Booking::NoRoom => increment(&mut port.counters.no_peer_slot),
-            Booking::Kept => {}
+        let entry = network::record(peers, by, own.system, frame, |event| vehicle.peer(&mut context, event));
+        match entry {
+            SenderEntry::Evicted => increment(&mut port.counters.evicted_peers),
+            SenderEntry::NoRoom => increment(&mut port.counters.no_peer_slot),
+            SenderEntry::Present => {}
         }
-        if passage != Passage::Again {
-            self.on_heard(cx.now, from);
+        is_verified.then_some(entry)
+    }
+
+    /// Counts a frame from one of our own addresses, which is neither used nor forwarded (S-15, R-8). Returns what may
+    /// identify it as an echo.
+    fn own_frame(&self, cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<OwnFrame> {
+        increment(&mut port.counters.own_address);
+        if frame.source() != cx.address() || !frame.is_checked() || !self.signing.believes_unsigned(port, frame.id()) {
+            return None;
         }
-        let copied = self.forwarding.pass_on(cx, port, frame, passage, is_verified.then_some(booking), has_key);
-        (copied, passage != Passage::Again)
+        let [checksum, _] = frame.checksum()?;
+        Some(OwnFrame { seq: frame.header().seq, checksum })
     }
 
     /// Hands a frame that is not a command to its service, or to the vehicle.

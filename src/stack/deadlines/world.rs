@@ -345,7 +345,7 @@ impl World {
                 self.receive(*link, &item);
             }
             Event::Firmware { link, what } => self.act(*link, *what),
-            Event::Wait(micros) => self.now = self.now + Duration::from_micros(*micros),
+            Event::Wait(micros) => self.now += Duration::from_micros(*micros),
             Event::Wake => self.wake(),
             Event::Fault => {
                 self.rover.state = if self.rover.state.is_some() { None } else { Some(VehicleState::ZERO) };
