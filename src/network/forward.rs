@@ -104,7 +104,7 @@ impl Lane {
     /// invalid signature is treated like one without: the components on the link may not verify it.
     fn withholds(&self, id: u32, has_key: bool) -> bool {
         #[cfg(feature = "signing")]
-        return self.withholds.takes_unsigned(id, has_key);
+        return self.withholds.accepts_unsigned(id, has_key);
         #[cfg(not(feature = "signing"))]
         {
             // Without signing no link refuses frames.

@@ -19,7 +19,7 @@ pub trait SigningGate<L> {
     fn knows_sender(&self, port: &Port, frame: &Frame<'_>) -> bool;
 
     /// Whether an unsigned frame with this id is accepted on this link.
-    fn believes_unsigned(&self, port: &Port, id: u32) -> bool;
+    fn accepts_unsigned(&self, port: &Port, id: u32) -> bool;
 
     /// Returns how long ago an accepted frame was signed; `None` if its signature was not verified.
     fn age(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration>;
@@ -169,7 +169,7 @@ impl SigningGate<()> for WithoutSigning {
         is_open(port)
     }
 
-    fn believes_unsigned(&self, port: &Port, _: u32) -> bool {
+    fn accepts_unsigned(&self, port: &Port, _: u32) -> bool {
         is_open(port)
     }
 

@@ -154,7 +154,7 @@ impl<D: Declares> Services<D> {
     /// identify it as an echo.
     fn own_frame(&self, cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<OwnFrame> {
         increment(&mut port.counters.own_address);
-        if frame.source() != cx.address() || !frame.is_checked() || !self.signing.believes_unsigned(port, frame.id()) {
+        if frame.source() != cx.address() || !frame.is_checked() || !self.signing.accepts_unsigned(port, frame.id()) {
             return None;
         }
         let [checksum, _] = frame.checksum()?;

@@ -17,7 +17,7 @@ pub enum Accept {
 
 impl Accept {
     /// Whether an unsigned message is accepted. Every MAVLink 1 frame is unsigned. `has_key`: the vehicle has a key.
-    pub(crate) fn takes_unsigned(self, id: u32, has_key: bool) -> bool {
+    pub(crate) fn accepts_unsigned(self, id: u32, has_key: bool) -> bool {
         match self {
             Self::Open => true,
             Self::SignedExcept(ids) => !has_key || ids.contains(&id),

@@ -10,27 +10,26 @@ mod setup;
 mod streams;
 #[cfg(test)]
 mod tests;
+mod timestamp;
+#[cfg(not(feature = "storage"))]
+mod unsaved;
 
 #[cfg(feature = "storage")]
 use saving::Saving;
-use setup::{Answer, hint};
 pub use streams::SigningStream;
+#[cfg(not(feature = "storage"))]
+use unsaved::Saving;
 
-use core::num::{NonZeroU32, NonZeroU64};
+use core::num::NonZeroU64;
 use core::ops::{Deref, DerefMut};
 
+use self::streams::{NewStream, Stale};
+use self::timestamp::{RunningTime, Timestamp};
 use super::increment;
-use crate::dialect::SetupSigning;
-use crate::frame::{Frame, MAX_TIMESTAMP, SigningKey};
-use crate::link::Port;
-use crate::message::{Message, SystemId};
-use crate::num;
+use crate::frame::{Frame, SigningKey};
+use crate::message::SystemId;
 use crate::time::{Clock, Duration, Instant};
-use crate::types::{Accept, LinkClass, LinkConfig, LinkSigning, SignedAt};
-use streams::{MINUTE, Stale};
-
-/// Unix time of timestamp 0 (s): the beginning of 2015 (G-3).
-const EPOCH: u64 = 1_420_070_400;
+use crate::types::{Accept, LinkSigning, SignedAt};
 
 counters! {
     /// Counters of accepted and refused frames, on all links. They wrap.
@@ -47,9 +46,9 @@ counters! {
         /// Frames with a correct signature that would begin a stream, but are more than a minute old (G-6), or from before
         /// a restart.
         drop too_old,
-        /// Frames with a correct signature and a timestamp more than [ten minutes](crate::Config::max_signing_lead) ahead of the time set by the vehicle.
-        /// A text names the system. Also
-        /// frames with the last 48-bit timestamp, which has no successor (G-17).
+        /// Frames with a correct signature and a timestamp more than [ten minutes](crate::Config::max_signing_lead) ahead of
+        /// the time set by the vehicle. A text names the system. Also frames with the last 48-bit timestamp, which has no
+        /// successor (G-17).
         drop too_far_ahead,
         /// Frames with a correct signature that would begin a stream, for which the table has no room (G-8).
         drop no_stream_slot,
@@ -112,16 +111,17 @@ counters! {
 ///   the vehicle ([`set_time`](Signing::set_time)) and a key's timestamp move it forward (G-6, G-14). Only another key
 ///   can move it back; until then no timestamp is sent twice.
 /// - **The future is bounded** (G-17). Once the vehicle has set the time since the start, a frame from more than
-///   [ten minutes](crate::Config::max_signing_lead) ahead of that is refused, and a text names its system. Otherwise one peer with a wrong clock could shut out every peer with a right one. Stored
-///   times and a key's time set no bound, because a vehicle without a clock may restart days later. The bound also does
-///   not apply while our own time is further than that ahead of the time that the vehicle set. It would shut out the
-///   peers that follow our time, and let in nobody else.
+///   [ten minutes](crate::Config::max_signing_lead) ahead of that is refused, and a text names its system. Otherwise one
+///   peer with a wrong clock could shut out every peer with a right one. Stored times and a key's time set no bound,
+///   because a vehicle without a clock may restart days later. The bound also does not apply while our own time is
+///   further than that ahead of the time that the vehicle set. It would shut out the peers that follow our time, and
+///   let in nobody else.
 /// - **Streams**: a stream is identified by its sender and the sender's link id. Each frame of a known stream must be
 ///   newer than the one before. A new stream may begin a minute behind the time that the vehicle set, or behind our time
-///   until it has set one. So a peer with a wrong clock shuts out no right one, even if it was heard first. A frame from beyond the
-///   bound on the future begins a stream at most a minute behind our time. A full table evicts a stream that was
-///   silent for more than a minute (G-8). So `streams` in [`#[stack]`](macro@crate::Stack) bounds how many streams are accepted
-///   at a time, and a holder of the key shuts nobody out for longer than that.
+///   until it has set one. So a peer with a wrong clock shuts out no right one, even if it was heard first. A frame from
+///   beyond the bound on the future begins a stream at most a minute behind our time. A full table evicts a stream that
+///   was silent for more than a minute (G-8). So `streams` in [`#[stack]`](macro@crate::Stack) bounds how many streams
+///   are accepted at a time, and a holder of the key shuts nobody out for longer than that.
 /// - **The same key again** moves the time forward to the timestamp that comes with it, never back. Streams stay as they are.
 /// - **Another key** starts with the timestamp that comes with it, and without streams. So a new key repairs a time
 ///   that was moved too far ahead, even after a restart. The time that the vehicle set since the start still counts:
@@ -158,26 +158,25 @@ counters! {
 #[derive(Clone)]
 pub struct Signing<S: ?Sized = [SigningStream]> {
     key: Option<SigningKey>,
-    /// Our time minus the clock.
-    boot: i64,
+    /// Our time, unless [`last`](Self::last) is later.
+    our_time: RunningTime,
     /// The last timestamp that was sent. Time never falls behind it.
-    last: u64,
+    last: Timestamp,
     /// The earliest timestamp with which a new stream may begin.
-    floor: u64,
-    /// The latest time that the vehicle set since the start, minus the clock.
-    clock_set: Option<i64>,
-    /// How far a peer's clock may be ahead of that (10 µs).
-    most_ahead: u64,
+    floor: Timestamp,
+    /// The latest time that the vehicle set since the start.
+    vehicle_time: Option<RunningTime>,
+    /// How far a peer's clock may be ahead of that.
+    max_lead: Duration,
+    /// The latest time in signatures of peers on normal links.
+    peers_time: Option<RunningTime>,
     /// The system whose clock was last found to be too far ahead, until a text says so.
     ahead: Option<SystemId>,
     /// The earliest time of the next such text.
     text_from: Instant,
     /// The stack's clock, as of the last poll: the firmware's may be set back.
     clock: Clock,
-    /// The latest timestamp in signatures of peers on normal links, minus the clock.
-    heard: Option<i64>,
     counters: SigningCounters,
-    #[cfg(feature = "storage")]
     saving: Saving,
     streams: S,
 }
@@ -193,17 +192,16 @@ impl<const STREAMS: usize> Signing<[SigningStream; STREAMS]> {
         }
         Self {
             key: None,
-            boot: 0,
-            last: 0,
-            floor: 0,
-            clock_set: None,
-            most_ahead: 0,
+            our_time: RunningTime::NEW,
+            last: Timestamp::ZERO,
+            floor: Timestamp::ZERO,
+            vehicle_time: None,
+            max_lead: Duration::ZERO,
+            peers_time: None,
             ahead: None,
             text_from: Instant::ZERO,
             clock: Clock::NEW,
-            heard: None,
             counters: SigningCounters::ZERO,
-            #[cfg(feature = "storage")]
             saving: Saving::NEW,
             streams: [SigningStream::NONE; STREAMS],
         }
@@ -245,13 +243,33 @@ impl<S: ?Sized> core::fmt::Debug for Signing<S> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Verdict {
     /// Correct and new.
-    Verified,
+    Verified(Timestamp),
     /// The frame is unsigned, or there is no key.
     Unsigned,
     /// Not signed with our key. Counted.
     Forged,
     /// Correct, but the frame is too old or too far ahead. Counted.
     Stale,
+}
+
+/// The times at one moment.
+struct Times {
+    ours: Timestamp,
+    /// The latest time that the vehicle set.
+    vehicle: Option<Timestamp>,
+    max_lead: Duration,
+}
+
+impl Times {
+    /// Whether a timestamp is too far ahead of the time that the vehicle set (G-17).
+    fn is_beyond_bound(&self, timestamp: Timestamp) -> bool {
+        self.vehicle.is_some_and(|vehicle| timestamp.since(vehicle) > self.max_lead)
+    }
+
+    /// Returns the time on which the window for new streams rests (G-17).
+    fn base(&self) -> Timestamp {
+        self.vehicle.unwrap_or(self.ours)
+    }
 }
 
 impl Signing {
@@ -268,17 +286,18 @@ impl Signing {
     /// Returns our time (10 µs since 2015-01-01 00:00 UTC, G-3), the minimum timestamp of the next signed frame. It is
     /// not the time of day: it continues from the stored time until the vehicle or a peer provides a later one.
     pub fn timestamp(&self, now: Instant) -> u64 {
-        self.timestamp_at(self.clock.peek(now))
+        self.times(self.clock.peek(now)).ours.0
     }
 
-    /// As [`timestamp`](Self::timestamp), by the stack's clock.
-    fn timestamp_at(&self, now: Instant) -> u64 {
-        self.time(now).min(MAX_TIMESTAMP)
+    /// Returns our time and the vehicle's, by the stack's clock.
+    fn times(&self, now: Instant) -> Times {
+        let ours = self.unbounded_time(now).min(Timestamp::LAST);
+        Times { ours, vehicle: self.vehicle_time.map(|time| time.at(now)), max_lead: self.max_lead }
     }
 
-    /// Like [`timestamp`](Self::timestamp), but beyond the last timestamp once that was used.
-    fn time(&self, now: Instant) -> u64 {
-        self.last.max(at(now, self.boot))
+    /// Returns our time; a time beyond the last timestamp once that was used.
+    fn unbounded_time(&self, now: Instant) -> Timestamp {
+        self.last.max(self.our_time.at(now))
     }
 
     /// Signs with `key` from now on, and accepts what was signed with it (G-17).
@@ -290,30 +309,32 @@ impl Signing {
     ///
     /// A `timestamp` of 2^48 - 1 or more counts as 0: it has no successor.
     pub fn set_key(&mut self, now: Instant, key: SigningKey, timestamp: u64) {
-        self.replace_key(self.clock.peek(now), key, timestamp);
+        self.replace_key(self.clock.peek(now), key, Timestamp(timestamp));
     }
 
     /// As [`set_key`](Self::set_key), by the stack's clock.
-    fn replace_key(&mut self, now: Instant, key: SigningKey, timestamp: u64) {
-        let start = offset(now, if timestamp < MAX_TIMESTAMP { timestamp } else { 0 });
+    fn replace_key(&mut self, now: Instant, key: SigningKey, timestamp: Timestamp) {
+        let timestamp = if timestamp < Timestamp::LAST { timestamp } else { Timestamp::ZERO };
+        let start = RunningTime::new(now, timestamp);
         if self.key.as_ref().is_some_and(|known| known.is_same(&key)) {
-            self.boot = self.boot.max(start);
+            self.our_time = self.our_time.max(start);
+            self.saving.key_changed(false);
         } else {
-            self.key_is_replaced();
-            self.boot = self.clock_set.map_or(start, |told| told.max(start));
-            (self.last, self.floor, self.heard) = (0, 0, None);
+            self.our_time = self.vehicle_time.map_or(start, |time| time.max(start));
+            self.last = Timestamp::ZERO;
+            self.floor = Timestamp::ZERO;
+            self.peers_time = None;
             self.streams.fill(SigningStream::NONE);
+            self.saving.key_changed(self.key.is_some());
         }
         self.key = Some(key);
-        self.is_to_be_stored();
         event!("signing: key set");
     }
 
     /// Stops signing and forgets the key. Whatever key is set next counts as [another key](Self::set_key).
     pub fn clear_key(&mut self) {
-        self.key_is_replaced();
+        self.saving.key_changed(self.key.is_some());
         self.key = None;
-        self.is_to_be_stored();
         event!("signing: off");
     }
 
@@ -338,17 +359,15 @@ impl Signing {
     /// satellite receiver by some days on the ground, and by some seconds in flight.
     pub fn set_time(&mut self, now: Instant, unix_usec: u64, max_step: Duration) -> bool {
         let now = self.clock.peek(now);
-        let timestamp = unix_usec.saturating_sub(EPOCH.saturating_mul(1_000_000));
-        let timestamp = num::quotient(timestamp, TEN);
-        let step = timestamp.saturating_sub(self.timestamp_at(now));
-        if step > num::quotient(max_step.as_micros(), TEN) || timestamp >= MAX_TIMESTAMP {
+        let timestamp = Timestamp::from_unix(unix_usec);
+        if timestamp.since(self.times(now).ours) > max_step || timestamp >= Timestamp::LAST {
             increment(&mut self.counters.refused_times);
             return false;
         }
         self.advance(now, timestamp);
         // A clock that was never set reports a time before 2015.
-        if timestamp != 0 {
-            self.clock_set = self.clock_set.max(Some(offset(now, timestamp)));
+        if timestamp != Timestamp::ZERO {
+            self.vehicle_time = self.vehicle_time.max(Some(RunningTime::new(now, timestamp)));
         }
         true
     }
@@ -367,10 +386,9 @@ impl Signing {
     /// our time, and is accepted from then on. A peer that does not, for example because the link does not sign, is
     /// accepted once its clock has reached our time.
     pub fn refuse_recorded(&mut self, now: Instant) {
-        let now = self.clock.peek(now);
-        let ours = self.timestamp_at(now);
-        let is_beyond = self.bound(now).is_some_and(|bound| ours > bound);
-        self.floor = if is_beyond { self.window_time(now) } else { ours }.saturating_add(1);
+        let times = self.times(self.clock.peek(now));
+        let last_refused = if times.is_beyond_bound(times.ours) { times.base() } else { times.ours };
+        self.floor = last_refused.next();
     }
 
     /// Returns how long ago a frame that the stack has accepted was signed (L-16): the current time minus its timestamp, or zero
@@ -392,12 +410,11 @@ impl Signing {
 
     /// As [`age`](Self::age), by the stack's clock.
     fn age_at(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration> {
-        let signed_at = self.signed_at(frame)?.get();
-        let heard = self.heard.map(|heard| at(now, heard));
-        let is_beyond = |heard: &u64| self.bound(now).is_some_and(|bound| *heard > bound);
-        let told = self.clock_set.map(|told| at(now, told));
-        let time = heard.filter(is_beyond).or(told).or(heard)?;
-        Some(Duration::from_micros(time.saturating_sub(signed_at).saturating_mul(10)))
+        let signed_at = Timestamp(self.signed_at(frame)?.get());
+        let times = self.times(now);
+        let peers = self.peers_time.map(|time| time.at(now));
+        let time = peers.filter(|time| times.is_beyond_bound(*time)).or(times.vehicle).or(peers)?;
+        Some(time.since(signed_at))
     }
 
     /// Returns the timestamp of a frame that the stack has accepted, if its signature was verified.
@@ -405,185 +422,59 @@ impl Signing {
         NonZeroU64::new(frame.signature().filter(|_| self.is_active())?.timestamp)
     }
 
-    /// Returns the latest timestamp that is accepted, once the vehicle has set the time (G-17).
-    fn bound(&self, now: Instant) -> Option<u64> {
-        Some(at(now, self.clock_set?).saturating_add(self.most_ahead))
+    /// Moves our time forward (G-6).
+    fn advance(&mut self, now: Instant, timestamp: Timestamp) {
+        self.our_time = self.our_time.max(RunningTime::new(now, timestamp));
     }
 
-    /// Returns the time on which the window for new streams rests: what the vehicle has set, or else our time (G-17).
-    fn window_time(&self, now: Instant) -> u64 {
-        self.clock_set.map_or_else(|| self.timestamp_at(now), |told| at(now, told))
+    /// Returns the timestamp of a frame that is signed now: later than the last one (G-4). `None` when none is left.
+    fn next_timestamp(&self, now: Instant) -> Option<Timestamp> {
+        let next = self.our_time.at(now).max(self.last.next());
+        (next <= Timestamp::LAST).then_some(next)
     }
 
-    /// Whether SETUP_SIGNING may have this timestamp.
-    fn takes_setup(&self, now: Instant, timestamp: u64) -> bool {
-        let is_near = timestamp <= self.timestamp_at(now) || self.bound(now).is_none_or(|bound| timestamp <= bound);
-        timestamp < MAX_TIMESTAMP && is_near
-    }
-
-    /// Whether a peer's clock is so far ahead that it must not move ours (G-17).
-    fn is_too_far_ahead(&self, now: Instant, timestamp: u64) -> bool {
-        let is_beyond = |bound: u64| timestamp > bound && self.timestamp_at(now) <= bound;
-        timestamp >= MAX_TIMESTAMP || self.bound(now).is_some_and(is_beyond)
-    }
-
-    /// Moves the time forward (G-6).
-    fn advance(&mut self, now: Instant, timestamp: u64) {
-        self.boot = self.boot.max(offset(now, timestamp));
-    }
-
-    /// Whether there is a timestamp left to sign with.
-    fn has_stamp(&self, now: Instant) -> bool {
-        self.last < MAX_TIMESTAMP && self.time(now) <= MAX_TIMESTAMP
-    }
-
-    /// Returns the timestamp of a frame that is signed now: at least one more than the last one (G-4). `None` when none is
-    /// left.
-    fn stamp(&mut self, now: Instant) -> Option<u64> {
-        if !self.has_stamp(now) {
-            return None;
-        }
-        self.last = self.time(now).max(self.last.saturating_add(1));
-        Some(self.last)
+    /// Takes the [next timestamp](Self::next_timestamp).
+    fn take_timestamp(&mut self, now: Instant) -> Option<u64> {
+        self.last = self.next_timestamp(now)?;
+        Some(self.last.0)
     }
 
     /// Judges a frame, and learns from one that is accepted for its signature (G-6, G-7).
     fn judge(&mut self, now: Instant, frame: &Frame<'_>) -> Verdict {
         let (Some(key), Some(signature)) = (&self.key, frame.signature()) else { return Verdict::Unsigned };
         if !frame.is_signed_with(key) {
-            self.refuse(|counters| &mut counters.bad_signature);
+            increment(&mut self.counters.bad_signature);
             return Verdict::Forged;
         }
-        let timestamp = signature.timestamp;
-        if self.is_too_far_ahead(now, timestamp) {
+        let (times, timestamp) = (self.times(now), Timestamp(signature.timestamp));
+        let is_beyond_bound = times.is_beyond_bound(timestamp);
+        if timestamp >= Timestamp::LAST || (is_beyond_bound && !times.is_beyond_bound(times.ours)) {
             self.ahead = Some(frame.source().system);
-            return self.refuse(|counters| &mut counters.too_far_ahead);
+            increment(&mut self.counters.too_far_ahead);
+            return Verdict::Stale;
         }
-        let oldest = self.window_time(now).saturating_sub(MINUTE).max(self.floor);
+        let oldest = times.base().minute_earlier().max(self.floor);
         // Beyond the bound there are only peers that follow our time. What they sent earlier must not begin a stream.
-        let is_beyond = self.bound(now).is_some_and(|bound| timestamp > bound);
-        let earliest = if is_beyond { self.timestamp_at(now).saturating_sub(MINUTE).max(oldest) } else { oldest };
-        match streams::enter(&mut self.streams, frame.source(), signature.link_id, timestamp, [earliest, oldest]) {
+        let earliest = if is_beyond_bound { times.ours.minute_earlier().max(oldest) } else { oldest };
+        let new = NewStream { earliest, evict_before: oldest };
+        let counter = match streams::record(&mut self.streams, frame.source(), signature.link_id, timestamp, &new) {
             Ok(()) => {
                 self.advance(now, timestamp);
                 increment(&mut self.counters.verified);
-                Verdict::Verified
+                return Verdict::Verified(timestamp);
             }
-            Err(Stale::Replayed) => self.refuse(|counters| &mut counters.replayed),
-            Err(Stale::Old) => self.refuse(|counters| &mut counters.too_old),
-            Err(Stale::NoRoom) => self.refuse(|counters| &mut counters.no_stream_slot),
-        }
-    }
-
-    fn refuse(&mut self, counter: fn(&mut SigningCounters) -> &mut u32) -> Verdict {
-        increment(counter(&mut self.counters));
+            Err(Stale::Replayed) => &mut self.counters.replayed,
+            Err(Stale::Old) => &mut self.counters.too_old,
+            Err(Stale::NoSlot) => &mut self.counters.no_stream_slot,
+        };
+        increment(counter);
         Verdict::Stale
     }
 
-    /// Whether a frame is accepted on a link.
-    fn admits(&mut self, now: Instant, port: &Port, state: &mut SigningLink, frame: &Frame<'_>) -> bool {
-        let LinkConfig { class, signing: link, .. } = &port.config;
-        match self.judge(now, frame) {
-            Verdict::Verified => {
-                // A frame from a satellite may contain a time from minutes ago.
-                if *class != LinkClass::HighLatency {
-                    let told = frame.signature().map(|signature| offset(now, signature.timestamp));
-                    self.heard = self.heard.max(told);
-                }
-                true
-            }
-            Verdict::Stale => false,
-            Verdict::Forged => {
-                hint(now, port, state, Answer::WrongKey);
-                false
-            }
-            Verdict::Unsigned => {
-                let is_first_key = link.provisioning && !self.is_active() && frame.id() == SetupSigning::ID;
-                let is_taken = is_first_key || self.accept(link).takes_unsigned(frame.id(), self.is_active());
-                if !is_taken {
-                    self.refuse(|counters| &mut counters.unsigned);
-                    #[cfg(feature = "storage")]
-                    if self.is_lost() && !self.is_active() {
-                        hint(now, port, state, Answer::LostKey);
-                    }
-                }
-                is_taken
-            }
-        }
+    /// Returns which frames a link accepts: as configured, but nothing unsigned while the stored key is lost, if the
+    /// link would sign or refuse with a key (G-18).
+    const fn policy(&self, link: &LinkSigning) -> Accept {
+        let needs_key = link.signs() || !matches!(link.accept, Accept::Open);
+        if needs_key && self.saving.is_key_lost() && !self.is_active() { Accept::Required } else { link.accept }
     }
-
-    /// Whether a peer may cause another key to be stored (C-15).
-    fn bears_key(&self, now: Instant) -> bool {
-        #[cfg(feature = "storage")]
-        return self.saving.schedule.bucket.has(now, 1);
-        #[cfg(not(feature = "storage"))]
-        {
-            let _ = (self, now);
-            true
-        }
-    }
-
-    /// Counts a key that a peer causes to be stored.
-    fn wear_key(&mut self, now: Instant) {
-        #[cfg(feature = "storage")]
-        self.saving.schedule.bucket.spend(now, 1);
-        #[cfg(not(feature = "storage"))]
-        let _ = (self, now);
-    }
-
-    /// Returns what a link accepts: as configured, but nothing unsigned while the stored key is lost, if the link would sign or
-    /// refuse with a key (G-18).
-    const fn accept(&self, link: &LinkSigning) -> Accept {
-        #[cfg(feature = "storage")]
-        if self.is_lost() && !self.is_active() && (link.signs() || !matches!(link.accept, Accept::Open)) {
-            return Accept::Required;
-        }
-        #[cfg(not(feature = "storage"))]
-        let _ = self;
-        link.accept
-    }
-
-    #[cfg_attr(not(feature = "storage"), allow(clippy::unused_self, reason = "nothing is stored"))]
-    const fn key_is_replaced(&mut self) {
-        #[cfg(feature = "storage")]
-        {
-            self.saving.has_old_key |= self.key.is_some();
-        }
-    }
-
-    const fn is_to_be_stored(&mut self) {
-        #[cfg(feature = "storage")]
-        {
-            self.saving.schedule.request();
-            self.saving.is_lost = false;
-        }
-    }
-}
-
-/// The state of signing on a link.
-#[derive(Clone, Copy, Debug)]
-pub struct SigningLink {
-    /// The pending text.
-    setup: Answer,
-    /// The earliest time of the next hint to a station that signs with another key.
-    hint_from: Instant,
-}
-
-/// Microseconds in a unit of a timestamp.
-const TEN: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
-
-/// Returns the units of 10 µs since boot.
-const fn units(now: Instant) -> u64 {
-    num::quotient(now.as_micros(), TEN)
-}
-
-/// Returns a timestamp minus the clock. All timestamps beyond the last one count as the same.
-fn offset(now: Instant, timestamp: u64) -> i64 {
-    let timestamp = timestamp.min(MAX_TIMESTAMP.saturating_add(1));
-    timestamp.cast_signed().saturating_sub(units(now).cast_signed())
-}
-
-/// Returns the time that has this [`offset`].
-const fn at(now: Instant, offset: i64) -> u64 {
-    units(now).saturating_add_signed(offset)
 }

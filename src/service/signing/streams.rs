@@ -1,20 +1,18 @@
 //! Streams of signed frames: the last timestamp of each sender, so that no frame is accepted twice (G-5, G-6, G-8, SEC-7).
 
+use super::timestamp::Timestamp;
 use crate::message::Address;
-
-/// A minute in units of 10 µs: how far behind our time a new stream may begin (G-6).
-pub(super) const MINUTE: u64 = 6_000_000;
 
 /// A stream: the signed frames that one component sends on one of its links (G-5).
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SigningStream {
-    /// The sender; system 0 if the place is free.
+    /// The sender; system 0 if the slot is free.
     source: Address,
     link_id: u8,
     /// The timestamp of the last frame.
-    timestamp: u64,
+    timestamp: Timestamp,
 }
 
 /// Why a frame with a correct signature is not accepted.
@@ -24,26 +22,33 @@ pub(super) enum Stale {
     Replayed,
     /// The stream is unknown, and the frame is more than a minute old.
     Old,
-    /// The stream is unknown, and no place can be freed.
-    NoRoom,
+    /// The stream is unknown, and no slot can be freed.
+    NoSlot,
+}
+
+/// The timestamps that decide about an unknown stream.
+pub(super) struct NewStream {
+    /// The stream may begin at this timestamp or later.
+    pub(super) earliest: Timestamp,
+    /// No stream begins before this timestamp, which only rises. So a stream that ended before it can be evicted.
+    pub(super) evict_before: Timestamp,
 }
 
 impl SigningStream {
     /// No stream.
-    pub(super) const NONE: Self = Self { source: Address::new(0, 0), link_id: 0, timestamp: 0 };
+    pub(super) const NONE: Self = Self { source: Address::new(0, 0), link_id: 0, timestamp: Timestamp::ZERO };
 }
 
-/// Records a frame with a correct signature. A new stream begins at `earliest` or later. No stream begins before `oldest`, which
-/// only rises.
+/// Records a frame with a correct signature.
 ///
 /// A full table evicts the stream that was silent longest, if that was more than a minute: its recorded frames are too
 /// old by now to begin a stream again.
-pub(super) fn enter(
+pub(super) fn record(
     streams: &mut [SigningStream],
     source: Address,
     link_id: u8,
-    timestamp: u64,
-    [earliest, oldest]: [u64; 2],
+    timestamp: Timestamp,
+    new: &NewStream,
 ) -> Result<(), Stale> {
     if let Some(stream) = streams.iter_mut().find(|stream| stream.source == source && stream.link_id == link_id) {
         if timestamp <= stream.timestamp {
@@ -52,18 +57,22 @@ pub(super) fn enter(
         stream.timestamp = timestamp;
         return Ok(());
     }
-    if timestamp < earliest {
+    if timestamp < new.earliest {
         return Err(Stale::Old);
     }
-    let may_go = |stream: &&mut SigningStream| stream.source.system.wire() == 0 || stream.timestamp < oldest;
-    let place = streams.iter_mut().filter(may_go).min_by_key(|stream| stream.timestamp).ok_or(Stale::NoRoom)?;
-    *place = SigningStream { source, link_id, timestamp };
+    let slot = streams
+        .iter_mut()
+        .filter(|stream| stream.source.system.wire() == 0 || stream.timestamp < new.evict_before)
+        .min_by_key(|stream| stream.timestamp)
+        .ok_or(Stale::NoSlot)?;
+    *slot = SigningStream { source, link_id, timestamp };
     Ok(())
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Address, MINUTE, SigningStream, Stale};
+    use super::super::timestamp::MINUTE;
+    use super::{Address, NewStream, SigningStream, Stale, Timestamp, record};
     use proptest::prelude::*;
 
     const LOCAL: u64 = 100 * MINUTE;
@@ -76,7 +85,9 @@ mod tests {
         timestamp: u64,
         local: u64,
     ) -> Result<(), Stale> {
-        super::enter(streams, source, link_id, timestamp, [local - MINUTE; 2])
+        let oldest = Timestamp(local - MINUTE);
+        let new = NewStream { earliest: oldest, evict_before: oldest };
+        record(streams, source, link_id, Timestamp(timestamp), &new)
     }
 
     fn source(n: u8) -> Address {
@@ -93,7 +104,7 @@ mod tests {
         assert_eq!(enter(&mut streams, source(1), 0, LOCAL + 1, LOCAL), Ok(()));
         // Another link id, or component, is another stream.
         assert_eq!(enter(&mut streams, source(1), 1, LOCAL, LOCAL), Ok(()));
-        assert_eq!(enter(&mut streams, Address::new(1, 2), 0, LOCAL, LOCAL), Err(Stale::NoRoom));
+        assert_eq!(enter(&mut streams, Address::new(1, 2), 0, LOCAL, LOCAL), Err(Stale::NoSlot));
     }
 
     #[test]
@@ -110,7 +121,7 @@ mod tests {
             enter(&mut streams, source(n), 0, LOCAL + u64::from(n), LOCAL).unwrap();
         }
         let later = LOCAL + MINUTE + 1;
-        assert_eq!(enter(&mut streams, source(3), 0, later, later), Err(Stale::NoRoom), "a minute, and no more");
+        assert_eq!(enter(&mut streams, source(3), 0, later, later), Err(Stale::NoSlot), "a minute, and no more");
         assert_eq!(enter(&mut streams, source(3), 0, later, later + 1), Ok(()), "the first is older");
         assert_eq!(enter(&mut streams, source(2), 0, LOCAL + 3, later + 1), Ok(()), "the second is still there");
         assert_eq!(enter(&mut streams, source(1), 0, LOCAL + 1, later + 1), Err(Stale::Old), "not accepted twice");
@@ -134,7 +145,7 @@ mod tests {
 
     #[test]
     fn an_empty_table_accepts_nothing() {
-        assert_eq!(enter(&mut [], source(1), 0, LOCAL, LOCAL), Err(Stale::NoRoom));
+        assert_eq!(enter(&mut [], source(1), 0, LOCAL, LOCAL), Err(Stale::NoSlot));
     }
 
     proptest! {

@@ -3,11 +3,12 @@
 
 #![cfg(feature = "storage")]
 
+use super::timestamp::{EPOCH, MINUTE};
 use super::*;
 use crate::__private::SigningStreams;
 use crate::Address;
-use crate::dialect::Common;
-use crate::frame::{Decoder, Version, encode, signature_cost};
+use crate::dialect::{Common, SetupSigning};
+use crate::frame::{Decoder, MAX_TIMESTAMP, Version, encode, signature_cost};
 use crate::message::Dialect;
 use crate::message::Secret;
 
@@ -69,11 +70,11 @@ fn a_stored_time_at_the_end_is_not_used_again() {
     for stored in [MAX_TIMESTAMP + 1, MAX_TIMESTAMP + MINUTE, u64::MAX] {
         let mut signing = SigningStreams::<1>::new();
         signing.restore(NOW, Some(SigningKey::new(KEY)), stored);
-        assert_eq!((signing.timestamp(NOW), signing.stamp(NOW)), (MAX_TIMESTAMP, None));
+        assert_eq!((signing.timestamp(NOW), signing.take_timestamp(NOW)), (MAX_TIMESTAMP, None));
         signing.set_key(NOW, SigningKey::new(KEY), TIME);
-        assert_eq!(signing.stamp(NOW), None, "the same key");
+        assert_eq!(signing.take_timestamp(NOW), None, "the same key");
         signing.set_key(NOW, SigningKey::new([8; 32]), TIME);
-        assert_eq!((signing.stamp(NOW), signing.stamp(NOW)), (Some(TIME), Some(TIME + 1)));
+        assert_eq!((signing.take_timestamp(NOW), signing.take_timestamp(NOW)), (Some(TIME), Some(TIME + 1)));
         assert!(signing.pending_write(NOW).is_some());
         assert_eq!(signing.content().1, TIME + 1 + MINUTE, "stored a minute ahead");
     }
