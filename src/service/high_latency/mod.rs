@@ -1,10 +1,10 @@
 //! The high-latency link: HIGH_LATENCY2 over a satellite, where every byte costs money.
 //!
 //! Implements <https://mavlink.io/en/services/high_latency.html>, rules L-1 to L-25. A link of class
-//! [`HighLatency`](crate::config::LinkClass::HighLatency) has no heartbeats. It carries commands, their answers, and, while the
-//! service is on, one short message with the vehicle's state. The link's outbox refuses everything else.
+//! [`HighLatency`](crate::config::LinkClass::HighLatency) has no heartbeats. It carries commands and their answers. While
+//! the service is on, it also carries a short message with the vehicle's state. The link's outbox refuses everything else.
 //!
-//! [`HighLatency`] describes how the service is switched on and off, and how late commands are handled.
+//! [`HighLatency`] describes how the service is started and stopped, and how late commands are handled.
 
 mod order;
 mod sample;
@@ -12,16 +12,16 @@ mod window;
 
 pub use sample::HighLatencySample;
 
-use self::order::{ORDERS, Order};
+use self::order::{Action, Decision, Orders};
 use self::window::Window;
-use super::{About, Cx, RETRY, Request, Service, StackEvent, Turn, Verdict, View};
+use super::{About, Cx, RETRY, Request, Service, StackEvent, Turn, Verdict, View, increment};
 use crate::dialect::{HighLatency2, MavCmd, MavResult};
 use crate::link::Port;
 use crate::message::Message;
 use crate::network::{PeerInfo, Peers};
 use crate::num;
 use crate::time::{Clock, Duration, Instant};
-use crate::types::{Command, Config, Firmware, LinkMask, SignedAt, Vehicle};
+use crate::types::{Config, Firmware, LinkMask, Vehicle};
 
 /// The minimum period.
 const MIN_PERIOD: Duration = Duration::from_secs(1);
@@ -50,13 +50,13 @@ pub struct HighLatencyConfig {
     /// Whether one message is sent after the start, as soon as there was a [sample](HighLatency::sample), so that the
     /// ground learns that the link exists (L-14). False by default.
     pub announce_once: bool,
-    /// The time without a living ground station on any normal link after which the service switches itself on, if there
-    /// was one before. `None`, the default, means never. A loss is noticed after
+    /// The time without a living ground station on any normal link after which the service starts automatically, if
+    /// there was one before. `None`, the default, means never. A loss is noticed after
     /// [`peer_timeout`](crate::Config::peer_timeout), to which this time is added.
     ///
-    /// When a ground station is heard again, the service switches itself off, unless it was commanded on meanwhile. STOP turns it
-    /// off until the next loss. Messages are never sent sooner than a period after the last, however often the ground
-    /// station disappears and returns.
+    /// When a ground station is heard again, the service stops automatically, unless START was received meanwhile. STOP
+    /// stops it until the next loss. Messages are never sent sooner than a period after the last, however often the
+    /// ground station disappears and returns.
     pub on_link_loss_after: Option<Duration>,
     /// How `custom_mode` is sent: [`Low16`](HighLatencyMode::Low16) by default.
     pub custom_mode: HighLatencyMode,
@@ -109,7 +109,7 @@ enum State {
     Off,
     /// On by command, or by the vehicle's own call.
     Commanded,
-    /// Switched itself on, because no ground station is left.
+    /// Started automatically, because no ground station is left.
     LinkLost,
 }
 
@@ -122,8 +122,9 @@ enum Ground {
     LostSince(Instant),
 }
 
-/// The high-latency service: `high_latency: HighLatency` in the struct of a [stack](macro@crate::Stack). Without it, high-latency links carry only commands, and
-/// MAV_CMD_CONTROL_HIGH_LATENCY reaches [`Commands::command`](crate::Commands::command) (L-12).
+/// The high-latency service: `high_latency: HighLatency` in the struct of a [stack](macro@crate::Stack). Without it,
+/// high-latency links carry only commands, and MAV_CMD_CONTROL_HIGH_LATENCY reaches
+/// [`Commands::command`](crate::Commands::command) (L-12).
 ///
 /// ```
 /// use mavstack::dialect::{MavCmd, MavResult};
@@ -209,8 +210,8 @@ enum Ground {
 /// no effect:
 ///
 /// - **A duplicate** of a command of the same sender that was executed within the last minute. Each execution has at most
-///   one duplicate on each other link. Also its retransmission with a higher confirmation, on a link that delivered it and
-///   nothing to the opposite effect since.
+///   one duplicate on each other link. A retransmission with a higher confirmation is a duplicate too, on a link that has
+///   delivered the command and has not delivered the opposite one since.
 /// - **A command that its sender would send by radio**: within a minute after the sender gave the opposite command on a
 ///   normal link on which it is alive.
 /// - **A command that is older by its signature** than the sender's last one, if that was received within the last
@@ -226,10 +227,10 @@ enum Ground {
 /// sees the messages, and sends STOP again. The last START and STOP of two stations are remembered; a new station
 /// replaces the oldest.
 ///
-/// A peer on such a link is heard, but never alive or timed out ([`PeerInfo::is_alive`](crate::network::PeerInfo::is_alive)). No
-/// heartbeats are expected there, and received ones do not count; otherwise a failsafe would take a satellite's silence
-/// for the loss of a ground station (L-3). [`PeerInfo::last_heard`](crate::network::PeerInfo::last_heard) is the time of the
-/// last command.
+/// A peer on such a link is heard, but never alive or timed out
+/// ([`PeerInfo::is_alive`](crate::network::PeerInfo::is_alive)). No heartbeats are expected there, and received ones do
+/// not count; otherwise a failsafe would take a satellite's silence for the loss of a ground station (L-3).
+/// [`PeerInfo::last_heard`](crate::network::PeerInfo::last_heard) is the time of the last command.
 ///
 /// Other commands from a satellite are also 10 to 30 seconds late, at times minutes, and in any order. They carry no
 /// time except that of a signature. A vehicle that refuses to arm or to take off on such a command checks
@@ -239,9 +240,10 @@ pub struct HighLatency {
     config: HighLatencyConfig,
     state: State,
     ground: Ground,
-    orders: [Order; ORDERS],
-    /// When every link sends its next message, and the links that have not adopted this time yet.
+    orders: Orders,
+    /// When every link sends its next message.
     next: Instant,
+    /// The links that have not adopted [`next`](Self::next) yet.
     rescheduled: LinkMask,
     /// Links on which one message is pending although the service is off.
     announcing: LinkMask,
@@ -252,8 +254,9 @@ pub struct HighLatency {
     sampled: Option<Instant>,
     /// The stack's clock, as of the last poll.
     clock: Clock,
-    /// The samples since the last message, and those before it, for the links that have not sent them yet.
+    /// The samples since the last message.
     open: Window,
+    /// The samples before it, for the links that have not sent them yet.
     closed: Window,
     /// The links that have sent the closed window.
     reported: LinkMask,
@@ -267,8 +270,8 @@ impl HighLatency {
     pub fn sample(&mut self, now: Instant, sample: &HighLatencySample) {
         let now = self.clock.peek(now);
         // Samples from before the service was on are discarded, except those of the last period.
-        let waits = self.is_on() || !self.announcing.is_empty();
-        if !waits && now - self.open.begun >= self.config.period() {
+        let is_message_pending = self.is_on() || !self.announcing.is_empty();
+        if !is_message_pending && now - self.open.begun >= self.config.period() {
             self.open = Window::new(now);
         }
         self.open.add(sample);
@@ -296,7 +299,7 @@ impl HighLatency {
         self.state != State::Off
     }
 
-    /// Whether the service switched itself on, because no ground station was left on normal links.
+    /// Whether the service started automatically, because no ground station was left on normal links.
     pub fn is_on_by_itself(&self) -> bool {
         self.state == State::LinkLost
     }
@@ -324,43 +327,33 @@ impl HighLatency {
     }
 
     /// Adopts the service's time of the next message on a link.
-    fn take_over(&mut self, port: &Port, due: &mut Instant) {
+    fn adopt_next(&mut self, port: &Port, due: &mut Instant) {
         *due = self.due_on(port, *due);
         self.rescheduled = self.rescheduled.without(LinkMask::of(port.id));
     }
 
-    /// Whether a link sends messages.
-    fn is_wanted(&self, port: &Port) -> bool {
-        self.is_on() || self.announcing.contains(LinkMask::of(port.id))
-    }
-
     /// Executes MAV_CMD_CONTROL_HIGH_LATENCY (L-10 to L-13).
-    fn control(
-        &mut self,
-        now: Instant,
-        links: LinkMask,
-        command: &Command,
-        signed_at: SignedAt,
-        peers: &Peers,
-    ) -> MavResult {
+    fn control(&mut self, now: Instant, links: LinkMask, request: &Request, peers: &Peers) -> MavResult {
         if links.is_empty() {
             return MavResult::UNSUPPORTED;
         }
-        let [enable, ..] = command.params;
-        let starts = match num::integer(enable) {
-            Some(1) => true,
-            Some(0) => false,
+        let [enable, ..] = request.command.params;
+        let action = match num::integer(enable) {
+            Some(1) => Action::Start,
+            Some(0) => Action::Stop,
             _ => return MavResult::DENIED,
         };
-        if self.obeys(now, command, signed_at, starts, peers) {
-            if starts {
-                self.start();
-            } else {
-                self.stop();
+        if self.orders.decide(now, action, request, peers) == Decision::Execute {
+            match action {
+                Action::Start => self.start(),
+                Action::Stop => self.stop(),
             }
         }
-        // A service that is on by itself also goes off by itself: START wants more than that.
-        let wanted = if starts { State::Commanded } else { State::Off };
+        // Started automatically, the service also stops automatically; START must keep it on.
+        let wanted = match action {
+            Action::Start => State::Commanded,
+            Action::Stop => State::Off,
+        };
         if self.state == wanted { MavResult::ACCEPTED } else { MavResult::TEMPORARILY_REJECTED }
     }
 
@@ -390,7 +383,7 @@ impl HighLatency {
         }
     }
 
-    /// Returns when the ground stations have been lost for so long that the service switches itself on.
+    /// Returns when the ground stations have been lost for so long that the service starts automatically.
     fn loss_deadline(&self) -> Instant {
         match (self.ground, self.config.on_link_loss_after) {
             (Ground::LostSince(since), Some(after)) => since + after,
@@ -430,7 +423,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         config: HighLatencyConfig::DEFAULT.vacant(),
         state: State::Off,
         ground: Ground::Unknown,
-        orders: [Order::VACANT; ORDERS],
+        orders: Orders::NEW,
         next: Instant::ZERO,
         rescheduled: LinkMask::NONE,
         announcing: LinkMask::NONE,
@@ -472,11 +465,11 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         link: &mut Instant,
         request: &Request,
     ) -> Option<Verdict> {
-        let Request { command, signed_at, .. } = request;
+        let command = &request.command;
         let [id, ..] = command.params;
         match command.id {
             MavCmd::CONTROL_HIGH_LATENCY => {
-                let result = self.control(cx.now, cx.shared.satellites, command, *signed_at, cx.peers);
+                let result = self.control(cx.now, cx.shared.satellites, request, cx.peers);
                 Some(Verdict::accepted(result))
             }
             // Only on a high-latency link, and only while the service is on (L-2).
@@ -484,7 +477,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
                 let is_class = port.config.class.is_high_latency();
                 let is_accepted = is_class && self.is_on() && command.has_response_target();
                 if is_accepted {
-                    self.take_over(port, link);
+                    self.adopt_next(port, link);
                     *link = cx.now;
                 }
                 Some(Verdict::accepted(if is_accepted { MavResult::ACCEPTED } else { MavResult::DENIED }))
@@ -495,12 +488,13 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
 
     #[inline(always)]
     fn pending(&self, _: &View<'_>, port: &Port, link: &Instant, _: Turn) -> Option<(Instant, ())> {
-        self.is_wanted(port).then(|| (self.due_on(port, *link), ()))
+        let is_sent = self.is_on() || self.announcing.contains(LinkMask::of(port.id));
+        is_sent.then(|| (self.due_on(port, *link), ()))
     }
 
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Instant, (): ()) -> bool {
         let now = cx.now;
-        self.take_over(port, link);
+        self.adopt_next(port, link);
         let Some(state) = cx.vehicle.state() else {
             *link = now + RETRY;
             return false;
@@ -508,7 +502,9 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         *link = if self.is_on() { now + self.config.period() } else { Instant::NEVER };
         let message = self.report(now, LinkMask::of(port.id), &cx.shared.config, state.custom_mode);
         let sent = port.outbox.send(&message);
-        self.counters.reports = self.counters.reports.wrapping_add(u32::from(sent));
+        if sent {
+            increment(&mut self.counters.reports);
+        }
         sent
     }
 
@@ -523,7 +519,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
             StackEvent::Sent(port, _) if port.config.class.is_high_latency() => {
                 let len = u32::try_from(port.outbox.pending().len()).unwrap_or(0);
                 let counters = &mut self.counters;
-                counters.messages = counters.messages.wrapping_add(1);
+                increment(&mut counters.messages);
                 counters.bytes = counters.bytes.wrapping_add(len);
                 counters.credits = counters.credits.wrapping_add(len.div_ceil(CREDIT));
             }

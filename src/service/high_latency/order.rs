@@ -1,10 +1,10 @@
 //! START and STOP: which of them are duplicates, and which are superseded (L-11, L-15).
 
-use core::num::NonZeroU64;
+use core::cmp::Ordering;
 
-use super::HighLatency;
 use crate::message::Address;
 use crate::network::Peers;
+use crate::service::Request;
 use crate::service::command::{Duplicates, LATE, SOON, is_well_after};
 use crate::time::{Duration, Instant};
 use crate::types::{Command, LinkClass, LinkId, LinkMask, Peer, SignedAt};
@@ -13,18 +13,32 @@ use crate::types::{Command, LinkClass, LinkId, LinkMask, Peer, SignedAt};
 /// keeps a command for longer. A sender's clock that was set back meanwhile does no harm afterwards.
 const SUPERSEDED_WITHIN: Duration = Duration::from_secs(15 * 60);
 
-/// The number of remembered commands: START and STOP of two stations.
-pub(super) const ORDERS: usize = 4;
+/// The action of MAV_CMD_CONTROL_HIGH_LATENCY.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Action {
+    Start,
+    Stop,
+}
+
+/// Whether a received command is executed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Decision {
+    Execute,
+    /// It was executed before.
+    Duplicate,
+    /// Its sender has given the opposite command later.
+    Superseded,
+}
 
 /// The last START or STOP of a sender that was executed: to detect its duplicates, and commands that it supersedes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Order {
-    /// Whether there is one.
+struct Order {
+    /// Whether the slot is in use.
     is_given: bool,
+    action: Action,
     from: Peer,
-    starts: bool,
     confirmation: u8,
-    /// The links that delivered it, and nothing to the opposite effect since: it may be retransmitted there.
+    /// The links that have delivered it, and have not delivered the opposite command since: it may be retransmitted there.
     links: LinkMask,
     duplicates: Duplicates,
     at: Instant,
@@ -32,11 +46,11 @@ pub(super) struct Order {
 }
 
 impl Order {
-    /// None; all zero bits.
-    pub(super) const VACANT: Self = Self {
+    /// A free slot; all zero bits.
+    const VACANT: Self = Self {
         is_given: false,
+        action: Action::Start,
         from: Peer { address: Address::new(0, 0), link: LinkId(0) },
-        starts: false,
         confirmation: 0,
         links: LinkMask::NONE,
         duplicates: Duplicates::NONE,
@@ -44,26 +58,33 @@ impl Order {
         signed_at: None,
     };
 
-    /// Returns when it was signed, and when another command from a satellite was signed, if that shows which came
-    /// first.
-    fn signed(&self, now: Instant, signed_at: SignedAt) -> Option<(NonZeroU64, NonZeroU64)> {
-        self.signed_at.zip(signed_at).filter(|_| now - self.at < SUPERSEDED_WITHIN)
+    /// Whether `command`, with the same action, is a duplicate of it, or a retransmission (C-12).
+    fn is_repeated_by(&self, now: Instant, command: &Command, signed_at: SignedAt) -> bool {
+        let link = command.from.link;
+        let age = now - self.at;
+        // Only a satellite delivers a duplicate late.
+        let is_from_satellite = command.class == LinkClass::HighLatency;
+        let is_recent = age < if is_from_satellite { LATE } else { SOON };
+        if is_recent && command.confirmation > self.confirmation && self.links.contains(LinkMask::of(link)) {
+            return true;
+        }
+        let may_be_duplicate = match self.signed_at.zip(signed_at) {
+            Some((known, sent)) if is_from_satellite && age < SUPERSEDED_WITHIN => !is_well_after(sent, known),
+            _ => is_recent,
+        };
+        may_be_duplicate && self.duplicates.lacks(link)
     }
 
-    /// Whether `command`, to the same effect, is a duplicate of it, or a retransmission (C-12).
-    fn is_copied_by(&self, now: Instant, command: &Command, signed_at: SignedAt) -> bool {
-        // Only a satellite delivers a duplicate late.
-        let may_be_late = command.class == LinkClass::HighLatency;
-        let is_within = now - self.at < if may_be_late { LATE } else { SOON };
-        let lacks = self.duplicates.lacks(command.from.link);
-        let is_repetition = is_within
-            && command.confirmation > self.confirmation
-            && self.links.contains(LinkMask::of(command.from.link));
-        let is_copy = match self.signed(now, signed_at).filter(|_| may_be_late) {
-            Some((known, sent)) => lacks && !is_well_after(sent, known),
-            None => lacks && is_within,
-        };
-        is_copy || is_repetition
+    /// Records that a link has delivered it again.
+    fn note_repetition(&mut self, link: LinkId) {
+        self.duplicates.note(link);
+        self.links = self.links.with(LinkMask::of(link));
+    }
+
+    /// Compares when another command was signed with when this one was. `None` if that does not show which came first.
+    fn compare_signature(&self, now: Instant, signed_at: SignedAt) -> Option<Ordering> {
+        let (known, sent) = self.signed_at.zip(signed_at)?;
+        (now - self.at < SUPERSEDED_WITHIN).then_some(sent.cmp(&known))
     }
 
     /// Whether its sender, which gave it recently on a normal link, is alive there. Peers on satellite links are never
@@ -73,59 +94,74 @@ impl Order {
     }
 }
 
-impl HighLatency {
-    /// Whether a command is neither a duplicate nor superseded. If so, it is remembered.
-    pub(super) fn obeys(
-        &mut self,
-        now: Instant,
-        command: &Command,
-        signed_at: SignedAt,
-        starts: bool,
-        peers: &Peers,
-    ) -> bool {
-        let (from, confirmation, link) = (command.from, command.confirmation, command.from.link);
-        let known = self.place(from.address, starts).and_then(|place| self.orders.get(place));
-        let opposite = self.place(from.address, !starts).and_then(|place| self.orders.get(place));
-        // Not if the sender has changed its mind again since.
-        let later = opposite.filter(|later| known.is_none_or(|known| known.at <= later.at));
-        let signed = opposite.and_then(|opposite| opposite.signed(now, signed_at));
-        let is_superseded = command.class == LinkClass::HighLatency
-            && match signed {
-                Some((opposite, sent)) => sent < opposite,
-                None => later.is_some_and(|later| later.is_current(now, peers)),
-            };
-        let is_newer = later.is_some() && signed.is_some_and(|(opposite, sent)| sent > opposite);
-        let is_copy = !is_newer && known.is_some_and(|known| known.is_copied_by(now, command, signed_at));
-        // An old command has no more duplicates to come.
-        let recent = known.filter(|known| now - known.at < LATE);
-        let mut duplicates = recent.map_or(Duplicates::NONE, |known| known.duplicates);
-        let is_obeyed = !is_superseded && !is_copy;
-        let touched = self.place(from.address, starts != is_obeyed);
-        if let Some(order) = touched.and_then(|place| self.orders.get_mut(place)) {
-            if is_obeyed {
-                // A link keeps the order of its frames.
-                order.duplicates.end(link);
-                order.links = order.links.without(LinkMask::of(link));
-            } else {
-                order.duplicates.note(link);
-                order.links = order.links.with(LinkMask::of(link));
-            }
-        }
-        if is_obeyed {
-            duplicates.run(link);
-            let links = LinkMask::of(link);
-            // In place of the sender's previous one, in a free place, or in place of the oldest.
-            let oldest = || (0..).zip(&self.orders).min_by_key(|(_, order)| order.at).map(|(place, _)| place);
-            let place = self.place(from.address, starts).or_else(oldest);
-            if let Some(order) = place.and_then(|place| self.orders.get_mut(place)) {
-                *order = Order { is_given: true, from, starts, confirmation, links, duplicates, at: now, signed_at };
-            }
-        }
-        is_obeyed
-    }
+/// The last START and STOP of two stations.
+#[derive(Clone, Debug)]
+pub(super) struct Orders([Order; 4]);
 
-    /// Returns the place of a sender's last START or STOP.
-    fn place(&self, from: Address, starts: bool) -> Option<usize> {
-        self.orders.iter().position(|order| order.is_given && order.starts == starts && order.from.address == from)
+impl Orders {
+    /// All zero bits.
+    pub(super) const NEW: Self = Self([Order::VACANT; 4]);
+
+    /// Decides whether a command is executed, and remembers it.
+    pub(super) fn decide(&mut self, now: Instant, action: Action, request: &Request, peers: &Peers) -> Decision {
+        let Request { command, signed_at, .. } = request;
+        let (from, link) = (command.from, command.from.link);
+        let (mut known, mut opposite) = (None, None);
+        for order in self.0.iter_mut().filter(|order| order.is_given && order.from.address == from.address) {
+            if order.action == action {
+                known = Some(order);
+            } else {
+                opposite = Some(order);
+            }
+        }
+        // The sender has not given this command again since the opposite one.
+        let later = opposite.as_deref().filter(|later| known.as_deref().is_none_or(|known| known.at <= later.at));
+        let signature = opposite.as_deref().and_then(|opposite| opposite.compare_signature(now, *signed_at));
+        let is_superseded = match signature {
+            Some(order) => order == Ordering::Less,
+            None => later.is_some_and(|later| later.is_current(now, peers)),
+        };
+        if is_superseded && command.class == LinkClass::HighLatency {
+            if let Some(known) = known {
+                known.note_repetition(link);
+            }
+            return Decision::Superseded;
+        }
+        let is_newer = later.is_some() && signature == Some(Ordering::Greater);
+        let mut duplicates = Duplicates::NONE;
+        if let Some(known) = known.as_deref_mut() {
+            if !is_newer && known.is_repeated_by(now, command, *signed_at) {
+                known.note_repetition(link);
+                return Decision::Duplicate;
+            }
+            // An old command has no more duplicates to come.
+            if now - known.at < LATE {
+                duplicates = known.duplicates;
+            }
+        }
+        duplicates.run(link);
+        if let Some(opposite) = opposite {
+            // A link keeps the order of its frames.
+            opposite.duplicates.end(link);
+            opposite.links = opposite.links.without(LinkMask::of(link));
+        }
+        // It replaces the sender's previous one, or else uses a free slot, or replaces the oldest.
+        let slot = match known {
+            Some(known) => Some(known),
+            None => self.0.iter_mut().min_by_key(|order| order.at),
+        };
+        if let Some(slot) = slot {
+            *slot = Order {
+                is_given: true,
+                action,
+                from,
+                confirmation: command.confirmation,
+                links: LinkMask::of(link),
+                duplicates,
+                at: now,
+                signed_at: *signed_at,
+            };
+        }
+        Decision::Execute
     }
 }

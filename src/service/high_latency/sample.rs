@@ -112,18 +112,37 @@ impl HighLatencySample {
         flags
     }
 
+    /// Returns the values of which a message has the mean, in the order of [`AVERAGED`].
+    pub(super) const fn averaged(&self) -> [f32; AVERAGED.len()] {
+        let Self { airspeed, airspeed_sp, groundspeed, windspeed, throttle, battery, temperature_air, .. } = *self;
+        [airspeed, airspeed_sp, groundspeed, windspeed, throttle, battery, temperature_air]
+    }
+
+    /// Sets these values.
+    pub(super) const fn set_averaged(&mut self, values: [f32; AVERAGED.len()]) {
+        [
+            self.airspeed,
+            self.airspeed_sp,
+            self.groundspeed,
+            self.windspeed,
+            self.throttle,
+            self.battery,
+            self.temperature_air,
+        ] = values;
+    }
+
     /// Writes the sample to the fields of `message`.
     pub(super) fn write_to(&self, message: &mut HighLatency2) {
         let position = self.position.unwrap_or(LatLon { latitude: 0, longitude: 0 });
         message.latitude = position.latitude;
         message.longitude = position.longitude;
+        let target_altitude = if self.target_altitude.is_nan() { self.altitude } else { self.target_altitude };
         message.altitude = metres(self.altitude);
-        message.target_altitude =
-            metres(if self.target_altitude.is_nan() { self.altitude } else { self.target_altitude });
+        message.target_altitude = metres(target_altitude);
         message.heading = half_degrees(self.heading);
         message.target_heading = half_degrees(self.target_heading);
         message.target_distance = decametres(self.target_distance);
-        message.throttle = percent(self.throttle).unwrap_or(0).unsigned_abs();
+        message.throttle = percent(self.throttle, 0).unsigned_abs();
         message.airspeed = speed(self.airspeed);
         message.airspeed_sp = speed(self.airspeed_sp);
         message.groundspeed = speed(self.groundspeed);
@@ -131,9 +150,9 @@ impl HighLatencySample {
         message.wind_heading = half_degrees(self.wind_from_deg);
         message.eph = error(self.eph);
         message.epv = error(self.epv);
-        message.temperature_air = signed(self.temperature_air).unwrap_or(i8::MIN);
-        message.climb_rate = signed(self.climb_rate * 10.0).unwrap_or(0);
-        message.battery = percent(self.battery).unwrap_or(-1);
+        message.temperature_air = rounded(self.temperature_air, -127, 127, i8::MIN);
+        message.climb_rate = rounded(self.climb_rate * 10.0, -127, 127, 0);
+        message.battery = percent(self.battery, -1);
         message.wp_num = self.wp_num.unwrap_or(u16::MAX);
         message.failure_flags = self.failure_flags;
         let [custom0, custom1, custom2] = self.custom;
@@ -149,6 +168,20 @@ impl Default for HighLatencySample {
         Self::UNKNOWN
     }
 }
+
+/// The highest speed that the message can hold (m/s).
+const MAX_SPEED: f32 = 51.0;
+
+/// The ranges in the message of the [averaged](HighLatencySample::averaged) values.
+pub(super) const AVERAGED: [(f32, f32); 7] = [
+    (0.0, MAX_SPEED),
+    (0.0, MAX_SPEED),
+    (0.0, MAX_SPEED),
+    (0.0, MAX_SPEED),
+    (0.0, 100.0),
+    (0.0, 100.0),
+    (-127.0, 127.0),
+];
 
 /// The failures that SYS_STATUS reports too.
 const SENSORS: &[(MavSysStatusSensor, HlFailureFlag)] = &[
@@ -166,37 +199,31 @@ const SENSORS: &[(MavSysStatusSensor, HlFailureFlag)] = &[
     (MavSysStatusSensor::AHRS, HlFailureFlag::ESTIMATOR),
 ];
 
-fn unsigned(value: f32) -> Option<u8> {
-    num::nearest(value, 0, 255).and_then(|value| u8::try_from(value).ok())
-}
-
-/// The lowest number means "unknown".
-fn signed(value: f32) -> Option<i8> {
-    num::nearest(value, -127, 127).and_then(|value| i8::try_from(value).ok())
+/// Returns the nearest integer in a range that fits in `T`; `unknown` for NaN.
+fn rounded<T: TryFrom<i32>>(value: f32, min: i32, max: i32, unknown: T) -> T {
+    num::nearest(value, min, max).and_then(|value| T::try_from(value).ok()).unwrap_or(unknown)
 }
 
 fn metres(value: f32) -> i16 {
-    let value = num::nearest(value, i32::from(i16::MIN), i32::from(i16::MAX));
-    value.and_then(|value| i16::try_from(value).ok()).unwrap_or(0)
+    rounded(value, i32::from(i16::MIN), i32::from(i16::MAX), 0)
 }
 
 fn decametres(value: f32) -> u16 {
-    let value = num::nearest(value / 10.0, 0, i32::from(u16::MAX));
-    value.and_then(|value| u16::try_from(value).ok()).unwrap_or(0)
+    rounded(value / 10.0, 0, i32::from(u16::MAX), 0)
 }
 
 /// Converts m/s to steps of 0.2.
 fn speed(value: f32) -> u8 {
-    unsigned(value * 5.0).unwrap_or(0)
+    rounded(value * 5.0, 0, 255, 0)
 }
 
 /// Converts m to steps of 0.1.
 fn error(value: f32) -> u8 {
-    unsigned(value * 10.0).unwrap_or(u8::MAX)
+    rounded(value * 10.0, 0, 255, u8::MAX)
 }
 
-fn percent(value: f32) -> Option<i8> {
-    num::nearest(value, 0, 100).and_then(|value| i8::try_from(value).ok())
+fn percent(value: f32, unknown: i8) -> i8 {
+    rounded(value, 0, 100, unknown)
 }
 
 /// Converts any angle in degrees to 0 to 179. A very large number becomes some angle, and infinity becomes 0.
@@ -211,7 +238,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn told(sample: &HighLatencySample) -> HighLatency2 {
+    fn message_of(sample: &HighLatencySample) -> HighLatency2 {
         let mut message = HighLatency2::default();
         sample.write_to(&mut message);
         message
@@ -220,7 +247,7 @@ mod tests {
     #[test]
     fn unknown_is_sent_as_unknown() {
         // L-22
-        let message = told(&HighLatencySample::default());
+        let message = message_of(&HighLatencySample::default());
         let expected = HighLatency2 {
             eph: 255,
             epv: 255,
@@ -234,7 +261,7 @@ mod tests {
 
     #[test]
     fn every_field_is_in_its_own_unit() {
-        let message = told(&HighLatencySample {
+        let message = message_of(&HighLatencySample {
             position: Some(LatLon { latitude: 473_977_418, longitude: -85_455_939 }),
             altitude: 488.6,
             target_altitude: -3.5,
@@ -284,7 +311,7 @@ mod tests {
             ..Default::default()
         };
         assert_eq!(message, expected);
-        let at_rest = told(&HighLatencySample { altitude: 12.0, ..HighLatencySample::UNKNOWN });
+        let at_rest = message_of(&HighLatencySample { altitude: 12.0, ..HighLatencySample::UNKNOWN });
         assert_eq!(at_rest.target_altitude, 12, "without a target, the altitude itself");
     }
 
@@ -320,7 +347,7 @@ mod tests {
         /// L-22: any of all 2^32 floats, including NaN and infinities, in every field.
         #[test]
         fn every_float_is_sent_as_the_nearest_value(v in any_float()) {
-            let message = told(&HighLatencySample {
+            let message = message_of(&HighLatencySample {
                 altitude: v,
                 target_altitude: v,
                 heading: v,
@@ -363,7 +390,7 @@ mod tests {
         /// For sane values, the error is at most half a step.
         #[test]
         fn the_error_is_at_most_half_a_step(v in -2_000.0f32..2_000.0) {
-            let off = |told: f32, step: f32, min: f32, max: f32| (told * step - v.clamp(min, max)).abs() <= step * 0.5001;
+            let off = |sent: f32, step: f32, min: f32, max: f32| (sent * step - v.clamp(min, max)).abs() <= step * 0.5001;
             prop_assert!(off(f32::from(metres(v)), 1.0, -32_768.0, 32_767.0));
             prop_assert!(off(f32::from(decametres(v)), 10.0, 0.0, 655_350.0));
             prop_assert!(off(f32::from(speed(v)), 0.2, 0.0, 51.0));
