@@ -11,7 +11,8 @@
 //! The messages take at most half of a link's rate, and come after all answers (D-4, K-9). On a link without a rate they are every
 //! other frame, while others have something to send. They are not sent on high-latency links (L-2).
 
-use super::{Fill, Telemetry, fill, is_own};
+use super::table::is_own;
+use super::vehicle::{Fill, Telemetry, fill};
 use crate::link::Port;
 use crate::message::Message;
 use crate::service::rate_limit::{RateLimit, cost};

@@ -1,9 +1,9 @@
 //! Tests of the schedule alone: rates, bounds, backpressure, fairness.
 
-use super::schedule::{Slot, Streams};
-use super::{Stream, StreamProfile};
+use super::{Slot, Stream, StreamLink};
 use crate::dialect::{Attitude, GlobalPositionInt, SysStatus};
 use crate::time::{Duration, Instant};
+use crate::types::StreamProfile;
 use proptest::prelude::*;
 use std::vec::Vec;
 
@@ -14,20 +14,24 @@ const TABLE: &[Stream] = &[
 ];
 
 /// The streams of one link, with their slots.
-struct Line(Streams, [Slot; TABLE.len()]);
+struct Line(StreamLink<[Slot; TABLE.len()]>);
 
 impl Line {
     fn new() -> Self {
-        Self(Streams::new(), [Slot::NEW; TABLE.len()])
+        Self(StreamLink::NEW)
+    }
+
+    fn link(&mut self) -> &mut StreamLink {
+        &mut self.0
     }
 
     fn next_due(&mut self, now: Instant, profile: StreamProfile) -> Option<usize> {
-        self.0.next_due(now, TABLE, &mut self.1, profile, false)
+        self.link().next_due(now, TABLE, profile, false)
     }
 
     fn set_interval(&mut self, profile: StreamProfile, number: usize, micros: u32) {
-        self.1[number].set_interval(Some(micros));
-        self.0.refresh(TABLE, &self.1, profile);
+        self.0.slots[number].set_interval(Some(micros));
+        self.link().refresh(TABLE, profile);
     }
 }
 
@@ -72,7 +76,7 @@ fn common_intervals_are_exact() {
     let kept = |interval| {
         let mut line = Line::new();
         line.set_interval(StreamProfile::Off, 2, interval);
-        line.1[2].interval(&TABLE[2], StreamProfile::Off).unwrap()
+        line.0.slots[2].interval(&TABLE[2], StreamProfile::Off).unwrap()
     };
     for rate in 1..=1_000 {
         assert_eq!(kept(1_000_000 / rate), 1_000_000 / rate, "{rate} Hz");
@@ -110,14 +114,15 @@ fn transfers_slow_streams() {
         (20_000_000, 60_000_000),
         (60_000_000, 60_000_000),
     ] {
-        let Line(mut streams, mut slots) = Line::new();
+        let Line(mut link) = Line::new();
+        let link: &mut StreamLink = &mut link;
         let start = Instant::from_millis(5_000);
-        slots[2].set_interval(Some(interval));
-        streams.refresh(TABLE, &slots, StreamProfile::Off);
+        link.slots[2].set_interval(Some(interval));
+        link.refresh(TABLE, StreamProfile::Off);
         let mut at = start;
         let mut next = |is_slowed: bool| {
             let before = at;
-            while streams.next_due(at, TABLE, &mut slots, StreamProfile::Off, is_slowed) != Some(2) {
+            while link.next_due(at, TABLE, StreamProfile::Off, is_slowed) != Some(2) {
                 at += Duration::from_micros(100);
             }
             (at - before).as_micros()
@@ -139,9 +144,9 @@ fn radio_status_is_forgotten_after_any_pause() {
     for pause in [6u64, 4_294, 4_295, 4_296, 8_590] {
         let mut line = Line::new();
         counts(&mut line, 0, 1, StreamProfile::Radio, &[1_000]);
-        line.0.on_radio(Instant::from_millis(1_000), 0);
+        line.link().on_radio(Instant::from_millis(1_000), 0);
         let later = Instant::from_millis((1 + pause) * 1_000);
-        assert_eq!(line.0.slowdown(later), 0, "{pause} s");
+        assert_eq!(line.link().slowdown(later), 0, "{pause} s");
         let [fast, ..] = counts(&mut line, later.as_micros(), 1, StreamProfile::Radio, &[1_000]);
         assert!(fast >= 50, "{pause} s: {fast}");
     }
@@ -202,24 +207,24 @@ fn radio_status_throttles_streams() {
     let mut streams = Line::new();
     let rate = |streams: &mut Line, start| counts(streams, start, 4, StreamProfile::Radio, &[1_000])[0];
     assert_eq!(rate(&mut streams, 0), 200);
-    streams.0.on_radio(Instant::from_millis(4_000), 19);
+    streams.link().on_radio(Instant::from_millis(4_000), 19);
     // 20 ms and 60.
     assert!((49..=52).contains(&rate(&mut streams, 4_000_000)));
-    streams.0.on_radio(Instant::from_millis(8_000), 49);
+    streams.link().on_radio(Instant::from_millis(8_000), 49);
     assert!((39..=42).contains(&rate(&mut streams, 8_000_000)), "and 20 more");
     for (second, free) in [(12, 50), (16, 90)] {
-        streams.0.on_radio(Instant::from_millis(second * 1_000), free);
+        streams.link().on_radio(Instant::from_millis(second * 1_000), free);
         assert!((39..=42).contains(&rate(&mut streams, second * 1_000_000)), "neither");
     }
-    streams.0.on_radio(Instant::from_millis(20_000), 96);
+    streams.link().on_radio(Instant::from_millis(20_000), 96);
     assert!((65..=68).contains(&rate(&mut streams, 20_000_000)), "40 less");
-    streams.0.on_radio(Instant::from_millis(24_000), 91);
+    streams.link().on_radio(Instant::from_millis(24_000), 91);
     assert!((99..=102).contains(&rate(&mut streams, 24_000_000)), "20 less");
     // The last RADIO_STATUS was at 24 s.
     assert!((199..=206).contains(&rate(&mut streams, 29_001_000)));
     // Ten times a second, and a hundred times.
     for millis in (34_000..44_000).step_by(10) {
-        streams.0.on_radio(Instant::from_millis(millis), 0);
+        streams.link().on_radio(Instant::from_millis(millis), 0);
     }
     assert!(rate(&mut streams, 44_000_000) <= 3, "two seconds, at most");
 }
@@ -250,12 +255,12 @@ proptest! {
         let at = Instant::from_micros(start);
         streams.set_interval(StreamProfile::Off, 2, interval);
         while streams.next_due(at, StreamProfile::Off).is_some() {}
-        let told = streams.1[2].interval(&TABLE[2], StreamProfile::Off).unwrap();
+        let told = streams.0.slots[2].interval(&TABLE[2], StreamProfile::Off).unwrap();
         prop_assert!(told >= interval && told - interval <= interval / 1_000);
         let unit = if told < 2_000_000 { 64 } else { 1_024 };
         let mut now = at;
         for count in 1..300 {
-            let due = streams.0.deadline(now, TABLE, &streams.1, StreamProfile::Off);
+            let due = streams.link().deadline(now, TABLE, StreamProfile::Off);
             let wanted = start + count * u64::from(told);
             prop_assert!(due.as_micros().abs_diff(wanted) <= 4 * unit, "{due:?}, not {wanted}");
             prop_assert_eq!(streams.next_due(Instant::from_micros(due.as_micros() - 1), StreamProfile::Off), None);
