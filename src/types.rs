@@ -29,7 +29,7 @@ pub(crate) use control::CHANNELS;
 pub use control::{
     AttitudeSetpoint, ControlInput, ManualControlInput, Place, PositionSetpoint, RcOverride, Setpoint, Target,
 };
-pub use events::{EventEntry, EventLog, MAX_EVENT_ARGUMENTS};
+pub use events::{EventEntry, EventLog, EventSequence, MAX_EVENT_ARGUMENTS};
 pub use faults::HookFaults;
 pub use firmware::{Firmware, Values};
 pub(crate) use flight::Flight;

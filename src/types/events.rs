@@ -1,5 +1,7 @@
 //! The history of events. Any hook may record one; `service::events` sends them (EVT-1, EVT-2).
 
+use core::num::{Saturating, Wrapping};
+
 use crate::time::Instant;
 
 /// The maximum length of an event's arguments, in bytes: that of libevents' definitions, so that 40 bytes are not stored for
@@ -28,16 +30,48 @@ impl EventEntry {
     }
 }
 
+/// The sequence number of an event. It wraps: half of all numbers are after any other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EventSequence(Wrapping<u16>);
+
+impl EventSequence {
+    /// The number before that of the first event.
+    pub(crate) const NONE: Self = Self::new(0);
+
+    pub(crate) const fn new(number: u16) -> Self {
+        Self(Wrapping(number))
+    }
+
+    /// Returns the number as messages carry it.
+    pub(crate) const fn wire(self) -> u16 {
+        self.0.0
+    }
+
+    pub(crate) fn next(self) -> Self {
+        Self(self.0 + Wrapping(1))
+    }
+
+    /// Returns how many numbers it is after another one.
+    pub(crate) fn since(self, earlier: Self) -> u16 {
+        (self.0 - earlier.0).0
+    }
+
+    /// Whether it is after another one, and not the same.
+    pub(crate) fn is_after(self, other: Self) -> bool {
+        (1..=u16::MAX / 2).contains(&self.since(other))
+    }
+}
+
 /// The last events, in a ring. The logic works on the unsized form, so it is compiled once for all lengths. A firmware
 /// without `events` has a history of length 0, which records nothing.
 #[derive(Clone, Debug)]
 pub struct EventLog<E: ?Sized = [EventEntry]> {
-    /// The sequence number of the newest event; that of the first event is 1. It wraps.
-    newest: u16,
+    /// The sequence number of the newest event; that of the first event is 1.
+    newest: EventSequence,
     /// The number of events in the ring.
-    len: u16,
-    /// The place of the next event.
-    next: u16,
+    len: Saturating<u16>,
+    /// The index of the next event.
+    next: Saturating<u16>,
     entries: E,
 }
 
@@ -46,46 +80,44 @@ impl<const N: usize> EventLog<[EventEntry; N]> {
     pub(crate) const EMPTY: Self = {
         // Half of the sequence numbers are newer than any other.
         assert!(N <= 1_000, "the history of events is at most 1,000 long: `events: {{ history: 20 }}` is PX4's");
-        Self { newest: 0, len: 0, next: 0, entries: [EventEntry::NONE; N] }
+        Self { newest: EventSequence::NONE, len: Saturating(0), next: Saturating(0), entries: [EventEntry::NONE; N] }
     };
 }
 
 impl EventLog {
     /// Records an event; the oldest one is overwritten if the history is full.
     pub(crate) fn push(&mut self, event: &EventEntry) {
-        let Some(entry) = self.entries.get_mut(usize::from(self.next)) else { return };
+        let Some(entry) = self.entries.get_mut(usize::from(self.next.0)) else { return };
         *entry = *event;
-        self.newest = self.newest.wrapping_add(1);
-        self.next = self.next.wrapping_add(1);
-        if usize::from(self.next) >= self.entries.len() {
-            self.next = 0;
+        self.newest = self.newest.next();
+        self.next += 1;
+        if usize::from(self.next.0) >= self.entries.len() {
+            self.next = Saturating(0);
         }
-        if usize::from(self.len) < self.entries.len() {
-            self.len = self.len.wrapping_add(1);
+        if usize::from(self.len.0) < self.entries.len() {
+            self.len += 1;
         }
     }
 
-    /// Returns the sequence number of the newest event; 0 if there was none.
-    pub(crate) const fn newest(&self) -> u16 {
+    /// Returns the sequence number of the newest event; [`NONE`](EventSequence::NONE) if there was none.
+    pub(crate) const fn newest(&self) -> EventSequence {
         self.newest
     }
 
     /// Returns the sequence number of the oldest event in the history; that of the next event if it is empty.
-    pub(crate) const fn oldest(&self) -> u16 {
-        self.newest.wrapping_sub(self.len).wrapping_add(1)
+    pub(crate) fn oldest(&self) -> EventSequence {
+        EventSequence(self.newest.0 - Wrapping(self.len.0)).next()
     }
 
     /// Returns the event with this sequence number; `None` if it is not in the history.
-    pub(crate) fn get(&self, sequence: u16) -> Option<&EventEntry> {
-        let age = self.newest.wrapping_sub(sequence);
-        if age >= self.len {
+    pub(crate) fn get(&self, sequence: EventSequence) -> Option<&EventEntry> {
+        let age = self.newest.since(sequence);
+        if age >= self.len.0 {
             return None;
         }
-        let back = usize::from(age).wrapping_add(1);
-        let next = usize::from(self.next);
-        // A place before the start of the ring is one at its end.
-        let place = next.checked_sub(back).unwrap_or_else(|| next.wrapping_add(self.entries.len()).wrapping_sub(back));
-        self.entries.get(place)
+        // From the newest event back to the start of the ring, and on from its end.
+        let (newer, older) = self.entries.split_at_checked(usize::from(self.next.0))?;
+        newer.iter().rev().chain(older.iter().rev()).nth(usize::from(age))
     }
 
     /// Returns the number of events that the history holds.
@@ -103,18 +135,20 @@ mod tests {
     fn history_has_the_last_events() {
         let mut log = EventLog::<[EventEntry; 3]>::EMPTY;
         let log: &mut EventLog = &mut log;
-        assert_eq!((log.newest(), log.oldest(), log.get(0), log.get(1)), (0, 1, None, None));
+        let number = EventSequence::new;
+        assert_eq!((log.newest(), log.oldest()), (number(0), number(1)));
+        assert_eq!((log.get(number(0)), log.get(number(1))), (None, None));
         for id in 1..=140_000_u32 {
             log.push(&EventEntry::new(Instant::ZERO, id, 0));
             let kept = id.min(3);
             let newest = u16::try_from(id & 0xFFFF).unwrap();
-            assert_eq!(log.newest(), newest);
-            assert_eq!(log.oldest(), newest.wrapping_sub(u16::try_from(kept).unwrap()).wrapping_add(1));
+            assert_eq!(log.newest(), number(newest));
+            assert_eq!(log.oldest(), number(newest.wrapping_sub(u16::try_from(kept).unwrap()).wrapping_add(1)));
             for age in 0..4_u16 {
                 let expected = (u32::from(age) < kept).then(|| id - u32::from(age));
-                assert_eq!(log.get(newest.wrapping_sub(age)).map(|event| event.id), expected, "{id} {age}");
+                assert_eq!(log.get(number(newest.wrapping_sub(age))).map(|event| event.id), expected, "{id} {age}");
             }
-            assert_eq!(log.get(newest.wrapping_add(1)), None);
+            assert_eq!(log.get(number(newest.wrapping_add(1))), None);
         }
     }
 
@@ -124,6 +158,7 @@ mod tests {
         let mut log = EventLog::<[EventEntry; 0]>::EMPTY;
         let log: &mut EventLog = &mut log;
         log.push(&EventEntry::new(Instant::ZERO, 7, 0));
-        assert_eq!((log.newest(), log.get(0), log.get(1)), (0, None, None));
+        let [none, first] = [0, 1].map(EventSequence::new);
+        assert_eq!((log.newest(), log.get(none), log.get(first)), (none, None, None));
     }
 }

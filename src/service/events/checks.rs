@@ -11,11 +11,14 @@
 //! for the events. A report therefore takes no memory besides the history.
 
 use core::fmt;
+use core::num::Saturating;
 
-use super::declaration::{ArgumentInfo, Check, CheckBits, CheckSet, EventGroup, EventInfo, EventSet, LogLevel, fnv1a};
+use super::declaration::{
+    ArgumentInfo, Check, CheckBits, CheckSet, EventGroup, EventInfo, EventSet, FNV1A_BASIS, LogLevel, fnv1a,
+};
 use crate::dialect::{MavCmd, MavResult};
 use crate::message::FieldWriter;
-use crate::service::Cx;
+use crate::service::{Cx, increment};
 use crate::time::{Duration, Instant};
 use crate::types::{Context, EventEntry, EventLog, Firmware, MAX_EVENT_ARGUMENTS};
 
@@ -24,10 +27,6 @@ const PERIOD: Duration = Duration::from_millis(500);
 
 /// The shortest time between two unrequested reports, as in PX4.
 const REPORT_INTERVAL: Duration = Duration::from_secs(2);
-
-/// Stand for the hash of the last report: the next report does not wait, or waits for [`REPORT_INTERVAL`].
-const AT_ONCE: u32 = 0;
-const SOON: u32 = 2;
 
 /// The events of a report besides its checks.
 const SUMMARIES: usize = 2;
@@ -116,15 +115,21 @@ pub struct HealthReport<'a> {
     /// A hash of the report, without the checks' own arguments.
     hash: u32,
     now: Instant,
-    /// The history for the events, and the number of events that fit; `None` while only the summary is computed.
-    out: Option<(&'a mut EventLog, usize)>,
+    /// Where the events are recorded; `None` while only the summary is computed.
+    recording: Option<Recording<'a>>,
     /// The number of checks that did not fit.
     left_out: u32,
 }
 
+/// The history, and how many more checks fit into it.
+struct Recording<'a> {
+    log: &'a mut EventLog,
+    room: Saturating<usize>,
+}
+
 impl<'a> HealthReport<'a> {
-    fn new(now: Instant, out: Option<(&'a mut EventLog, usize)>) -> Self {
-        Self { summary: Summary::default(), hash: 0x811C_9DC5, now, out, left_out: 0 }
+    fn new(now: Instant, recording: Option<Recording<'a>>) -> Self {
+        Self { summary: Summary::default(), hash: FNV1A_BASIS, now, recording, left_out: 0 }
     }
 
     /// Returns the report of a vehicle without sending it: for example to decide about a command to arm.
@@ -182,31 +187,19 @@ impl<'a> HealthReport<'a> {
             _ => {}
         }
         let [a, b, c, d, part, ..] = event.arguments;
-        self.note(event.id);
-        self.note(u32::from_le_bytes([a, b, c, d]));
-        self.note(u32::from(part));
-        match &mut self.out {
-            Some((log, room)) if *room > 0 => {
-                *room = room.wrapping_sub(1);
+        self.add_to_hash([event.id, u32::from_le_bytes([a, b, c, d]), u32::from(part)]);
+        match &mut self.recording {
+            Some(Recording { log, room }) if room.0 > 0 => {
+                *room -= 1;
                 log.push(event);
             }
-            Some(_) => self.left_out = self.left_out.wrapping_add(1),
+            Some(_) => increment(&mut self.left_out),
             None => {}
         }
     }
 
-    /// Adds a number to the hash.
-    fn note(&mut self, number: u32) {
-        self.hash = number.to_le_bytes().into_iter().fold(self.hash, fnv1a);
-    }
-
-    /// Returns the hash of the whole report, which is odd.
-    fn finish(&mut self) -> u32 {
-        let Summary { cannot_arm, cannot_run, present, .. } = self.summary;
-        for number in [cannot_arm, cannot_run, present] {
-            self.note(number);
-        }
-        self.hash | 1
+    fn add_to_hash(&mut self, numbers: [u32; 3]) {
+        self.hash = numbers.iter().flat_map(|number| number.to_le_bytes()).fold(self.hash, fnv1a);
     }
 }
 
@@ -303,8 +296,18 @@ pub struct Checking<const N: usize> {
     /// When to ask the vehicle next.
     at: Instant,
     reported_at: Instant,
-    /// The hash of the last report, which is odd; [`AT_ONCE`] or [`SOON`] if another one is wanted.
-    reported: u32,
+    next_report: NextReport,
+}
+
+/// When the checks are reported again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum NextReport {
+    /// Without waiting.
+    AtOnce,
+    /// Not within [`REPORT_INTERVAL`].
+    Soon,
+    /// As `Soon`, once the hash of the report is not this one.
+    OnChange(u32),
 }
 
 impl<const N: usize, F: Firmware<Vehicle: HealthChecks>> Checker<F> for Checking<N> {
@@ -313,7 +316,7 @@ impl<const N: usize, F: Firmware<Vehicle: HealthChecks>> Checker<F> for Checking
             N >= 8,
             "with `checks`, the history has at least 8 events, because it holds a whole report: `events: {{ history: 16, checks }}`"
         );
-        Self { at: Instant::ZERO, reported_at: Instant::ZERO, reported: AT_ONCE }
+        Self { at: Instant::ZERO, reported_at: Instant::ZERO, next_report: NextReport::AtOnce }
     };
 
     fn poll(&mut self, cx: &mut Cx<'_, F>) -> u32 {
@@ -324,13 +327,15 @@ impl<const N: usize, F: Firmware<Vehicle: HealthChecks>> Checker<F> for Checking
         self.at = now + PERIOD;
         let (vehicle, context) = cx.hook();
         let mut report = HealthReport::of(vehicle, &context);
-        let hash = report.finish();
-        let is_due = self.reported == AT_ONCE || (hash != self.reported && now >= self.reported_at + REPORT_INTERVAL);
-        if !is_due {
+        let Summary { cannot_arm, cannot_run, present, arming, health } = report.summary;
+        report.add_to_hash([cannot_arm, cannot_run, present]);
+        let unchanged = NextReport::OnChange(report.hash);
+        let is_due = self.next_report != unchanged && now >= self.reported_at + REPORT_INTERVAL;
+        if !is_due && self.next_report != NextReport::AtOnce {
             return 0;
         }
-        (self.reported, self.reported_at) = (hash, now);
-        let Summary { cannot_arm, cannot_run, present, arming, health } = report.summary;
+        self.next_report = unchanged;
+        self.reported_at = now;
         let all = <<F::Vehicle as HealthChecks>::Events as CheckSet>::ALL_MODES;
         let (can_arm, can_run) = (all & !cannot_arm, all & !cannot_run);
         let (id, levels) = const {
@@ -342,8 +347,8 @@ impl<const N: usize, F: Firmware<Vehicle: HealthChecks>> Checker<F> for Checking
         // The report has the history: the hook describes the vehicle, and records no other events.
         let mut none = EventLog::<[EventEntry; 0]>::EMPTY;
         let log = core::mem::replace::<&mut EventLog>(&mut context.events, &mut none);
-        let room = log.capacity().saturating_sub(SUMMARIES);
-        let mut report = HealthReport::new(now, Some((log, room)));
+        let room = Saturating(log.capacity()) - Saturating(SUMMARIES);
+        let mut report = HealthReport::new(now, Some(Recording { log, room }));
         vehicle.checks(&context, &mut report);
         let left_out = report.left_out;
         let (id, levels) = const {
@@ -362,14 +367,15 @@ impl<const N: usize, F: Firmware<Vehicle: HealthChecks>> Checker<F> for Checking
         if command != MavCmd::RUN_PREARM_CHECKS {
             return None;
         }
-        (self.at, self.reported) = (Instant::ZERO, AT_ONCE);
+        self.at = Instant::ZERO;
+        self.next_report = NextReport::AtOnce;
         let (vehicle, mut context) = cx.hook();
         Some(vehicle.run_checks(&mut context))
     }
 
     fn repeat(&mut self) {
-        if self.reported != AT_ONCE {
-            self.reported = SOON;
+        if self.next_report != NextReport::AtOnce {
+            self.next_report = NextReport::Soon;
         }
     }
 }

@@ -282,7 +282,7 @@ pub trait Check: DeclaredEvent {
 /// Returns the id of an event. Its name is written as in the metadata: `BatteryLow` is `battery_low`.
 #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; u8 to u32")]
 const fn id(component: u8, name: &str) -> u32 {
-    let mut hash: u32 = 0x811C_9DC5;
+    let mut hash = FNV1A_BASIS;
     let (mut rest, mut is_first) = (name.as_bytes(), true);
     while let Some((&byte, after)) = rest.split_first() {
         if byte.is_ascii_uppercase() && !is_first {
@@ -293,6 +293,9 @@ const fn id(component: u8, name: &str) -> u32 {
     }
     (component as u32) << 24 | (hash & 0x00FF_FFFF)
 }
+
+/// The FNV-1a hash of nothing.
+pub(super) const FNV1A_BASIS: u32 = 0x811C_9DC5;
 
 /// Adds a byte to an FNV-1a hash.
 #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; u8 to u32")]

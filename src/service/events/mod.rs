@@ -1,4 +1,4 @@
-//! Events: what happened, delivered without a gap, as ids whose texts the ground station has.
+//! Delivers events without gaps. An event carries an id; the ground station has the text.
 //!
 //! Implements the sender's side of <https://mavlink.io/en/services/events.html>: rules EVT-1 to EVT-7. It serves the receiver of
 //! libevents (`libs/cpp/protocol/receive.h`), which QGroundControl and MAVSDK use, and follows PX4
@@ -34,7 +34,7 @@ use crate::dialect::{
 use crate::link::Port;
 use crate::message::{Address, FieldWriter, Message};
 use crate::time::{Duration, Instant};
-use crate::types::{Context, EventEntry, EventLog, Firmware, LinkMask, Peer};
+use crate::types::{Context, EventEntry, EventLog, EventSequence, Firmware, LinkMask};
 
 /// The interval of CURRENT_EVENT_SEQUENCE, as in PX4.
 const SEQUENCE_INTERVAL: Duration = Duration::from_secs(3);
@@ -67,19 +67,19 @@ pub struct EventService<C> {
 
 /// Events that a receiver has requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Requested {
-    first: u16,
-    last: u16,
+struct RequestedRange {
+    first: EventSequence,
+    last: EventSequence,
     from: Address,
 }
 
 /// The state of the service on a link. Initially all zero bits.
 #[derive(Debug)]
 pub struct EventLink {
-    /// The sequence number of the last event that was sent.
-    sent: u16,
+    /// The last event that was sent.
+    sent: EventSequence,
     /// The sequence number in the last CURRENT_EVENT_SEQUENCE.
-    told: u16,
+    reported: EventSequence,
     /// Whether any event was sent, to peers that may have received it.
     has_sent: bool,
     /// Whether a peer was heard before the link was opened.
@@ -88,7 +88,7 @@ pub struct EventLink {
     at: Instant,
     limit: RateLimit,
     /// The requests of two receivers, in order.
-    requested: [Option<Requested>; 2],
+    requested: [Option<RequestedRange>; 2],
 }
 
 /// What the events send.
@@ -105,30 +105,29 @@ pub enum EventReply {
 impl EventLink {
     /// Sends CURRENT_EVENT_SEQUENCE.
     fn send_sequence(&mut self, now: Instant, port: &mut Port) -> bool {
-        (self.at, self.told) = (now + SEQUENCE_INTERVAL, self.sent);
+        self.at = now + SEQUENCE_INTERVAL;
+        self.reported = self.sent;
         let flags =
             if self.has_sent { MavEventCurrentSequenceFlags::EMPTY } else { MavEventCurrentSequenceFlags::RESET };
-        port.outbox.send(&CurrentEventSequence { sequence: self.sent, flags })
+        port.outbox.send(&CurrentEventSequence { sequence: self.sent.wire(), flags })
     }
 
     /// Sends a requested event. What is not in the history is answered as a whole.
     fn send_requested(&mut self, log: &EventLog, port: &mut Port) -> bool {
         let [pending, second] = &mut self.requested;
         let Some(requested) = pending else { return false };
-        let first = requested.first;
+        let RequestedRange { first, last, from } = *requested;
         let event = log.get(first);
-        let next = if event.is_some() { first.wrapping_add(1) } else { log.oldest() };
-        let (done, all) = (next.wrapping_sub(first), requested.last.wrapping_sub(first));
+        let next = if event.is_some() { first.next() } else { log.oldest() };
         requested.first = next;
-        let from = requested.from;
-        if done > all {
+        if next.since(first) > last.since(first) {
             *pending = second.take();
         }
         match event {
             Some(event) => send(port, event, first),
             None => port.outbox.send(&ResponseEventError {
-                sequence: first,
-                sequence_oldest_available: log.oldest(),
+                sequence: first.wire(),
+                sequence_oldest_available: log.oldest().wire(),
                 target_system: from.system.wire(),
                 target_component: from.component.wire(),
                 reason: MavEventErrorReason::UNAVAILABLE,
@@ -138,22 +137,23 @@ impl EventLink {
 
     /// Sends the next event, or the oldest one that is left.
     fn send_next(&mut self, counters: &mut EventCounters, log: &EventLog, port: &mut Port) -> bool {
-        let mut sequence = self.sent.wrapping_add(1);
-        let event = log.get(sequence).or_else(|| {
-            let missed = log.oldest().wrapping_sub(sequence);
+        let mut sequence = self.sent.next();
+        if log.get(sequence).is_none() {
+            let missed = log.oldest().since(sequence);
             counters.overwritten = counters.overwritten.wrapping_add(u32::from(missed));
             sequence = log.oldest();
-            log.get(sequence)
-        });
-        let Some(event) = event else { return false };
-        (self.sent, self.has_sent) = (sequence, true);
+        }
+        let Some(event) = log.get(sequence) else { return false };
+        self.sent = sequence;
+        self.has_sent = true;
         send(port, event, sequence)
     }
 }
 
 /// Broadcasts an event.
-fn send(port: &mut Port, event: &EventEntry, sequence: u16) -> bool {
+fn send(port: &mut Port, event: &EventEntry, sequence: EventSequence) -> bool {
     let EventEntry { id, time_boot_ms, log_levels, arguments } = *event;
+    let sequence = sequence.wire();
     let mut message =
         EventMessage { id, event_time_boot_ms: time_boot_ms, sequence, log_levels, ..EventMessage::default() };
     if let Some(place) = message.arguments.first_chunk_mut() {
@@ -166,8 +166,8 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
     const NEW: Self = Self { counters: EventCounters::ZERO, opened: LinkMask::NONE, checks: C::NEW };
     type Link = EventLink;
     const VACANT: EventLink = EventLink {
-        sent: 0,
-        told: 0,
+        sent: EventSequence::NONE,
+        reported: EventSequence::NONE,
         has_sent: false,
         was_heard: false,
         at: Instant::ZERO,
@@ -197,22 +197,22 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         if !port.outbox.takes(EventMessage::ID) {
             return Handled::OutOfPlace;
         }
-        let (first, last) = (request.first_sequence, request.last_sequence);
-        // Events that were not recorded yet get no answer: libevents' receiver would take an error for a loss, and request the whole
-        // history again.
+        let [first, last] = [request.first_sequence, request.last_sequence].map(EventSequence::new);
+        // Events that were not recorded yet get no answer: libevents' receiver would take an error for a loss, and request
+        // the whole history again.
         let newest = cx.events.newest();
-        let is_ahead = |sequence: u16| (1..=u16::MAX / 2).contains(&sequence.wrapping_sub(newest));
-        if is_ahead(first) {
+        if first.is_after(newest) {
             return Handled::Yes;
         }
-        let last = if is_ahead(last) || last.wrapping_sub(first) > u16::MAX / 2 { newest } else { last };
-        // libevents' receiver does not remember the newer events that it has dropped: it goes on requesting up to the number that it
-        // was told last.
-        let is_told = link.told == link.sent && link.at > cx.now + SEQUENCE_RECENT;
-        if link.sent != last && !is_told {
+        let is_range = last == first || last.is_after(first);
+        let last = if is_range && !last.is_after(newest) { last } else { newest };
+        // libevents' receiver does not remember the newer events that it has dropped: it requests up to the number that was
+        // reported last.
+        let is_reported = link.reported == link.sent && link.at > cx.now + SEQUENCE_RECENT;
+        if link.sent != last && !is_reported {
             link.at = cx.now;
         }
-        let requested = Requested { first, last, from: received.from.address };
+        let requested = RequestedRange { first, last, from: received.from.address };
         for slot in &mut link.requested {
             if *slot.get_or_insert(requested) == requested {
                 return Handled::Yes;
@@ -263,9 +263,9 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         match event {
-            // New peers learn the link's last sequence number at once, and the checks soon after the first frame of one is accepted. If none
-            // was heard before, nobody has received what was sent: a peer that remembers the vehicle before a reboot learns that the numbers
-            // start again.
+            // New peers learn the link's last sequence number at once, and the checks soon after the first frame of one is
+            // accepted. If none was heard before, nobody has received what was sent: a peer that remembers the vehicle before a
+            // reboot learns that the numbers start again.
             StackEvent::Opened(port, link) => {
                 link.was_heard |= port.has_accepted;
                 link.has_sent &= link.was_heard;
@@ -273,22 +273,11 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
                 link.requested = [None; 2];
                 self.opened = self.opened.with(LinkMask::of(port.id));
             }
-            StackEvent::Heard { from, .. } if !self.opened.is_empty() => self.on_opened::<F>(from),
+            StackEvent::Heard { from, .. } if self.opened.contains(LinkMask::of(from.link)) => {
+                self.opened = self.opened.without(LinkMask::of(from.link));
+                self.checks.repeat();
+            }
             _ => {}
-        }
-    }
-}
-
-impl<C> EventService<C> {
-    /// A peer was heard while there are links that were opened.
-    fn on_opened<F: Firmware>(&mut self, from: Peer)
-    where
-        C: Checker<F>,
-    {
-        let link = LinkMask::of(from.link);
-        if self.opened.contains(link) {
-            self.opened = self.opened.without(link);
-            self.checks.repeat();
         }
     }
 }
