@@ -6,6 +6,8 @@
 //! filter follows at once. The stack itself does not use it: a vehicle that needs a peer's time keeps a filter for that
 //! peer. It uses integers only.
 
+use core::num::{Saturating, Wrapping};
+
 use super::TimeSample;
 use crate::time::{Duration, Instant};
 
@@ -84,10 +86,11 @@ pub struct ClockFilter {
     count: u8,
     /// Consecutive samples that were too far from the line.
     outliers: u8,
-    /// The line: at this moment, by how much the peer's clock is ahead of ours (ns), and by how much this grows in a
-    /// second (ns).
+    /// The moment at which the line begins.
     at: Instant,
+    /// How far the peer's clock is ahead of ours at that moment (ns).
     offset: i64,
+    /// How much this grows in a second (ns).
     drift: i64,
 }
 
@@ -113,9 +116,9 @@ impl ClockFilter {
             return true;
         };
         let gap = (sample.at - self.at).as_micros();
-        let error = sample.offset_ns.wrapping_sub(expected);
+        let error = Saturating((Wrapping(sample.offset_ns) - Wrapping(expected)).0);
         // Half of both round trips, and the drift of two clocks.
-        if error.unsigned_abs() > self.max_round_trip.saturating_add(gap) {
+        if error.0.unsigned_abs() > self.max_round_trip.saturating_add(gap) {
             self.outliers = self.outliers.saturating_add(1);
             if self.outliers < JUMP {
                 return false;
@@ -126,20 +129,23 @@ impl ClockFilter {
         self.outliers = 0;
         self.count = self.count.saturating_add(1).min(MEMORY);
         // The gains of a least-squares line through this many samples.
-        let count = i64::from(self.count);
-        let weight = count.saturating_mul(count.saturating_add(1));
-        let share = |times: i64, of: i64| error.saturating_mul(times).checked_div(of).unwrap_or(0);
+        let count = Saturating(i64::from(self.count));
+        let weight = count * (count + Saturating(1));
+        let gap = Saturating(i64::try_from(gap.max(MIN_GAP)).unwrap_or(i64::MAX));
+        let step = quotient(error * (count * Saturating(4) - Saturating(2)), weight);
+        let turn = quotient(error * Saturating(6_000_000), weight * gap);
         self.at = sample.at;
-        self.offset = expected.wrapping_add(share(count.saturating_mul(4).saturating_sub(2), weight));
-        let gap = i64::try_from(gap.max(MIN_GAP)).unwrap_or(i64::MAX);
-        let drift = self.drift.saturating_add(share(6_000_000, weight.saturating_mul(gap)));
-        self.drift = drift.clamp(-MAX_DRIFT, MAX_DRIFT);
+        self.offset = (Wrapping(expected) + Wrapping(step.0)).0;
+        self.drift = (Saturating(self.drift) + turn).0.clamp(-MAX_DRIFT, MAX_DRIFT);
         true
     }
 
     fn begin(&mut self, sample: &TimeSample) {
-        (self.count, self.outliers) = (1, 0);
-        (self.at, self.offset, self.drift) = (sample.at, sample.offset_ns, 0);
+        self.count = 1;
+        self.outliers = 0;
+        self.at = sample.at;
+        self.offset = sample.offset_ns;
+        self.drift = 0;
     }
 
     /// Returns how far the peer's clock is ahead of ours at `now` (ns), negative if it is behind; `None` before the
@@ -149,10 +155,10 @@ impl ClockFilter {
             return None;
         }
         // `now` may be before or after the last sample.
-        let (ahead, back) = (now - self.at, self.at - now);
-        let micros = |span: Duration| i64::try_from(span.as_micros()).unwrap_or(i64::MAX);
-        let span = micros(ahead).saturating_sub(micros(back));
-        Some(self.offset.wrapping_add(self.drift.saturating_mul(span) / 1_000_000))
+        let micros = |span: Duration| Saturating(i64::try_from(span.as_micros()).unwrap_or(i64::MAX));
+        let span = micros(now - self.at) - micros(self.at - now);
+        let change = (Saturating(self.drift) * span).0 / 1_000_000;
+        Some((Wrapping(self.offset) + Wrapping(change)).0)
     }
 
     /// Converts a time of the peer's clock (µs), such as the `time_usec` of many messages, to ours. Returns `None`
@@ -168,6 +174,11 @@ impl ClockFilter {
     pub const fn is_settled(&self) -> bool {
         self.count >= SETTLED
     }
+}
+
+/// Returns a quotient; zero if the divisor is zero.
+fn quotient(dividend: Saturating<i64>, divisor: Saturating<i64>) -> Saturating<i64> {
+    Saturating(dividend.0.checked_div(divisor.0).unwrap_or(0))
 }
 
 #[cfg(test)]

@@ -11,6 +11,8 @@ mod wall_clock;
 pub use filter::ClockFilter;
 pub use wall_clock::WallClock;
 
+use core::num::Wrapping;
+
 use super::{About, Cx, Handled, Received, Service, Turn, View};
 use crate::dialect::{Ping, Timesync};
 use crate::frame::Frame;
@@ -73,8 +75,8 @@ pub struct TimeSample {
     pub round_trip_ns: i64,
 }
 
-/// Answers PING and TIMESYNC, and measures peers' clocks: `time: Time` in the struct of a [stack](macro@crate::Stack). A vehicle
-/// without it gets both messages in [`Vehicle::message`](crate::Vehicle::message).
+/// Answers PING and TIMESYNC, and measures peers' clocks: `time: Time` in the struct of a [stack](macro@crate::Stack). A
+/// vehicle without it gets both messages in [`Vehicle::message`](crate::Vehicle::message).
 ///
 /// Each link has room for two requests. Further requests that are received meanwhile are dropped and counted
 /// ([`LinkCounters::no_answer_slot`](crate::network::LinkCounters::no_answer_slot)).
@@ -149,17 +151,13 @@ impl Time {
 
     /// Handles an answer. It answers our request if it contains the time at which we asked (T-2).
     fn on_answer(&mut self, now: Instant, link: &TimeLink, from: Peer, sync: &Timesync) {
-        let asked = link.asked;
-        if asked == 0 || sync.ts1 != asked {
+        if link.asked == 0 || sync.ts1 != link.asked {
             return;
         }
-        let round_trip_ns = nanos(now).wrapping_sub(asked);
-        self.sample = Some(TimeSample {
-            from,
-            at: now,
-            offset_ns: sync.tc1.wrapping_sub(asked.wrapping_add(round_trip_ns / 2)),
-            round_trip_ns,
-        });
+        let asked = Wrapping(link.asked);
+        let round_trip = Wrapping(nanos(now)) - asked;
+        let offset = Wrapping(sync.tc1) - (asked + Wrapping(round_trip.0 / 2));
+        self.sample = Some(TimeSample { from, at: now, offset_ns: offset.0, round_trip_ns: round_trip.0 });
     }
 
     fn send(&mut self, now: Instant, link: &mut TimeLink, tx: &mut Outbox, reply: TimeReply) -> bool {
