@@ -52,7 +52,7 @@ impl SetupText {
     /// Sends the text.
     pub(super) fn send(self, port: &mut Port) -> bool {
         let text = match self {
-            Self::None => return false,
+            Self::None => "",
             Self::KeySet => "Signing key set",
             Self::KeyRemoved => "Signing is off",
             Self::Armed => "Signing not changed: vehicle is armed",
