@@ -346,7 +346,7 @@ pub use service::mission::{PlanChange, Plans, Progress};
 pub use service::mode::{CustomMode, FlightMode, ModeRequest, Modes};
 pub use service::param::{Param, ParamBackend, ParamChange, Parameters};
 pub use service::stream::{Fill, Stream, Telemetry};
-pub use stack::{Stack, StackOf};
+pub use stack::{Counter, Stack, StackOf};
 pub use time::{Duration, Instant};
 pub use types::{
     Command, Component, Config, Context, ControlInput, Destination, LinkConfig, LinkId, Outcome, Peer, PeerEvent,

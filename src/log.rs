@@ -33,6 +33,10 @@ macro_rules! counters {
         impl $crate::log::Counters for $Counters {
             const NAME: &'static str = stringify!($Counters);
 
+            fn each(&self, mut counter: impl FnMut(&'static str, u32)) {
+                $(counter(stringify!($counter), self.$counter);)*
+            }
+
             fn drops(&self) -> u32 {
                 0u32 $(.wrapping_add(counters!(@$kind self.$counter)))*
             }
@@ -49,8 +53,13 @@ macro_rules! counters {
 
 /// The counters of a service, or of a service on one link.
 pub trait Counters {
-    /// Their name in the log.
+    /// Their name in the log, and in [`Counter::of`](crate::Counter::of).
     const NAME: &'static str;
+
+    /// Passes the name and the value of each counter to `counter`; by default only the sum, as "drops".
+    fn each(&self, mut counter: impl FnMut(&'static str, u32)) {
+        counter("drops", self.drops());
+    }
 
     /// Returns the sum of the counters of what was dropped. Wraps.
     fn drops(&self) -> u32;

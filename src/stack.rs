@@ -4,6 +4,7 @@
 //! the budget bounds the work of each (D-2, SEC-2).
 
 mod clock;
+mod counters;
 #[cfg(test)]
 mod deadlines;
 mod declare;
@@ -23,6 +24,7 @@ mod services;
 mod storage;
 mod transport;
 
+pub use counters::Counter;
 pub use declare::{Declaration, Declares, Persistent};
 pub use memory::{EventMemory, PeerMemory, RequestMemory, StorageMemory, TextMemory};
 

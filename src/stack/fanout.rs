@@ -5,7 +5,6 @@ use super::services::{Services, States};
 use crate::dialect::{MavCmd, MavResult};
 use crate::link::{Pace, Port, Transport};
 use crate::message::{ComponentId, SystemId};
-#[cfg(feature = "defmt")]
 use crate::service::ShowCounters;
 use crate::service::{
     BULK_PERCENT, Cx, ForwardingGate, Handled, Look, LookAll, MAX_LATENESS, Part, RateLimit, Received, Request,
@@ -241,10 +240,8 @@ impl<F: Firmware> Look<F> for When<'_> {
 }
 
 /// Shows the counters to `show`.
-#[cfg(feature = "defmt")]
 struct Count<'a, C>(&'a mut C);
 
-#[cfg(feature = "defmt")]
 impl<F: Firmware, C: ShowCounters> LookAll<F> for Count<'_, C> {
     fn look<S: Service<F>>(&mut self, service: &S) {
         service.counters(self.0);
@@ -334,7 +331,6 @@ impl<D: Declares> Services<D> {
     }
 
     /// Shows the counters of all services.
-    #[cfg(feature = "defmt")]
     pub(super) fn counters(&self, show: &mut impl ShowCounters) {
         self.look_all(&mut Count(show));
     }

@@ -190,6 +190,30 @@ fn manual_control_has_no_effect() {
     assert_eq!((counters.frames, world.gcs[0].count_of::<CommandAck>()), (1, 0));
 }
 
+/// One call shows all counters: each field of those that have a getter, under its name.
+#[test]
+fn counters_are_shown_in_one_call() {
+    let mut world = world();
+    world.gcs[0].send(&ManualControl { target: 1, x: 500, ..ManualControl::default() });
+    world.gcs[0].send_raw(&[0x55; 3]);
+    world.run_for(secs(2));
+    let mut shown = std::collections::BTreeMap::new();
+    world.stack.counters(|counter| {
+        let link = counter.link.map(|link| link.0);
+        assert_eq!(shown.insert((link, counter.of, counter.name), counter.value), None, "shown once");
+    });
+    let rx = world.stack.rx_counters(LinkId(0)).expect("exists");
+    let of_decoder = |name| shown[&(Some(0), "RxCounters", name)];
+    assert_eq!((of_decoder("frames"), of_decoder("skipped")), (rx.frames, rx.skipped));
+    assert_eq!((rx.frames, rx.skipped), (1, 3));
+    let sent = world.stack.link_counters(LinkId(0)).expect("exists").tx_frames;
+    assert!(sent >= 2);
+    assert_eq!(shown[&(Some(0), "LinkCounters", "tx_frames")], sent);
+    assert_eq!(shown[&(None, "StackCounters", "dropped_texts")], world.stack.dropped_texts());
+    let fields = format!("{rx:?}").matches(": ").count();
+    assert_eq!(shown.keys().filter(|(_, of, _)| *of == "RxCounters").count(), fields);
+}
+
 /// `default()` equals `new()`.
 #[test]
 fn default_equals_new() {

@@ -126,7 +126,13 @@ pub struct TrafficCounters {
 }
 
 impl Counters for TrafficCounters {
-    const NAME: &'static str = "traffic";
+    const NAME: &'static str = "TrafficCounters";
+
+    fn each(&self, mut counter: impl FnMut(&'static str, u32)) {
+        counter("without_address", self.without_address);
+        counter("too_far", self.too_far);
+        counter("evicted", self.evicted);
+    }
 
     fn drops(&self) -> u32 {
         self.without_address.wrapping_add(self.too_far)
