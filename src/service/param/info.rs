@@ -79,7 +79,8 @@ impl ParamInfo {
             return Err(ParamFault::Name);
         }
         let info = Self { name, default, min, max, r#type, flags: 0 };
-        if info.is_valid(default) { Ok(info) } else { Err(ParamFault::Default) }
+        let has_range = value::is_value(r#type, min) && value::is_value(r#type, max);
+        if has_range && info.is_valid(default) { Ok(info) } else { Err(ParamFault::Default) }
     }
 
     /// Returns the declaration of a parameter with this name, default and range.

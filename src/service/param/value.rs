@@ -146,15 +146,25 @@ pub(super) const fn is_supported(r#type: MavParamType) -> bool {
     )
 }
 
-/// Whether a value is within a range. Integers must be padded with zeros; NaN and the infinities are in no range.
+/// Whether these bits are a value of this type: a finite float, or an integer that is padded with zeros.
+pub(super) const fn is_value(r#type: MavParamType, bits: u32) -> bool {
+    if matches!(r#type, MavParamType::REAL32) { f32::from_bits(bits).is_finite() } else { low(r#type, bits) == bits }
+}
+
+/// Whether these bits are a value of this type within a range of values.
 pub(super) const fn is_within(r#type: MavParamType, bits: u32, [min, max]: [u32; 2]) -> bool {
     if matches!(r#type, MavParamType::REAL32) {
-        let (value, min, max) = (f32::from_bits(bits), f32::from_bits(min), f32::from_bits(max));
-        return min.is_finite() && max.is_finite() && min <= value && value <= max;
+        let value = f32::from_bits(bits);
+        return f32::from_bits(min) <= value && value <= f32::from_bits(max);
     }
-    let is_padded = low(r#type, bits) == bits && low(r#type, min) == min && low(r#type, max) == max;
-    let value = integer(r#type, bits);
-    is_padded && integer(r#type, min) <= value && value <= integer(r#type, max)
+    let rank = rank(r#type, bits);
+    is_value(r#type, bits) && self::rank(r#type, min) <= rank && rank <= self::rank(r#type, max)
+}
+
+/// Maps an integer to one that has the same order, whatever the type: the sign of a signed one is inverted.
+const fn rank(r#type: MavParamType, bits: u32) -> u32 {
+    let sign = if is_signed(r#type) { 1 << 31 } else { 0 };
+    bits.wrapping_shl(unused_bits(r#type)) ^ sign
 }
 
 /// Returns the value as encoded in PARAM_VALUE.
@@ -391,9 +401,10 @@ mod tests {
                 ($($ty:ident $wire:ident),+) => { $(
                     let [v, low, high] = [value, min, max].map(<$ty as Sealed>::from_bits);
                     let bits = [v, low, high].map(Sealed::to_bits);
-                    let is_finite = bits.iter().all(|bits| is_within(MavParamType::$wire, *bits, [*bits, *bits]));
-                    let is_in_order = is_finite && low <= v && v <= high;
-                    prop_assert_eq!(is_within(MavParamType::$wire, bits[0], [bits[1], bits[2]]), is_in_order);
+                    if bits.iter().all(|bits| is_value(MavParamType::$wire, *bits)) {
+                        let is_in_order = low <= v && v <= high;
+                        prop_assert_eq!(is_within(MavParamType::$wire, bits[0], [bits[1], bits[2]]), is_in_order);
+                    }
                 )+ };
             }
             in_order!(u8 UINT8, i8 INT8, u16 UINT16, i16 INT16, u32 UINT32, i32 INT32, f32 REAL32);
