@@ -8,7 +8,7 @@ use crate::frame::{Decoder, Frame};
 use crate::link::{Link, Port};
 use crate::message::{Address, Text};
 use crate::network::{self, ForwardDecision, Reception, SenderEntry};
-use crate::service::command::{self, CommandMemory, CommandService};
+use crate::service::command::{self, CommandMemory};
 use crate::service::mission;
 use crate::service::mode;
 use crate::service::{
@@ -199,8 +199,9 @@ impl<D: Declares> Services<D> {
     fn request(&self, now: Instant, port: &Port, frame: &Frame<'_>, target: Address) -> Option<Request> {
         let received = self.received(now, port, frame, target);
         let in_mode = || if D::HAS_MODES { mode::command_in(port, &received) } else { None };
-        let request = command::command_in(port, &received).or_else(in_mode)?;
-        Some(Request { signed_at: self.signing.signed_at(frame), ..request })
+        let mut request = command::command_in(port, &received).or_else(in_mode)?;
+        request.signed_at = self.signing.signed_at(frame);
+        Some(request)
     }
 
     /// Executes the command in a frame, and queues its answer: one, on the link on which it was received (C-3). Returns false if
@@ -217,7 +218,7 @@ impl<D: Declares> Services<D> {
         let mut request = self.request(cx.now, port, frame, target);
         // By reference: it is large.
         let Some(request) = &mut request else { return false };
-        if CommandService::<D::Commands>::has_room(port, &state.command) {
+        if state.command.has_room() {
             // Before every hook, `is_in_control` included (O-5).
             let own = cx.shared.config.address.get().system;
             let mut verdict = match self.operator_control.refuses(own, &request.command) {
@@ -232,6 +233,8 @@ impl<D: Declares> Services<D> {
                 self.on_owner(own, owner);
             }
             self.command.answer(cx, port, &mut state.command, request, verdict, is_admitted);
+        } else {
+            increment(&mut port.counters.no_answer_slot);
         }
         true
     }
@@ -273,7 +276,7 @@ impl<D: Declares> Services<D> {
             } else if is_admitted {
                 verdict = self.on_own_command(cx, port, state, &request);
             }
-            let outcome = self.command.settle_own(cx, &request, verdict, is_admitted);
+            let outcome = self.command.conclude(cx, &request, verdict, is_admitted);
             let answer = CommandAnswer { command: request.command.id, outcome, progress: u8::MAX };
             self.client.answered_own(cx, from, answer);
         }

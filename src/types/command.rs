@@ -171,6 +171,11 @@ pub enum ModeFault {
 impl Refusal {
     /// A broadcast of a command that may only be sent to one system (C-14).
     pub(crate) const BROADCAST: Self = Self { result: MavResult::DENIED, why: Why::Broadcast };
+
+    /// The parameter with this number is out of range.
+    pub(crate) const fn param(number: u8) -> Self {
+        Self { result: MavResult::DENIED, why: Why::Param(number) }
+    }
 }
 
 impl From<MavResult> for Refusal {

@@ -1,26 +1,28 @@
-//! The pending answers of a link (C-3).
+//! The state of a link: its pending answers (C-3).
 
 use super::long::NO_PROGRESS;
 use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::link::Outbox;
+use crate::list::take_first;
 use crate::message::{Address, ComponentId};
 use crate::types::{Firmware, Outcome};
+use heapless::Vec;
 
-/// Capacity of the queue: a power of two, because the index into the ring wraps.
-const SLOTS: usize = 4;
+/// The maximum number of answers that are pending on a link.
+const MAX_ANSWERS: usize = 4;
 
-/// The pending answers of a link, ordered as the commands: a ring buffer.
-#[derive(Clone, Debug)]
-pub(crate) struct Acks {
-    slots: [Ack; SLOTS],
-    /// The index of the oldest one.
-    first: u8,
-    /// The number of pending answers.
-    count: u8,
+/// The state of the command protocol on a link.
+#[derive(Debug)]
+pub struct CommandLink {
+    /// The pending answers, in the order of the commands.
+    answers: Vec<PendingAck, MAX_ANSWERS, u8>,
+    /// The period in which a text last explained a refusal; see [`refusal`](super::refusal).
+    pub(super) explained_in: u16,
 }
 
+/// A COMMAND_ACK that answers a received command.
 #[derive(Clone, Copy, Debug)]
-struct Ack {
+struct PendingAck {
     to: Address,
     /// The component that answers.
     from: ComponentId,
@@ -30,58 +32,34 @@ struct Ack {
     result_param2: [u8; 4],
 }
 
-impl Acks {
-    pub(crate) const fn new() -> Self {
-        let none = Ack {
-            to: Address::new(0, 0),
-            from: ComponentId::ALL,
-            command: MavCmd(0),
-            result: MavResult::ACCEPTED,
-            result_param2: [0; 4],
-        };
-        Self { slots: [none; SLOTS], first: 0, count: 0 }
+impl CommandLink {
+    pub(super) const VACANT: Self = Self { answers: Vec::new(), explained_in: 0 };
+
+    /// Whether there is a slot for another answer. Without one, a further command is dropped.
+    pub(crate) fn has_room(&self) -> bool {
+        !self.answers.is_full()
     }
 
-    /// Whether the queue is full; a further command is dropped.
-    pub(crate) fn is_full(&self) -> bool {
-        usize::from(self.count) >= SLOTS
-    }
-
-    pub(crate) const fn is_empty(&self) -> bool {
-        self.count == 0
+    /// Whether every received command was answered.
+    pub(crate) fn has_answered(&self) -> bool {
+        self.answers.is_empty()
     }
 
     /// Whether an IN_PROGRESS is pending.
-    pub(crate) fn has_progress(&self) -> bool {
-        (0..self.count).any(|number| self.slot(number).is_some_and(|ack| ack.result == MavResult::IN_PROGRESS))
+    pub(super) fn has_progress(&self) -> bool {
+        self.answers.iter().any(|ack| ack.result == MavResult::IN_PROGRESS)
     }
 
-    fn slot(&self, number: u8) -> Option<&Ack> {
-        self.slots.get(usize::from(self.first.wrapping_add(number)) % SLOTS)
-    }
-
-    /// Queues the answer of a component to `to`. The caller checks [`is_full`](Self::is_full) before the command is carried
-    /// out.
-    pub(crate) fn push(&mut self, from: ComponentId, to: Address, command: MavCmd, outcome: Outcome) {
-        if self.is_full() {
-            return;
-        }
-        let end = usize::from(self.first.wrapping_add(self.count)) % SLOTS;
-        if let Some(slot) = self.slots.get_mut(end) {
-            let Outcome { result, result_param2 } = outcome;
-            *slot = Ack { to, from, command, result, result_param2: result_param2.to_ne_bytes() };
-        }
-        self.count = self.count.wrapping_add(1);
+    /// Queues the answer of a component to `to`. The caller checks [`has_room`](Self::has_room) before the command is executed.
+    pub(super) fn push(&mut self, from: ComponentId, to: Address, command: MavCmd, outcome: Outcome) {
+        let Outcome { result, result_param2 } = outcome;
+        let result_param2 = result_param2.to_ne_bytes();
+        let _ = self.answers.push(PendingAck { to, from, command, result, result_param2 });
     }
 
     /// Sends the oldest answer. Returns false if none is pending. `progress` returns the progress of a running command.
-    pub(crate) fn next<F: Firmware>(&mut self, tx: &mut Outbox, progress: impl FnOnce(MavCmd) -> u8) -> bool {
-        if self.is_empty() {
-            return false;
-        }
-        let Some(ack) = self.slot(0).copied() else { return false };
-        self.first = self.first.wrapping_add(1);
-        self.count = self.count.wrapping_sub(1);
+    pub(super) fn send<F: Firmware>(&mut self, tx: &mut Outbox, progress: impl FnOnce(MavCmd) -> u8) -> bool {
+        let Some(ack) = take_first(&mut self.answers, |_| true) else { return false };
         let message = CommandAck {
             command: ack.command,
             result: ack.result,
@@ -108,14 +86,14 @@ mod tests {
         type Parameters = crate::service::param::NoParams;
     }
 
-    /// C-3: an answer for each command, in the order of the commands, at every position of the ring.
+    /// C-3: an answer for each command, in the order of the commands, with any number of them.
     #[test]
     fn answers_are_sent_in_the_order_of_the_commands() {
         let mut tx = Outbox::VACANT;
         tx.set_version(Version::V2);
-        let mut acks = Acks::new();
-        let sent = |acks: &mut Acks, tx: &mut Outbox| {
-            acks.next::<Rover>(tx, |_| 0).then(|| {
+        let mut link = CommandLink::VACANT;
+        let sent = |link: &mut CommandLink, tx: &mut Outbox| {
+            link.send::<Rover>(tx, |_| 0).then(|| {
                 let frame = tx.pending();
                 let command = CommandAck::decode(&frame[10..frame.len() - 2]).command.0;
                 tx.advance(frame.len());
@@ -125,20 +103,20 @@ mod tests {
         let mut next = 0;
         for count in 0..=4 {
             for number in 0..count {
-                assert!(!acks.is_full());
-                acks.push(
+                assert!(link.has_room());
+                link.push(
                     ComponentId::new(1),
                     Address::new(255, 190),
                     MavCmd(next + number),
                     MavResult::ACCEPTED.into(),
                 );
             }
-            assert_eq!((acks.is_full(), acks.is_empty()), (count == 4, count == 0));
+            assert_eq!((link.has_room(), link.has_answered()), (count < 4, count == 0));
             for _ in 0..count {
-                assert_eq!(sent(&mut acks, &mut tx), Some(next));
+                assert_eq!(sent(&mut link, &mut tx), Some(next));
                 next += 1;
             }
-            assert_eq!(sent(&mut acks, &mut tx), None);
+            assert_eq!(sent(&mut link, &mut tx), None);
         }
     }
 }

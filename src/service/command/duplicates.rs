@@ -1,4 +1,4 @@
-//! Distinguishes duplicates of a command that was carried out from new commands (C-12).
+//! Distinguishes duplicates of an executed command from new commands (C-12).
 
 use core::num::NonZeroU64;
 
@@ -15,15 +15,14 @@ pub(crate) const LATE: Duration = Duration::from_secs(60);
 /// 1.5 s, always with confirmation 0 (C-12).
 pub(super) const REPEATED_WITHIN: u16 = 1_000;
 
-/// How often a command that is received more than once may be carried out.
+/// How often a command that is received more than once may be executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Once {
+pub(super) enum ExecutionLimit {
     /// Every time it is received.
-    No,
-    /// Once.
-    Yes,
+    None,
+    Once,
     /// Once, and again for each repetition on one link with the same `confirmation`.
-    PerPress,
+    OncePerPress,
 }
 
 /// Whether `sent` was signed so much later than `known` that it cannot be a duplicate of it.
@@ -31,12 +30,12 @@ pub(crate) const fn is_well_after(sent: NonZeroU64, known: NonZeroU64) -> bool {
     sent.get().saturating_sub(known.get()) >= SOON.as_micros() / 10
 }
 
-/// Counts how often a command was carried out, and how often it was received on each link. A client that sends on several links
+/// Counts how often a command was executed, and how often it was received on each link. A client that sends on several links
 /// sends a repeated command on each of them. So a link whose count is below the number of runs still delivers duplicates.
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Duplicates {
-    /// How often it was carried out.
+    /// How often it was executed.
     runs: u8,
     /// How often it was received, in [`COUNT_BITS`] for each link.
     received: u64,
@@ -48,19 +47,9 @@ const COUNT_BITS: u32 = 4;
 const MAX_COUNT: u8 = 15;
 const _: () = assert!(MAX_LINKS == 16 && u64::BITS == 16 * COUNT_BITS);
 
-fn shift(link: LinkId) -> u32 {
-    u32::from(link.0 & MAX_COUNT).wrapping_mul(COUNT_BITS)
-}
-
 impl Duplicates {
-    /// Never carried out. All zero bits.
+    /// Never executed. All zero bits.
     pub(crate) const NONE: Self = Self { runs: 0, received: 0 };
-
-    /// Returns how often the command was received on this link.
-    fn received(&self, link: LinkId) -> u8 {
-        let [received, ..] = self.received.wrapping_shr(shift(link)).to_le_bytes();
-        received & MAX_COUNT
-    }
 
     /// Whether the next one on `link` is a duplicate.
     pub(crate) fn lacks(&self, link: LinkId) -> bool {
@@ -69,22 +58,36 @@ impl Duplicates {
 
     /// Records a duplicate on `link`, if one is expected there.
     pub(crate) fn note(&mut self, link: LinkId) {
-        if self.lacks(link) {
-            self.received = self.received.wrapping_add(1u64.wrapping_shl(shift(link)));
-        }
+        let received = self.received(link);
+        self.set_received(link, self.runs.min(received.saturating_add(1)));
     }
 
-    /// Records that the command was received on `link` and is carried out.
+    /// Records that the command was received on `link` and is executed.
     pub(crate) fn run(&mut self, link: LinkId) {
-        self.runs = self.runs.saturating_add(1).min(MAX_COUNT);
+        self.runs = MAX_COUNT.min(self.runs.saturating_add(1));
         self.end(link);
     }
 
     /// Expects no more duplicates of earlier runs on `link`.
     pub(crate) fn end(&mut self, link: LinkId) {
-        let others = self.received & !u64::from(MAX_COUNT).wrapping_shl(shift(link));
-        self.received = others | u64::from(self.runs).wrapping_shl(shift(link));
+        self.set_received(link, self.runs);
     }
+
+    /// Returns how often the command was received on this link.
+    fn received(&self, link: LinkId) -> u8 {
+        let [received, ..] = self.received.wrapping_shr(shift(link)).to_le_bytes();
+        received & MAX_COUNT
+    }
+
+    fn set_received(&mut self, link: LinkId, count: u8) {
+        let others = self.received & !u64::from(MAX_COUNT).wrapping_shl(shift(link));
+        self.received = others | u64::from(count).wrapping_shl(shift(link));
+    }
+}
+
+/// Returns the place of a link's count. There are at most 16 links; the shift of one with a higher number wraps.
+fn shift(link: LinkId) -> u32 {
+    u32::from(link.0) << 2
 }
 
 #[cfg(test)]

@@ -5,8 +5,7 @@
 
 use core::ops::{Deref, DerefMut};
 
-use super::duplicates::REPEATED_WITHIN;
-use super::{Duplicates, LATE, Once, SOON, is_well_after};
+use super::duplicates::{Duplicates, ExecutionLimit, LATE, REPEATED_WITHIN, SOON, is_well_after};
 use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::link::Outbox;
 use crate::message::{Address, ComponentId};
@@ -28,6 +27,46 @@ const DROP_AFTER: Duration = Duration::from_secs(10);
 /// COMMAND_ACK.progress of a command with unknown progress.
 pub(super) const NO_PROGRESS: u8 = 255;
 
+/// Slots for the long-running commands of a vehicle, or none.
+pub trait CommandMemory: core::fmt::Debug {
+    /// All zero bits.
+    const NEW: Self;
+
+    /// Returns the slots, if there are any.
+    fn view_mut(&mut self) -> Option<&mut LongCommands>;
+
+    /// The same, for reading.
+    fn view(&self) -> Option<&LongCommands>;
+}
+
+/// The slots of a firmware whose [`#[stack]`](macro@crate::Stack) has no `commands`: none.
+#[derive(Clone, Copy, Debug)]
+pub struct NoSlots;
+
+impl CommandMemory for NoSlots {
+    const NEW: Self = Self;
+
+    fn view_mut(&mut self) -> Option<&mut LongCommands> {
+        None
+    }
+
+    fn view(&self) -> Option<&LongCommands> {
+        None
+    }
+}
+
+impl<const N: usize> CommandMemory for CommandSlots<N> {
+    const NEW: Self = Self::new();
+
+    fn view_mut(&mut self) -> Option<&mut LongCommands> {
+        Some(self)
+    }
+
+    fn view(&self) -> Option<&LongCommands> {
+        Some(self)
+    }
+}
+
 /// Slots for `N` commands that are running, ended within the last three seconds, or must not be carried out twice; see
 /// [`LongCommands`].
 pub type CommandSlots<const N: usize> = LongCommands<[CommandSlot; N]>;
@@ -37,13 +76,13 @@ pub type CommandSlots<const N: usize> = LongCommands<[CommandSlot; N]>;
 #[derive(Clone, Copy, Debug)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CommandSlot {
-    key: Key,
+    key: CommandKey,
     from: Address,
     /// The component to which it is addressed.
     component: ComponentId,
     confirmation: u8,
     is_broadcast: bool,
-    state: State,
+    state: CommandState,
     /// Whether `at` must be set in the next poll: the vehicle changed the slot without a timestamp.
     is_untimed: bool,
     /// Whether it was answered IN_PROGRESS (C-24), and is not only remembered as a command to be carried out once (C-12).
@@ -66,7 +105,7 @@ pub struct CommandSlot {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-enum State {
+enum CommandState {
     Free,
     Running,
     Done,
@@ -75,9 +114,9 @@ enum State {
 }
 
 /// What identifies equal commands of one sender: id, form, frame, and the bits of the parameters.
-type Key = [u32; 8];
+type CommandKey = [u32; 8];
 
-fn key(command: &Command) -> Key {
+fn key(command: &Command) -> CommandKey {
     let [id0, id1] = command.id.0.to_le_bytes();
     let (form, p5, p6) = match command.position {
         CommandPosition::Long { param5, param6 } => ([0, 0], param5.to_bits(), param6.to_bits()),
@@ -101,7 +140,7 @@ impl CommandSlot {
         component: ComponentId::ALL,
         confirmation: 0,
         is_broadcast: false,
-        state: State::Free,
+        state: CommandState::Free,
         is_untimed: false,
         is_long: false,
         progress: 0,
@@ -115,7 +154,7 @@ impl CommandSlot {
         signed_at: None,
     };
 
-    fn new(command: &Command, state: State) -> Self {
+    fn new(command: &Command, state: CommandState) -> Self {
         Self {
             key: key(command),
             from: command.from.address,
@@ -135,7 +174,7 @@ impl CommandSlot {
     }
 
     fn is_running(&self, command: MavCmd) -> bool {
-        self.state == State::Running && self.command() == command
+        self.state == CommandState::Running && self.command() == command
     }
 
     fn is_same(&self, command: &Command) -> bool {
@@ -151,7 +190,7 @@ impl CommandSlot {
             && pause <= REPEATED_WITHIN
     }
 
-    /// Records a duplicate that was [answered](Self::answer).
+    /// Records a duplicate that was [answered](Self::answer_to_duplicate).
     fn note(&mut self, now: Instant, command: &Command) {
         let link = command.from.link;
         if !self.duplicates.lacks(link) && self.is_repeated_by(now, command) {
@@ -164,11 +203,17 @@ impl CommandSlot {
     }
 
     /// Returns the answer if this command is done and `command` is a duplicate of it (C-12, C-24).
-    fn answer(&self, now: Instant, command: &Command, signed_at: SignedAt, once: Once) -> Option<Outcome> {
-        let is_done = matches!(self.state, State::Done | State::Evictable);
+    fn answer_to_duplicate(
+        &self,
+        now: Instant,
+        command: &Command,
+        signed_at: SignedAt,
+        limit: ExecutionLimit,
+    ) -> Option<Outcome> {
+        let is_done = matches!(self.state, CommandState::Done | CommandState::Evictable);
         let age = now - self.at;
         // Only a high-latency link delays a command for long.
-        let may_be_late = once != Once::No && command.class == LinkClass::HighLatency;
+        let may_be_late = limit != ExecutionLimit::None && command.class == LinkClass::HighLatency;
         if !is_done || age >= if may_be_late { LATE } else { SOON } || !self.is_same(command) {
             return None;
         }
@@ -179,7 +224,7 @@ impl CommandSlot {
         let lacks = self.duplicates.lacks(command.from.link);
         // After TEMPORARILY_REJECTED the client tries again, and the vehicle may accept now.
         let is_final = self.outcome.result != MavResult::TEMPORARILY_REJECTED;
-        let is_repeated = once == Once::Yes && is_final && self.is_repeated_by(now, command);
+        let is_repeated = limit == ExecutionLimit::Once && is_final && self.is_repeated_by(now, command);
         let is_duplicate = if lacks { !is_later } else { command.confirmation > self.confirmation || is_repeated };
         let is_known = is_duplicate || (self.is_long && age < SOON);
         if !is_known {
@@ -193,11 +238,11 @@ impl CommandSlot {
 
     /// Whether this slot counts the runs of `command`.
     fn is_run_of(&self, command: &Command) -> bool {
-        self.state == State::Done && !self.is_long && self.pending.is_empty() && self.is_same(command)
+        self.state == CommandState::Done && !self.is_long && self.pending.is_empty() && self.is_same(command)
     }
 
     /// Whether an ACK is pending on `link` in this state.
-    fn is_pending(&self, state: State, link: LinkId) -> bool {
+    fn is_pending(&self, state: CommandState, link: LinkId) -> bool {
         self.state == state && self.pending.contains(LinkMask::of(link))
     }
 
@@ -351,7 +396,7 @@ impl LongCommands {
         let slot = self.running(command).filter(|_| outcome.result != MavResult::IN_PROGRESS);
         let Some(slot) = slot else { return false };
         event!("command {=u16} done: {=u8}", command.0, outcome.result.0);
-        slot.state = State::Done;
+        slot.state = CommandState::Done;
         slot.is_untimed = true;
         slot.outcome = outcome;
         slot.pending = slot.links;
@@ -364,7 +409,7 @@ impl LongCommands {
     }
 
     /// Whether `command` is running in a component for which `is_it` holds.
-    pub(crate) fn is_running_in(&self, command: MavCmd, is_it: impl Fn(ComponentId) -> bool) -> bool {
+    pub(super) fn is_running_in(&self, command: MavCmd, is_it: impl Fn(ComponentId) -> bool) -> bool {
         self.slots.iter().any(|slot| slot.is_running(command) && is_it(slot.component))
     }
 
@@ -375,17 +420,17 @@ impl LongCommands {
     /// Returns the index of a slot for another command: a free one, or the evictable one that ended first.
     fn free_slot(&self) -> Option<usize> {
         let slots = (0..self.slots.len()).zip(&self.slots);
-        let slots = slots.filter(|(_, slot)| matches!(slot.state, State::Free | State::Evictable));
-        slots.min_by_key(|(_, slot)| (slot.state == State::Evictable, slot.at)).map(|(index, _)| index)
+        let slots = slots.filter(|(_, slot)| matches!(slot.state, CommandState::Free | CommandState::Evictable));
+        slots.min_by_key(|(_, slot)| (slot.state == CommandState::Evictable, slot.at)).map(|(index, _)| index)
     }
 
     /// Returns the answer to `command` if it is known without carrying it out.
-    pub(crate) fn recall(
+    pub(super) fn recall(
         &mut self,
         now: Instant,
         command: &Command,
         signed_at: SignedAt,
-        once: Once,
+        limit: ExecutionLimit,
     ) -> Option<Outcome> {
         self.poll(now);
         if let Some(slot) = self.running(command.id) {
@@ -397,113 +442,110 @@ impl LongCommands {
             return Some(MavResult::IN_PROGRESS.into());
         }
         for slot in &mut self.slots {
-            if let Some(answer) = slot.answer(now, command, signed_at, once) {
+            if let Some(answer) = slot.answer_to_duplicate(now, command, signed_at, limit) {
                 slot.note(now, command);
                 return Some(answer);
             }
         }
-        let has_room = self.free_slot().is_some() || self.slots.iter().any(|slot| slot.is_run_of(command));
-        (once != Once::No && !has_room).then_some(MavResult::TEMPORARILY_REJECTED.into())
+        let has_slot = self.can_start() || self.slots.iter().any(|slot| slot.is_run_of(command));
+        (limit != ExecutionLimit::None && !has_slot).then_some(MavResult::TEMPORARILY_REJECTED.into())
     }
 
     /// Returns the answer to a command of the firmware itself, if it is running.
-    pub(crate) fn recall_own(&mut self, now: Instant, command: &Command) -> Option<Outcome> {
+    pub(super) fn recall_own(&mut self, now: Instant, command: &Command) -> Option<Outcome> {
         self.poll(now);
         let slot = self.running(command.id)?;
         Some(if slot.is_same(command) { MavResult::IN_PROGRESS } else { MavResult::TEMPORARILY_REJECTED }.into())
     }
 
     /// Whether a slot has this command of this sender.
-    pub(crate) fn knows(&self, command: &Command) -> bool {
-        self.slots.iter().any(|slot| slot.state != State::Free && slot.is_same(command))
+    pub(super) fn knows(&self, command: &Command) -> bool {
+        self.slots.iter().any(|slot| slot.state != CommandState::Free && slot.is_same(command))
     }
 
-    /// Records the vehicle's outcome of `command`.
-    pub(crate) fn settle(
+    /// Records the outcome of an executed `command`.
+    pub(super) fn record(
         &mut self,
         now: Instant,
         command: &Command,
         signed_at: SignedAt,
         outcome: Outcome,
-        once: Once,
+        limit: ExecutionLimit,
     ) {
-        // Its sender has gone on, from arming to disarming for example, so its earlier command is not a retransmission when it
-        // is received again.
+        let is_started = outcome.result == MavResult::IN_PROGRESS;
+        let replaces_earlier = is_started && limit == ExecutionLimit::None;
         for slot in &mut self.slots {
-            let is_another =
-                slot.command() == command.id && slot.from == command.from.address && !slot.is_same(command);
-            slot.is_long &= !is_another;
-            // An earlier run of this command must not answer for the new one.
-            let is_earlier =
-                outcome.result == MavResult::IN_PROGRESS && slot.is_same(command) && slot.pending.is_empty();
-            if is_earlier && once == Once::No {
-                slot.state = State::Free;
+            if slot.is_same(command) {
+                // An earlier run of this command must not answer for the new one.
+                if replaces_earlier && slot.pending.is_empty() {
+                    slot.state = CommandState::Free;
+                }
+            } else if slot.command() == command.id && slot.from == command.from.address {
+                // Its sender has given another command since, such as disarming after arming. So the earlier command is not a
+                // retransmission when it is received again.
+                slot.is_long = false;
             }
         }
-        if outcome.result == MavResult::IN_PROGRESS {
-            // Without a free slot, the vehicle must not have started it; no final ACK will be sent.
-            if let Some(slot) = self.free_slot().and_then(|index| self.slots.get_mut(index)) {
-                let started = CommandSlot::new(command, State::Running);
-                *slot = CommandSlot { is_long: true, progress: NO_PROGRESS, at: now, signed_at, ..started };
-                slot.duplicates.run(command.from.link);
-            }
+        let mut known = None;
+        let recorded = if is_started {
+            CommandSlot { is_long: true, progress: NO_PROGRESS, ..CommandSlot::new(command, CommandState::Running) }
+        } else if limit == ExecutionLimit::None {
             return;
-        }
-        if once == Once::No {
-            return;
-        }
-        let done = CommandSlot { outcome, at: now, signed_at, ..CommandSlot::new(command, State::Done) };
-        let known = self.slots.iter().position(|slot| slot.is_run_of(command));
+        } else {
+            known = self.slots.iter().position(|slot| slot.is_run_of(command));
+            CommandSlot { outcome, ..CommandSlot::new(command, CommandState::Done) }
+        };
+        // If there is no free slot, the vehicle must not have started it: no final ACK will be sent.
         if let Some(slot) = known.or_else(|| self.free_slot()).and_then(|index| self.slots.get_mut(index)) {
             let duplicates = if known.is_some() { slot.duplicates } else { Duplicates::NONE };
-            *slot = CommandSlot { duplicates, ..done };
+            *slot = CommandSlot { duplicates, at: now, signed_at, ..recorded };
             slot.duplicates.run(command.from.link);
         }
     }
 
     /// Runs the timers.
-    pub(crate) fn poll(&mut self, now: Instant) {
+    pub(super) fn poll(&mut self, now: Instant) {
         for slot in &mut self.slots {
             if core::mem::take(&mut slot.is_untimed) {
                 slot.at = now;
             }
             let age = now - slot.at;
             match slot.state {
-                State::Running if age >= REPEAT_EVERY || (slot.has_changed && age >= CHANGE_EVERY) => {
+                CommandState::Running if age >= REPEAT_EVERY || (slot.has_changed && age >= CHANGE_EVERY) => {
                     slot.has_changed = false;
                     slot.pending = slot.links;
                     slot.at = now;
                 }
-                State::Done if age >= DROP_AFTER || (age >= SOON && slot.pending.is_empty()) => {
-                    slot.state = State::Evictable;
+                CommandState::Done if age >= DROP_AFTER || (age >= SOON && slot.pending.is_empty()) => {
+                    slot.state = CommandState::Evictable;
                     slot.pending = LinkMask::NONE;
                 }
-                State::Evictable if age >= LATE => slot.state = State::Free,
+                CommandState::Evictable if age >= LATE => slot.state = CommandState::Free,
                 _ => {}
             }
         }
     }
 
     /// Returns when [`poll`](Self::poll) has an IN_PROGRESS to send.
-    pub(crate) fn deadline(&self) -> Instant {
-        let running = self.slots.iter().filter(|slot| slot.state == State::Running);
+    pub(super) fn deadline(&self) -> Instant {
+        let running = self.slots.iter().filter(|slot| slot.state == CommandState::Running);
         let next = running.map(|slot| slot.at + (if slot.has_changed { CHANGE_EVERY } else { REPEAT_EVERY }));
         next.min().unwrap_or(Instant::NEVER)
     }
 
-    /// Whether a command of the firmware itself has ended since the last poll, which tells its sender.
-    pub(crate) fn has_own_end(&self) -> bool {
-        self.slots.iter().any(|slot| slot.state == State::Done && slot.is_untimed && slot.links.is_empty())
+    /// Whether a command of the firmware itself has ended since the last poll: the next one answers it.
+    pub(super) fn has_own_end(&self) -> bool {
+        self.slots.iter().any(|slot| slot.state == CommandState::Done && slot.is_untimed && slot.links.is_empty())
     }
 
     /// Whether a final ACK is pending on this link.
-    pub(crate) fn has_final(&self, link: LinkId) -> bool {
-        self.slots.iter().any(|slot| slot.is_pending(State::Done, link))
+    pub(super) fn has_final(&self, link: LinkId) -> bool {
+        self.slots.iter().any(|slot| slot.is_pending(CommandState::Done, link))
     }
 
     /// Whether an IN_PROGRESS is pending on this link.
-    pub(crate) fn has_progress(&self, link: LinkId) -> bool {
-        self.slots.iter().any(|slot| slot.is_pending(State::Running, link))
+    pub(super) fn has_progress(&self, link: LinkId) -> bool {
+        self.slots.iter().any(|slot| slot.is_pending(CommandState::Running, link))
     }
 
     /// Returns the component's answer to a command of the firmware itself: its result, or its progress if that is due now.
@@ -514,39 +556,39 @@ impl LongCommands {
         command: MavCmd,
     ) -> Option<(ComponentId, CommandAnswer)> {
         let is_it = |slot: &&CommandSlot| {
-            let is_known = matches!(slot.state, State::Running | State::Done);
+            let is_known = matches!(slot.state, CommandState::Running | CommandState::Done);
             is_known && slot.is_long && slot.from == own && slot.command() == command
         };
         let slot = self.slots.iter().find(is_it)?;
         let (outcome, progress) = match slot.state {
-            State::Running if slot.at == now => (MavResult::IN_PROGRESS.into(), slot.progress),
-            State::Done => (slot.outcome, NO_PROGRESS),
+            CommandState::Running if slot.at == now => (MavResult::IN_PROGRESS.into(), slot.progress),
+            CommandState::Done => (slot.outcome, NO_PROGRESS),
             _ => return None,
         };
         Some((slot.component, CommandAnswer { command, outcome, progress }))
     }
 
     /// Returns the first slot with an ACK that is pending on `link` in this state. It is pending no longer.
-    fn take_pending(&mut self, state: State, link: LinkId) -> Option<&CommandSlot> {
+    fn take_pending(&mut self, state: CommandState, link: LinkId) -> Option<&CommandSlot> {
         let slot = self.slots.iter_mut().find(|slot| slot.is_pending(state, link))?;
         slot.pending = slot.pending.without(LinkMask::of(link));
         Some(slot)
     }
 
     /// Sends a final ACK on this link (C-20). Returns false if none is pending.
-    pub(crate) fn send_final<F: Firmware>(&mut self, tx: &mut Outbox) -> bool {
-        let Some(slot) = self.take_pending(State::Done, tx.link()) else { return false };
+    pub(super) fn send_final<F: Firmware>(&mut self, tx: &mut Outbox) -> bool {
+        let Some(slot) = self.take_pending(CommandState::Done, tx.link()) else { return false };
         tx.send_from::<F, _>(Some(slot.component), &slot.ack(slot.outcome, NO_PROGRESS))
     }
 
     /// Sends an IN_PROGRESS on this link (C-20). Returns false if none is pending.
-    pub(crate) fn send_progress<F: Firmware>(&mut self, tx: &mut Outbox) -> bool {
-        let Some(slot) = self.take_pending(State::Running, tx.link()) else { return false };
+    pub(super) fn send_progress<F: Firmware>(&mut self, tx: &mut Outbox) -> bool {
+        let Some(slot) = self.take_pending(CommandState::Running, tx.link()) else { return false };
         tx.send_from::<F, _>(Some(slot.component), &slot.ack(MavResult::IN_PROGRESS.into(), slot.progress))
     }
 
     /// Returns the progress of `command` for its first IN_PROGRESS.
-    pub(crate) fn progress_of(&self, command: MavCmd) -> u8 {
+    pub(super) fn progress_of(&self, command: MavCmd) -> u8 {
         let slot = self.slots.iter().find(|slot| slot.is_running(command));
         slot.map_or(NO_PROGRESS, |slot| slot.progress)
     }

@@ -2,12 +2,15 @@
 //!
 //! Rules C-1, C-4 to C-9, C-12 and SEC-14. A declaration is data; only what a vehicle declares costs flash.
 
-use super::{Commands, Once};
+use super::duplicates::ExecutionLimit;
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
 use crate::message::{CommandRule, Value};
-use crate::types::{Command, CommandPosition, Context, Refusal, Vehicle, Why};
+use crate::types::{Command, CommandPosition, Refusal};
 
 const UNSUPPORTED_FRAME: MavResult = MavResult::COMMAND_UNSUPPORTED_MAV_FRAME;
+
+/// The code before that of parameter 1: the difference is the number of the parameter.
+const BEFORE_PARAM1: u8 = MavMissionResult::INVALID_PARAM1.0 - 1;
 
 /// Only COMMAND_INT.
 const INT_ONLY: u8 = 1;
@@ -17,7 +20,7 @@ const LONG_ONLY: u8 = 2;
 const NO_BROADCAST: u8 = 4;
 /// Not to be carried out twice.
 const ONCE: u8 = 8;
-/// With [`ONCE`]: again for each repetition on one link; see [`Once::PerPress`].
+/// With [`ONCE`]: again for each repetition on one link; see [`ExecutionLimit::OncePerPress`].
 const PER_PRESS: u8 = 16;
 
 /// The declaration of a command that a vehicle accepts: an entry of [`Commands::POLICIES`](crate::Commands::POLICIES).
@@ -135,22 +138,48 @@ impl CommandPolicy {
         self.rule.command()
     }
 
+    /// Returns the declaration of `command`, if there is one.
+    pub(super) fn find(policies: &'static [Self], command: MavCmd) -> Option<&'static Self> {
+        policies.iter().find(|policy| policy.command() == command)
+    }
+
+    /// Returns how often the command may be executed.
+    pub(super) const fn execution_limit(&self) -> ExecutionLimit {
+        match self.flags & (ONCE | PER_PRESS) {
+            0 => ExecutionLimit::None,
+            ONCE => ExecutionLimit::Once,
+            _ => ExecutionLimit::OncePerPress,
+        }
+    }
+
     /// Checks what does not depend on the vehicle's state, in the order of C-5.
     /// `has_terrain`: whether the vehicle has a model of the terrain (M-49).
-    fn check(&self, command: &Command, has_terrain: bool, is_in_control: impl FnOnce() -> bool) -> Result<(), Refusal> {
-        let is_int = matches!(command.position, CommandPosition::Int { .. });
-        refuse(is_int && self.has(LONG_ONLY), MavResult::COMMAND_LONG_ONLY)?;
-        refuse(!is_int && self.has(INT_ONLY), MavResult::COMMAND_INT_ONLY)?;
-        refuse(!is_in_control(), MavResult::NOT_IN_CONTROL)?;
-        let denied = |why| Refusal { result: MavResult::DENIED, why };
-        if command.is_broadcast && self.has(NO_BROADCAST) {
-            return Err(denied(Why::Broadcast));
+    pub(super) fn check(
+        &self,
+        command: &Command,
+        has_terrain: bool,
+        is_in_control: impl FnOnce() -> bool,
+    ) -> Result<(), Refusal> {
+        let (is_int, frame) = match command.position {
+            CommandPosition::Int { frame, .. } => (true, frame),
+            CommandPosition::Long { .. } => (false, self.long_frame),
+        };
+        if is_int && self.has(LONG_ONLY) {
+            return Err(MavResult::COMMAND_LONG_ONLY.into());
         }
-        let frame = if let CommandPosition::Int { frame, .. } = command.position { frame } else { self.long_frame };
+        if !is_int && self.has(INT_ONLY) {
+            return Err(MavResult::COMMAND_INT_ONLY.into());
+        }
+        if !is_in_control() {
+            return Err(MavResult::NOT_IN_CONTROL.into());
+        }
+        if command.is_broadcast && self.has(NO_BROADCAST) {
+            return Err(Refusal::BROADCAST);
+        }
         if !has_terrain && self.rule.needs_terrain(frame, &command.params) {
-            // A COMMAND_LONG has no frame: the altitude, or the frame in a parameter, is out of the question.
+            // A COMMAND_LONG has no frame: the altitude, or the frame in a parameter, is out of range.
             let index = if command.id == MavCmd::DO_CHANGE_ALTITUDE { 2 } else { 7 };
-            return Err(if is_int { UNSUPPORTED_FRAME.into() } else { denied(Why::Param(index)) });
+            return Err(if is_int { UNSUPPORTED_FRAME.into() } else { Refusal::param(index) });
         }
         if !self.rule.is_located() {
             // The frame of a command without a position is ignored (C-7).
@@ -158,42 +187,14 @@ impl CommandPolicy {
             let (p5, p6) = command.position.params();
             let mut params = (1..).zip([p1, p2, p3, p4, p5, p6, command.z]);
             let bad = params.find(|&(index, value)| !self.rule.admits(index, Value::of_float(value)));
-            return bad.map_or(Ok(()), |(index, _)| Err(denied(Why::Param(index))));
+            return bad.map_or(Ok(()), |(index, _)| Err(Refusal::param(index)));
         }
         self.rule.check(&command.located_item(self.long_frame)?).map_err(|fault| match fault {
             MavMissionResult::UNSUPPORTED_FRAME if is_int => UNSUPPORTED_FRAME.into(),
-            MavMissionResult::UNSUPPORTED_FRAME => denied(Why::Param(7)),
-            _ => denied(Why::Param(fault.0.wrapping_sub(MavMissionResult::INVALID_PARAM1.0).wrapping_add(1))),
+            MavMissionResult::UNSUPPORTED_FRAME => Refusal::param(7),
+            _ => Refusal::param(fault.0.saturating_sub(BEFORE_PARAM1)),
         })
     }
-}
-
-fn refuse(bad: bool, result: MavResult) -> Result<(), MavResult> {
-    if bad { Err(result) } else { Ok(()) }
-}
-
-/// Returns the vehicle's declaration of `command`, if there is one.
-fn declared<V: Commands>(command: MavCmd) -> Option<&'static CommandPolicy> {
-    V::POLICIES.iter().find(|policy| policy.command() == command)
-}
-
-/// Returns how often `command` may be carried out, as the vehicle declares it.
-pub(super) fn once<V: Commands>(command: MavCmd) -> Once {
-    match declared::<V>(command) {
-        Some(policy) if policy.has(PER_PRESS) => Once::PerPress,
-        Some(policy) if policy.has(ONCE) => Once::Yes,
-        _ => Once::No,
-    }
-}
-
-/// Checks a command against its declaration, if there is one. Also for messages that are equivalent to a command (M-46).
-pub(super) fn check<V: Commands + Vehicle>(
-    vehicle: &V,
-    cx: &mut Context<'_>,
-    command: &Command,
-) -> Result<(), Refusal> {
-    let policy = declared::<V>(command.id);
-    policy.map_or(Ok(()), |policy| policy.check(command, V::HAS_TERRAIN_MODEL, || vehicle.is_in_control(cx, command)))
 }
 
 #[cfg(test)]
@@ -203,7 +204,7 @@ mod tests {
         CONDITION_CHANGE_ALT, DO_CHANGE_ALTITUDE, DO_CHANGE_SPEED, NAV_TAKEOFF, OVERRIDE_GOTO,
     };
     use crate::message::{Address, ComponentId};
-    use crate::types::{LinkClass, LinkId, Peer};
+    use crate::types::{LinkClass, LinkId, Peer, Why};
 
     fn command(id: MavCmd, params: [f32; 4], position: CommandPosition) -> Command {
         Command {
@@ -240,9 +241,9 @@ mod tests {
                     policy.check(&command(rule.command(), params, position), has_terrain, || true)
                 };
                 let refused = |refusal| if is_refused { Err(refusal) } else { Ok(()) };
-                let why = Why::Param(index.unwrap_or(0));
+                let out_of_range = Refusal { result: MavResult::DENIED, why: Why::Param(index.unwrap_or(0)) };
                 assert_eq!(result(int, false), refused(UNSUPPORTED_FRAME.into()), "{rule:?} {frame:?}");
-                assert_eq!(result(long, false), refused(Refusal { result: MavResult::DENIED, why }));
+                assert_eq!(result(long, false), refused(out_of_range));
                 assert_eq!([result(int, true), result(long, true)], [Ok(()), Ok(())]);
             }
             // A frame in parameter 3, beside that of the position.

@@ -1,6 +1,6 @@
 //! The command service's interface to the vehicle.
 
-use super::CommandPolicy;
+use super::policy::CommandPolicy;
 use crate::dialect::MavCmd;
 use crate::types::{Command, Context, Outcome, Peer};
 
