@@ -20,7 +20,7 @@ mod texts;
 mod vehicle;
 
 pub use command::{Command, CommandAnswer, CommandPosition, Outcome};
-pub(crate) use command::{ModeFault, Origin, Refusal, SignedAt, Why};
+pub(crate) use command::{ModeFault, Origin, Refusal, RefusalReason, SignedAt};
 pub use component::{Component, MAX_COMPONENTS};
 pub(crate) use config::Allowance;
 pub use config::{Config, Durability, PollBudget, VehicleAddress};

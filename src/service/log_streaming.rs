@@ -12,7 +12,7 @@ use crate::link::Port;
 use crate::message::{Address, Message};
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::{Context, Firmware, LinkId, Peer, Refusal, Why};
+use crate::types::{Context, Firmware, LinkId, Peer, Refusal, RefusalReason};
 
 /// A stream ends when its client was silent for this time.
 const SILENCE: Duration = Duration::from_secs(10);
@@ -234,14 +234,14 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
             MavCmd::LOGGING_START => {
                 let [format, ..] = command.params;
                 if !(format.is_nan() || num::integer(format) == Some(0)) {
-                    return Some(Verdict::Refused(Refusal { result: MavResult::DENIED, why: Why::Param(1) }));
+                    return Some(Verdict::Refused(Refusal::denied(RefusalReason::Param(1))));
                 }
                 match port.outbox.takes(LoggingData::ID) {
                     true if self.phase != Phase::Off && !self.is_gone && command.from != self.client => {
                         increment(&mut self.counters.busy);
                         return Some(Verdict::Refused(Refusal {
                             result: MavResult::TEMPORARILY_REJECTED,
-                            why: Why::Taken,
+                            reason: RefusalReason::Taken,
                         }));
                     }
                     true => start(self, cx, command.from),
@@ -249,7 +249,7 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
                 }
             }
             MavCmd::LOGGING_STOP if self.phase != Phase::Off && command.from != self.client => {
-                return Some(Verdict::Refused(Refusal { result: MavResult::DENIED, why: Why::Taken }));
+                return Some(Verdict::Refused(Refusal::denied(RefusalReason::Taken)));
             }
             MavCmd::LOGGING_STOP => {
                 stop(self, cx);

@@ -19,8 +19,8 @@ use crate::message::{ComponentId, Message, Text};
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{
-    Command, CommandPosition, Context, Firmware, Flight, LinkClass, ModeFault, Origin, Outcome, Peer, Refusal, Vehicle,
-    VehicleState, Why,
+    Command, CommandPosition, Context, Firmware, Flight, LinkClass, ModeFault, Origin, Outcome, Peer, Refusal,
+    RefusalReason, Vehicle, VehicleState,
 };
 
 /// The maximum number of modes of a vehicle.
@@ -391,7 +391,7 @@ fn handle_command<F: Firmware<Vehicle: Modes>>(
 ) -> Option<Verdict> {
     let refused = |mode: Option<u32>, fault| {
         let number = mode.and_then(|mode| i32::try_from(mode).ok()).unwrap_or(-1);
-        Verdict::Refused(Refusal { result: MavResult::DENIED, why: Why::Mode(number, fault) })
+        Verdict::Refused(Refusal::denied(RefusalReason::Mode(number, fault)))
     };
     let modes = F::Vehicle::MODES;
     let [first, ..] = command.params;

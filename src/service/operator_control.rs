@@ -26,7 +26,7 @@ use crate::message::{Address, Message, SystemId};
 use crate::network::{PeerInfo, Peers};
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::{Command, Firmware, LinkId, LinkMask, Peer, Refusal, Why};
+use crate::types::{Command, Firmware, LinkId, LinkMask, Peer, Refusal, RefusalReason};
 use core::num::{Saturating, Wrapping};
 
 /// MAV_CMD_REQUEST_OPERATOR_CONTROL: action, takeover, timeout, system.
@@ -273,8 +273,8 @@ impl OperatorControl {
         let (Some(action @ 0..=REQUEST), Some(allow), true, false, false) =
             (num::integer::<u8>(action), allow, is_for_sender, is_ours, command.is_broadcast)
         else {
-            let why = if command.is_broadcast { Why::Broadcast } else { Why::Result };
-            return Verdict::Refused(Refusal { result: MavResult::DENIED, why });
+            let reason = if command.is_broadcast { RefusalReason::Broadcast } else { RefusalReason::Result };
+            return Verdict::Refused(Refusal::denied(reason));
         };
         let is_accepted = if action == REQUEST {
             self.request_for(cx, from, allow, num::integer(timeout).unwrap_or(0))
@@ -288,7 +288,7 @@ impl OperatorControl {
             return Verdict::done(MavResult::ACCEPTED);
         }
         match self.owner {
-            Some(_) => Verdict::Refused(Refusal { result: MavResult::FAILED, why: Why::Taken }),
+            Some(_) => Verdict::Refused(Refusal { result: MavResult::FAILED, reason: RefusalReason::Taken }),
             None => Verdict::done(MavResult::FAILED),
         }
     }

@@ -137,12 +137,12 @@ pub(crate) type SignedAt = Option<NonZeroU64>;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Refusal {
     pub(crate) result: MavResult,
-    pub(crate) why: Why,
+    pub(crate) reason: RefusalReason,
 }
 
 /// The reason of a refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Why {
+pub enum RefusalReason {
     /// The result is the reason.
     Result,
     /// The command was a broadcast.
@@ -170,16 +170,16 @@ pub enum ModeFault {
 
 impl Refusal {
     /// A broadcast of a command that may only be sent to one system (C-14).
-    pub(crate) const BROADCAST: Self = Self { result: MavResult::DENIED, why: Why::Broadcast };
+    pub(crate) const BROADCAST: Self = Self::denied(RefusalReason::Broadcast);
 
-    /// The parameter with this number is out of range.
-    pub(crate) const fn param(number: u8) -> Self {
-        Self { result: MavResult::DENIED, why: Why::Param(number) }
+    /// DENIED, for this reason.
+    pub(crate) const fn denied(reason: RefusalReason) -> Self {
+        Self { result: MavResult::DENIED, reason }
     }
 }
 
 impl From<MavResult> for Refusal {
     fn from(result: MavResult) -> Self {
-        Self { result, why: Why::Result }
+        Self { result, reason: RefusalReason::Result }
     }
 }

@@ -1,21 +1,20 @@
 //! The state of a link: its pending answers (C-3).
 
+use core::num::Saturating;
+
 use super::long::NO_PROGRESS;
 use crate::dialect::{CommandAck, MavCmd, MavResult};
 use crate::link::Outbox;
-use crate::list::take_first;
 use crate::message::{Address, ComponentId};
 use crate::types::{Firmware, Outcome};
-use heapless::Vec;
-
-/// The maximum number of answers that are pending on a link.
-const MAX_ANSWERS: usize = 4;
 
 /// The state of the command protocol on a link.
 #[derive(Debug)]
 pub struct CommandLink {
     /// The pending answers, in the order of the commands.
-    answers: Vec<PendingAck, MAX_ANSWERS, u8>,
+    answers: [PendingAck; 4],
+    /// The number of pending answers.
+    count: Saturating<u8>,
     /// The period in which a text last explained a refusal; see [`refusal`](super::refusal).
     pub(super) explained_in: u16,
 }
@@ -32,34 +31,52 @@ struct PendingAck {
     result_param2: [u8; 4],
 }
 
+impl PendingAck {
+    const NONE: Self = Self {
+        to: Address::new(0, 0),
+        from: ComponentId::ALL,
+        command: MavCmd(0),
+        result: MavResult::ACCEPTED,
+        result_param2: [0; 4],
+    };
+}
+
 impl CommandLink {
-    pub(super) const VACANT: Self = Self { answers: Vec::new(), explained_in: 0 };
+    pub(super) const VACANT: Self = Self { answers: [PendingAck::NONE; 4], count: Saturating(0), explained_in: 0 };
 
     /// Whether there is a slot for another answer. Without one, a further command is dropped.
     pub(crate) fn has_room(&self) -> bool {
-        !self.answers.is_full()
+        usize::from(self.count.0) < self.answers.len()
     }
 
     /// Whether every received command was answered.
-    pub(crate) fn has_answered(&self) -> bool {
-        self.answers.is_empty()
+    pub(crate) const fn has_answered(&self) -> bool {
+        self.count.0 == 0
     }
 
     /// Whether an IN_PROGRESS is pending.
     pub(super) fn has_progress(&self) -> bool {
-        self.answers.iter().any(|ack| ack.result == MavResult::IN_PROGRESS)
+        let mut pending = self.answers.iter().take(usize::from(self.count.0));
+        pending.any(|ack| ack.result == MavResult::IN_PROGRESS)
     }
 
     /// Queues the answer of a component to `to`. The caller checks [`has_room`](Self::has_room) before the command is executed.
     pub(super) fn push(&mut self, from: ComponentId, to: Address, command: MavCmd, outcome: Outcome) {
-        let Outcome { result, result_param2 } = outcome;
-        let result_param2 = result_param2.to_ne_bytes();
-        let _ = self.answers.push(PendingAck { to, from, command, result, result_param2 });
+        if let Some(answer) = self.answers.get_mut(usize::from(self.count.0)) {
+            let Outcome { result, result_param2 } = outcome;
+            *answer = PendingAck { to, from, command, result, result_param2: result_param2.to_ne_bytes() };
+            self.count += 1;
+        }
     }
 
     /// Sends the oldest answer. Returns false if none is pending. `progress` returns the progress of a running command.
     pub(super) fn send<F: Firmware>(&mut self, tx: &mut Outbox, progress: impl FnOnce(MavCmd) -> u8) -> bool {
-        let Some(ack) = take_first(&mut self.answers, |_| true) else { return false };
+        if self.has_answered() {
+            return false;
+        }
+        let [ack, second, third, fourth] = self.answers;
+        self.answers = [second, third, fourth, PendingAck::NONE];
+        self.count -= 1;
         let message = CommandAck {
             command: ack.command,
             result: ack.result,

@@ -5,7 +5,7 @@
 use super::duplicates::ExecutionLimit;
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
 use crate::message::{CommandRule, Value};
-use crate::types::{Command, CommandPosition, Refusal};
+use crate::types::{Command, CommandPosition, Refusal, RefusalReason};
 
 const UNSUPPORTED_FRAME: MavResult = MavResult::COMMAND_UNSUPPORTED_MAV_FRAME;
 
@@ -160,6 +160,7 @@ impl CommandPolicy {
         has_terrain: bool,
         is_in_control: impl FnOnce() -> bool,
     ) -> Result<(), Refusal> {
+        let out_of_range = |index| Refusal::denied(RefusalReason::Param(index));
         let (is_int, frame) = match command.position {
             CommandPosition::Int { frame, .. } => (true, frame),
             CommandPosition::Long { .. } => (false, self.long_frame),
@@ -179,7 +180,7 @@ impl CommandPolicy {
         if !has_terrain && self.rule.needs_terrain(frame, &command.params) {
             // A COMMAND_LONG has no frame: the altitude, or the frame in a parameter, is out of range.
             let index = if command.id == MavCmd::DO_CHANGE_ALTITUDE { 2 } else { 7 };
-            return Err(if is_int { UNSUPPORTED_FRAME.into() } else { Refusal::param(index) });
+            return Err(if is_int { UNSUPPORTED_FRAME.into() } else { out_of_range(index) });
         }
         if !self.rule.is_located() {
             // The frame of a command without a position is ignored (C-7).
@@ -187,12 +188,12 @@ impl CommandPolicy {
             let (p5, p6) = command.position.params();
             let mut params = (1..).zip([p1, p2, p3, p4, p5, p6, command.z]);
             let bad = params.find(|&(index, value)| !self.rule.admits(index, Value::of_float(value)));
-            return bad.map_or(Ok(()), |(index, _)| Err(Refusal::param(index)));
+            return bad.map_or(Ok(()), |(index, _)| Err(out_of_range(index)));
         }
         self.rule.check(&command.located_item(self.long_frame)?).map_err(|fault| match fault {
             MavMissionResult::UNSUPPORTED_FRAME if is_int => UNSUPPORTED_FRAME.into(),
-            MavMissionResult::UNSUPPORTED_FRAME => Refusal::param(7),
-            _ => Refusal::param(fault.0.saturating_sub(BEFORE_PARAM1)),
+            MavMissionResult::UNSUPPORTED_FRAME => out_of_range(7),
+            _ => out_of_range(fault.0.saturating_sub(BEFORE_PARAM1)),
         })
     }
 }
@@ -204,7 +205,7 @@ mod tests {
         CONDITION_CHANGE_ALT, DO_CHANGE_ALTITUDE, DO_CHANGE_SPEED, NAV_TAKEOFF, OVERRIDE_GOTO,
     };
     use crate::message::{Address, ComponentId};
-    use crate::types::{LinkClass, LinkId, Peer, Why};
+    use crate::types::{LinkClass, LinkId, Peer};
 
     fn command(id: MavCmd, params: [f32; 4], position: CommandPosition) -> Command {
         Command {
@@ -241,7 +242,7 @@ mod tests {
                     policy.check(&command(rule.command(), params, position), has_terrain, || true)
                 };
                 let refused = |refusal| if is_refused { Err(refusal) } else { Ok(()) };
-                let out_of_range = Refusal { result: MavResult::DENIED, why: Why::Param(index.unwrap_or(0)) };
+                let out_of_range = Refusal::denied(RefusalReason::Param(index.unwrap_or(0)));
                 assert_eq!(result(int, false), refused(UNSUPPORTED_FRAME.into()), "{rule:?} {frame:?}");
                 assert_eq!(result(long, false), refused(out_of_range));
                 assert_eq!([result(int, true), result(long, true)], [Ok(()), Ok(())]);

@@ -12,7 +12,7 @@ use crate::link::Port;
 use crate::message::{SystemId, Text};
 use crate::service::{Cx, Request};
 use crate::time::Instant;
-use crate::types::{Firmware, LinkClass, LinkMask, ModeFault, ONE_FRAME, Refusal, Why};
+use crate::types::{Firmware, LinkClass, LinkMask, ModeFault, ONE_FRAME, Refusal, RefusalReason};
 
 /// Returns the number of the current period of 2^20 µs (1.05 s): a link gets at most one text per period, whatever it receives.
 /// Only the low 16 bits are stored, in what would be padding; they repeat after 19 hours.
@@ -35,9 +35,9 @@ pub(super) fn explain<F: Firmware>(
     if !cfg!(feature = "plan-texts") || port.config.class == LinkClass::HighLatency || period == link.explained_in {
         return;
     }
-    let subject = match refusal.why {
+    let subject = match refusal.reason {
         // Compiled only for a vehicle with modes.
-        Why::Mode(number, fault) if F::HAS_MODES => Subject::Mode(number, fault),
+        RefusalReason::Mode(number, fault) if F::HAS_MODES => Subject::Mode(number, fault),
         // SET_MODE is no command: only the answer has the number 11 (C-16, C-32).
         _ if F::HAS_MODES && request.set_mode.is_some() => Subject::SetMode,
         _ => Subject::Command(request.command.id),
@@ -58,7 +58,7 @@ enum Subject {
 }
 
 /// Returns the text for a refusal. `own` is our system id.
-fn explanation(own: SystemId, subject: Subject, Refusal { result, why }: Refusal) -> Option<Text<ONE_FRAME>> {
+fn explanation(own: SystemId, subject: Subject, Refusal { result, reason }: Refusal) -> Option<Text<ONE_FRAME>> {
     let (what, number) = match subject {
         Subject::Command(MavCmd::REQUEST_MESSAGE) => return None,
         Subject::Command(command) => ("Command ", Some(command.0.into())),
@@ -66,14 +66,14 @@ fn explanation(own: SystemId, subject: Subject, Refusal { result, why }: Refusal
         Subject::Mode(number, _) => ("Mode ", Some(number).filter(|number| *number >= 0)),
     };
     let mode_fault = if let Subject::Mode(_, fault) = subject { Some(fault) } else { None };
-    let reason = match (mode_fault, result, why) {
+    let explanation = match (mode_fault, result, reason) {
         (Some(ModeFault::NotCustom), ..) => "set CUSTOM_MODE_ENABLED",
         (Some(ModeFault::NotSelectable), ..) => "not selectable",
         (Some(ModeFault::Unknown), ..) => "not in AVAILABLE_MODES",
-        (_, MavResult::DENIED, Why::Broadcast) => "sent to 0; use system ",
-        (_, MavResult::DENIED, Why::Param(_)) => "parameter ",
-        (_, MavResult::DENIED, Why::NoStorage) => "there is no storage",
-        (_, MavResult::NOT_IN_CONTROL, _) | (_, _, Why::Taken) => "another station has control",
+        (_, MavResult::DENIED, RefusalReason::Broadcast) => "sent to 0; use system ",
+        (_, MavResult::DENIED, RefusalReason::Param(_)) => "parameter ",
+        (_, MavResult::DENIED, RefusalReason::NoStorage) => "there is no storage",
+        (_, MavResult::NOT_IN_CONTROL, _) | (_, _, RefusalReason::Taken) => "another station has control",
         (_, MavResult::DENIED, _) => "a parameter is out of range",
         (_, MavResult::TEMPORARILY_REJECTED, _) => "not now; try again later",
         (_, MavResult::FAILED, _) => "there is no such item",
@@ -87,10 +87,10 @@ fn explanation(own: SystemId, subject: Subject, Refusal { result, why }: Refusal
         text.push_str(" ");
     }
     text.push_str("refused: ");
-    text.push_str(reason);
-    match (result, why) {
-        (MavResult::DENIED, Why::Broadcast) => text.push_signed(own.wire().into()),
-        (MavResult::DENIED, Why::Param(index)) => {
+    text.push_str(explanation);
+    match (result, reason) {
+        (MavResult::DENIED, RefusalReason::Broadcast) => text.push_signed(own.wire().into()),
+        (MavResult::DENIED, RefusalReason::Param(index)) => {
             text.push_signed(index.into());
             text.push_str(" out of range");
         }
@@ -133,10 +133,16 @@ mod tests {
     fn each_reason_fits_into_one_frame() {
         let mut explained = 0;
         for result in (0..=15).map(MavResult) {
-            for why in [Why::Result, Why::Broadcast, Why::Param(7), Why::NoStorage, Why::Taken] {
+            for reason in [
+                RefusalReason::Result,
+                RefusalReason::Broadcast,
+                RefusalReason::Param(7),
+                RefusalReason::NoStorage,
+                RefusalReason::Taken,
+            ] {
                 for id in [Some(42_424), None] {
-                    let count = frames(id, Refusal { result, why });
-                    assert!(count <= 1, "{result:?} {why:?}");
+                    let count = frames(id, Refusal { result, reason });
+                    assert!(count <= 1, "{result:?} {reason:?}");
                     explained += count;
                 }
             }

@@ -2,7 +2,7 @@
 
 use crate::dialect::{MavCmd, MavModeFlag, MavResult};
 use crate::num;
-use crate::types::{Command, Refusal, Vehicle, Why};
+use crate::types::{Command, Refusal, RefusalReason, Vehicle};
 
 /// What MAV_CMD_PREFLIGHT_STORAGE does with the parameters.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -30,27 +30,27 @@ impl StorageAction {
         }
         let is_armed = || vehicle.state().is_some_and(|state| state.base_mode.contains(MavModeFlag::SAFETY_ARMED));
         Some(match Self::parse(&command.params, is_stored) {
-            Err(why) => Err(Refusal { result: MavResult::DENIED, why }),
+            Err(reason) => Err(Refusal::denied(reason)),
             Ok(_) if is_armed() => Err(MavResult::TEMPORARILY_REJECTED.into()),
             Ok(action) => Ok(action),
         })
     }
 
-    fn parse([parameters, missions, ..]: &[f32; 4], is_stored: bool) -> Result<Self, Why> {
+    fn parse([parameters, missions, ..]: &[f32; 4], is_stored: bool) -> Result<Self, RefusalReason> {
         let action = |param: f32| if param.is_nan() { Some(-1) } else { num::integer(param) };
         // Parameter 2 was an action on missions in definitions before September 2026. Missions are loaded and stored automatically,
         // so to reset them is refused; MISSION_CLEAR_ALL does that.
         if !matches!(action(*missions), Some(-1..=1)) {
-            return Err(Why::Result);
+            return Err(RefusalReason::Result);
         }
         match action(*parameters) {
             Some(-1) => Ok(Self::Nothing),
-            Some(0 | 1) if !is_stored => Err(Why::NoStorage),
+            Some(0 | 1) if !is_stored => Err(RefusalReason::NoStorage),
             Some(0) => Ok(Self::Read),
             Some(1) => Ok(Self::Write),
             Some(2) => Ok(Self::Reset { all: false }),
             Some(4) => Ok(Self::Reset { all: true }),
-            _ => Err(Why::Result),
+            _ => Err(RefusalReason::Result),
         }
     }
 }
