@@ -1,6 +1,6 @@
 //! The state of a link: its pending answers (C-3).
 
-use core::num::Saturating;
+use core::num::Wrapping;
 
 use super::long::NO_PROGRESS;
 use crate::dialect::{CommandAck, MavCmd, MavResult};
@@ -8,13 +8,17 @@ use crate::link::Outbox;
 use crate::message::{Address, ComponentId};
 use crate::types::{Firmware, Outcome};
 
+/// The maximum number of answers that are pending on a link: a power of two, because the counters of the ring wrap.
+const MAX_ANSWERS: u8 = 4;
+
 /// The state of the command protocol on a link.
 #[derive(Debug)]
 pub struct CommandLink {
-    /// The pending answers, in the order of the commands.
+    /// The pending answers, in the order of the commands: a ring buffer.
     answers: [PendingAck; 4],
-    /// The number of pending answers.
-    count: Saturating<u8>,
+    /// The numbers of answers that were sent, and that were queued.
+    sent: Wrapping<u8>,
+    queued: Wrapping<u8>,
     /// The period in which a text last explained a refusal; see [`refusal`](super::refusal).
     pub(super) explained_in: u16,
 }
@@ -41,42 +45,54 @@ impl PendingAck {
     };
 }
 
+/// Returns the place of an answer in the ring.
+fn place(Wrapping(number): Wrapping<u8>) -> usize {
+    usize::from(number % MAX_ANSWERS)
+}
+
 impl CommandLink {
-    pub(super) const VACANT: Self = Self { answers: [PendingAck::NONE; 4], count: Saturating(0), explained_in: 0 };
+    pub(super) const VACANT: Self =
+        Self { answers: [PendingAck::NONE; 4], sent: Wrapping(0), queued: Wrapping(0), explained_in: 0 };
+
+    fn answer(&self, number: Wrapping<u8>) -> Option<&PendingAck> {
+        self.answers.get(place(number))
+    }
 
     /// Whether there is a slot for another answer. Without one, a further command is dropped.
     pub(crate) fn has_room(&self) -> bool {
-        usize::from(self.count.0) < self.answers.len()
+        (self.queued - self.sent).0 < MAX_ANSWERS
     }
 
     /// Whether every received command was answered.
-    pub(crate) const fn has_answered(&self) -> bool {
-        self.count.0 == 0
+    pub(crate) fn has_answered(&self) -> bool {
+        self.queued == self.sent
     }
 
     /// Whether an IN_PROGRESS is pending.
     pub(super) fn has_progress(&self) -> bool {
-        let mut pending = self.answers.iter().take(usize::from(self.count.0));
-        pending.any(|ack| ack.result == MavResult::IN_PROGRESS)
+        let mut number = self.sent;
+        while number != self.queued {
+            if self.answer(number).is_some_and(|ack| ack.result == MavResult::IN_PROGRESS) {
+                return true;
+            }
+            number += 1;
+        }
+        false
     }
 
     /// Queues the answer of a component to `to`. The caller checks [`has_room`](Self::has_room) before the command is executed.
     pub(super) fn push(&mut self, from: ComponentId, to: Address, command: MavCmd, outcome: Outcome) {
-        if let Some(answer) = self.answers.get_mut(usize::from(self.count.0)) {
+        if let Some(answer) = self.answers.get_mut(place(self.queued)) {
             let Outcome { result, result_param2 } = outcome;
             *answer = PendingAck { to, from, command, result, result_param2: result_param2.to_ne_bytes() };
-            self.count += 1;
+            self.queued += 1;
         }
     }
 
     /// Sends the oldest answer. Returns false if none is pending. `progress` returns the progress of a running command.
     pub(super) fn send<F: Firmware>(&mut self, tx: &mut Outbox, progress: impl FnOnce(MavCmd) -> u8) -> bool {
-        if self.has_answered() {
-            return false;
-        }
-        let [ack, second, third, fourth] = self.answers;
-        self.answers = [second, third, fourth, PendingAck::NONE];
-        self.count -= 1;
+        let Some(ack) = self.answer(self.sent).filter(|_| !self.has_answered()).copied() else { return false };
+        self.sent += 1;
         let message = CommandAck {
             command: ack.command,
             result: ack.result,
