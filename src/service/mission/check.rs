@@ -132,7 +132,7 @@ fn fault(seq: usize, result: MavMissionResult) -> PlanFault {
 
 /// M-72: a jump leads to another item; its repeat count is −1 (forever), 0, 1, …
 fn check_jumps(items: &[Item]) -> Result<(), PlanFault> {
-    for (seq, item) in items.iter().enumerate().filter(|(_, item)| item.command == MavCmd::DO_JUMP) {
+    for (seq, item) in (0..items.len()).zip(items).filter(|(_, item)| item.command == MavCmd::DO_JUMP) {
         let [target, repeat, ..] = item.params;
         let target = num::integer::<u16>(target).map(usize::from);
         if target.is_none_or(|target| target >= items.len() || target == seq) {
@@ -148,7 +148,7 @@ fn check_jumps(items: &[Item]) -> Result<(), PlanFault> {
 /// M-80, M-81: a polygon is a run of vertices, all of which state its length; there is at most one return point.
 fn check_fence(items: &[Item]) -> Result<(), PlanFault> {
     let mut has_return = false;
-    let mut items = items.iter().enumerate();
+    let mut items = (0..items.len()).zip(items);
     while let Some((seq, item)) = items.next() {
         match item.command {
             MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION | MavCmd::NAV_FENCE_POLYGON_VERTEX_EXCLUSION => {

@@ -499,7 +499,8 @@ impl Missions {
 
 /// Returns the cost of a write of `count` items: a token for each quarter of plan memory, at least one (C-15).
 fn tokens(plans: &PlansMut<'_>, count: u16) -> u8 {
-    let capacity: u32 = PlanType::ALL.into_iter().map(|plan| u32::from(plans.capacity(plan))).sum();
+    let capacities = PlanType::ALL.into_iter().map(|plan| u32::from(plans.capacity(plan)));
+    let capacity = capacities.fold(0, u32::saturating_add);
     let is_more_than = |quarters| Wrapping(u32::from(count)) * Wrapping(4) > Wrapping(capacity) * Wrapping(quarters);
     match () {
         () if is_more_than(3) => 4,

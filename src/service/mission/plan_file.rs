@@ -180,7 +180,7 @@ fn read(plan: PlanType, items: &[Item], current: u16, offset: u32, out: &mut [u8
     }
     let after_header = offset.saturating_sub(HEADER_LEN);
     let (first, mut at) = (after_header / ITEM_LEN, after_header % ITEM_LEN);
-    for (seq, item) in items.iter().enumerate().skip(first) {
+    for (seq, item) in (0..items.len()).zip(items).skip(first) {
         let mut record = [0; ITEM_LEN];
         let seq = u16::try_from(seq).unwrap_or(NO_ITEM);
         let message = item.to_int(Address::new(0, 0), mission_type, seq, seq == current);
