@@ -281,17 +281,19 @@ fn find_or_insert(peers: &mut Peers, new: PeerInfo, own: SystemId, is_heartbeat:
     if peers.push(new).is_ok() {
         return Some(Found { info: peers.last_mut()?, evicted: None });
     }
-    // The entries of each link.
-    let mut held = [Saturating(0_u8); MAX_LINKS];
+    let is_ours = |info: &PeerInfo| info.peer.address.system == own;
+    // The entries of each link, and of the own system.
+    let (mut held, mut ours) = ([Saturating(0_u8); MAX_LINKS], Saturating(0));
     for old in peers.iter() {
+        if is_ours(old) {
+            ours += 1;
+        }
         if let Some(held) = held.get_mut(usize::from(old.peer.link.0)) {
             *held += 1;
         }
     }
     let held = |info: &PeerInfo| held.get(usize::from(info.peer.link.0)).copied().unwrap_or_default();
-    let is_ours = |info: &PeerInfo| info.peer.address.system == own;
-    let ours = peers.iter().filter(|info| is_ours(info)).count();
-    let protects_ours = !is_ours(&new) && ours <= peers.len() / 2;
+    let protects_ours = !is_ours(&new) && ours <= Saturating(peers.len() / 2);
     // Rank 0 is never evicted, rank 5 first.
     let rank = |old: &PeerInfo| {
         let is_other_link = old.peer.link != new.peer.link;

@@ -267,7 +267,7 @@ impl StreamLink {
     pub(super) fn refresh(&mut self, table: &[Stream], profile: StreamProfile) {
         let reached = self.cursor.map_or(usize::MAX, RowNumber::index);
         let (mut fine, mut coarse) = (NEVER, NEVER);
-        for (row, (stream, slot)) in table.iter().zip(&self.slots).enumerate() {
+        for (row, (stream, slot)) in (0..table.len()).zip(table.iter().zip(&self.slots)) {
             let Some(interval) = slot.interval(stream, profile) else { continue };
             if slot.is_due() && row >= reached {
                 self.cursor = RowNumber::new(row);
