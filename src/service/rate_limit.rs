@@ -8,7 +8,8 @@ const CATCH_UP: Duration = Duration::from_millis(100);
 /// The percentage of a link that bulk data may use while others have something to send (D-4).
 pub(crate) const BULK_PERCENT: u32 = 30;
 
-/// Bulk data that is this far behind its share is sent before streams and forwarded frames, which would starve it otherwise.
+/// Bulk data that is this far behind its share is sent before streams and forwarded frames, which would starve it
+/// otherwise.
 pub(crate) const MAX_LATENESS: Duration = Duration::from_millis(20);
 
 /// How soon a storage medium that had no data yet is read again.
@@ -43,7 +44,8 @@ impl RateLimit {
         self.due = self.due.max(now);
     }
 
-    /// Records a sent frame and its [`cost`]. `bytes_per_second` is the rate of the link; 0 is no limit, so there is no pause.
+    /// Records a sent frame and its [`cost`]. `bytes_per_second` is the rate of the link; 0 is no limit, so there is no
+    /// pause.
     pub(crate) fn spend(&mut self, now: Instant, cost: u32, bytes_per_second: u32) {
         self.due = match pause(cost, bytes_per_second) {
             Some(pause) => self.due.max(now - CATCH_UP) + pause,
@@ -51,7 +53,8 @@ impl RateLimit {
         };
     }
 
-    /// As [`spend`](Self::spend), for a service that may exceed its share while the link is idle. The excess is not deducted later.
+    /// As [`spend`](Self::spend), for a service that may exceed its share while the link is idle. The excess is not
+    /// deducted later.
     pub(crate) fn spend_idle(&mut self, now: Instant, cost: u32, bytes_per_second: u32) {
         self.due = match pause(cost, bytes_per_second) {
             // The time since it was due is the unused share.

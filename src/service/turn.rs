@@ -1,9 +1,10 @@
 //! The order in which the services send on a link.
 //!
 //! [`turns!`] is the only list of that order. Sending, `next_deadline`, the table in `docs/architecture.md` and the
-//! test of D-4 derive from it. HEARTBEAT is first, so that nothing delays it (H-15), and high-latency links have no turn
-//! for it (H-7, L-3). The list of parameters has two turns, so that streams that fill a link leave it its share (P-11), and so has
-//! the bulk data of files, logs and log streaming, which high-latency links do not carry (F-8, F-11, LOG-8, LOG-14).
+//! test of D-4 derive from it. HEARTBEAT is first, so that nothing delays it (H-15), and high-latency links have no
+//! turn for it (H-7, L-3). The list of parameters has two turns, so that streams that fill a link leave it its share
+//! (P-11), and so has the bulk data of files, logs and log streaming, which high-latency links do not carry (F-8, F-11,
+//! LOG-8, LOG-14).
 
 use crate::link::Pace;
 use crate::types::LinkClass;
@@ -58,8 +59,9 @@ pub(crate) use turns;
 macro_rules! define {
     ($($turn:ident $service:ident $pace:ident $class:ident $messages:literal $when:literal;)*) => {
         /// A place in the sending order of a link (D-4). When a link can take a frame, the first turn with something to
-        /// send sends one. [`Answer`](Self::Answer) and [`Report`](Self::Report) are for services of other crates. Bulk data has two
-        /// turns, `LateBulk` and `Bulk`: a service has both or neither, and `pending` and `send` are the same in both.
+        /// send sends one. [`Answer`](Self::Answer) and [`Report`](Self::Report) are for services of other crates. Bulk
+        /// data has two turns, `LateBulk` and `Bulk`: a service has both or neither, and `pending` and `send` are the
+        /// same in both.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Turn { $(
             #[doc = concat!($messages, ": ", $when)]

@@ -1,4 +1,5 @@
-//! When the content of a service is written to storage (M-44, P-17, SEC-12), and how often peers may cause a write (C-15).
+//! When the content of a service is written to storage (M-44, P-17, SEC-12), and how often peers may cause a write
+//! (C-15).
 //!
 //! ```text
 //!              request, collect            due          on_saved
@@ -15,9 +16,10 @@
 //! | parameters | after collecting changes for 1 s | may or may not be included, and causes another write | 10 s to the next write, unless the operator requests it |
 //! | key | at once | starts a new write | |
 //!
-//! Flash endures some 10,000 erases of a unit, and a peer on an open link can request writes at line rate. So a token bucket limits
-//! the writes that peers cause. A write of the parameters, of the key, or of a plan of up to a quarter of plan memory takes one token;
-//! a larger plan takes up to four. [`Config::storage_refill`](crate::Config::storage_refill) has the arithmetic.
+//! Flash endures some 10,000 erases of a unit, and a peer on an open link can request writes at line rate. So a token
+//! bucket limits the writes that peers cause. A write of the parameters, of the key, or of a plan of up to a quarter of
+//! plan memory takes one token; a larger plan takes up to four.
+//! [`Config::storage_refill`](crate::Config::storage_refill) has the arithmetic.
 
 use crate::time::{Duration, Instant};
 
@@ -34,7 +36,8 @@ pub(crate) struct WriteSchedule {
     /// Whether storage has other content, or none that can be used: a request then writes even what has not changed.
     pub(crate) stored_differs: bool,
     phase: Phase,
-    /// Stands for the content that is being written: other content has another number. It wraps, but not during a write.
+    /// Stands for the content that is being written: other content has another number. It wraps, but not during a
+    /// write.
     version: u16,
     /// When the next write may begin.
     due: Instant,
@@ -179,8 +182,8 @@ impl WriteSchedule {
 /// Number of tokens in a full bucket: enough for 32 of the largest plans.
 const CAPACITY: u64 = 128;
 
-/// The bucket of one kind of content. It stores when it will be full again instead of a number of tokens, so that refilling needs no
-/// arithmetic.
+/// The bucket of one kind of content. It stores when it will be full again instead of a number of tokens, so that
+/// refilling needs no arithmetic.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TokenBucket {
     /// The time in which one token is refilled; zero disables the limit.

@@ -4,8 +4,8 @@ use core::num::{Saturating, Wrapping};
 
 use crate::time::Instant;
 
-/// The maximum length of an event's arguments, in bytes: that of libevents' definitions, so that 40 bytes are not stored for
-/// each event.
+/// The maximum length of an event's arguments, in bytes: that of libevents' definitions, so that 40 bytes are not
+/// stored for each event.
 pub const MAX_EVENT_ARGUMENTS: usize = 25;
 
 /// A recorded event.

@@ -26,8 +26,8 @@ impl Accept {
     }
 }
 
-/// How a link handles signatures, in a stack that declares `signing` in [`#[stack]`](macro@crate::Stack). A stack without
-/// `signing` accepts nothing on a link that is not [open](Accept::Open).
+/// How a link handles signatures, in a stack that declares `signing` in [`#[stack]`](macro@crate::Stack). A stack
+/// without `signing` accepts nothing on a link that is not [open](Accept::Open).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LinkSigning {

@@ -1,7 +1,8 @@
 //! Health and arming checks: a report of everything that prevents arming, as events.
 //!
 //! Implements the sender's side of libevents' protocol `health_and_arming_check` (EVT-6, EVT-7), as PX4 does
-//! (`src/modules/commander/HealthAndArmingChecks`). A report is a summary of arming, the failing checks, and a summary of health:
+//! (`src/modules/commander/HealthAndArmingChecks`). A report is a summary of arming, the failing checks, and a summary
+//! of health:
 //!
 //! ```text
 //!   arming_check_summary ─ check ─ check ─ … ─ health_summary
@@ -33,8 +34,8 @@ const SUMMARIES: usize = 2;
 
 /// The arming checks, for a vehicle that declares `events: { history: N, checks }` in [`#[stack]`](macro@crate::Stack).
 ///
-/// The stack calls the hook twice a second. It reports the result as events when it has changed, and when a peer is heard
-/// on a link that was opened; at most every two seconds. It reports at once on MAV_CMD_RUN_PREARM_CHECKS, which
+/// The stack calls the hook twice a second. It reports the result as events when it has changed, and when a peer is
+/// heard on a link that was opened; at most every two seconds. It reports at once on MAV_CMD_RUN_PREARM_CHECKS, which
 /// QGroundControl and MAVSDK send when they connect. The ground station then shows the failing checks, and the flight
 /// modes in which the vehicle can arm (EVT-6).
 ///
@@ -82,8 +83,8 @@ pub trait HealthChecks {
     /// and the live plans.
     fn checks(&self, cx: &Context<'_>, report: &mut HealthReport<'_>);
 
-    /// Returns the result of MAV_CMD_RUN_PREARM_CHECKS, ACCEPTED by default; the report is sent in any case. Override it
-    /// to also send a text, or to refuse the command while armed.
+    /// Returns the result of MAV_CMD_RUN_PREARM_CHECKS, ACCEPTED by default; the report is sent in any case. Override
+    /// it to also send a text, or to refuse the command while armed.
     fn run_checks(&mut self, cx: &mut Context<'_>) -> MavResult {
         let _ = cx;
         MavResult::ACCEPTED

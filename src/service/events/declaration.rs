@@ -262,7 +262,8 @@ pub trait DeclaredEvent {
     fn write(&self, out: &mut FieldWriter<'_>);
 }
 
-/// An event that a vehicle sends with [`Context::event`](crate::Context::event) or [`Stack::event`](crate::Stack::event).
+/// An event that a vehicle sends with [`Context::event`](crate::Context::event) or
+/// [`Stack::event`](crate::Stack::event).
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is not an event",
     note = "declare it under `events` in `events!`; a check is reported by `HealthReport::fails` and not sent by itself"
@@ -303,7 +304,8 @@ pub(super) const fn fnv1a(hash: u32, byte: u8) -> u32 {
     (hash ^ byte as u32).wrapping_mul(0x0100_0193)
 }
 
-/// Fails to compile if a text shows an argument that does not exist: `{1}` is the first one, and `{3}` the first one of a check.
+/// Fails to compile if a text shows an argument that does not exist: `{1}` is the first one, and `{3}` the first one of
+/// a check.
 #[allow(
     clippy::as_conversions,
     clippy::arithmetic_side_effects,

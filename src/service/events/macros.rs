@@ -39,8 +39,8 @@
 ///
 /// - The levels are those of [`LogLevel`](crate::events::LogLevel). Without an internal level, it equals the external
 ///   one.
-/// - The parts are in this order: `enums`, `modes`, `components`, `arming_checks`, `health_checks`, `events`. Each entry
-///   of `enums`, `modes` and `components` has a doc comment, which ground stations show.
+/// - The parts are in this order: `enums`, `modes`, `components`, `arming_checks`, `health_checks`, `events`. Each
+///   entry of `enums`, `modes` and `components` has a doc comment, which ground stations show.
 /// - `{1}` in a text is the first argument. `{2:.1m}` is the second with one decimal and a unit. Any unit is shown;
 ///   ground stations may convert `m`, `m_v` (vertical), `m/s`, `m^2` and `C`. Escape `{`, `<` and the backslash with a
 ///   backslash.

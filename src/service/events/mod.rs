@@ -1,7 +1,7 @@
 //! Delivers events without gaps. An event carries an id; the ground station has the text.
 //!
-//! Implements the sender's side of <https://mavlink.io/en/services/events.html>: rules EVT-1 to EVT-7. It serves the receiver of
-//! libevents (`libs/cpp/protocol/receive.h`), which QGroundControl and MAVSDK use, and follows PX4
+//! Implements the sender's side of <https://mavlink.io/en/services/events.html>: rules EVT-1 to EVT-7. It serves the
+//! receiver of libevents (`libs/cpp/protocol/receive.h`), which QGroundControl and MAVSDK use, and follows PX4
 //! (`src/modules/mavlink/mavlink_events.cpp`) except in EVT-3 and EVT-5.
 //!
 //! ```text
@@ -48,8 +48,8 @@ const PERCENT: u32 = 50;
 counters! {
     /// Counters of the events. They wrap.
     EventCounters {
-        /// Events that were overwritten in the history before a link had sent them, summed over the links. The link was stalled
-        /// or too slow. RESPONSE_EVENT_ERROR reports this to receivers (EVT-4).
+        /// Events that were overwritten in the history before a link had sent them, summed over the links. The link was
+        /// stalled or too slow. RESPONSE_EVENT_ERROR reports this to receivers (EVT-4).
         drop overwritten,
         /// Checks that a report left out because it was longer than the history.
         drop unreported,
@@ -198,16 +198,16 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
             return Handled::OutOfPlace;
         }
         let [first, last] = [request.first_sequence, request.last_sequence].map(EventSequence::new);
-        // Events that were not recorded yet get no answer: libevents' receiver would take an error for a loss, and request
-        // the whole history again.
+        // Events that were not recorded yet get no answer: libevents' receiver would take an error for a loss, and
+        // request the whole history again.
         let newest = cx.events.newest();
         if first.is_after(newest) {
             return Handled::Yes;
         }
         let is_range = last == first || last.is_after(first);
         let last = if is_range && !last.is_after(newest) { last } else { newest };
-        // libevents' receiver does not remember the newer events that it has dropped: it requests up to the number that was
-        // reported last.
+        // libevents' receiver does not remember the newer events that it has dropped: it requests up to the number that
+        // was reported last.
         let is_reported = link.reported == link.sent && link.at > cx.now + SEQUENCE_RECENT;
         if link.sent != last && !is_reported {
             link.at = cx.now;
@@ -263,9 +263,9 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         match event {
-            // New peers learn the link's last sequence number at once, and the checks soon after the first frame of one is
-            // accepted. If none was heard before, nobody has received what was sent: a peer that remembers the vehicle before a
-            // reboot learns that the numbers start again.
+            // New peers learn the link's last sequence number at once, and the checks soon after the first frame of one
+            // is accepted. If none was heard before, nobody has received what was sent: a peer that remembers the
+            // vehicle before a reboot learns that the numbers start again.
             StackEvent::Opened(port, link) => {
                 link.was_heard |= port.has_accepted;
                 link.has_sent &= link.was_heard;

@@ -1,7 +1,7 @@
 //! A message that a service streams by itself, at an interval that a client may change on each link.
 //!
-//! The vehicle's own streams have a table with rows; this is for the one message of an optional service. Both answer the
-//! same commands in the same way. Left out: the pause that a radio's full buffer causes.
+//! The vehicle's own streams have a table with rows; this is for the one message of an optional service. Both answer
+//! the same commands in the same way. Left out: the pause that a radio's full buffer causes.
 
 use crate::dialect::{MavCmd, MavResult, MessageInterval};
 use crate::link::Port;
@@ -17,8 +17,8 @@ const MAX: u32 = 60_000_000;
 /// The interval of a message that is off.
 const OFF: u32 = u32::MAX;
 
-/// The message, its intervals by default (µs) on links with [`StreamProfile::Radio`] and [`StreamProfile::Onboard`], and another message
-/// that is sent on request only.
+/// The message, its intervals by default (µs) on links with [`StreamProfile::Radio`] and [`StreamProfile::Onboard`],
+/// and another message that is sent on request only.
 #[derive(Clone, Copy, Debug)]
 pub struct StatusMessage {
     pub(crate) id: u32,

@@ -1,8 +1,9 @@
 //! The high-latency link: HIGH_LATENCY2 over a satellite, where every byte costs money.
 //!
 //! Implements <https://mavlink.io/en/services/high_latency.html>, rules L-1 to L-25. A link of class
-//! [`HighLatency`](crate::config::LinkClass::HighLatency) has no heartbeats. It carries commands and their answers. While
-//! the service is on, it also carries a short message with the vehicle's state. The link's outbox refuses everything else.
+//! [`HighLatency`](crate::config::LinkClass::HighLatency) has no heartbeats. It carries commands and their answers.
+//! While the service is on, it also carries a short message with the vehicle's state. The link's outbox refuses
+//! everything else.
 //!
 //! [`HighLatency`] describes how the service is started and stopped, and how late commands are handled.
 
@@ -209,9 +210,9 @@ enum Ground {
 /// costing money, and a STOP from before a START would cut off the last contact. These commands from a satellite have
 /// no effect:
 ///
-/// - **A duplicate** of a command of the same sender that was executed within the last minute. Each execution has at most
-///   one duplicate on each other link. A retransmission with a higher confirmation is a duplicate too, on a link that has
-///   delivered the command and has not delivered the opposite one since.
+/// - **A duplicate** of a command of the same sender that was executed within the last minute. Each execution has at
+///   most one duplicate on each other link. A retransmission with a higher confirmation is a duplicate too, on a link
+///   that has delivered the command and has not delivered the opposite one since.
 /// - **A command that its sender would send by radio**: within a minute after the sender gave the opposite command on a
 ///   normal link on which it is alive.
 /// - **A command that is older by its signature** than the sender's last one, if that was received within the last

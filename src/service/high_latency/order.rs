@@ -24,10 +24,8 @@ pub(super) enum Action {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Decision {
     Execute,
-    /// It was executed before.
-    Duplicate,
-    /// Its sender has given the opposite command later.
-    Superseded,
+    /// It is a duplicate, or its sender has given the opposite command later.
+    Ignore,
 }
 
 /// The last START or STOP of a sender that was executed: to detect its duplicates, and commands that it supersedes.
@@ -38,7 +36,8 @@ struct Order {
     action: Action,
     from: Peer,
     confirmation: u8,
-    /// The links that have delivered it, and have not delivered the opposite command since: it may be retransmitted there.
+    /// The links that have delivered it, and have not delivered the opposite command since: it may be retransmitted
+    /// there.
     links: LinkMask,
     duplicates: Duplicates,
     at: Instant,
@@ -73,12 +72,6 @@ impl Order {
             _ => is_recent,
         };
         may_be_duplicate && self.duplicates.lacks(link)
-    }
-
-    /// Records that a link has delivered it again.
-    fn note_repetition(&mut self, link: LinkId) {
-        self.duplicates.note(link);
-        self.links = self.links.with(LinkMask::of(link));
     }
 
     /// Compares when another command was signed with when this one was. `None` if that does not show which came first.
@@ -121,23 +114,22 @@ impl Orders {
             Some(order) => order == Ordering::Less,
             None => later.is_some_and(|later| later.is_current(now, peers)),
         };
-        if is_superseded && command.class == LinkClass::HighLatency {
-            if let Some(known) = known {
-                known.note_repetition(link);
-            }
-            return Decision::Superseded;
-        }
+        let is_superseded = is_superseded && command.class == LinkClass::HighLatency;
         let is_newer = later.is_some() && signature == Some(Ordering::Greater);
         let mut duplicates = Duplicates::NONE;
         if let Some(known) = known.as_deref_mut() {
-            if !is_newer && known.is_repeated_by(now, command, *signed_at) {
-                known.note_repetition(link);
-                return Decision::Duplicate;
+            if is_superseded || (!is_newer && known.is_repeated_by(now, command, *signed_at)) {
+                known.duplicates.note(link);
+                known.links = known.links.with(LinkMask::of(link));
+                return Decision::Ignore;
             }
             // An old command has no more duplicates to come.
             if now - known.at < LATE {
                 duplicates = known.duplicates;
             }
+        }
+        if is_superseded {
+            return Decision::Ignore;
         }
         duplicates.run(link);
         if let Some(opposite) = opposite {

@@ -36,19 +36,19 @@ counters! {
     SigningCounters {
         /// Frames with a correct signature that are newer than those before them.
         count verified,
-        /// Unsigned frames on a link that does not accept them, including those of MAVLink 1 (G-9). As long as there is no
-        /// key, also signed frames on such a link, because nothing can verify them.
+        /// Unsigned frames on a link that does not accept them, including those of MAVLink 1 (G-9). As long as there is
+        /// no key, also signed frames on such a link, because nothing can verify them.
         drop unsigned,
         /// Frames whose signature was made with another key or for other bytes (G-10); the two cannot be distinguished.
         drop bad_signature,
         /// Frames with a correct signature that are not newer than the last one of their stream (G-6).
         drop replayed,
-        /// Frames with a correct signature that would begin a stream, but are more than a minute old (G-6), or from before
-        /// a restart.
+        /// Frames with a correct signature that would begin a stream, but are more than a minute old (G-6), or from
+        /// before a restart.
         drop too_old,
-        /// Frames with a correct signature and a timestamp more than [ten minutes](crate::Config::max_signing_lead) ahead of
-        /// the time set by the vehicle. A text names the system. Also frames with the last 48-bit timestamp, which has no
-        /// successor (G-17).
+        /// Frames with a correct signature and a timestamp more than [ten minutes](crate::Config::max_signing_lead)
+        /// ahead of the time set by the vehicle. A text names the system. Also frames with the last 48-bit timestamp,
+        /// which has no successor (G-17).
         drop too_far_ahead,
         /// Frames with a correct signature that would begin a stream, for which the table has no room (G-8).
         drop no_stream_slot,
@@ -61,9 +61,9 @@ counters! {
     }
 }
 
-/// Signing: the key, the time, and the timestamps of each sender. Declared by `signing` in [`#[stack]`](macro@crate::Stack),
-/// and reached through [`Stack::signing`](crate::Stack::signing). [`LinkSigning`](crate::signing::LinkSigning) configures each
-/// link. Without a key, nothing is signed or verified.
+/// Signing: the key, the time, and the timestamps of each sender. Declared by `signing` in
+/// [`#[stack]`](macro@crate::Stack), and reached through [`Stack::signing`](crate::Stack::signing).
+/// [`LinkSigning`](crate::signing::LinkSigning) configures each link. Without a key, nothing is signed or verified.
 ///
 /// Key and time survive a restart in a `SigningStore` (feature `storage`), or in the firmware's own storage. The
 /// firmware then stores [`timestamp`](Self::timestamp) plus a minute, at least once a minute.
@@ -110,25 +110,26 @@ counters! {
 /// - **Time** is the same for all links. It runs with the clock, and starts at the stored time. A correct signature,
 ///   the vehicle ([`set_time`](Signing::set_time)) and a key's timestamp move it forward (G-6, G-14). Only another key
 ///   can move it back; until then no timestamp is sent twice.
-/// - **The future is bounded** (G-17). Once the vehicle has set the time since the start, a frame from more than
-///   [ten minutes](crate::Config::max_signing_lead) ahead of that is refused, and a text names its system. Otherwise one
+/// - **The future is bounded** (G-17). Once the vehicle has set the time since the start, a frame from more than [ten
+///   minutes](crate::Config::max_signing_lead) ahead of that is refused, and a text names its system. Otherwise one
 ///   peer with a wrong clock could shut out every peer with a right one. Stored times and a key's time set no bound,
 ///   because a vehicle without a clock may restart days later. The bound also does not apply while our own time is
 ///   further than that ahead of the time that the vehicle set. It would shut out the peers that follow our time, and
 ///   let in nobody else.
 /// - **Streams**: a stream is identified by its sender and the sender's link id. Each frame of a known stream must be
-///   newer than the one before. A new stream may begin a minute behind the time that the vehicle set, or behind our time
-///   until it has set one. So a peer with a wrong clock shuts out no right one, even if it was heard first. A frame from
-///   beyond the bound on the future begins a stream at most a minute behind our time. A full table evicts a stream that
-///   was silent for more than a minute (G-8). So `streams` in [`#[stack]`](macro@crate::Stack) bounds how many streams
-///   are accepted at a time, and a holder of the key shuts nobody out for longer than that.
-/// - **The same key again** moves the time forward to the timestamp that comes with it, never back. Streams stay as they are.
+///   newer than the one before. A new stream may begin a minute behind the time that the vehicle set, or behind our
+///   time until it has set one. So a peer with a wrong clock shuts out no right one, even if it was heard first. A
+///   frame from beyond the bound on the future begins a stream at most a minute behind our time. A full table evicts a
+///   stream that was silent for more than a minute (G-8). So `streams` in [`#[stack]`](macro@crate::Stack) bounds how
+///   many streams are accepted at a time, and a holder of the key shuts nobody out for longer than that.
+/// - **The same key again** moves the time forward to the timestamp that comes with it, never back. Streams stay as
+///   they are.
 /// - **Another key** starts with the timestamp that comes with it, and without streams. So a new key repairs a time
 ///   that was moved too far ahead, even after a restart. The time that the vehicle set since the start still counts:
 ///   our time starts no earlier than that.
 ///
-/// The last 48-bit timestamp, in 2104, has no successor, so it is never accepted. Once our own time has reached it, links that
-/// sign send unsigned frames until another key is set: a timestamp is never sent twice.
+/// The last 48-bit timestamp, in 2104, has no successor, so it is never accepted. Once our own time has reached it,
+/// links that sign send unsigned frames until another key is set: a timestamp is never sent twice.
 ///
 /// # What can be replayed
 ///
@@ -136,8 +137,8 @@ counters! {
 ///
 /// - **A key that is set again.** A key that is set after another key, or after none, counts as another key, because
 ///   the one before was forgotten. So frames that were recorded with it are accepted again if they are at most a minute
-///   older than the time that the vehicle set. Until it has set one, its new timestamp counts instead: one of a minute from
-///   now leaves no window.
+///   older than the time that the vehicle set. Until it has set one, its new timestamp counts instead: one of a minute
+///   from now leaves no window.
 /// - **A restart.** Streams are forgotten, and time begins where it was last stored, up to a minute ahead of that
 ///   moment (G-15). So frames that were accepted since, and in the minute before, may be accepted again. By default
 ///   nothing is stored while the vehicle is armed: after a restart in flight, these are all frames since take-off.
@@ -153,8 +154,8 @@ counters! {
 /// # Setting the key
 ///
 /// The firmware ([`Signing::set_key`]) or SETUP_SIGNING on a provisioning link sets the key (G-11). SETUP_SIGNING is
-/// refused, with a text and a counter, if its timestamp is more than ten minutes ahead of the time set by the vehicle and
-/// also ahead of our time. Until the vehicle has set the time, any timestamp is accepted.
+/// refused, with a text and a counter, if its timestamp is more than ten minutes ahead of the time set by the vehicle
+/// and also ahead of our time. Until the vehicle has set the time, any timestamp is accepted.
 #[derive(Clone)]
 pub struct Signing<S: ?Sized = [SigningStream]> {
     key: Option<SigningKey>,
@@ -304,8 +305,8 @@ impl Signing {
     ///
     /// - The key that is in use: our time moves forward to `timestamp` (10 µs since 2015-01-01), never back.
     /// - Another key, also one that was in use before: our time starts at `timestamp`, or at the time that the vehicle
-    ///   [set](Self::set_time) since the start if that is later; all streams are forgotten. [`Signing`] lists what can be
-    ///   replayed with a key that is set again; [`refuse_recorded`](Self::refuse_recorded) prevents it.
+    ///   [set](Self::set_time) since the start if that is later; all streams are forgotten. [`Signing`] lists what can
+    ///   be replayed with a key that is set again; [`refuse_recorded`](Self::refuse_recorded) prevents it.
     ///
     /// A `timestamp` of 2^48 - 1 or more counts as 0: it has no successor.
     pub fn set_key(&mut self, now: Instant, key: SigningKey, timestamp: u64) {
@@ -338,9 +339,10 @@ impl Signing {
         event!("signing: off");
     }
 
-    /// Sets the time: at `now` it is `unix_usec` µs since 1970-01-01 00:00 UTC. Moves our time forward to it (G-4), never back
-    /// (G-14), and from then on [bounds](Signing) how far ahead a peer's clock may be (G-17). Returns true, without any effect,
-    /// for a time earlier than one set before, and for a time before 2015, as from a clock that was never set.
+    /// Sets the time: at `now` it is `unix_usec` µs since 1970-01-01 00:00 UTC. Moves our time forward to it (G-4),
+    /// never back (G-14), and from then on [bounds](Signing) how far ahead a peer's clock may be (G-17). Returns true,
+    /// without any effect, for a time earlier than one set before, and for a time before 2015, as from a clock that was
+    /// never set.
     ///
     /// Returns false when our time would move by more than `max_step`, or would reach the last 48-bit timestamp. The
     /// call is then counted and has no effect (G-14).
@@ -372,15 +374,15 @@ impl Signing {
         true
     }
 
-    /// Refuses frames that were recorded before: a new stream must begin after our time, not up to a minute before it (stricter
-    /// than G-6). Call this after `Stack::restore`, against frames recorded before a restart, and after
-    /// [`set_key`](Self::set_key), against frames recorded with that key. It does not refuse recorded frames with timestamps
-    /// later than our time, which are possible when a key is set with an early timestamp. If our time is more than
-    /// [ten minutes](crate::Config::max_signing_lead) ahead of the time that the vehicle set, a new stream must begin after the latter:
-    /// otherwise no peer with a right clock could begin one (G-17).
+    /// Refuses frames that were recorded before: a new stream must begin after our time, not up to a minute before it
+    /// (stricter than G-6). Call this after `Stack::restore`, against frames recorded before a restart, and after
+    /// [`set_key`](Self::set_key), against frames recorded with that key. It does not refuse recorded frames with
+    /// timestamps later than our time, which are possible when a key is set with an early timestamp. If our time is
+    /// more than [ten minutes](crate::Config::max_signing_lead) ahead of the time that the vehicle set, a new stream
+    /// must begin after the latter: otherwise no peer with a right clock could begin one (G-17).
     ///
-    /// After a restart in flight, our time begins where it was last stored: at take-off, by default. Then this only helps after
-    /// [`set_time`](Self::set_time).
+    /// After a restart in flight, our time begins where it was last stored: at take-off, by default. Then this only
+    /// helps after [`set_time`](Self::set_time).
     ///
     /// The price: our time is up to a minute ahead after a restart. A peer that receives a signed frame of ours adopts
     /// our time, and is accepted from then on. A peer that does not, for example because the link does not sign, is
@@ -391,19 +393,20 @@ impl Signing {
         self.floor = last_refused.next();
     }
 
-    /// Returns how long ago a frame that the stack has accepted was signed (L-16): the current time minus its timestamp, or zero
-    /// for a frame from the future. Returns `None` for an unsigned frame, without a key to verify it, and until the vehicle or a
-    /// peer has provided the time since the start.
+    /// Returns how long ago a frame that the stack has accepted was signed (L-16): the current time minus its
+    /// timestamp, or zero for a frame from the future. Returns `None` for an unsigned frame, without a key to verify
+    /// it, and until the vehicle or a peer has provided the time since the start.
     ///
-    /// The current time is the latest one from [`set_time`](Self::set_time), so a clock that is set back does not reduce an
-    /// age. Until the vehicle has set the time, the current time is the latest timestamp that any peer sent on a normal link.
-    /// The same holds when the vehicle's time is more than ten minutes behind that peer, as with a clock that was never set.
+    /// The current time is the latest one from [`set_time`](Self::set_time), so a clock that is set back does not
+    /// reduce an age. Until the vehicle has set the time, the current time is the latest timestamp that any peer sent
+    /// on a normal link. The same holds when the vehicle's time is more than ten minutes behind that peer, as with a
+    /// clock that was never set.
     ///
-    /// It is not our own [time](Self::timestamp), which starts up to a minute ahead after a restart (G-15). A sender whose clock
-    /// is behind makes its frames look older than they are; so does a peer whose clock is ahead, until the vehicle has set the
-    /// time. A sender whose clock is ahead makes its frames look younger: by up to that minute if it follows our time and the
-    /// vehicle's time is right. The signature alone does not bound the delay: a frame that begins a stream is at most a minute
-    /// old, but a frame of a known stream can have any age (G-6).
+    /// It is not our own [time](Self::timestamp), which starts up to a minute ahead after a restart (G-15). A sender
+    /// whose clock is behind makes its frames look older than they are; so does a peer whose clock is ahead, until the
+    /// vehicle has set the time. A sender whose clock is ahead makes its frames look younger: by up to that minute if
+    /// it follows our time and the vehicle's time is right. The signature alone does not bound the delay: a frame that
+    /// begins a stream is at most a minute old, but a frame of a known stream can have any age (G-6).
     pub fn age(&self, now: Instant, frame: &Frame<'_>) -> Option<Duration> {
         self.age_at(self.clock.peek(now), frame)
     }

@@ -5,17 +5,23 @@
 //!
 //! The message has no acknowledgement, and a ground station that turns on its own signing without one may hear nothing
 //! more. So an accepted message is answered at once by a HEARTBEAT, signed with the new key, or unsigned if the key was
-//! removed, and by a text. A refused one is answered by an unsigned text. An unsigned text also hints to a ground station
-//! that it signs with a wrong key, on a link where it could set the key.
+//! removed, and by a text. A refused one is answered by an unsigned text. An unsigned text also hints to a ground
+//! station that it signs with a wrong key, on a link where it could set the key.
 
-use super::Signing;
+use zeroize::Zeroize;
+
 use super::timestamp::Timestamp;
-use crate::dialect::{MavSeverity, SetupSigning, Statustext};
+use super::{Signing, SigningStream};
+use crate::dialect::{MavModeFlag, MavSeverity, SetupSigning, Statustext};
 use crate::frame::SigningKey;
 use crate::link::Port;
-use crate::message::Text;
+use crate::message::{Message, Text};
+use crate::service::{About, Cx, Handled, Received, Service, ShowCounters, StackEvent, Turn, View, increment};
 use crate::time::{Duration, Instant};
-use crate::types::{Accept, LinkSigning};
+use crate::types::{Accept, Firmware, LinkSigning, ONE_FRAME, Vehicle};
+
+/// The minimum time between two texts about a clock that is too far ahead.
+const TEXT_PAUSE: Duration = Duration::from_secs(10);
 
 /// The minimum time between two hints on a link.
 const HINT_PAUSE: Duration = Duration::from_secs(10);
@@ -112,5 +118,90 @@ impl Signing {
         }
         self.replace_key(now, SigningKey::new(setup.secret_key.0), timestamp);
         SetupText::KeySet
+    }
+}
+
+impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Service<F> for Signing<[SigningStream; STREAMS]> {
+    const NEW: Self = Self::new();
+    type Link = SigningLink;
+    const VACANT: SigningLink = SigningLink::VACANT;
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::SigningText]);
+    type Reply = SetupText;
+
+    /// Reports a system whose clock is too far ahead: it cannot read the text, but others can (G-17).
+    fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut SigningLink>) {
+        self.clock = cx.shared.clock;
+        if let Some(system) = self.ahead.take()
+            && F::HAS_TEXTS
+            && cx.now >= self.text_from
+        {
+            self.text_from = cx.now + TEXT_PAUSE;
+            let mut text = Text::<ONE_FRAME>::new("System ");
+            text.push_number(u32::from(system.wire()));
+            text.push_str(" refused: its clock is too far ahead");
+            cx.text(MavSeverity::WARNING, text.as_bytes());
+        }
+    }
+
+    /// Handles SETUP_SIGNING.
+    fn on_frame(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        port: &mut Port,
+        link: &mut SigningLink,
+        received: &Received<'_>,
+    ) -> Handled {
+        if received.frame.id() != SetupSigning::ID {
+            return Handled::No;
+        }
+        // In a fault, it is not known whether the vehicle is armed.
+        let is_disarmed = cx.vehicle.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED));
+        if received.target.system != cx.shared.config.address.get().system {
+            return Handled::OutOfPlace;
+        }
+        if link.text != SetupText::None && !link.text.is_hint() {
+            return Handled::NoRoom;
+        }
+        let text = if !port.config.signing.provisioning {
+            SetupText::WrongLink
+        } else if !is_disarmed {
+            SetupText::Armed
+        } else if !self.saving.has_token(cx.now) {
+            SetupText::TooOften
+        } else {
+            let Some(mut setup) = received.frame.decode::<SetupSigning>() else { return Handled::Yes };
+            let text = self.set_up(cx.now, &setup);
+            setup.secret_key.0.zeroize();
+            text
+        };
+        link.text = text;
+        if text.is_success() {
+            increment(&mut self.counters.setups);
+            self.saving.spend_token(cx.now);
+            port.facts.is_sign_of_life_due = true;
+        } else {
+            increment(&mut self.counters.refused_setups);
+        }
+        Handled::Yes
+    }
+
+    fn counters(&self, show: &mut impl ShowCounters) {
+        show.counters(&self.counters);
+    }
+
+    #[inline(always)]
+    fn pending(&self, view: &View<'_>, _: &Port, link: &SigningLink, _: Turn) -> Option<(Instant, SetupText)> {
+        (link.text != SetupText::None).then_some((view.now, link.text))
+    }
+
+    fn send(&mut self, _: &mut Cx<'_, F>, port: &mut Port, link: &mut SigningLink, text: SetupText) -> bool {
+        link.text = SetupText::None;
+        text.send(port)
+    }
+
+    fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
+        if let StackEvent::Begun(config) = event {
+            self.max_lead = config.max_signing_lead;
+        }
     }
 }

@@ -1,4 +1,5 @@
-//! Streams of signed frames: the last timestamp of each sender, so that no frame is accepted twice (G-5, G-6, G-8, SEC-7).
+//! Streams of signed frames: the last timestamp of each sender, so that no frame is accepted twice (G-5, G-6, G-8,
+//! SEC-7).
 
 use super::timestamp::Timestamp;
 use crate::message::Address;

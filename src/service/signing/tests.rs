@@ -63,8 +63,8 @@ fn the_last_timestamp_is_refused() {
     assert_eq!(signing.counters().refused_times, 3);
 }
 
-/// G-4, G-15, G-17: an older version may have used a stored time at the end up to the last timestamp, so nothing is signed with
-/// it again. Another key starts with its own time.
+/// G-4, G-15, G-17: an older version may have used a stored time at the end up to the last timestamp, so nothing is
+/// signed with it again. Another key starts with its own time.
 #[test]
 fn a_stored_time_at_the_end_is_not_used_again() {
     for stored in [MAX_TIMESTAMP + 1, MAX_TIMESTAMP + MINUTE, u64::MAX] {
@@ -80,8 +80,8 @@ fn a_stored_time_at_the_end_is_not_used_again() {
     }
 }
 
-/// G-17: our time starts with the timestamp of another key, even when that is less than the clock; a clock that reads less
-/// afterwards causes no fault.
+/// G-17: our time starts with the timestamp of another key, even when that is less than the clock; a clock that reads
+/// less afterwards causes no fault.
 #[test]
 fn another_key_may_start_with_an_early_time() {
     let mut signing = SigningStreams::<1>::new();
@@ -92,7 +92,8 @@ fn another_key_may_start_with_an_early_time() {
     assert_eq!(signing.timestamp(NOW), 0);
 }
 
-/// SEC-2: a signature costs by the blocks of SHA-256 in it: 32 bytes of key, the frame without its last 6, and 9 of padding.
+/// SEC-2: a signature costs by the blocks of SHA-256 in it: 32 bytes of key, the frame without its last 6, and 9 of
+/// padding.
 #[test]
 fn a_signature_costs_by_its_blocks() {
     for blocks in 1..6 {

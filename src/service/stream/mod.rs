@@ -11,7 +11,6 @@
 mod own_messages;
 mod requests;
 mod schedule;
-mod slot;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -19,8 +18,7 @@ mod vehicle;
 
 pub use own_messages::Messages;
 pub(crate) use own_messages::id_of;
-pub use schedule::StreamLink;
-pub use slot::Slot;
+pub use schedule::{Slot, StreamLink};
 pub use table::{MAX_STREAMS, Stream};
 pub use vehicle::{Fill, Telemetry};
 
@@ -151,8 +149,9 @@ fn is_heard(shared: &Shared, peers: &[PeerInfo], link: LinkId) -> bool {
 }
 
 impl Context<'_> {
-    /// Sends message `M`, all its instances, once on every normal link: see [`Stack::announce`](crate::Stack::announce).
-    /// `M` must be one of the [`STREAMS`](Telemetry::STREAMS) of the vehicle `V`; otherwise this does not compile.
+    /// Sends message `M`, all its instances, once on every normal link: see
+    /// [`Stack::announce`](crate::Stack::announce). `M` must be one of the [`STREAMS`](Telemetry::STREAMS) of the
+    /// vehicle `V`; otherwise this does not compile.
     pub fn announce<M: Message, V: Telemetry>(&mut self) {
         self.requests.announced |= const { Stream::rows_of::<M>(V::STREAMS) };
     }

@@ -1,15 +1,16 @@
-//! The vehicle's own messages: to a peer, on a link, or on every normal link, whenever the vehicle has something to say.
+//! The vehicle's own messages: to a peer, on a link, or on every normal link, whenever the vehicle has something to
+//! say.
 //!
-//! [`Context::send`] and [`Stack::send`](crate::Stack::send) queue the id of a message, and no payload. When the link has room,
-//! the vehicle [fills](Telemetry::fill) it. So a message reports the state at the time it is sent, and the memory is bounded:
-//! each link has room for eight, and a pending message is not queued twice (K-8).
+//! [`Context::send`] and [`Stack::send`](crate::Stack::send) queue the id of a message, and no payload. When the link
+//! has room, the vehicle [fills](Telemetry::fill) it. So a message reports the state at the time it is sent, and the
+//! memory is bounded: each link has room for eight, and a pending message is not queued twice (K-8).
 //!
 //! ```text
 //!   Context::send ─▶ queue of the link ─▶ Telemetry::fill ─▶ one frame
 //! ```
 //!
-//! The messages take at most half of a link's rate, and come after all answers (D-4, K-9). On a link without a rate they are every
-//! other frame, while others have something to send. They are not sent on high-latency links (L-2).
+//! The messages take at most half of a link's rate, and come after all answers (D-4, K-9). On a link without a rate
+//! they are every other frame, while others have something to send. They are not sent on high-latency links (L-2).
 
 use super::table::is_own;
 use super::vehicle::{Fill, Telemetry, fill};
@@ -84,13 +85,14 @@ pub(crate) const fn id_of<M: Message>() -> u32 {
 }
 
 impl Context<'_> {
-    /// Sends message `M` when a link of `to` has room: the stack then calls [`Telemetry::fill`] with this `index`, as for a
-    /// stream, but `M` need not be one of [`STREAMS`](Telemetry::STREAMS). Needs `messages` in [`#[stack]`](macro@crate::Stack).
+    /// Sends message `M` when a link of `to` has room: the stack then calls [`Telemetry::fill`] with this `index`, as
+    /// for a stream, but `M` need not be one of [`STREAMS`](Telemetry::STREAMS). Needs `messages` in
+    /// [`#[stack]`](macro@crate::Stack).
     ///
-    /// Each link has room for eight messages, sends them in order, after all answers, and uses at most half of its rate for
-    /// them. The same message to the same destination is sent once until then. Returns false if no link has room: then
-    /// nothing is sent, and it is [counted](crate::Stack::refused_messages). A message that cannot be filled when its
-    /// turn comes is left out. High-latency links send none.
+    /// Each link has room for eight messages, sends them in order, after all answers, and uses at most half of its rate
+    /// for them. The same message to the same destination is sent once until then. Returns false if no link has room:
+    /// then nothing is sent, and it is [counted](crate::Stack::refused_messages). A message that cannot be filled when
+    /// its turn comes is left out. High-latency links send none.
     ///
     /// ```
     /// use mavstack::dialect::GimbalDeviceSetAttitude;

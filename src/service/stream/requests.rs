@@ -122,7 +122,8 @@ impl MessageRequest {
         Some(Self { id: num::integer(id), index: index_of(index), is_valid })
     }
 
-    /// Returns the id of the message that the command is about: with MESSAGE_INTERVAL, the one whose interval is asked for.
+    /// Returns the id of the message that the command is about: with MESSAGE_INTERVAL, the one whose interval is asked
+    /// for.
     fn subject(self) -> Option<u32> {
         if self.id == Some(MessageInterval::ID) { self.index.map(u32::from) } else { self.id }
     }
@@ -221,8 +222,8 @@ pub(super) fn handle_frame<F: Firmware<Vehicle: Telemetry>>(
     true
 }
 
-/// Sends a pending MESSAGE_INTERVAL: the current interval, including the delay that a radio's full buffer adds; of several
-/// instances, the shortest.
+/// Sends a pending MESSAGE_INTERVAL: the current interval, including the delay that a radio's full buffer adds; of
+/// several instances, the shortest.
 pub(super) fn send_interval<F: Firmware<Vehicle: Telemetry>>(
     cx: &Cx<'_, F>,
     port: &mut Port,

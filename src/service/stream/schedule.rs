@@ -4,11 +4,10 @@
 //! room continues where it stopped. So a link that is too slow for all streams starves none: the fast ones slow down
 //! first.
 
-use core::num::{NonZeroU8, Saturating, Wrapping};
+use core::num::{NonZeroU8, NonZeroU32, Saturating, Wrapping};
 
 use heapless::Vec;
 
-use super::slot::{Slot, Unit};
 use super::table::{MAX_INTERVAL, Rows, Stream};
 use crate::list::take_first;
 use crate::time::{Duration, Instant};
@@ -17,16 +16,16 @@ use crate::types::StreamProfile;
 /// The time after which a RADIO_STATUS is ignored: five seconds, in units of 1,024 µs.
 const RADIO_STALE: Wrapping<u32> = Wrapping(4_883);
 
-/// The least time between two changes of the delay, in the same units (100 ms): ExpressLRS sends 90 RADIO_STATUS a second, and
-/// would otherwise switch the streams between full rate and almost none.
+/// The least time between two changes of the delay, in the same units (100 ms): ExpressLRS sends 90 RADIO_STATUS a
+/// second, and would otherwise switch the streams between full rate and almost none.
 const RADIO_STEP: Wrapping<u32> = Wrapping(98);
 
 /// The step (µs) of the delay that a radio with a full buffer adds to all intervals, and the maximum number of steps.
 const STEP: u32 = 20_000;
 const MAX_SLOWDOWN: Saturating<u8> = Saturating(100);
 
-/// While a client transfers a file, streams have so many times their intervals, as ArduPilot's do (F-11). Those of less than two
-/// seconds have at most four seconds (µs), which their units can count.
+/// While a client transfers a file, streams have so many times their intervals, as ArduPilot's do (F-11). Those of less
+/// than two seconds have at most four seconds (µs), which their units can count.
 const SLOWED: u32 = 4;
 const LONGEST_FINE: u32 = 4_000_000;
 
@@ -56,8 +55,9 @@ impl RowNumber {
     }
 }
 
-/// A pending MESSAGE_INTERVAL: for the id of a message, or for a row of another component of the firmware. No message of `common`
-/// has an id like that of a row. In a firmware of several components, such ids of other dialects are refused.
+/// A pending MESSAGE_INTERVAL: for the id of a message, or for a row of another component of the firmware. No message
+/// of `common` has an id like that of a row. In a firmware of several components, such ids of other dialects are
+/// refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct IntervalRequest(pub(super) u16);
 
@@ -88,8 +88,8 @@ pub(super) struct RequestedRow {
     pub(super) index: Option<u16>,
 }
 
-/// The streams of a link: `S` is an array of slots, one for each row of the vehicle's table. The logic works on the unsized
-/// form. Initially all zero bits.
+/// The streams of a link: `S` is an array of slots, one for each row of the vehicle's table. The logic works on the
+/// unsized form. Initially all zero bits.
 #[derive(Debug)]
 pub struct StreamLink<S: ?Sized = [Slot]> {
     /// The rows that are requested.
@@ -109,7 +109,8 @@ pub struct StreamLink<S: ?Sized = [Slot]> {
     wake: Instant,
     /// The delay that a radio's full buffer adds to each interval, in [steps](STEP).
     slowdown: Saturating<u8>,
-    /// When the last RADIO_STATUS was received, in [`coarse`](Instant::coarse) time. Each sweep forgets one that is too old.
+    /// When the last RADIO_STATUS was received, in [`coarse`](Instant::coarse) time. Each sweep forgets one that is too
+    /// old.
     radio: Wrapping<u32>,
     pub(super) slots: S,
 }
@@ -213,8 +214,8 @@ impl StreamLink {
         Saturating(u32::from(self.slowdown.0)) * Saturating(STEP)
     }
 
-    /// Returns the row of the next stream to send. It is next due one interval after it was *due* now; `is_slowed`: after
-    /// [some](SLOWED) more.
+    /// Returns the row of the next stream to send. It is next due one interval after it was *due* now; `is_slowed`:
+    /// after [some](SLOWED) more.
     pub(super) fn next_due(
         &mut self,
         now: Instant,
@@ -262,8 +263,8 @@ impl StreamLink {
         self.refresh(table, profile);
     }
 
-    /// Finds the stream that the sweep sends next; without one, ends the sweep, and schedules the next. Called after anything has
-    /// changed.
+    /// Finds the stream that the sweep sends next; without one, ends the sweep, and schedules the next. Called after
+    /// anything has changed.
     pub(super) fn refresh(&mut self, table: &[Stream], profile: StreamProfile) {
         let reached = self.cursor.map_or(usize::MAX, RowNumber::index);
         let (mut fine, mut coarse) = (NEVER, NEVER);
@@ -302,4 +303,154 @@ impl StreamLink {
             || table.iter().zip(&self.slots).any(|(stream, slot)| slot.interval(stream, profile).is_some());
         if self.wake == Instant::ZERO && !has_stream() { Instant::NEVER } else { self.wake }
     }
+}
+
+/// An interval is stored as a code. Up to this code, it is the interval's whole rate (Hz). Larger codes are four digits
+/// and a power of ten. So whole rates and up to four digits are exact. Others are rounded up by less than a thousandth.
+const MAX_RATE: u16 = 1_000;
+/// The first code with digits.
+const FIRST: u32 = 1_001;
+/// The smallest digits, and the number of codes of each power.
+const DIGITS: u32 = 1_000;
+const SPAN: u32 = 12_800;
+const POWERS: [u32; 5] = [1, 10, 100, 1_000, 10_000];
+
+/// The code of a stream that is off, and of one with its default interval.
+const OFF: u16 = u16::MAX;
+const DEFAULT: u16 = 0;
+
+/// The unit in which a stream counts time, so that 16 bits hold an interval and the delay of a radio.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Unit {
+    /// 64 µs, for intervals of less than two seconds.
+    Fine,
+    /// 1,024 µs.
+    Coarse,
+}
+
+impl Unit {
+    /// Returns the unit of a stream with this interval (µs).
+    pub(super) const fn of(interval: u32) -> Self {
+        if interval < 2_000_000 { Self::Fine } else { Self::Coarse }
+    }
+
+    /// Returns a time (µs) in units, rounded down.
+    pub(super) const fn count(self, micros: u64) -> u64 {
+        match self {
+            Self::Fine => micros >> 6,
+            Self::Coarse => micros >> 10,
+        }
+    }
+
+    /// Returns the units between two moments. Consecutive calls lose no unit.
+    pub(super) fn between(self, from: Instant, to: Instant) -> u16 {
+        let units = Saturating(self.count(to.as_micros())) - Saturating(self.count(from.as_micros()));
+        u16::try_from(units.0).unwrap_or(u16::MAX)
+    }
+
+    /// Returns the moment this many units after another, which is rounded down to whole units.
+    pub(super) fn later(self, from: Instant, units: u16) -> Instant {
+        let units = (Saturating(self.count(from.as_micros())) + Saturating(u64::from(units))).0;
+        Instant::from_micros(match self {
+            Self::Fine => units << 6,
+            Self::Coarse => units << 10,
+        })
+    }
+
+    /// Returns this many 256ths of a unit (µs).
+    pub(super) fn part(self, parts: u8) -> u32 {
+        match self {
+            Self::Fine => u32::from(parts) >> 2,
+            Self::Coarse => u32::from(parts) << 2,
+        }
+    }
+}
+
+/// One stream on one link.
+#[derive(Clone, Copy, Debug)]
+pub struct Slot {
+    /// The code of the interval.
+    interval: u16,
+    /// The time until it is due, in its [`Unit`], counted down with each sweep. So a pause of any length does no harm.
+    left: Saturating<u16>,
+}
+
+impl Slot {
+    /// The default interval, due at once. All zero bits.
+    pub(super) const NEW: Self = Self { interval: DEFAULT, left: Saturating(0) };
+
+    /// The time left when a stream is due. A stream that is late by less than this (100 ms) catches up, one message per
+    /// poll. More is dropped; otherwise a burst would follow a stall.
+    const DUE: Saturating<u16> = Saturating(1_563);
+
+    /// The time left of a stream that becomes due with the next sweep.
+    const FRESH: Saturating<u16> = Saturating(u16::MAX);
+
+    /// Sets the interval of the stream (µs); 0 is its default, `None` stops it. A refresh must follow.
+    pub(super) fn set_interval(&mut self, interval: Option<u32>) {
+        self.interval = match interval {
+            None => OFF,
+            Some(0) => DEFAULT,
+            Some(interval) => code_of(interval),
+        };
+        self.left = Self::FRESH;
+    }
+
+    /// Returns the interval (µs) of `stream`, to which this slot belongs; `None` if it is off.
+    pub(super) fn interval(&self, stream: &Stream, profile: StreamProfile) -> Option<u32> {
+        match self.interval {
+            DEFAULT => Some(stream.default_interval(profile)).filter(|interval| *interval != 0),
+            OFF => None,
+            code => Some(interval_of(code)),
+        }
+    }
+
+    /// Whether it is due in this sweep.
+    pub(super) fn is_due(&self) -> bool {
+        self.left <= Self::DUE
+    }
+
+    /// Returns the units from the last sweep until it is due.
+    pub(super) fn ahead(&self) -> u16 {
+        if self.left == Self::FRESH { 0 } else { (self.left - Self::DUE).0 }
+    }
+
+    /// Counts down at the beginning of a sweep. In the `first` one, every stream is due.
+    pub(super) fn count_down(&mut self, elapsed: u16, is_first: bool) {
+        self.left = if is_first || self.left == Self::FRESH { Self::DUE } else { self.left - Saturating(elapsed) };
+    }
+
+    /// Schedules the next message this many units after this one was due.
+    pub(super) fn postpone(&mut self, units: u16) {
+        self.left += units;
+    }
+}
+
+/// Encodes an interval (µs) that is within the bounds.
+fn code_of(interval: u32) -> u16 {
+    if let Some(rate) = rate_of(interval) {
+        return u16::try_from(rate).unwrap_or(MAX_RATE);
+    }
+    let (mut digits, mut first) = (interval, Saturating(FIRST));
+    while digits >= const { DIGITS + SPAN } {
+        digits = digits.div_ceil(10);
+        first += SPAN;
+    }
+    u16::try_from((first + Saturating(digits) - Saturating(DIGITS)).0).unwrap_or(OFF)
+}
+
+/// Returns the rate (Hz) whose interval is this (µs), if it is whole.
+fn rate_of(interval: u32) -> Option<u32> {
+    let rate = NonZeroU32::new(1_000_000 / NonZeroU32::new(interval)?)?;
+    (1_000_000 / rate == interval).then_some(rate.get())
+}
+
+/// Decodes an interval (µs).
+fn interval_of(code: u16) -> u32 {
+    let code = u32::from(code);
+    let Some(code) = code.checked_sub(FIRST) else {
+        return NonZeroU32::new(code).map_or(0, |rate| 1_000_000 / rate);
+    };
+    let power = usize::try_from(code / SPAN).ok().and_then(|power| POWERS.get(power)).copied().unwrap_or(0);
+    ((Saturating(code % SPAN) + Saturating(DIGITS)) * Saturating(power)).0
 }

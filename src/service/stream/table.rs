@@ -40,7 +40,8 @@ impl Stream {
     }
 
     /// Returns the same message for another instance, such as the second battery: a row of its own, with its own
-    /// intervals. `instance` is the index of requests and of [`Fill::index`](crate::Fill::index); 0 by default (Q-3, Q-4).
+    /// intervals. `instance` is the index of requests and of [`Fill::index`](crate::Fill::index); 0 by default (Q-3,
+    /// Q-4).
     ///
     /// ```
     /// use mavstack::dialect::{BatteryStatus, EscStatus};
@@ -121,14 +122,14 @@ impl Stream {
         rows.0
     }
 
-    /// Whether it is a row of a message: of one component, or of all of them if `of` is `None`; and of one instance, or of all
-    /// of them if `index` is 0.
+    /// Whether it is a row of a message: of one component, or of all of them if `of` is `None`; and of one instance, or
+    /// of all of them if `index` is 0.
     pub(super) const fn is(&self, of: Option<ComponentId>, id: u32, index: u16) -> bool {
         self.id == id && (index == 0 || self.instance == index) && self.is_of(of)
     }
 
-    /// Checks a table: at most [`MAX_STREAMS`] rows, each instance of a message once, and none that the stack sends itself.
-    /// The messages about modes are among these if the vehicle declares modes.
+    /// Checks a table: at most [`MAX_STREAMS`] rows, each instance of a message once, and none that the stack sends
+    /// itself. The messages about modes are among these if the vehicle declares modes.
     #[allow(clippy::indexing_slicing, clippy::arithmetic_side_effects, reason = "const-evaluated")]
     #[doc(hidden)]
     pub const fn check(table: &[Self], has_modes: bool) {

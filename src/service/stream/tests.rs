@@ -101,8 +101,8 @@ fn whole_rates_are_exact() {
     }
 }
 
-/// F-11: while a client transfers a file, each stream has four times its interval, or the longest that its units can count. Then it
-/// has its own again, after at most that long.
+/// F-11: while a client transfers a file, each stream has four times its interval, or the longest that its units can
+/// count. Then it has its own again, after at most that long.
 #[test]
 fn transfers_slow_streams() {
     for (interval, slowed) in [

@@ -45,8 +45,8 @@ use crate::types::{Firmware, LinkId};
 )]
 pub trait Telemetry {
     /// The messages that the vehicle can fill, with their default intervals: at most
-    /// [`MAX_STREAMS`](crate::limits::MAX_STREAMS). The stack has a slot for each of them on each link. A message that the
-    /// stack sends itself does not compile.
+    /// [`MAX_STREAMS`](crate::limits::MAX_STREAMS). The stack has a slot for each of them on each link. A message that
+    /// the stack sends itself does not compile.
     const STREAMS: &'static [Stream] = &[];
 
     /// Fills message `id` of [`STREAMS`](Self::STREAMS), passes it to [`Fill::put`], and returns its result. Return
@@ -59,7 +59,8 @@ pub trait Telemetry {
     }
 }
 
-/// Asks the vehicle for the message of a row, and sends it from its component. `is_probe`: only checks whether it is available.
+/// Asks the vehicle for the message of a row, and sends it from its component. `is_probe`: only checks whether it is
+/// available.
 pub(super) fn fill_row<F: Firmware<Vehicle: Telemetry>>(
     cx: &mut Cx<'_, F>,
     outbox: &mut Outbox,
@@ -105,15 +106,15 @@ impl<'a> Fill<'a> {
         self.now - self.outbox.lead()
     }
 
-    /// Returns which instance is wanted, such as which battery: parameter 2 of MAV_CMD_REQUEST_MESSAGE, whose meaning each
-    /// message defines, the [`instance`](Stream::instance) of a stream, or the index that the vehicle gave to
+    /// Returns which instance is wanted, such as which battery: parameter 2 of MAV_CMD_REQUEST_MESSAGE, whose meaning
+    /// each message defines, the [`instance`](Stream::instance) of a stream, or the index that the vehicle gave to
     /// [`Context::send`](crate::Context::send).
     pub fn index(&self) -> u16 {
         self.index
     }
 
-    /// Returns the address for the target fields of the message: the peer to which the vehicle [sends](crate::Context::send) it;
-    /// 0/0, which is everyone, in a stream or on request.
+    /// Returns the address for the target fields of the message: the peer to which the vehicle
+    /// [sends](crate::Context::send) it; 0/0, which is everyone, in a stream or on request.
     pub fn target(&self) -> Address {
         self.target
     }

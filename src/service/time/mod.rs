@@ -75,8 +75,8 @@ pub struct TimeSample {
     pub round_trip_ns: i64,
 }
 
-/// Answers PING and TIMESYNC, and measures peers' clocks: `time: Time` in the struct of a [stack](macro@crate::Stack). A
-/// vehicle without it gets both messages in [`Vehicle::message`](crate::Vehicle::message).
+/// Answers PING and TIMESYNC, and measures peers' clocks: `time: Time` in the struct of a [stack](macro@crate::Stack).
+/// A vehicle without it gets both messages in [`Vehicle::message`](crate::Vehicle::message).
 ///
 /// Each link has room for two requests. Further requests that are received meanwhile are dropped and counted
 /// ([`LinkCounters::no_answer_slot`](crate::network::LinkCounters::no_answer_slot)).

@@ -6,8 +6,9 @@
 use crate::dialect::SystemTime;
 use crate::time::{Clock, Instant};
 
-/// Converts the time since boot to the time of day (T-4). It never goes back by itself: if the firmware's clock is set back by a
-/// second or more, the time of day continues from where it was, and is right again when it is next [set](Self::set) (X-7).
+/// Converts the time since boot to the time of day (T-4). It never goes back by itself: if the firmware's clock is set
+/// back by a second or more, the time of day continues from where it was, and is right again when it is next
+/// [set](Self::set) (X-7).
 ///
 /// ```
 /// use mavstack::dialect::SystemTime;
@@ -63,8 +64,8 @@ impl WallClock {
         }
     }
 
-    /// Returns the time at `now` (µs since 1970-01-01 00:00 UTC), if it is known. `now` is the present: an earlier moment would look
-    /// like a clock that was set back.
+    /// Returns the time at `now` (µs since 1970-01-01 00:00 UTC), if it is known. `now` is the present: an earlier
+    /// moment would look like a clock that was set back.
     pub const fn unix_usec(&mut self, now: Instant) -> Option<u64> {
         self.clock.follow(now);
         if self.is_known { Some(self.boot.wrapping_add(self.clock.now().as_micros())) } else { None }
