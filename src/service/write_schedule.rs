@@ -33,7 +33,7 @@ pub(crate) struct WriteSchedule {
     is_attached: bool,
     /// Whether the last write failed.
     has_failed: bool,
-    /// Whether storage has other content, or none that can be used: a request then writes even what has not changed.
+    /// Whether storage has other content, or none that can be used: a request then writes even unchanged content.
     pub(crate) stored_differs: bool,
     phase: Phase,
     /// Stands for the content that is being written: other content has another number. It wraps, but not during a
@@ -104,7 +104,7 @@ impl WriteSchedule {
         (self.phase, self.has_failed, self.stored_differs) = (Phase::Saved, false, false);
     }
 
-    /// Changes the version because the content has changed: what was written so far is useless.
+    /// Changes the version because the content has changed: the pages written so far are useless.
     pub(crate) const fn restart(&mut self) {
         self.version = self.version.wrapping_add(1);
     }
@@ -152,7 +152,7 @@ impl WriteSchedule {
     }
 
     /// Records a failure. Returns true for the first one after a success.
-    pub(crate) const fn has_newly_failed(&mut self) -> bool {
+    pub(crate) const fn note_failure(&mut self) -> bool {
         !core::mem::replace(&mut self.has_failed, true)
     }
 
@@ -165,7 +165,7 @@ impl WriteSchedule {
     pub(crate) fn on_failed(&mut self, now: Instant) -> bool {
         self.pause(now);
         self.phase = Phase::Dirty;
-        self.has_newly_failed()
+        self.note_failure()
     }
 
     /// When the next write, which needs a token, can begin.

@@ -91,7 +91,7 @@ pub struct EventLink {
     requested: [Option<RequestedRange>; 2],
 }
 
-/// What the events send.
+/// A message of this service.
 #[derive(Clone, Copy, Debug)]
 pub enum EventReply {
     /// CURRENT_EVENT_SEQUENCE.
@@ -112,7 +112,7 @@ impl EventLink {
         port.outbox.send(&CurrentEventSequence { sequence: self.sent.wire(), flags })
     }
 
-    /// Sends a requested event. What is not in the history is answered as a whole.
+    /// Sends a requested event. One answer covers all events that are not in the history.
     fn send_requested(&mut self, log: &EventLog, port: &mut Port) -> bool {
         let [pending, second] = &mut self.requested;
         let Some(requested) = pending else { return false };

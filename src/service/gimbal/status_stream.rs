@@ -34,11 +34,11 @@ pub struct StatusStream {
     at: Instant,
     /// The interval that a client has set (µs): 0 is the default.
     micros: u32,
-    /// What clients have asked for: a set of [`Asked`].
+    /// The pending requests: a set of [`Asked`].
     asked: u8,
 }
 
-/// What a client may ask for.
+/// A message that a client may request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Asked {
     /// The message itself.
@@ -50,7 +50,7 @@ pub enum Asked {
 }
 
 impl Asked {
-    /// Returns its bit in a set: what has the lowest bit is sent first.
+    /// Returns its bit in a set. The lowest bit is sent first.
     const fn bit(self) -> u8 {
         match self {
             Self::Message => 1,
@@ -113,7 +113,7 @@ impl StatusStream {
         Some(MavResult::ACCEPTED)
     }
 
-    /// Returns what was asked for and is sent first.
+    /// Returns the pending request that is sent first.
     pub(crate) const fn asked(&self) -> Option<Asked> {
         match self.asked.trailing_zeros() {
             0 => Some(Asked::Message),
@@ -123,7 +123,7 @@ impl StatusStream {
         }
     }
 
-    /// Forgets that this was asked for, because it is sent now, or cannot be.
+    /// Removes a pending request, because it is answered now, or cannot be.
     pub(crate) const fn forget(&mut self, asked: Asked) {
         self.asked &= !asked.bit();
     }
@@ -143,7 +143,7 @@ impl StatusStream {
     /// Records that it is sent now, in its stream.
     pub(crate) fn sent(&mut self, now: Instant, row: StatusMessage, port: &Port) {
         let interval = Duration::from_micros(u64::from(self.interval(row, port)));
-        // The average rate is kept, and what was missed is not made up.
+        // The average rate is kept. Missed messages are not made up.
         self.at += interval;
         if self.at <= now {
             self.at = now + interval;

@@ -88,7 +88,7 @@ impl Default for HighLatencyConfig {
     }
 }
 
-/// Counters of what was sent on the high-latency links. They wrap.
+/// Counters of the frames that were sent on the high-latency links. They wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]

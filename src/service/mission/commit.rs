@@ -478,7 +478,7 @@ impl Missions {
     /// answer.
     pub(crate) fn on_save_failed<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         increment(&mut self.counters.not_saved);
-        let is_new = self.schedule.has_newly_failed();
+        let is_new = self.schedule.note_failure();
         let Some(commit) = self.take_commit() else {
             self.schedule.pause(cx.now);
             if is_new {

@@ -301,7 +301,7 @@ impl Signing {
         self.last.max(self.our_time.at(now))
     }
 
-    /// Signs with `key` from now on, and accepts what was signed with it (G-17).
+    /// Signs with `key` from now on, and accepts frames that were signed with it (G-17).
     ///
     /// - The key that is in use: our time moves forward to `timestamp` (10 µs since 2015-01-01), never back.
     /// - Another key, also one that was in use before: our time starts at `timestamp`, or at the time that the vehicle
@@ -457,7 +457,7 @@ impl Signing {
             return Verdict::Stale;
         }
         let oldest = times.base().minute_earlier().max(self.floor);
-        // Beyond the bound there are only peers that follow our time. What they sent earlier must not begin a stream.
+        // Beyond the bound there are only peers that follow our time. Their earlier frames must not begin a stream.
         let earliest = if is_beyond_bound { times.ours.minute_earlier().max(oldest) } else { oldest };
         let new = NewStream { earliest, evict_before: oldest };
         let counter = match streams::record(&mut self.streams, frame.source(), signature.link_id, timestamp, &new) {
