@@ -26,7 +26,7 @@ mod transport;
 
 pub use counters::Counter;
 pub use declare::{Declaration, Declares, Persistent};
-pub use memory::{EventMemory, PeerMemory, RequestMemory, StorageMemory, TextMemory};
+pub use memory::Memory;
 
 use self::receive::OwnFrame;
 use self::services::{Services, States};
@@ -112,10 +112,10 @@ macro_rules! split {
         Cx::<D> {
             now: $now,
             shared: &mut $stack.shared,
-            peers: crate::stack::PeerMemory::view_mut(&mut $stack.peers),
-            texts: crate::stack::TextMemory::view_mut(&mut $stack.texts),
-            requests: crate::stack::RequestMemory::view_mut(&mut $stack.requests),
-            events: crate::stack::EventMemory::view_mut(&mut $stack.events),
+            peers: crate::stack::Memory::view_mut(&mut $stack.peers),
+            texts: crate::stack::Memory::view_mut(&mut $stack.texts),
+            requests: crate::stack::Memory::view_mut(&mut $stack.requests),
+            events: crate::stack::Memory::view_mut(&mut $stack.events),
             plans: crate::types::PlanMemory::view(&mut $stack.plans),
             parameters: &mut $stack.parameters,
             vehicle: $vehicle,

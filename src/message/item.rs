@@ -159,6 +159,7 @@ pub(crate) struct Digest(Crc32);
 
 impl Digest {
     /// All zero bits.
+    #[cfg(feature = "storage")]
     pub(crate) const VACANT: Self = Self(Crc32::ZERO);
 
     pub(crate) const fn new() -> Self {

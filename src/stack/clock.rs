@@ -1,6 +1,6 @@
 //! The stack's clock: it is never set back, whatever the firmware's clock does.
 
-use super::{Declares, RequestMemory, Stack, TextMemory};
+use super::{Declares, Memory, Stack};
 use crate::dialect::MavSeverity;
 use crate::service::{Shared, increment};
 use crate::time::Instant;

@@ -1,38 +1,29 @@
 //! The declaration of a stack, and the types that `#[stack]` names in it.
 
-use super::memory::{EventMemory, PeerMemory, RequestMemory, StorageMemory, TextMemory};
+use super::memory::Memory;
+use crate::network::Peers;
 use crate::service::ServiceList;
 use crate::service::command::{CommandMemory, Commands};
-#[cfg(feature = "storage")]
-use crate::service::param::ExternalService;
 use crate::service::param::ParamMemory;
 use crate::service::{ControlGate, ForwardingGate, OwnCommands, Service, SigningGate, SticksGate};
-use crate::types::{Firmware, Vehicle};
+use crate::types::{EventLog, Firmware, Requests, StatusTexts, Vehicle};
 
-#[cfg(feature = "storage")]
-pub use crate::storage::Persistent;
-
-/// A service whose content is stored, if there is storage.
+/// A service whose content is stored. Without the feature `storage` it is any service.
 #[cfg(not(feature = "storage"))]
 #[doc(hidden)]
-pub trait Persistent<F: Firmware>: Service<F> {}
-
-#[cfg(not(feature = "storage"))]
-impl<F: Firmware, S: Service<F>> Persistent<F> for S {}
-
-/// The backend stores its parameters itself.
+pub use crate::service::Service as Persistent;
 #[cfg(feature = "storage")]
-impl<F: Firmware> Persistent<F> for ExternalService where Self: Service<F> {}
+pub use crate::storage::Persistent;
 
 /// The services of a firmware, and their memory. [`#[stack]`](macro@crate::Stack) implements it.
 #[doc(hidden)]
 pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemory> {
     /// The services of the struct that declares the stack.
     type Services: ServiceList<Self>;
-    type Peers: PeerMemory;
-    type Texts: TextMemory;
-    type Requests: RequestMemory;
-    type EventLog: EventMemory;
+    type Peers: Memory<View = Peers>;
+    type Texts: Memory<View = StatusTexts>;
+    type Requests: Memory<View = Requests>;
+    type EventLog: Memory<View = EventLog>;
     /// The number of links that have a queue of messages.
     const MESSAGE_QUEUES: usize = 0;
     type Commands: CommandMemory;
@@ -51,7 +42,7 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type Files: Service<Self>;
     type Forwarding: Service<Self> + ForwardingGate<Self>;
     type Records: Persistent<Self>;
-    type Storage: StorageMemory;
+    type Storage: Memory;
     /// Fails to compile if the declaration is invalid.
     const CHECKED: ();
 }

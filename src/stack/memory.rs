@@ -1,103 +1,49 @@
-//! The memory of what all services share: `#[stack]` declares its sizes. The logic works on the unsized forms.
+//! The memory of what all services share: `#[stack]` declares its sizes.
 
 use crate::network::{PeerInfo, Peers};
 use crate::service::Absent;
 use crate::types::{EventEntry, EventLog, RequestQueue, Requests, StatusTexts, TextEntry};
 
-/// The state of storage, or nothing.
+/// Memory of a declared size. The logic works on its view, which has no size in its type.
 #[doc(hidden)]
-pub trait StorageMemory {
+pub trait Memory: core::fmt::Debug {
+    type View: ?Sized;
+    /// Empty: all zero bits.
     const NEW: Self;
+    fn view(&self) -> &Self::View;
+    fn view_mut(&mut self) -> &mut Self::View;
 }
 
-impl StorageMemory for Absent {
-    const NEW: Self = Self;
+/// Implements [`Memory`] for a type that coerces to its view.
+macro_rules! memory {
+    ($([$($n:ident)?] $type:ty => $view:ty: $new:expr;)*) => {$(
+        impl$(<const $n: usize>)? Memory for $type {
+            type View = $view;
+            const NEW: Self = $new;
+
+            fn view(&self) -> &Self::View {
+                self
+            }
+
+            fn view_mut(&mut self) -> &mut Self::View {
+                self
+            }
+        }
+    )*};
 }
 
-#[cfg(feature = "storage")]
-impl StorageMemory for crate::storage::Storage {
-    const NEW: Self = Self::NEW;
-}
-
-/// The table of peers.
-#[doc(hidden)]
-pub trait PeerMemory: core::fmt::Debug {
-    const NEW: Self;
-    fn view(&self) -> &[PeerInfo];
-    fn view_mut(&mut self) -> &mut Peers;
-}
-
-impl<const N: usize> PeerMemory for heapless::Vec<PeerInfo, N> {
-    const NEW: Self = {
+memory! {
+    [N] heapless::Vec<PeerInfo, N> => Peers: {
         assert!(N > 0, "a stack needs room for a peer: `peers: 8` will do for most");
         Self::new()
     };
-
-    fn view(&self) -> &[PeerInfo] {
-        self
-    }
-
-    fn view_mut(&mut self) -> &mut Peers {
-        self.as_mut_view()
-    }
+    [N] StatusTexts<[TextEntry; N]> => StatusTexts: Self::new();
+    [N] Requests<[RequestQueue; N]> => Requests: Self::NONE;
+    [N] EventLog<[EventEntry; N]> => EventLog: Self::EMPTY;
+    [] Absent => Absent: Self;
 }
 
-/// The queue of texts.
-#[doc(hidden)]
-pub trait TextMemory: core::fmt::Debug {
-    const NEW: Self;
-    fn view(&self) -> &StatusTexts;
-    fn view_mut(&mut self) -> &mut StatusTexts;
-}
-
-impl<const N: usize> TextMemory for StatusTexts<[TextEntry; N]> {
-    const NEW: Self = Self::new();
-
-    fn view(&self) -> &StatusTexts {
-        self
-    }
-
-    fn view_mut(&mut self) -> &mut StatusTexts {
-        self
-    }
-}
-
-/// The requests of the hooks.
-#[doc(hidden)]
-pub trait RequestMemory: core::fmt::Debug {
-    const NEW: Self;
-    fn view(&self) -> &Requests;
-    fn view_mut(&mut self) -> &mut Requests;
-}
-
-impl<const N: usize> RequestMemory for Requests<[RequestQueue; N]> {
-    const NEW: Self = Self::NONE;
-
-    fn view(&self) -> &Requests {
-        self
-    }
-
-    fn view_mut(&mut self) -> &mut Requests {
-        self
-    }
-}
-
-/// The history of events.
-#[doc(hidden)]
-pub trait EventMemory: core::fmt::Debug {
-    const NEW: Self;
-    fn view(&self) -> &EventLog;
-    fn view_mut(&mut self) -> &mut EventLog;
-}
-
-impl<const N: usize> EventMemory for EventLog<[EventEntry; N]> {
-    const NEW: Self = Self::EMPTY;
-
-    fn view(&self) -> &EventLog {
-        self
-    }
-
-    fn view_mut(&mut self) -> &mut EventLog {
-        self
-    }
+#[cfg(feature = "storage")]
+memory! {
+    [] crate::storage::Storage => crate::storage::Storage: Self::NEW;
 }

@@ -1,6 +1,6 @@
 //! The methods of the peer table, and of single parts: each can be called only if its part is declared.
 
-use super::{Declares, EventMemory, PeerMemory, RequestMemory, Stack};
+use super::{Declares, Memory, Stack};
 use crate::message::{Message, SystemId};
 use crate::network::{ForwardCounters, PeerInfo};
 use crate::service::ForwardingGate;

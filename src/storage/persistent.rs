@@ -6,6 +6,7 @@ use super::restore_error::RestoreError;
 use crate::dialect::{MavMissionResult, MavModeFlag, MavSeverity};
 use crate::message::Digest;
 use crate::service::mission::{PlanFault, WithoutPlans};
+use crate::service::param::ExternalService;
 use crate::service::{Absent, Cx, Service, WithoutSigning};
 use crate::time::Instant;
 use crate::types::{Firmware, Vehicle};
@@ -204,6 +205,8 @@ pub trait Persistent<F: Firmware>: Service<F> {
 impl<F: Firmware> Persistent<F> for Absent {}
 impl<F: Firmware> Persistent<F> for WithoutPlans {}
 impl<F: Firmware> Persistent<F> for WithoutSigning {}
+/// The backend stores its parameters itself.
+impl<F: Firmware> Persistent<F> for ExternalService where Self: Service<F> {}
 
 /// Whether the vehicle is known to be disarmed. Otherwise stored content must not replace the content with which it flies.
 pub(super) fn is_disarmed(vehicle: &impl Vehicle) -> bool {

@@ -7,7 +7,7 @@ use std::vec::Vec;
 use proptest::prelude::*;
 
 use super::*;
-use crate::stack::RequestMemory;
+use crate::stack::Memory;
 
 /// Makes a frame of this version, if it can carry the message, from this sender with this sequence number.
 type Request = Box<dyn Fn(Version, Address, u8) -> Vec<u8>>;
