@@ -51,7 +51,7 @@ impl<D: Declares> Persistence<'_, D> {
         while let [content, rest @ ..] = contents {
             let layout = Self::layout(*content);
             if !layout.is_empty() {
-                all = all.saturating_add(layout.all_pages());
+                all = all.saturating_add(layout.all_pages);
                 longest_record = if layout.pages > longest_record { layout.pages } else { longest_record };
             }
             contents = rest;
@@ -88,7 +88,7 @@ impl<D: Declares> Persistence<'_, D> {
     /// Begins to read all records.
     pub(super) fn attach(&mut self) {
         for content in Self::contents() {
-            *self.storage.to_load(content) = Self::layout(content).all();
+            *self.storage.to_load(content) = Self::layout(content).all;
         }
         for content in Content::ALL {
             with_service!(self, content, |service| service.attach(&mut self.cx));
@@ -141,7 +141,7 @@ impl<D: Declares> Persistence<'_, D> {
     fn begin_next(&mut self, may_write: bool) {
         for content in Self::contents() {
             if with_service!(self, content, |service| service.is_reload_requested(&mut self.cx)) {
-                *self.storage.to_load(content) = Self::layout(content).all();
+                *self.storage.to_load(content) = Self::layout(content).all;
             }
         }
         for content in Self::contents() {

@@ -32,7 +32,7 @@ pub(crate) mod flag {
     pub(crate) const SECRET: u8 = 8;
 }
 
-/// The buffer for one page: the only large buffer that storage needs. What carries out the [jobs](super::Job) owns it.
+/// The buffer for one page: the only large buffer that storage needs. The code that runs the [jobs](super::Job) owns it.
 ///
 /// It is word-aligned, and so is the part that a job reads or writes. A driver that needs words or DMA can thus use it directly:
 /// esp-storage would otherwise copy through a buffer of 4 KiB on the call stack.
@@ -40,7 +40,7 @@ pub(crate) mod flag {
 #[repr(align(4))]
 pub struct Page([u8; PAGE]);
 
-/// What follows the payload of a page.
+/// The end of a page, behind its payload.
 // Its fields are in the order of the page, which takes less code to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
@@ -68,9 +68,9 @@ pub(crate) struct Footer {
     pub(crate) crc: u32,
 }
 
-/// What a page contains.
+/// The state of a page that was read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Content {
+pub(crate) enum PageState {
     /// It is erased.
     Blank,
     /// It was not written completely, or is no page, or its footer is damaged, too.
@@ -81,7 +81,7 @@ pub(crate) enum Content {
 }
 
 impl Footer {
-    /// Returns what precedes the checksums.
+    /// Returns the words before the checksums.
     fn words(&self) -> [u32; 5] {
         let pair = |low: u16, high: u16| u32::from(low) | u32::from(high) << 16;
         let bytes = |low: u8, high: u8| u16::from(low) | u16::from(high) << 8;
@@ -131,6 +131,16 @@ impl Footer {
 
     pub(crate) const fn is_copy(&self) -> bool {
         self.flags & flag::COPY != 0
+    }
+
+    /// Whether the page has no content, and says that a record of its kind was lost.
+    pub(crate) const fn is_loss_report(&self) -> bool {
+        self.flags & flag::LOST != 0
+    }
+
+    /// Whether everything older than its segment is to be erased.
+    pub(crate) const fn is_secret(&self) -> bool {
+        self.flags & flag::SECRET != 0
     }
 }
 
@@ -217,15 +227,15 @@ impl Page {
         Crc32::of(self.0.get(..CRC).unwrap_or_default())
     }
 
-    /// Returns what a page that was read contains.
+    /// Returns the state of a page that was read.
     #[inline(never)]
-    pub(crate) fn open(&self) -> Content {
+    pub(crate) fn open(&self) -> PageState {
         let Some(footer) = Footer::read(self.tail()) else {
             let is_blank = is_all(&self.0, 0xFF);
             return if is_blank {
-                Content::Blank
+                PageState::Blank
             } else {
-                self.repaired_footer().map_or(Content::Bad, Content::Damaged)
+                self.repaired_footer().map_or(PageState::Bad, PageState::Damaged)
             };
         };
         let [m0, m1] = MAGIC;
@@ -233,7 +243,7 @@ impl Page {
             && self.0.first_chunk() == Some(&[m0, m1, VERSION, footer.kind])
             && usize::from(footer.len) <= PAYLOAD
             && self.sum() == footer.crc;
-        if is_whole { Content::Whole(footer) } else { Content::Damaged(footer) }
+        if is_whole { PageState::Whole(footer) } else { PageState::Damaged(footer) }
     }
 
     /// Whether the first bytes are those of a page.
@@ -315,7 +325,7 @@ mod tests {
         let mut reference = crc_any::CRCu32::crc32();
         reference.digest(&bytes[228..252]);
         assert_eq!(reference.get_crc().to_le_bytes(), bytes[252..]);
-        assert_eq!(page.open(), Content::Whole(footer));
+        assert_eq!(page.open(), PageState::Whole(footer));
         assert_eq!(Footer::read(page.tail()), Some(footer));
     }
 
@@ -327,7 +337,7 @@ mod tests {
             let mut damaged = page.clone();
             damaged.bytes_mut()[bit / 8] ^= 1 << (bit % 8);
             // The last byte is not one bit from 0xFF, which would look like a write that was cut off.
-            assert_eq!(damaged.open(), Content::Damaged(footer), "bit {bit}");
+            assert_eq!(damaged.open(), PageState::Damaged(footer), "bit {bit}");
         }
     }
 
@@ -338,7 +348,7 @@ mod tests {
         for written in 0..PAGE {
             let mut torn = Page([0xFF; PAGE]);
             torn.bytes_mut()[..written].copy_from_slice(&page.bytes()[..written]);
-            let expected = if written == 0 { Content::Blank } else { Content::Bad };
+            let expected = if written == 0 { PageState::Blank } else { PageState::Bad };
             assert_eq!(torn.open(), expected, "{written} bytes");
         }
     }

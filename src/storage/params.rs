@@ -18,9 +18,9 @@ use crate::types::{Firmware, Vehicle};
 /// A row: the key of a parameter and its value, in little-endian order.
 type Row = [[u8; 4]; 2];
 /// Number of rows in a page.
-const ROWS: u16 = 28;
+const ROWS: Saturating<u16> = Saturating(28);
 #[allow(clippy::as_conversions, reason = "`from` is not const")]
-const _: () = assert!(ROWS as usize * size_of::<Row>() == PAYLOAD);
+const _: () = assert!(ROWS.0 as usize * size_of::<Row>() == PAYLOAD);
 
 /// The bit of a key that says that the parameter had its default.
 const DEFAULT: u32 = 1 << 31;
@@ -113,17 +113,17 @@ where
 
     fn fill(&mut self, cx: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<FilledPage> {
         let table = cx.parameters.table_mut();
-        let first = page.checked_mul(ROWS)?;
+        let first = Saturating(page) * ROWS;
         let mut len = Saturating(0);
         let rows: &mut [Row] = bytes.as_chunks_mut().0.as_chunks_mut().0;
-        for (index, row) in (first..table.count()).zip(rows) {
+        for (index, row) in (first.0..table.count()).zip(rows) {
             let (info, Stored { bits, is_default }) = table.stored(index)?;
             let key = key(info) | if is_default { DEFAULT } else { 0 };
             *row = [key.to_le_bytes(), bits.to_le_bytes()];
             len += 8;
         }
         // An empty table has an empty page.
-        let is_last = first.saturating_add(ROWS) >= table.count();
+        let is_last = (first + ROWS).0 >= table.count();
         (len.0 > 0 || page == 0).then_some(FilledPage { len: len.0, is_last })
     }
 
@@ -147,13 +147,13 @@ where
     let [stored_key, bits] = *row;
     let (stored_key, bits) = (u32::from_le_bytes(stored_key), u32::from_le_bytes(bits));
     let table = cx.parameters.table_mut();
-    let mut next = from;
+    let mut next = Saturating(from);
     for _ in 0..table.count() {
-        let index = if next < table.count() { next } else { 0 };
-        next = index.wrapping_add(1);
+        let index = if next.0 < table.count() { next.0 } else { 0 };
+        next = Saturating(index) + Saturating(1);
         if table.get(index).is_some_and(|(info, _)| key(info) == stored_key & !DEFAULT) {
             params.load(cx, index, &Stored { bits, is_default: stored_key & DEFAULT != 0 }, keeps_value);
-            return next;
+            return next.0;
         }
     }
     from

@@ -129,7 +129,7 @@ impl<'a, F: NorFlash> Partition<'a, F> {
                 "a partition must start and end at an erase unit of the flash: at a multiple of ERASE_SIZE"
             );
         }
-        Self { flash, start: START, len: const { END.wrapping_sub(START) } }
+        Self { flash, start: START, len: const { END - START } }
     }
 }
 

@@ -61,14 +61,14 @@ fn row_at(content: &[PlanView<'_>; 3], index: usize) -> Option<Row> {
 
 /// Fills a page with rows.
 pub(super) fn fill(content: &[PlanView<'_>; 3], page: u16, bytes: &mut [u8]) -> Option<FilledPage> {
-    let first = usize::from(page).checked_mul(ROWS)?;
+    let first = Saturating(usize::from(page)) * Saturating(ROWS);
     let mut len = Saturating(0u8);
-    for (index, place) in (first..).zip(bytes.as_chunks_mut().0.as_chunks_mut().0) {
+    for (index, place) in (first.0..).zip(bytes.as_chunks_mut().0.as_chunks_mut().0) {
         let Some(row) = row_at(content, index) else { break };
         *place = row;
         len += 32;
     }
-    let is_last = row_at(content, first.checked_add(ROWS)?).is_none();
+    let is_last = row_at(content, (first + Saturating(ROWS)).0).is_none();
     (len.0 > 0).then_some(FilledPage { len: len.0, is_last })
 }
 

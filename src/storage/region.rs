@@ -1,11 +1,21 @@
 //! The part of a storage that the journal uses.
 
+use core::num::Wrapping;
 use core::ops::Range;
 
 use super::page::{PAGE, TAIL};
 
 #[allow(clippy::as_conversions, reason = "256")]
-pub(super) const PAGE_LEN: u32 = PAGE as u32;
+const PAGE_LEN: u32 = PAGE as u32;
+
+/// An address in the storage, in bytes. No operation wraps, because the region lies in the storage.
+pub(super) type Address = Wrapping<u32>;
+
+/// A number of pages in a segment, or a position there. No operation wraps, because a segment has at most 65,535 pages.
+pub(super) type Pages = Wrapping<u16>;
+
+/// A number of pages in the region, or a position there. No operation wraps, because the region has at most 131,070 pages.
+pub(super) type RegionPages = Wrapping<u32>;
 
 /// The part of a storage that the journal uses: some number of erase units of equal size, two at least.
 ///
@@ -13,17 +23,18 @@ pub(super) const PAGE_LEN: u32 = PAGE as u32;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Region {
-    pub(super) start: u32,
-    /// All in pages: the region, one erase unit, and a segment.
-    pub(super) pages: u32,
-    pub(super) unit: u32,
-    pub(super) segment: u16,
-    /// Length of the part of a record's last page that is written separately, after the rest, in bytes.
-    pub(super) tail: u16,
+    start: Address,
+    /// The length of the region, of one erase unit, and of a segment.
+    pub(super) pages: RegionPages,
+    pub(super) unit: RegionPages,
+    pub(super) segment: Pages,
+    /// The last page of a record is written in two parts: the second begins with this byte. 0 if it is written in one.
+    pub(super) tail_at: u16,
 }
 
 impl Region {
-    pub(super) const NONE: Self = Self { start: 0, pages: 0, unit: 0, segment: 0, tail: 0 };
+    pub(super) const NONE: Self =
+        Self { start: Wrapping(0), pages: Wrapping(0), unit: Wrapping(0), segment: Wrapping(0), tail_at: 0 };
 
     /// Returns the erase unit of the journal in bytes, for a storage with this erase unit: a multiple of 256.
     pub(super) const fn unit_of(erase_size: u32) -> u32 {
@@ -62,39 +73,59 @@ impl Region {
         let units = if half == most { half * 2 } else { all };
         let tail = if write_size > TAIL as u32 { write_size } else { TAIL as u32 };
         Self {
-            start,
-            pages: units * unit_pages,
-            unit: unit_pages,
-            segment: (half * unit_pages) as u16,
-            tail: tail as u16,
+            start: Wrapping(start),
+            pages: Wrapping(units * unit_pages),
+            unit: Wrapping(unit_pages),
+            segment: Wrapping((half * unit_pages) as u16),
+            tail_at: (PAGE_LEN - tail) as u16,
         }
     }
 
-    /// Returns the address of a page, counted from the first page of a segment.
-    pub(super) const fn at(&self, first: u32, position: u32) -> u32 {
-        let mut page = first.wrapping_add(position);
-        if page >= self.pages {
-            page = page.wrapping_sub(self.pages);
-        }
-        self.start.wrapping_add(page.wrapping_mul(PAGE_LEN))
+    /// Returns the address of a page. It is counted from page `first` of the region, at whose end it begins again.
+    pub(super) fn address(&self, first: RegionPages, position: RegionPages) -> Address {
+        self.start + self.wrapped(first + position) * Wrapping(PAGE_LEN)
+    }
+
+    /// Returns the length of an erase unit in bytes.
+    pub(super) fn unit_len(&self) -> u32 {
+        (self.unit * Wrapping(PAGE_LEN)).0
     }
 
     /// Returns the first page of the segment that follows the one at this page.
-    pub(super) fn next(&self, first: u32) -> u32 {
-        let next = first.wrapping_add(self.segment.into());
-        if next >= self.pages { next.wrapping_sub(self.pages) } else { next }
+    pub(super) fn next(&self, first: RegionPages) -> RegionPages {
+        self.wrapped(first + in_region(self.segment))
+    }
+
+    /// Returns the page `position` pages before this one.
+    pub(super) fn before(&self, page: RegionPages, position: RegionPages) -> RegionPages {
+        if page >= position { page - position } else { page + self.pages - position }
+    }
+
+    /// Begins again after the end of the region.
+    fn wrapped(&self, page: RegionPages) -> RegionPages {
+        if page >= self.pages { page - self.pages } else { page }
     }
 
     /// Returns the number of its units.
     pub(super) fn units(&self) -> u32 {
-        self.pages.checked_div(self.unit).unwrap_or(0)
+        self.pages.0.checked_div(self.unit.0).unwrap_or(0)
     }
 
     /// Returns the position behind the unit that contains this position.
     #[inline(never)]
-    pub(super) fn end_of_unit(&self, position: u16) -> u16 {
-        let unit = self.unit.max(1);
-        let end = u32::from(position).saturating_add(1).checked_next_multiple_of(unit).unwrap_or(u32::MAX);
-        u16::try_from(end).unwrap_or(u16::MAX).min(self.segment)
+    pub(super) fn end_of_unit(&self, position: Pages) -> Pages {
+        let next = in_region(position) + Wrapping(1);
+        let end = next.0.checked_next_multiple_of(self.unit.0.max(1)).unwrap_or(u32::MAX);
+        Wrapping(u16::try_from(end).unwrap_or(u16::MAX)).min(self.segment)
     }
+
+    /// Returns the first position of the unit that contains this position.
+    pub(super) fn begin_of_unit(&self, position: Pages) -> RegionPages {
+        in_region(self.end_of_unit(position)) - self.unit
+    }
+}
+
+/// Converts a position in a segment.
+pub(super) fn in_region(position: Pages) -> RegionPages {
+    Wrapping(position.0.into())
 }

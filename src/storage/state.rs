@@ -1,5 +1,7 @@
 //! The state of storage in a stack: the journal, and the record that is loaded or written.
 
+use core::num::Wrapping;
+
 use super::journal::{Entry, Journal};
 use super::page::PAYLOAD;
 use super::persistent::{LoadProgress, Persistent};
@@ -36,14 +38,6 @@ pub(crate) struct RecordSet(u8);
 impl RecordSet {
     pub(crate) const EMPTY: Self = Self(0);
 
-    /// Returns the first `count` records, at most 8.
-    const fn first(count: u8) -> Self {
-        Self(match 0xFFu8.checked_shl(count as u32) {
-            Some(others) => !others,
-            None => 0xFF,
-        })
-    }
-
     pub(crate) const fn is_empty(self) -> bool {
         self.0 == 0
     }
@@ -72,25 +66,36 @@ fn bit(record: u8) -> u8 {
 /// The records of a service, as [`Persistent`] declares them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RecordLayout {
-    first_kind: u8,
+    first_kind: Wrapping<u8>,
     count: u8,
+    pub(crate) all: RecordSet,
     pub(crate) schema: u16,
     /// Maximum length of a record in pages.
     pub(crate) pages: u16,
+    /// The number of pages that all records and a report of the loss of each take.
+    pub(crate) all_pages: u32,
     uses_older: bool,
 }
 
 impl RecordLayout {
-    #[allow(clippy::as_conversions, clippy::panic, reason = "const-evaluated; checked")]
+    #[allow(
+        clippy::arithmetic_side_effects,
+        clippy::as_conversions,
+        clippy::panic,
+        reason = "const-evaluated; checked"
+    )]
     pub(crate) const fn of<F: Firmware, S: Persistent<F>>() -> Self {
         let pages = S::MAX_LEN.div_ceil(PAYLOAD as u32);
         assert!(pages <= 0x7FFF, "the stored content of a service is at most 7 MB");
         assert!(S::RECORDS <= 8);
+        let pages = if pages > 0 { pages } else { 1 };
         Self {
-            first_kind: S::KIND,
+            first_kind: Wrapping(S::KIND),
             count: S::RECORDS,
+            all: RecordSet(((1u16 << S::RECORDS) - 1) as u8),
             schema: S::SCHEMA,
-            pages: if pages > 0 { pages as u16 } else { 1 },
+            pages: pages as u16,
+            all_pages: (pages + 1) * S::RECORDS as u32,
             uses_older: S::USES_OLDER,
         }
     }
@@ -100,24 +105,14 @@ impl RecordLayout {
         self.count == 0
     }
 
-    /// Returns all records.
-    pub(crate) const fn all(&self) -> RecordSet {
-        RecordSet::first(self.count)
-    }
-
     /// Returns the kind of a record.
-    pub(crate) const fn kind(&self, record: u8) -> u8 {
-        self.first_kind.wrapping_add(record)
+    pub(crate) fn kind(&self, record: u8) -> u8 {
+        (self.first_kind + Wrapping(record)).0
     }
 
     /// Whether this is the kind of one of the records.
-    pub(crate) const fn has_kind(&self, kind: u8) -> bool {
-        kind.wrapping_sub(self.first_kind) < self.count
-    }
-
-    /// Returns the number of pages that these records and a report of the loss of each take.
-    pub(crate) const fn all_pages(&self) -> u32 {
-        (self.pages as u32).saturating_add(1).saturating_mul(self.count as u32)
+    pub(crate) fn has_kind(&self, kind: u8) -> bool {
+        Wrapping(kind) - self.first_kind < Wrapping(self.count)
     }
 
     /// Returns whether there is a record to load.
@@ -126,7 +121,7 @@ impl RecordLayout {
     ///
     /// The record cannot be used.
     pub(crate) fn check(&self, entry: &Entry) -> Result<bool, RestoreError> {
-        match entry.pages {
+        match entry.pages.0 {
             0 if entry.is_damaged => Err(RestoreError::Damaged),
             0 => Ok(false),
             _ if entry.is_damaged && !self.uses_older => Err(RestoreError::Damaged),
@@ -137,13 +132,13 @@ impl RecordLayout {
 }
 
 /// The state of storage in the stack, declared by `storage`.
+// Small fields are first: shorter instructions reach them there.
 #[derive(Debug)]
+#[repr(C)]
 pub struct Storage {
     /// The content that is loaded or written, and which of its records.
     pub(crate) content: Content,
     pub(crate) record: u8,
-    /// The version that is written.
-    pub(crate) version: u16,
     /// The content whose turn to be written it is.
     pub(crate) turn: Content,
     /// Whether the first attempt to read has failed.
@@ -151,6 +146,8 @@ pub struct Storage {
     /// The records that are still to be loaded, in the order of [`Content::ALL`].
     to_load: [RecordSet; 4],
     pub(crate) errors: RestoreErrors,
+    /// The version that is written.
+    pub(crate) version: u16,
     pub(crate) journal: Journal,
     pub(crate) progress: LoadProgress,
 }

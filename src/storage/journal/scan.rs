@@ -1,224 +1,251 @@
 //! Reading the journal: where the open segment is, and its newest records (G-18).
 
-use super::super::page::{Content, Footer, Page, flag, is_all};
-use super::{
-    ANY_KIND, ATTEMPTS, ENTRIES, Entry, Event, FEW, Journal, LONG_ATTEMPTS, LONG_PAUSE, PAUSE, Record, Segment, Switch,
-    Task, is_newer,
-};
+use core::num::{Saturating, Wrapping};
+
+use super::super::page::{Footer, Page, PageState, is_all};
+use super::super::region::{Pages, RegionPages, in_region};
+use super::record::{Entries, Entry, RecordCursor, Segment, SegmentNumber};
+use super::state::{ATTEMPTS, Event, Journal, LONG_PAUSE, NewSegment, PAUSE, Scan, Task};
 use crate::time::Instant;
+
+/// If more pages cannot be read than a power cut leaves, they are given up after this many attempts, a minute later, and everything
+/// counts as damaged. All pages of the region are never given up.
+const LONG_ATTEMPTS: Saturating<u8> = Saturating(10);
+/// The number of pages that several power cuts may leave unreadable.
+const FEW: RegionPages = Wrapping(8);
 
 impl Journal {
     /// Starts reading from the beginning.
     pub(super) fn scan(&mut self) {
         self.task = Task::Find;
-        (self.open, self.write) = (Segment::NONE, Segment::NONE);
-        (self.newest, self.has_lost_all, self.page, self.unreadable) = (0, false, 0, 0);
-        self.entries = [Entry::FREE; ENTRIES];
-        (self.scrub, self.used, self.has_old_secret) = (0, 0, false);
-        (self.copied, self.switch, self.next_erased) = (Segment::NONE, Switch::IfFull, 0);
-        self.skipped = 0;
-        (self.has_other_data, self.has_log, self.has_foreign) = (false, false, false);
+        self.scan = Scan::NEW;
+        (self.open_segment, self.target, self.newest) = (Segment::NONE, Segment::NONE, SegmentNumber::NONE);
+        self.entries = Entries::FREE;
+        self.new_segment = NewSegment::IfFull;
+        self.old_key.units = Wrapping(0);
+        self.ahead.next_erased = Wrapping(0);
+        self.writer.skipped = Wrapping(0);
     }
 
-    /// Looks for the open segment: the newest one with the last page of a record that is no copy.
+    /// Takes the end of a page, or all of it: looks for the open segment, which is the newest one with the last page of a record
+    /// that is no copy.
     #[inline(never)]
-    pub(super) fn found(&mut self, is_done: bool, page: &Page) {
-        let is_examined = core::mem::replace(&mut self.task, Task::Find) == Task::Examine;
-        if !is_done {
-            self.unreadable = self.unreadable.wrapping_add(1);
-            return;
-        }
+    pub(super) fn find_segment(&mut self, now: Instant, is_done: bool, page: &Page) -> Event {
+        let is_examined = self.task == Task::Examine;
+        let scan = &mut self.scan;
         let is_blank = is_all(page.tail(), 0xFF);
-        if !is_examined && !is_blank {
-            self.used = self.used.wrapping_add(1);
-        }
-        let read = Footer::read(page.tail());
-        let footer = match read {
-            Some(footer) => footer,
-            None if is_blank || is_all(page.tail(), 0) => return,
-            None if !is_examined => {
-                self.task = Task::Examine;
-                return;
+        let mut found = None;
+        if !is_done {
+            scan.unreadable += 1;
+        } else if !is_blank {
+            if !is_examined {
+                scan.used += 1;
             }
-            None => match page.open() {
-                Content::Damaged(footer) => footer,
-                _ => {
-                    self.has_other_data |= !page.is_begun();
-                    return;
+            match Footer::read(page.tail()) {
+                Some(footer) if !footer.is_ours() => {
+                    scan.has_journal = true;
+                    scan.has_foreign = true;
                 }
-            },
-        };
-        self.has_log = true;
-        // The version may be the bit that was wrong.
-        if read.is_some() && !footer.is_ours() {
-            self.has_foreign = true;
+                Some(footer) => found = Some(footer),
+                None if is_all(page.tail(), 0) => {}
+                None if !is_examined => {
+                    self.task = Task::Examine;
+                    return Event::Nothing;
+                }
+                // The version may be the bit that was wrong.
+                None => match page.open() {
+                    PageState::Damaged(footer) => found = Some(footer),
+                    _ => scan.has_other_data |= !page.is_begun(),
+                },
+            }
+        }
+        if let Some(footer) = found {
+            self.add_to_segment(&footer);
+        }
+        self.task = Task::Find;
+        self.scan.page += 1;
+        if self.scan.page < self.region.pages { Event::Nothing } else { self.end_of_find(now) }
+    }
+
+    /// Takes the footer of a page of any segment.
+    fn add_to_segment(&mut self, footer: &Footer) {
+        let (number, position) = (SegmentNumber(footer.segment), Wrapping(footer.position));
+        self.scan.has_journal = true;
+        if !number.is_possible() {
+            // Without an open segment, it is the rest of a journal.
+            self.scan.has_lost_all = true;
             return;
         }
-        let Footer { segment, position, .. } = footer;
-        if segment.cast_signed() <= 0 {
-            // No segment has this number. Without an open segment, it is what is left of a journal.
-            self.has_lost_all = true;
-            return;
-        }
-        if is_newer(segment, self.newest) {
-            self.newest = segment;
+        if number.is_newer_than(self.newest) {
+            self.newest = number;
         }
         if !footer.is_last() || position >= self.region.segment {
             return;
         }
-        let position = u32::from(position);
-        let first = self.page.checked_sub(position);
-        let first = first.unwrap_or_else(|| self.page.wrapping_add(self.region.pages).wrapping_sub(position));
-        let place = if footer.is_copy() { &mut self.copied } else { &mut self.open };
-        if is_newer(segment, place.number) {
-            *place = Segment { number: segment, first, ..Segment::NONE };
+        let segment = if footer.is_copy() { &mut self.scan.copied } else { &mut self.open_segment };
+        if number.is_newer_than(segment.number) {
+            *segment = Segment::new(number, self.region.before(self.scan.page, in_region(position)));
         }
     }
 
-    pub(super) fn end_of_find(&mut self, now: Instant) -> Event {
-        (self.page, self.record) = (0, Record::NONE);
-        self.has_lost_all &= self.open.number == 0;
-        if self.open.number == 0 && self.copied.number != 0 {
+    fn end_of_find(&mut self, now: Instant) -> Event {
+        self.cursor = RecordCursor::NONE;
+        let scan = &mut self.scan;
+        scan.page = Wrapping(0);
+        scan.has_lost_all &= self.open_segment.is_none();
+        if self.open_segment.is_none() && !scan.copied.is_none() {
             // The record that opened the segment is lost, and so is the segment before.
-            (self.open, self.has_lost_all) = (self.copied, true);
+            self.open_segment = scan.copied;
+            scan.has_lost_all = true;
         }
-        self.write = self.open;
-        self.has_other_data &= !self.has_log;
-        if self.has_foreign {
+        self.target = self.open_segment;
+        scan.has_other_data &= !scan.has_journal;
+        if scan.has_foreign {
             self.task = Task::Foreign;
             return Event::Found;
         }
-        // A power cut leaves no more than one unit that cannot be read, several cuts a few pages more. What is in others may be
-        // read later.
-        let is_outage = self.unreadable > self.region.unit.max(FEW);
-        let attempts = self.attempts.saturating_add(1);
-        if self.unreadable >= self.region.pages || is_outage && attempts < LONG_ATTEMPTS {
+        // A power cut leaves no more than one unit that cannot be read, several cuts a few pages more. Others may be read later.
+        let is_outage = scan.unreadable > self.region.unit.max(FEW);
+        let attempts = self.attempts + Saturating(1);
+        if scan.unreadable >= self.region.pages || is_outage && attempts < LONG_ATTEMPTS {
             return self.wait(now, if attempts < ATTEMPTS { PAUSE } else { LONG_PAUSE });
         }
-        self.has_lost_all |= is_outage;
-        if self.open.number == 0 {
-            if self.unreadable > 0 && self.attempts.saturating_add(1) >= ATTEMPTS {
-                self.all_damaged();
-            }
-            return self.end_of_scan(now);
+        scan.has_lost_all |= is_outage;
+        if !self.open_segment.is_none() {
+            self.task = Task::Replay;
+            return Event::Nothing;
         }
-        self.task = Task::Replay;
-        Event::Nothing
+        if scan.unreadable > Wrapping(0) && attempts >= ATTEMPTS {
+            self.entries.mark_all_damaged();
+        }
+        self.end_of_scan(now)
     }
 
-    pub(super) fn end_of_scan(&mut self, now: Instant) -> Event {
-        if self.unreadable > 0 && self.attempts.saturating_add(1) < ATTEMPTS {
+    fn end_of_scan(&mut self, now: Instant) -> Event {
+        let has_unreadable = self.scan.unreadable > Wrapping(0);
+        if has_unreadable && self.attempts + Saturating(1) < ATTEMPTS {
             return self.wait(now, PAUSE);
         }
-        self.switch = if self.has_lost_all {
-            self.all_damaged();
-            // A newer segment may be read another time, and must then be older than what is written now.
-            self.newest = self.newest.wrapping_add(1);
-            Switch::Always
-        } else if self.unreadable > 0 {
+        self.new_segment = if self.scan.has_lost_all {
+            self.entries.mark_all_damaged();
+            // A newer segment may be read another time, and must then be older than all that is written now.
+            self.newest = self.newest.next();
+            NewSegment::Always
+        } else if has_unreadable {
             // Pages that a cut has made unreadable must not add up.
-            Switch::Once
+            NewSegment::Once
         } else {
-            Switch::IfFull
+            NewSegment::IfFull
         };
         // A page is left out: a write that was cut off may have disturbed it, even if it reads as erased.
-        let Segment { head, erased, .. } = self.write;
-        self.write.head = head.saturating_add(1).min(erased);
-        self.open = self.write;
-        (self.task, self.attempts) = (Task::Idle, 0);
-        if self.has_old_secret && self.used > 0 {
-            self.scrub = self.region.units();
+        if self.target.head < self.target.erased {
+            self.target.head += 1;
+        }
+        self.open_segment = self.target;
+        self.task = Task::Idle;
+        self.attempts = Saturating(0);
+        if self.scan.has_old_secret && self.scan.used > Saturating(0) {
+            self.old_key.units = Wrapping(self.region.units());
         }
         Event::Found
     }
 
-    /// Takes the next page of the open segment.
+    /// Takes the next page of the open segment. A page that does not match its checksums is read a second time.
     #[inline(never)]
-    pub(super) fn replay(&mut self, is_done: bool, page: &Page) {
-        let position = u16::try_from(self.page).unwrap_or(u16::MAX);
-        let content = if is_done { page.open() } else { Content::Bad };
-        self.unreadable = self.unreadable.wrapping_add((!is_done).into());
-        let is_here = |footer: &Footer| footer.segment == self.open.number && footer.position == position;
-        let record = core::mem::replace(&mut self.record, Record::NONE);
-        let is_own = match content {
-            Content::Whole(footer) | Content::Damaged(footer) => is_here(&footer),
-            Content::Bad => position < self.write.erased,
-            Content::Blank => false,
-        };
-        if is_own && is_done && !is_all(page.tail(), 0xFF) {
-            self.used = self.used.saturating_sub(1);
+    pub(super) fn replay(&mut self, now: Instant, is_done: bool, page: &Page) -> Event {
+        let state = if is_done { page.open() } else { PageState::Bad };
+        if is_done && matches!(state, PageState::Bad | PageState::Damaged(_)) && !self.scan.is_read_twice {
+            self.scan.is_read_twice = true;
+            return Event::Nothing;
         }
-        match content {
-            Content::Whole(footer) if is_here(&footer) => {
-                (self.write.head, self.write.erased) = (position.wrapping_add(1), self.region.end_of_unit(position));
-                if footer.index == 0 {
-                    self.check_count(&footer);
-                    self.record = Record { kind: footer.kind, schema: footer.schema, index: 1, crc: footer.crc };
-                } else if record.continues(&footer) {
-                    self.record = record;
-                    self.record.advance(footer.crc);
-                } else if footer.is_last() {
-                    self.damaged(&footer);
-                }
-                if footer.is_last() && self.record.index > 0 {
-                    self.complete(&footer);
-                }
+        self.scan.is_read_twice = false;
+        let position = Wrapping(u16::try_from(self.scan.page.0).unwrap_or(u16::MAX));
+        let is_here = |footer: &Footer| (footer.segment, footer.position) == (self.open_segment.number.0, position.0);
+        if !is_done {
+            self.scan.unreadable += 1;
+        } else if !is_all(page.tail(), 0xFF) {
+            let is_own = match &state {
+                PageState::Whole(footer) | PageState::Damaged(footer) => is_here(footer),
+                PageState::Bad => position < self.target.erased,
+                PageState::Blank => false,
+            };
+            if is_own {
+                self.scan.used -= 1;
             }
-            Content::Damaged(footer) if is_here(&footer) => {
-                // Its unit was erased for it. It must stay until a new record replaces it: nothing else shows the damage.
-                (self.write.head, self.write.erased) = (position.wrapping_add(1), self.region.end_of_unit(position));
+        }
+        let record = core::mem::replace(&mut self.cursor, RecordCursor::NONE);
+        match state {
+            PageState::Whole(footer) if is_here(&footer) => self.replay_page(&footer, position, record),
+            PageState::Damaged(footer) if is_here(&footer) => {
+                // It must stay until a new record replaces it: nothing else shows the damage.
+                self.target.add_page(position, &self.region);
                 if footer.is_last() {
-                    self.damaged(&footer);
+                    self.count_damaged(&footer);
                 }
             }
             // A newer segment begins where this one did, and the record that opened it is lost.
-            Content::Whole(footer) if self.write.head == 0 && is_newer(footer.segment, self.open.number) => {
-                self.has_lost_all = true;
+            PageState::Whole(footer)
+                if self.target.head == Wrapping(0)
+                    && SegmentNumber(footer.segment).is_newer_than(self.open_segment.number) =>
+            {
+                self.scan.has_lost_all = true;
             }
-            Content::Blank => {}
+            PageState::Blank => {}
             // Also a page of another segment, in a unit that was not erased as a whole: units were smaller then.
-            _ if position < self.write.erased => self.write.head = position.wrapping_add(1),
+            _ if position < self.target.erased => self.target.head = position + Wrapping(1),
             // A page of another segment, from before its unit was erased.
             _ => {}
         }
+        self.scan.page += 1;
+        if self.scan.page < in_region(self.region.segment) { Event::Nothing } else { self.end_of_scan(now) }
     }
 
-    /// Compares the number of records so far with the one that a page of the next record states.
-    fn check_count(&mut self, footer: &Footer) {
-        let lost = footer.count.wrapping_sub(self.write.count).cast_signed();
-        if lost > 0 {
-            self.mark_damaged(footer.before);
+    /// Takes a whole page of the open segment, behind a page of `record`.
+    fn replay_page(&mut self, footer: &Footer, position: Pages, record: RecordCursor) {
+        self.target.add_page(position, &self.region);
+        if footer.index == 0 {
+            self.check_count(footer);
+            self.cursor = RecordCursor::new(footer.kind, footer.schema);
+        } else if record.continues_with(footer) {
+            self.cursor = record;
+        } else {
+            if footer.is_last() {
+                self.count_damaged(footer);
+            }
+            return;
         }
-        if lost > 1 {
-            self.all_damaged();
+        self.cursor.advance(footer.crc);
+        if !footer.is_last() {
+            return;
         }
-        self.write.count = footer.count;
+        let RecordCursor { kind, schema, index: pages, .. } = core::mem::replace(&mut self.cursor, RecordCursor::NONE);
+        self.target.add_record(kind);
+        if footer.is_loss_report() {
+            return self.entries.mark_damaged(kind);
+        }
+        self.scan.has_old_secret |= footer.is_secret();
+        let at = self.target.head - pages;
+        self.entries.set(Entry { kind, is_damaged: false, schema, at, pages, moved: at });
     }
 
-    /// Records of unknown kinds were lost: marks all kinds.
-    fn all_damaged(&mut self) {
-        self.mark_damaged(ANY_KIND);
-        for entry in &mut self.entries {
-            entry.is_damaged |= entry.kind != 0;
-        }
-    }
-
-    /// Takes the last page of a record that was complete, and is not whole.
-    fn damaged(&mut self, footer: &Footer) {
+    /// Counts a record whose last page is there, and which is not whole.
+    fn count_damaged(&mut self, footer: &Footer) {
         self.check_count(footer);
-        self.mark_damaged(footer.kind);
-        (self.write.count, self.write.before) = (footer.count.wrapping_add(1), footer.kind);
+        self.entries.mark_damaged(footer.kind);
+        self.target.add_record(footer.kind);
     }
 
-    /// Takes the last page of a whole record.
-    fn complete(&mut self, footer: &Footer) {
-        let Record { kind, schema, index: pages, .. } = core::mem::replace(&mut self.record, Record::NONE);
-        (self.write.count, self.write.before) = (self.write.count.wrapping_add(1), kind);
-        if footer.flags & flag::LOST != 0 {
-            return self.mark_damaged(kind);
+    /// Compares the number of records so far with the number that a page of the next record states.
+    fn check_count(&mut self, footer: &Footer) {
+        let count = Wrapping(footer.count);
+        match (count - self.target.count).0.cast_signed() {
+            ..=0 => {}
+            1 => self.entries.mark_damaged(footer.before),
+            2.. => {
+                self.entries.mark_damaged(footer.before);
+                self.entries.mark_all_damaged();
+            }
         }
-        self.has_old_secret |= footer.flags & flag::SECRET != 0;
-        let at = footer.position.wrapping_add(1).wrapping_sub(pages);
-        self.set_entry(Entry { kind, is_damaged: false, schema, at, pages, moved: at });
+        self.target.count = count;
     }
 }

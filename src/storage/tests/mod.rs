@@ -132,7 +132,7 @@ impl<const W: usize, const E: usize> Rig<W, E> {
 
     /// Reads a record.
     fn load(&mut self, kind: u8) -> Option<Vec<u8>> {
-        if self.journal.find(kind).pages == 0 {
+        if self.journal.find(kind).pages.0 == 0 {
             return None;
         }
         self.journal.load(kind);
