@@ -41,11 +41,11 @@ impl Journal {
         writer.is_doubtful = false;
         writer.is_worn = false;
         let is_full = pages > self.region.segment - self.target.head;
-        if is_secret || is_full || self.new_segment != NewSegment::IfFull || self.open_segment.is_none() {
+        if is_secret || is_full || writer.new_segment != NewSegment::IfFull || self.open_segment.is_none() {
             self.begin_segment();
         } else {
-            writer.copies = Copies::NONE;
-            self.cursor = writer.new;
+            self.writer.copies = Copies::NONE;
+            self.cursor = self.writer.new;
         }
         self.task = Task::Append;
         self.begin_page();
@@ -295,7 +295,7 @@ impl Journal {
             return Event::Nothing;
         }
         if self.is_in_new_segment() {
-            self.new_segment = NewSegment::IfFull;
+            self.writer.new_segment = NewSegment::IfFull;
             self.writer.skipped = Wrapping(0);
             self.entries.move_all();
             if self.must_erase_older() {
@@ -319,7 +319,7 @@ impl Journal {
                 return Event::Nothing;
             }
             // The next segment has a greater number, so that it counts whatever becomes of this one.
-            self.new_segment = NewSegment::Always;
+            self.writer.new_segment = NewSegment::Always;
             return self.fail(true);
         }
         if !self.writer.is_worn {
@@ -346,8 +346,8 @@ impl Journal {
     /// Ends writing without the record.
     #[inline(never)]
     fn fail(&mut self, is_dirty: bool) -> Event {
-        if self.new_segment == NewSegment::Once && self.is_in_new_segment() {
-            self.new_segment = NewSegment::IfFull;
+        if self.writer.new_segment == NewSegment::Once && self.is_in_new_segment() {
+            self.writer.new_segment = NewSegment::IfFull;
         }
         self.end_write(is_dirty);
         Event::Failed { is_doubtful: self.writer.is_doubtful }

@@ -89,7 +89,7 @@ impl Journal {
 
     /// Whether the region has data, but no journal.
     pub(crate) const fn has_other_data(&self) -> bool {
-        self.scan.has_other_data
+        self.has_other_data
     }
 
     /// Whether a job has no result yet.

@@ -19,9 +19,10 @@ impl Journal {
     pub(super) fn scan(&mut self) {
         self.task = Task::Find;
         self.scan = Scan::NEW;
+        self.has_other_data = false;
         (self.open_segment, self.target, self.newest) = (Segment::NONE, Segment::NONE, SegmentNumber::NONE);
         self.entries = Entries::FREE;
-        self.new_segment = NewSegment::IfFull;
+        self.writer.new_segment = NewSegment::IfFull;
         self.old_key.units = Wrapping(0);
         self.ahead.next_erased = Wrapping(0);
         self.writer.skipped = Wrapping(0);
@@ -55,7 +56,7 @@ impl Journal {
                 // The version may be the bit that was wrong.
                 None => match page.open() {
                     PageState::Damaged(footer) => found = Some(footer),
-                    _ => scan.has_other_data |= !page.is_begun(),
+                    _ => self.has_other_data |= !page.is_begun(),
                 },
             }
         }
@@ -99,7 +100,7 @@ impl Journal {
             scan.has_lost_all = true;
         }
         self.target = self.open_segment;
-        scan.has_other_data &= !scan.has_journal;
+        self.has_other_data &= !scan.has_journal;
         if scan.has_foreign {
             self.task = Task::Foreign;
             return Event::Found;
@@ -126,7 +127,7 @@ impl Journal {
         if has_unreadable && self.attempts + Saturating(1) < ATTEMPTS {
             return self.wait(now, PAUSE);
         }
-        self.new_segment = if self.scan.has_lost_all {
+        self.writer.new_segment = if self.scan.has_lost_all {
             self.entries.mark_all_damaged();
             // A newer segment may be read another time, and must then be older than all that is written now.
             self.newest = self.newest.next();

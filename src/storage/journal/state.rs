@@ -117,7 +117,8 @@ pub(crate) struct Journal {
     pub(super) job: Purpose,
     /// The number of failed attempts to read, or to check a written page.
     pub(super) attempts: Saturating<u8>,
-    pub(super) new_segment: NewSegment,
+    /// Whether the region has data, but no journal.
+    pub(super) has_other_data: bool,
     pub(super) writer: Writer,
     pub(super) ahead: EraseAhead,
     pub(super) region: Region,
@@ -142,8 +143,7 @@ pub(super) struct Scan {
     pub(super) page: RegionPages,
     /// Whether the page did not match its checksums, and is read again.
     pub(super) is_read_twice: bool,
-    /// Whether the region has other data, a journal, and a journal of another version.
-    pub(super) has_other_data: bool,
+    /// Whether the region has a journal, and a journal of another version.
     pub(super) has_journal: bool,
     pub(super) has_foreign: bool,
     /// Whether records of unknown kinds are lost that may be newer than all others.
@@ -162,6 +162,7 @@ pub(super) struct Scan {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Writer {
     pub(super) stage: Stage,
+    pub(super) new_segment: NewSegment,
     /// The copies that precede the record in a new segment.
     pub(super) copies: Copies,
     /// Whether the record replaces a key: everything older is erased.
@@ -211,7 +212,6 @@ impl Scan {
     pub(super) const NEW: Self = Self {
         page: Wrapping(0),
         is_read_twice: false,
-        has_other_data: false,
         has_journal: false,
         has_foreign: false,
         has_lost_all: false,
@@ -227,7 +227,7 @@ impl Journal {
         task: Task::Detached,
         job: Purpose::None,
         attempts: Saturating(0),
-        new_segment: NewSegment::IfFull,
+        has_other_data: false,
         region: Region::NONE,
         open_segment: Segment::NONE,
         target: Segment::NONE,
@@ -237,6 +237,7 @@ impl Journal {
         scan: Scan::NEW,
         writer: Writer {
             stage: Stage::Content,
+            new_segment: NewSegment::IfFull,
             copies: Copies::ALL,
             is_secret: false,
             is_doubtful: false,
