@@ -1,6 +1,6 @@
 //! All counters in one call.
 
-use super::{Declares, RequestMemory, Stack};
+use super::{Declares, Memory, Stack};
 use crate::log::Counters;
 use crate::service::ShowCounters;
 use crate::types::LinkId;
