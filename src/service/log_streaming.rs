@@ -13,6 +13,7 @@ use crate::message::{Address, Message};
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{Context, Firmware, LinkId, Peer, Refusal, RefusalReason};
+use core::num::{Saturating, Wrapping};
 
 /// A stream ends when its client was silent for this time.
 const SILENCE: Duration = Duration::from_secs(10);
@@ -33,7 +34,8 @@ const NO_MESSAGE: u8 = u8::MAX;
 /// The length of the header of a ULog file.
 const HEADER: u32 = 16;
 
-/// The hooks of a vehicle that streams its log, for a vehicle that has [`LogStreamer`] in the struct of its [stack](macro@crate::Stack).
+/// The hooks of a vehicle that streams its log, for a vehicle that has [`LogStreamer`] in the struct of its
+/// [stack](macro@crate::Stack).
 ///
 /// The log is in the [ULog](https://docs.px4.io/main/en/dev_log/ulog_file_format.html) format: a header and
 /// definitions, which are the same for the whole log, then data, which is streamed as it is recorded. The stack finds
@@ -78,14 +80,14 @@ counters! {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Phase {
+enum StreamPhase {
     Off,
     /// The definitions, one packet at a time. Each is sent until it is acknowledged.
     Definitions,
     Data,
 }
 
-/// What log streaming sends.
+/// A message of log streaming.
 #[derive(Clone, Copy, Debug)]
 pub enum StreamingReply {
     /// LOGGING_DATA_ACKED, until it is acknowledged.
@@ -94,7 +96,8 @@ pub enum StreamingReply {
     Data,
 }
 
-/// The state of log streaming: `log_streaming: LogStreamer` in the struct of a [stack](macro@crate::Stack). The vehicle's part is [`LogStreaming`].
+/// The state of log streaming: `log_streaming: LogStreamer` in the struct of a [stack](macro@crate::Stack). The
+/// vehicle's part is [`LogStreaming`].
 ///
 /// ```text
 ///        LOGGING_START            all definitions are acknowledged
@@ -105,7 +108,7 @@ pub enum StreamingReply {
 /// ```
 #[derive(Debug)]
 pub struct LogStreamer {
-    phase: Phase,
+    phase: StreamPhase,
     /// The link of the client was opened again: the next poll ends the stream.
     is_gone: bool,
     /// The client of the last stream.
@@ -115,47 +118,42 @@ pub struct LogStreamer {
     heard: Instant,
     /// When the next packet is due.
     due: Instant,
-    sequence: u16,
+    sequence: Wrapping<u16>,
     /// The unacknowledged packet with definitions: its offset, its length, its first message, and how often it was
     /// sent.
-    offset: u32,
+    offset: Saturating<u32>,
     len: u8,
     first: u8,
-    tries: u8,
-    messages: Messages,
+    tries: Saturating<u8>,
+    messages: MessageScanner,
     counters: StreamingCounters,
 }
 
 /// Finds the beginnings of a log's messages in its bytes.
 #[derive(Clone, Copy, Debug)]
-struct Messages {
+struct MessageScanner {
     /// The number of bytes before the next message.
-    skip: u32,
+    skip: Saturating<u32>,
     /// The first byte of its size, if that was the last byte.
-    low: Option<u8>,
+    size_low: Option<u8>,
 }
 
-impl Messages {
-    const NEW: Self = Self { skip: 0, low: None };
+impl MessageScanner {
+    const NEW: Self = Self { skip: Saturating(0), size_low: None };
 
     /// Processes the next bytes. Returns the offset at which the first message begins; [`NO_MESSAGE`] if none does.
-    fn pass(&mut self, bytes: &[u8]) -> u8 {
-        let (mut first, mut at, mut rest) = (NO_MESSAGE, 0u8, bytes);
-        // Each turn passes a byte.
-        while let Some((byte, behind)) = rest.split_first() {
-            if self.skip > 0 {
-                let skipped = usize::try_from(self.skip).unwrap_or(usize::MAX).min(rest.len());
-                self.skip = self.skip.saturating_sub(u32::try_from(skipped).unwrap_or(0));
-                at = at.saturating_add(u8::try_from(skipped).unwrap_or(u8::MAX));
-                rest = rest.get(skipped..).unwrap_or_default();
-                continue;
+    fn scan(&mut self, bytes: &[u8]) -> u8 {
+        let mut first = NO_MESSAGE;
+        for (at, byte) in (0..NO_MESSAGE).zip(bytes) {
+            if self.skip.0 > 0 {
+                self.skip -= 1;
+            } else if let Some(low) = self.size_low.take() {
+                // The size does not count the byte after it, the type.
+                self.skip = Saturating(1) + Saturating(u32::from(u16::from_le_bytes([low, *byte])));
+            } else {
+                self.size_low = Some(*byte);
+                first = first.min(at);
             }
-            match self.low.take() {
-                // The size counts what follows the kind.
-                Some(low) => self.skip = u32::from(u16::from_le_bytes([low, *byte])).saturating_add(1),
-                None => (self.low, first) = (Some(*byte), first.min(at)),
-            }
-            (at, rest) = (at.saturating_add(1), behind);
         }
         first
     }
@@ -169,7 +167,7 @@ impl LogStreamer {
 
     /// Returns whether a log is being streamed.
     pub fn is_streaming(&self) -> bool {
-        self.phase != Phase::Off
+        self.phase != StreamPhase::Off
     }
 
     /// Whether a stream goes to this link.
@@ -184,32 +182,32 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
     const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::LateBulk, Turn::Bulk]);
     type Reply = StreamingReply;
     const NEW: Self = Self {
-        phase: Phase::Off,
+        phase: StreamPhase::Off,
         is_gone: false,
         client: Peer { address: Address::new(0, 0), link: LinkId(0) },
         started: Instant::ZERO,
         heard: Instant::ZERO,
         due: Instant::ZERO,
-        sequence: 0,
-        offset: 0,
+        sequence: Wrapping(0),
+        offset: Saturating(0),
         len: 0,
         first: 0,
-        tries: 0,
-        messages: Messages::NEW,
+        tries: Saturating(0),
+        messages: MessageScanner::NEW,
         counters: StreamingCounters::ZERO,
     };
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>) {
-        if self.phase != Phase::Off {
+        if self.phase != StreamPhase::Off {
             watch(self, cx);
         }
     }
 
     fn deadline(&self) -> Instant {
         match self.phase {
-            Phase::Off => Instant::NEVER,
+            StreamPhase::Off => Instant::NEVER,
             _ if self.is_gone => Instant::ZERO,
-            Phase::Definitions if self.tries >= TRIES => self.due.min(self.heard + SILENCE),
+            StreamPhase::Definitions if self.tries.0 >= TRIES => self.due.min(self.heard + SILENCE),
             _ => self.heard + SILENCE,
         }
     }
@@ -219,10 +217,10 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
             return Handled::No;
         }
         let sequence = u16::from_le_bytes([received.frame.byte(0), received.frame.byte(1)]);
-        let is_awaited = self.phase == Phase::Definitions && self.tries > 0 && sequence == self.sequence;
-        if is_awaited && received.from == self.client {
-            self.sequence = sequence.wrapping_add(1);
-            self.offset = self.offset.saturating_add(self.len.into());
+        let is_pending = self.phase == StreamPhase::Definitions && self.tries.0 > 0;
+        if is_pending && sequence == self.sequence.0 && received.from == self.client {
+            self.sequence += 1;
+            self.offset += u32::from(self.len);
             next_definitions(self, cx);
         }
         Handled::Yes
@@ -230,27 +228,24 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
 
     fn on_command(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), request: &Request) -> Option<Verdict> {
         let command = &request.command;
+        let refuse = |result, reason| Some(Verdict::Refused(Refusal { result, reason }));
+        let is_taken = self.phase != StreamPhase::Off && command.from != self.client;
         let result = match command.id {
             MavCmd::LOGGING_START => {
                 let [format, ..] = command.params;
-                if !(format.is_nan() || num::integer(format) == Some(0)) {
-                    return Some(Verdict::Refused(Refusal::denied(RefusalReason::Param(1))));
+                if !format.is_nan() && num::integer(format) != Some(0) {
+                    return refuse(MavResult::DENIED, RefusalReason::Param(1));
                 }
-                match port.outbox.takes(LoggingData::ID) {
-                    true if self.phase != Phase::Off && !self.is_gone && command.from != self.client => {
-                        increment(&mut self.counters.busy);
-                        return Some(Verdict::Refused(Refusal {
-                            result: MavResult::TEMPORARILY_REJECTED,
-                            reason: RefusalReason::Taken,
-                        }));
-                    }
-                    true => start(self, cx, command.from),
-                    false => MavResult::DENIED,
+                if !port.outbox.takes(LoggingData::ID) {
+                    MavResult::DENIED
+                } else if is_taken && !self.is_gone {
+                    increment(&mut self.counters.busy);
+                    return refuse(MavResult::TEMPORARILY_REJECTED, RefusalReason::Taken);
+                } else {
+                    start(self, cx, command.from)
                 }
             }
-            MavCmd::LOGGING_STOP if self.phase != Phase::Off && command.from != self.client => {
-                return Some(Verdict::Refused(Refusal::denied(RefusalReason::Taken)));
-            }
+            MavCmd::LOGGING_STOP if is_taken => return refuse(MavResult::DENIED, RefusalReason::Taken),
             MavCmd::LOGGING_STOP => {
                 stop(self, cx);
                 MavResult::ACCEPTED
@@ -263,10 +258,10 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
     #[inline(always)]
     fn pending(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Option<(Instant, StreamingReply)> {
         let reply = match self.phase {
-            Phase::Definitions if self.tries < TRIES => StreamingReply::Definitions,
-            Phase::Data => StreamingReply::Data,
+            StreamPhase::Definitions if self.tries.0 < TRIES => StreamingReply::Definitions,
+            StreamPhase::Data => StreamingReply::Data,
             // The next poll ends a stream whose definitions were not acknowledged.
-            Phase::Off | Phase::Definitions => return None,
+            StreamPhase::Off | StreamPhase::Definitions => return None,
         };
         self.is_on(port).then_some((self.due, reply))
     }
@@ -290,13 +285,13 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
 
 /// Ends the stream of a client that is gone (LOG-13), and checks whether there is data.
 fn watch<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>) {
-    let gives_up = streamer.phase == Phase::Definitions && streamer.tries >= TRIES && cx.now >= streamer.due;
+    let gives_up = streamer.phase == StreamPhase::Definitions && streamer.tries.0 >= TRIES && cx.now >= streamer.due;
     if streamer.is_gone {
         stop(streamer, cx);
     } else if gives_up || cx.now >= streamer.heard + SILENCE {
         increment(&mut streamer.counters.timed_out);
         stop(streamer, cx);
-    } else if streamer.phase == Phase::Data {
+    } else if streamer.phase == StreamPhase::Data {
         streamer.due = streamer.due.min(data_due(cx));
     }
 }
@@ -312,7 +307,7 @@ fn data_due<F: Firmware<Vehicle: LogStreaming>>(cx: &Cx<'_, F>) -> Instant {
 
 /// Starts a stream (LOG-10).
 fn start<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>, from: Peer) -> MavResult {
-    let is_running = streamer.phase != Phase::Off && !streamer.is_gone;
+    let is_running = streamer.phase != StreamPhase::Off && !streamer.is_gone;
     if is_running && cx.now - streamer.started < RETRANSMITTED {
         return MavResult::ACCEPTED;
     }
@@ -324,16 +319,21 @@ fn start<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mu
         return result;
     }
     increment(&mut streamer.counters.started);
-    (streamer.client, streamer.started, streamer.heard) = (from, cx.now, cx.now);
-    (streamer.sequence, streamer.offset, streamer.messages) = (0, 0, Messages::NEW);
+    streamer.client = from;
+    streamer.started = cx.now;
+    streamer.heard = cx.now;
+    streamer.sequence.0 = 0;
+    streamer.offset.0 = 0;
+    streamer.messages = MessageScanner::NEW;
     next_definitions(streamer, cx);
     MavResult::ACCEPTED
 }
 
 /// Ends a stream.
 fn stop<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>) {
-    if streamer.phase != Phase::Off {
-        (streamer.phase, streamer.is_gone) = (Phase::Off, false);
+    if streamer.phase != StreamPhase::Off {
+        streamer.phase = StreamPhase::Off;
+        streamer.is_gone = false;
         let (vehicle, mut context) = cx.hook();
         vehicle.stop_log_stream(&mut context);
     }
@@ -341,11 +341,12 @@ fn stop<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut
 
 /// Schedules the next packet with definitions, or the data if there are no more definitions.
 fn next_definitions<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>) {
-    let has_more = cx.vehicle.read_log_definitions(streamer.offset, &mut [0]) > 0;
-    (streamer.tries, streamer.due) = (0, cx.now);
-    streamer.phase = Phase::Definitions;
-    if !has_more {
-        streamer.phase = Phase::Data;
+    streamer.tries.0 = 0;
+    if cx.vehicle.read_log_definitions(streamer.offset.0, &mut [0]) > 0 {
+        streamer.phase = StreamPhase::Definitions;
+        streamer.due = cx.now;
+    } else {
+        streamer.phase = StreamPhase::Data;
         streamer.due = data_due(cx);
     }
 }
@@ -359,25 +360,25 @@ fn send<F: Firmware<Vehicle: LogStreaming>>(
 ) -> bool {
     let is_acked = matches!(reply, StreamingReply::Definitions);
     let info = if is_acked { const { &LoggingDataAcked::INFO } } else { const { &LoggingData::INFO } };
-    let is_new = !is_acked || streamer.tries == 0;
+    let is_new = !is_acked || streamer.tries.0 == 0;
     let is_sent = port.outbox.compose(info, |payload: &mut [u8; PACKET]| {
         let Some(data) = payload.last_chunk_mut::<BLOCK>() else { return false };
         data.fill(0);
         let len = match is_acked {
-            true => cx.vehicle.read_log_definitions(streamer.offset, data),
+            true => cx.vehicle.read_log_definitions(streamer.offset.0, data),
             false => cx.vehicle.take_log_data(data),
         };
         let bytes = data.get(..len).unwrap_or_default();
         if is_new {
-            let is_begin = is_acked && streamer.offset == 0;
+            let is_begin = is_acked && streamer.offset.0 == 0;
             if is_begin {
-                streamer.messages.skip = HEADER;
+                streamer.messages.skip.0 = HEADER;
             }
-            let first = streamer.messages.pass(bytes);
+            let first = streamer.messages.scan(bytes);
             streamer.first = if is_begin { 0 } else { first };
             streamer.len = u8::try_from(bytes.len()).unwrap_or(0);
         }
-        let [low, high] = streamer.sequence.to_le_bytes();
+        let [low, high] = streamer.sequence.0.to_le_bytes();
         let Address { system, component } = streamer.client.address;
         if let Some(front) = payload.first_chunk_mut() {
             *front = [low, high, system.wire(), component.wire(), streamer.len, streamer.first];
@@ -385,15 +386,15 @@ fn send<F: Firmware<Vehicle: LogStreaming>>(
         len > 0
     });
     if is_acked {
-        if streamer.tries > 0 {
+        if streamer.tries.0 > 0 {
             increment(&mut streamer.counters.resent);
         }
-        streamer.tries = streamer.tries.saturating_add(1);
+        streamer.tries += 1;
         streamer.due = cx.now + RESEND;
     } else {
         streamer.due = data_due(cx);
         if is_sent {
-            streamer.sequence = streamer.sequence.wrapping_add(1);
+            streamer.sequence += 1;
         }
     }
     is_sent

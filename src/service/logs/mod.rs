@@ -1,9 +1,9 @@
 //! Downloads of flight logs.
 //!
-//! Implements the vehicle's side of LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_REQUEST_END and LOG_ERASE, rules LOG-1 to LOG-9 and LOG-15. The
-//! developer guide has no page for them, so they follow PX4 (`mavlink_log_handler.cpp`) and ArduPilot
-//! (`AP_Logger_MAVLinkLogTransfer.cpp`) as far as the two agree. They serve QGroundControl (`LogDownloadController.cc`), MAVSDK
-//! (`log_files_impl.cpp`), MAVProxy (`mavproxy_log.py`) and Mission Planner.
+//! Implements the vehicle's side of LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_REQUEST_END and LOG_ERASE, rules LOG-1 to
+//! LOG-9 and LOG-15. The developer guide has no page for them, so they follow PX4 (`mavlink_log_handler.cpp`) and
+//! ArduPilot (`AP_Logger_MAVLinkLogTransfer.cpp`) as far as the two agree. They serve QGroundControl
+//! (`LogDownloadController.cc`), MAVSDK (`log_files_impl.cpp`), MAVProxy (`mavproxy_log.py`) and Mission Planner.
 //!
 //! Left out: more than one client at a time. LOG_ERASE has no answer in MAVLink, so a text reports its result.
 //!
@@ -28,10 +28,12 @@ pub use vehicle::{LogInfo, LogRead, Logs};
 use super::rate_limit::RETRY;
 use super::{About, Cx, Handled, Received, Service, Shared, ShowCounters, StackEvent, Turn, View, increment};
 use crate::dialect::{LogData, LogEntry, LogErase, LogRequestData, LogRequestEnd, LogRequestList, MavSeverity};
+use crate::frame::Frame;
 use crate::link::Port;
 use crate::message::{Address, Message};
 use crate::time::{Duration, Instant};
 use crate::types::{Firmware, LinkId, Peer};
+use core::num::Saturating;
 
 /// Pending entries and data are dropped when the client was silent for this time. MAVProxy requests a whole log at
 /// once, and then only sends heartbeats.
@@ -41,8 +43,6 @@ const SILENCE: Duration = Duration::from_secs(10);
 const BLOCK: usize = 90;
 /// The number of clients that are remembered to have listed the logs. The one that listed them first is forgotten.
 const LISTED: usize = 4;
-/// The answer to an erasure while a client reads a log.
-const BEING_READ: &[u8] = b"Logs not erased: a client reads one";
 /// No frame is from system 0.
 const NO_CLIENT: Peer = Peer { address: Address::new(0, 0), link: LinkId(0) };
 
@@ -56,7 +56,8 @@ counters! {
         count requests,
         /// Requests that were refused because the vehicle was armed.
         drop armed,
-        /// Requests that were refused because another client was being served, and erasures while a file was being read.
+        /// Requests that were refused because another client was being served, and erasures while a file was being
+        /// read.
         drop busy,
         /// Requests for a log that does not exist.
         drop unknown,
@@ -69,43 +70,33 @@ counters! {
     }
 }
 
-/// The pending work.
+/// A list or a download.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Work {
-    Nothing,
-    /// The entries from `id` to `last`.
-    List,
-    /// `left` bytes from `offset` on.
-    Data,
-    /// The answer that the log ends before `offset`.
-    End,
+enum Transfer {
+    None,
+    /// The entries of the logs from `id` to `last`.
+    List {
+        id: u16,
+        last: u16,
+    },
+    /// `left` bytes of a log from `offset` on; without bytes, the answer that the log ends before `offset`.
+    Data {
+        id: u16,
+        offset: Saturating<u32>,
+        left: Saturating<u32>,
+    },
 }
 
-/// What log downloads send.
-#[derive(Clone, Copy, Debug)]
-pub enum LogReply {
-    /// LOG_ENTRY.
-    Entry,
-    /// LOG_DATA: bytes of a log, or its end.
-    Data,
-}
-
-/// The state of log downloads: declared by `logs` in [`#[stack]`](macro@crate::Stack), and read through [`Stack::logs`](crate::Stack::logs).
-/// The vehicle's part is [`Logs`].
+/// The state of log downloads: declared by `logs` in [`#[stack]`](macro@crate::Stack), and read through
+/// [`Stack::logs`](crate::Stack::logs). The vehicle's part is [`Logs`].
 ///
 /// It serves one client at a time. Its LOG_ENTRY and LOG_DATA use the capacity that other traffic leaves. Together with
 /// files and log streaming they have at least 30 % of the link's rate.
 #[derive(Debug)]
 pub struct LogServer {
-    work: Work,
+    transfer: Transfer,
     /// The client that was served last.
     client: Peer,
-    /// The next log to list, or the one to read.
-    id: u16,
-    /// The last log to list.
-    last: u16,
-    offset: u32,
-    left: u32,
     /// When the client was last heard.
     heard: Instant,
     /// When to read the log again.
@@ -115,7 +106,7 @@ pub struct LogServer {
     listed: Option<[Peer; LISTED]>,
     /// Whether logs could not be read at the last check, and whether a text has reported this, or a change of the logs.
     is_refusing: bool,
-    has_told: bool,
+    is_reported: bool,
     counters: LogCounters,
 }
 
@@ -128,7 +119,8 @@ impl LogServer {
     /// Records that the numbers of the logs may have changed (LOG-16).
     fn forget_lists(&mut self, shared: &mut Shared) {
         shared.log_numbers = shared.log_numbers.wrapping_add(1);
-        (self.listed, self.has_told) = (Some([NO_CLIENT; LISTED]), false);
+        self.listed = Some([NO_CLIENT; LISTED]);
+        self.is_reported = false;
     }
 }
 
@@ -136,64 +128,62 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
     type Link = ();
     const VACANT: () = ();
     const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::LateBulk, Turn::Bulk]);
-    type Reply = LogReply;
+    type Reply = ();
     const NEW: Self = Self {
-        work: Work::Nothing,
+        transfer: Transfer::None,
         client: NO_CLIENT,
-        id: 0,
-        last: 0,
-        offset: 0,
-        left: 0,
         heard: Instant::ZERO,
         ready_at: Instant::ZERO,
         listed: None,
         is_refusing: false,
-        has_told: false,
+        is_reported: false,
         counters: LogCounters::ZERO,
     };
 
-    /// Drops the pending work: of a silent client (LOG-5), or in flight (LOG-6).
+    /// Ends the transfer of a silent client (LOG-5), and in flight (LOG-6).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>) {
-        if !watch(self, cx) {
-            self.work = Work::Nothing;
+        if !update_permission(self, cx) {
+            self.transfer = Transfer::None;
         }
-        if self.work != Work::Nothing && cx.now >= self.heard + SILENCE {
+        if self.transfer != Transfer::None && cx.now >= self.heard + SILENCE {
             increment(&mut self.counters.timed_out);
-            self.work = Work::Nothing;
+            self.transfer = Transfer::None;
         }
     }
 
     fn deadline(&self) -> Instant {
-        if self.work == Work::Nothing { Instant::NEVER } else { self.heard + SILENCE }
+        if self.transfer == Transfer::None { Instant::NEVER } else { self.heard + SILENCE }
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
+        let from = received.from;
         match received.frame.id() {
-            LogRequestList::ID | LogRequestData::ID | LogRequestEnd::ID | LogErase::ID => {}
+            LogRequestList::ID | LogRequestData::ID | LogRequestEnd::ID | LogErase::ID
+                if received.target.system.is_all() =>
+            {
+                // It would erase the logs of every vehicle in range, or have all of them send.
+                return Handled::OutOfPlace;
+            }
+            LogRequestList::ID | LogRequestData::ID => on_request(self, cx, received.frame, from),
+            // MAVSDK sends it when it connects. It ends no transfer of another client (LOG-5).
+            LogRequestEnd::ID if from == self.client => self.transfer = Transfer::None,
+            LogRequestEnd::ID => {}
+            LogErase::ID => erase(self, cx, from),
             _ => return Handled::No,
         }
-        if received.target.system.is_all() {
-            // It would erase the logs of every vehicle in range, or have all of them send.
-            return Handled::OutOfPlace;
-        }
-        handle(self, cx, received);
         Handled::Yes
     }
 
     #[inline(always)]
-    fn pending(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Option<(Instant, LogReply)> {
-        let reply = match self.work {
-            Work::Nothing => return None,
-            Work::List => LogReply::Entry,
-            Work::Data | Work::End => LogReply::Data,
-        };
-        (self.client.link == port.id).then_some((self.ready_at, reply))
+    fn pending(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Option<(Instant, ())> {
+        (self.transfer != Transfer::None && self.client.link == port.id).then_some((self.ready_at, ()))
     }
 
-    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), reply: LogReply) -> bool {
-        match reply {
-            LogReply::Entry => send_entry(self, cx, port),
-            LogReply::Data => send_data(self, cx, port),
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), (): ()) -> bool {
+        match self.transfer {
+            Transfer::None => false,
+            Transfer::List { id, last } => send_entry(self, cx, port, id, last),
+            Transfer::Data { id, offset, left } => send_data(self, cx, port, id, offset, left),
         }
     }
 
@@ -204,7 +194,7 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         match event {
             // The client is gone.
-            StackEvent::Opened(port, ()) if self.client.link == port.id => self.work = Work::Nothing,
+            StackEvent::Opened(port, ()) if self.client.link == port.id => self.transfer = Transfer::None,
             StackEvent::Heard { now, from } if from == self.client => self.heard = now,
             _ => {}
         }
@@ -216,121 +206,124 @@ fn may_read<F: Firmware<Vehicle: Logs>>(cx: &Cx<'_, F>) -> bool {
     cx.vehicle.may_read_logs(cx.shared.flight.state.is_armed())
 }
 
-/// Returns whether logs may be read now. Their numbers may change when this becomes false: a vehicle begins a log then.
-fn watch<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>) -> bool {
-    let is_refusing = !may_read(cx);
-    if is_refusing != server.is_refusing {
-        (server.is_refusing, server.has_told) = (is_refusing, false);
-        if is_refusing {
+/// Updates whether logs may be read, and returns it. Their numbers may change when this becomes false: a vehicle begins
+/// a log then.
+fn update_permission<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>) -> bool {
+    let may_read = may_read(cx);
+    if may_read == server.is_refusing {
+        server.is_refusing = !may_read;
+        server.is_reported = false;
+        if !may_read {
             server.forget_lists(cx.shared);
         }
     }
-    !is_refusing
+    may_read
 }
 
-/// Handles a request.
-fn handle<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, received: &Received<'_>) {
-    let (frame, from) = (received.frame, received.from);
-    if frame.id() == LogRequestEnd::ID {
-        // MAVSDK sends it when it connects. It ends nothing of another client (LOG-5).
-        if from == server.client {
-            server.work = Work::Nothing;
-        }
-        return;
-    }
-    let is_erase = frame.id() == LogErase::ID;
-    let may_read = watch(server, cx);
-    let is_outdated = frame.id() == LogRequestData::ID && server.listed.is_some_and(|listed| !listed.contains(&from));
-    let refusal = if if is_erase { cx.shared.flight.state.is_armed() } else { !may_read } {
+/// Erases the logs, unless the vehicle is armed or a client reads them. A text reports the result: there is no other
+/// answer.
+fn erase<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, from: Peer) {
+    update_permission(server, cx);
+    if cx.shared.flight.state.is_armed() {
         increment(&mut server.counters.armed);
-        if is_erase { b"Logs not erased: disarm first".as_slice() } else { b"Logs refused: disarm first" }
-    } else if is_outdated {
+        return cx.text(MavSeverity::NOTICE, b"Logs not erased: disarm first");
+    }
+    let is_downloading = server.transfer != Transfer::None && server.client != from;
+    if is_downloading || cx.now < cx.shared.logs_read_until {
+        increment(&mut server.counters.busy);
+        return cx.text(MavSeverity::NOTICE, b"Logs not erased: a client reads one");
+    }
+    server.transfer = Transfer::None;
+    cx.shared.has_acted = true;
+    let (vehicle, mut context) = cx.hook();
+    if !vehicle.erase_logs(&mut context, from) {
+        return cx.text(MavSeverity::WARNING, b"Logs not erased");
+    }
+    server.forget_lists(cx.shared);
+    cx.text(MavSeverity::INFO, b"Logs erased");
+}
+
+/// Handles LOG_REQUEST_LIST or LOG_REQUEST_DATA.
+fn on_request<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, frame: &Frame<'_>, from: Peer) {
+    let is_data = frame.id() == LogRequestData::ID;
+    let refusal = if !update_permission(server, cx) {
+        increment(&mut server.counters.armed);
+        Some(b"Logs refused: disarm first".as_slice())
+    } else if is_data && server.listed.is_some_and(|listed| !listed.contains(&from)) {
         increment(&mut server.counters.outdated);
-        b"Logs refused: list them again first".as_slice()
+        Some(b"Logs refused: list them again first".as_slice())
     } else {
-        b""
+        None
     };
-    if !refusal.is_empty() {
-        // A client may repeat its request through the whole flight, and one text is enough. An erasure has no other answer.
-        if is_erase || !core::mem::replace(&mut server.has_told, true) {
-            cx.text(MavSeverity::NOTICE, refusal);
+    if let Some(text) = refusal {
+        // A client may repeat its request through the whole flight, and one text is enough.
+        if !core::mem::replace(&mut server.is_reported, true) {
+            cx.text(MavSeverity::NOTICE, text);
         }
         return;
     }
-    if server.work != Work::Nothing && server.client != from {
+    if server.transfer != Transfer::None && server.client != from {
         increment(&mut server.counters.busy);
-        let text = if is_erase { BEING_READ } else { b"Logs refused: another client reads them" };
-        return cx.text(MavSeverity::NOTICE, text);
+        return cx.text(MavSeverity::NOTICE, b"Logs refused: another client reads them");
     }
-    if is_erase {
-        if cx.now < cx.shared.logs_read_until {
-            increment(&mut server.counters.busy);
-            return cx.text(MavSeverity::NOTICE, BEING_READ);
-        }
-        server.work = Work::Nothing;
-        let (vehicle, mut context) = cx.hook();
-        let is_erased = vehicle.erase_logs(&mut context, from);
-        let (severity, text) = match is_erased {
-            true => (MavSeverity::INFO, b"Logs erased".as_slice()),
-            false => (MavSeverity::WARNING, b"Logs not erased".as_slice()),
+    server.client = from;
+    server.heard = cx.now;
+    server.ready_at = Instant::ZERO;
+    if let Some(LogRequestData { ofs, count, id, .. }) = frame.decode() {
+        let Some(info) = cx.vehicle.log_info(id) else {
+            server.transfer = Transfer::None;
+            return increment(&mut server.counters.unknown);
         };
-        if is_erased {
-            server.forget_lists(cx.shared);
+        increment(&mut server.counters.requests);
+        event!("log {=u16} from {=u32}: {=u32} bytes", id, ofs, count);
+        let rest = Saturating(info.size) - Saturating(ofs);
+        server.transfer = Transfer::Data { id, offset: Saturating(ofs), left: rest.min(Saturating(count)) };
+        if count == 0 && rest.0 > 0 {
+            // A count of 0 ends a download for the client, so only an offset behind the log is answered by it (LOG-4).
+            server.transfer = Transfer::None;
         }
-        cx.shared.has_acted = true;
-        return cx.text(severity, text);
-    }
-    (server.client, server.heard, server.ready_at) = (from, cx.now, Instant::ZERO);
-    if let Some(LogRequestList { start, end, .. }) = frame.decode() {
+    } else if let Some(LogRequestList { start, end, .. }) = frame.decode() {
         // Without a log, one entry says so (LOG-2).
-        let last = cx.vehicle.log_count().saturating_sub(1);
-        server.id = start.min(last);
-        server.last = end.min(last).max(server.id);
-        server.work = Work::List;
+        let newest = cx.vehicle.log_count().saturating_sub(1);
+        let id = start.min(newest);
+        server.transfer = Transfer::List { id, last: end.min(newest).max(id) };
         if let Some(listed) = &mut server.listed
             && !listed.contains(&from)
         {
             let [first, second, third, _] = *listed;
             *listed = [from, first, second, third];
         }
-        return;
     }
-    let Some(LogRequestData { ofs, count, id, .. }) = frame.decode() else { return };
-    // A count of 0 ends a download for the client, so only an offset behind the log is answered by it (LOG-4).
-    let Some(info) = cx.vehicle.log_info(id) else {
-        server.work = Work::Nothing;
-        return increment(&mut server.counters.unknown);
-    };
-    increment(&mut server.counters.requests);
-    event!("log {=u16} from {=u32}: {=u32} bytes", id, ofs, count);
-    let rest = info.size.saturating_sub(ofs);
-    (server.id, server.offset, server.left) = (id, ofs, count.min(rest));
-    server.work = match rest {
-        0 => Work::End,
-        _ if count == 0 => Work::Nothing,
-        _ => Work::Data,
-    };
 }
 
 /// Sends a LOG_ENTRY.
-fn send_entry<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &Cx<'_, F>, port: &mut Port) -> bool {
-    let LogServer { id, last: last_log_num, .. } = *server;
+fn send_entry<F: Firmware<Vehicle: Logs>>(
+    server: &mut LogServer,
+    cx: &Cx<'_, F>,
+    port: &mut Port,
+    id: u16,
+    last: u16,
+) -> bool {
     let LogInfo { size, time_utc } = cx.vehicle.log_info(id).unwrap_or_default();
-    if id >= last_log_num {
-        server.work = Work::Nothing;
-    }
-    server.id = id.saturating_add(1);
-    port.outbox.send(&LogEntry { time_utc, size, id, num_logs: cx.vehicle.log_count(), last_log_num })
+    let next = Transfer::List { id: id.saturating_add(1), last };
+    server.transfer = if id < last { next } else { Transfer::None };
+    port.outbox.send(&LogEntry { time_utc, size, id, num_logs: cx.vehicle.log_count(), last_log_num: last })
 }
 
 /// Sends a LOG_DATA.
-fn send_data<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, port: &mut Port) -> bool {
-    let LogServer { id, offset, left, .. } = *server;
-    let len = usize::try_from(left).unwrap_or(BLOCK).min(BLOCK);
+fn send_data<F: Firmware<Vehicle: Logs>>(
+    server: &mut LogServer,
+    cx: &mut Cx<'_, F>,
+    port: &mut Port,
+    id: u16,
+    offset: Saturating<u32>,
+    left: Saturating<u32>,
+) -> bool {
+    let len = usize::try_from(left.0).unwrap_or(BLOCK).min(BLOCK);
     let count = u8::try_from(len).unwrap_or(0);
     let mut read = LogRead::Done;
     let is_sent = port.outbox.compose(const { &LogData::INFO }, |payload: &mut [u8; LOG_DATA]| {
-        let ([a, b, c, d], [low, high]) = (offset.to_le_bytes(), id.to_le_bytes());
+        let ([a, b, c, d], [low, high]) = (offset.0.to_le_bytes(), id.to_le_bytes());
         if let Some(front) = payload.first_chunk_mut() {
             *front = [a, b, c, d, low, high, count];
         }
@@ -338,19 +331,20 @@ fn send_data<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_,
         let (data, rest) = data.unwrap_or_default();
         rest.fill(0);
         if !data.is_empty() {
-            read = cx.vehicle.read_log(id, offset, data);
+            read = cx.vehicle.read_log(id, offset.0, data);
         }
         read == LogRead::Done
     });
-    server.left = left.saturating_sub(count.into());
-    server.offset = offset.saturating_add(count.into());
+    let sent = Saturating(u32::from(count));
     match read {
-        LogRead::Done if server.left > 0 => {}
-        LogRead::Done => server.work = Work::Nothing,
-        LogRead::Later => (server.offset, server.left, server.ready_at) = (offset, left, cx.now + RETRY),
+        LogRead::Done if left > sent => {
+            server.transfer = Transfer::Data { id, offset: offset + sent, left: left - sent };
+        }
+        LogRead::Done => server.transfer = Transfer::None,
+        LogRead::Later => server.ready_at = cx.now + RETRY,
         LogRead::Failed => {
             increment(&mut server.counters.failed);
-            server.work = Work::Nothing;
+            server.transfer = Transfer::None;
         }
     }
     is_sent

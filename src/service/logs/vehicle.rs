@@ -47,8 +47,8 @@ use crate::types::{Context, Peer};
 ///
 /// # Cost
 ///
-/// No hook may block. [`read_log`](Self::read_log) is called at most once for each sent packet, and up to eight times in
-/// each poll while a client asks for the checksum of a log's file. Read a slow medium, such as an SD card, ahead in
+/// No hook may block. [`read_log`](Self::read_log) is called at most once for each sent packet, and up to eight times
+/// in each poll while a client asks for the checksum of a log's file. Read a slow medium, such as an SD card, ahead in
 /// another task; until that has data, the hook returns [`LogRead::Later`].
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not implement `Logs`",
@@ -104,8 +104,8 @@ pub struct LogInfo {
 pub enum LogRead {
     /// All bytes were read.
     Done,
-    /// There is no data yet. The stack retries while the client is heard: any of its frames during a download by messages, its
-    /// requests while it reads the log's file.
+    /// There is no data yet. The stack retries while the client is heard: any of its frames during a download by
+    /// messages, its requests while it reads the log's file.
     Later,
     /// The log cannot be read. The download ends without an answer, and the client may request the same part again.
     Failed,
