@@ -42,8 +42,8 @@ use crate::service::param::ParamMemory;
 use crate::service::{Cx, Service, Shared, SigningGate, View};
 use crate::time::Instant;
 use crate::types::{
-    Allowance, Component, Config, Context, HookFaults, LinkConfig, LinkId, LinkMask, MAX_LINKS, PlanMemory, Values,
-    Vehicle, VehicleAddress,
+    Allowance, Component, Config, Context, HookFaults, LinkConfig, LinkId, LinkMask, MAX_LINKS, PlanMemory, TextNumber,
+    Values, Vehicle, VehicleAddress,
 };
 
 /// The vehicle's side of MAVLink for the declaration `D`, on `LINKS` links. It derefs to the struct of the
@@ -351,8 +351,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// }
     /// ```
     pub fn text_after(&self, number: u16) -> Option<(u16, MavSeverity, &[u8])> {
-        let entry = self.texts.view().after(number)?;
-        Some((entry.number, entry.severity, entry.text.as_bytes()))
+        let entry = self.texts.view().after(TextNumber(number))?;
+        Some((entry.number.0, entry.severity, entry.text.as_bytes()))
     }
 
     /// Calls `work` with the context that the vehicle's hooks get, at the time `now`. Use it in a flight loop that

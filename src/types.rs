@@ -43,6 +43,6 @@ pub use requests::{Destination, Recipient, RequestQueue, Requests};
 #[cfg(feature = "signing")]
 pub use signing::{Accept, LinkSigning};
 pub use texts::MAX_TEXT_LEN;
-pub(crate) use texts::ONE_FRAME;
+pub(crate) use texts::{ONE_FRAME, TextNumber};
 pub use texts::{StatusTexts, TextEntry};
 pub use vehicle::{PeerEvent, Vehicle, VehicleState};

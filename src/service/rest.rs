@@ -11,7 +11,8 @@ use crate::message::Dialect;
 use crate::network::PeerInfo;
 use crate::time::Instant;
 use crate::types::{
-    EventEntry, EventLog, Firmware, LinkId, LinkMask, NoPlans, PlansMut, RequestQueue, Requests, StatusTexts, TextEntry,
+    EventEntry, EventLog, Firmware, LinkId, LinkMask, NoPlans, PlansMut, RequestQueue, Requests, StatusTexts,
+    TextEntry, TextNumber,
 };
 
 /// What a service works with beside its own state, the vehicle and the parameters: two normal links, no plans.
@@ -82,7 +83,7 @@ pub(crate) fn take(tx: &mut Outbox) -> std::vec::Vec<u8> {
 
 /// Returns the texts that a link sends.
 pub(crate) fn sent_texts(texts: &mut StatusTexts, tx: &mut Outbox) -> std::vec::Vec<std::string::String> {
-    let mut cursor = TextCursor::new();
+    let mut cursor = TextCursor::at(TextNumber::NONE);
     core::iter::from_fn(|| {
         let sent = texts.next(&mut cursor, tx);
         sent.then(|| with_frame(&take(tx), |frame| frame.decode::<Statustext>().expect("STATUSTEXT").text))

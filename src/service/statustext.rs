@@ -11,17 +11,18 @@ use super::{About, Cx, Service, Turn, View};
 use crate::dialect::Statustext;
 use crate::frame::Version;
 use crate::link::{Outbox, Port};
-use crate::message::Text;
+use crate::message::{Text, cut, zero_extend};
 use crate::time::Instant;
-use crate::types::{Firmware, LinkMask, ONE_FRAME, StatusTexts};
+use crate::types::{Firmware, LinkMask, ONE_FRAME, StatusTexts, TextNumber};
+use core::num::Saturating;
 
 /// A link's position in the text that it sends.
 #[derive(Clone, Copy, Debug)]
 pub struct TextCursor {
-    number: u16,
-    chunk: u8,
+    number: TextNumber,
+    chunk: Saturating<u8>,
     /// The number of bytes that were sent.
-    sent: u8,
+    sent: Saturating<u8>,
 }
 
 /// Sends the queued texts.
@@ -31,7 +32,7 @@ pub struct Texts;
 impl<F: Firmware> Service<F> for Texts {
     const NEW: Self = Self;
     type Link = TextCursor;
-    const VACANT: TextCursor = TextCursor::new();
+    const VACANT: TextCursor = TextCursor::at(TextNumber::NONE);
     const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Text]);
     type Reply = ();
 
@@ -46,8 +47,9 @@ impl<F: Firmware> Service<F> for Texts {
 }
 
 impl TextCursor {
-    pub(crate) const fn new() -> Self {
-        Self { number: 0, chunk: 0, sent: 0 }
+    /// Returns the beginning of a text.
+    pub(crate) const fn at(number: TextNumber) -> Self {
+        Self { number, chunk: Saturating(0), sent: Saturating(0) }
     }
 }
 
@@ -55,26 +57,17 @@ impl StatusTexts {
     /// Sends the next chunk on a link. Returns false if no text is pending.
     pub(crate) fn next(&mut self, cursor: &mut TextCursor, tx: &mut Outbox) -> bool {
         let link = LinkMask::of(tx.link());
-        let newest = self.newest;
-        // Numbers wrap, so the oldest text is the one furthest behind the newest. A text that the link has begun was
-        // the oldest, and still is.
-        let (mut oldest, mut highest) = (None, 0);
-        for entry in self.entries.iter_mut().filter(|entry| entry.pending.contains(link)) {
-            let age = newest.wrapping_sub(entry.number);
-            if age >= highest {
-                (oldest, highest) = (Some(entry), age);
-            }
-        }
-        let Some(entry) = oldest else { return false };
+        // A text that the link has begun was the oldest, and still is.
+        let Some(entry) = self.oldest_pending(link) else { return false };
         if cursor.number != entry.number {
-            *cursor = TextCursor { number: entry.number, ..TextCursor::new() };
+            *cursor = TextCursor::at(entry.number);
         }
         let bytes = entry.text.as_bytes();
         // MAVLink 1 has no chunks: send what fits, cut between code points.
         let is_whole = tx.version() == Version::V1 || bytes.len() <= ONE_FRAME;
-        let sent = if is_whole { 0 } else { cursor.sent };
+        let sent = if is_whole { 0 } else { cursor.sent.0 };
         let rest = bytes.get(usize::from(sent)..).unwrap_or_default();
-        let front = rest.get(..crate::message::cut(rest, ONE_FRAME)).unwrap_or_default();
+        let front = rest.get(..cut(rest, ONE_FRAME)).unwrap_or_default();
         // A chunk without a NUL announces another one, so the last chunk may be empty.
         let is_last = is_whole || rest.len() < ONE_FRAME;
         let mut chunk = [0; ONE_FRAME];
@@ -82,14 +75,14 @@ impl StatusTexts {
         if !is_last && let Some(end) = chunk.last_chunk_mut::<3>() {
             *end = [b' '; 3];
         }
-        let len = crate::message::zero_extend(front, &mut chunk);
-        let (id, chunk_seq) = if is_whole { (0, 0) } else { (entry.number, cursor.chunk) };
+        let len = zero_extend(front, &mut chunk);
+        let (id, chunk_seq) = if is_whole { (0, 0) } else { (entry.number.0, cursor.chunk.0) };
         let message = Statustext { severity: entry.severity, text: Text::from_wire(chunk), id, chunk_seq };
-        cursor.chunk = cursor.chunk.saturating_add(1);
-        cursor.sent = cursor.sent.saturating_add(u8::try_from(len).unwrap_or(0));
+        cursor.chunk += 1;
+        cursor.sent += u8::try_from(len).unwrap_or(0);
         if is_last {
             entry.pending = entry.pending.without(link);
-            *cursor = TextCursor { number: entry.number, ..TextCursor::new() };
+            *cursor = TextCursor::at(entry.number);
         }
         tx.send(&message)
     }

@@ -4,6 +4,7 @@ use super::link::LinkMask;
 use crate::dialect::MavSeverity;
 use crate::message::{Text, front};
 use crate::time::{Duration, Instant};
+use core::num::Wrapping;
 
 /// The maximum length of a text in bytes. A longer text is cut off between code points.
 pub const MAX_TEXT_LEN: usize = 120;
@@ -22,13 +23,32 @@ const ANSWER_AFTER: Duration = Duration::from_secs(2);
 /// the texts of all links.
 const GIVE_UP_AFTER: Duration = Duration::from_secs(10);
 
+/// The number of a text, in order of arrival. It wraps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct TextNumber(pub(crate) u16);
+
+impl TextNumber {
+    /// Before all texts: no text has it, because the id of a chunk is not 0.
+    pub(crate) const NONE: Self = Self(0);
+
+    /// Returns the number of the next text.
+    fn next(self) -> Self {
+        Self(self.0.checked_add(1).unwrap_or(1))
+    }
+
+    /// Returns how many texts came after this one, of which the last is `newest`.
+    const fn age(self, newest: Self) -> u16 {
+        newest.0.wrapping_sub(self.0)
+    }
+}
+
 /// A text that is pending, or was sent recently.
 #[derive(Clone, Debug)]
 pub struct TextEntry {
     pub(crate) text: Text<MAX_TEXT_LEN>,
     pub(crate) severity: MavSeverity,
-    /// Counts texts in order of arrival. It is also the id that the chunks share.
-    pub(crate) number: u16,
+    /// It is also the id that the chunks share.
+    pub(crate) number: TextNumber,
     pub(crate) at: Instant,
     /// Links that have not sent all of it.
     pub(crate) pending: LinkMask,
@@ -41,14 +61,28 @@ impl TextEntry {
     const SENT: Self = Self {
         text: Text::EMPTY,
         severity: MavSeverity(0),
-        number: 0,
+        number: TextNumber::NONE,
         at: Instant::ZERO,
         pending: LinkMask::NONE,
         links: LinkMask::NONE,
     };
+
+    /// Returns a number that is the highest for the entry that a new text evicts: a sent one, otherwise one that is given up, of
+    /// those the least severe, and of those the oldest. A larger severity is less severe.
+    fn eviction_rank(&self, now: Instant, newest: TextNumber) -> u32 {
+        let (state, severity) = if self.pending.is_empty() {
+            (SENT, 0)
+        } else if now - self.at >= GIVE_UP_AFTER {
+            (GIVEN_UP, self.severity.0)
+        } else {
+            (PENDING, self.severity.0)
+        };
+        let [high, low] = self.number.age(newest).to_be_bytes();
+        u32::from_be_bytes([state, severity, high, low])
+    }
 }
 
-/// The state of an entry: a new text evicts an entry with the highest state.
+/// The state of an entry, in the order of eviction: the last is evicted first.
 const PENDING: u8 = 0;
 const GIVEN_UP: u8 = 1;
 const SENT: u8 = 2;
@@ -56,17 +90,21 @@ const SENT: u8 = 2;
 /// The queue of texts, for all links. The logic works on the unsized form, so the queue's length is compiled once.
 #[derive(Clone, Debug)]
 pub struct StatusTexts<E: ?Sized = [TextEntry]> {
-    /// The number of the newest text. 0 is not used, because the id of a chunk is not 0.
-    pub(crate) newest: u16,
+    pub(crate) newest: TextNumber,
     /// Whether a received frame is being handled.
     pub(crate) is_answering: bool,
-    dropped: u32,
+    dropped: Wrapping<u32>,
     pub(crate) entries: E,
 }
 
 impl<const N: usize> StatusTexts<[TextEntry; N]> {
     pub(crate) const fn new() -> Self {
-        Self { newest: 0, is_answering: false, dropped: 0, entries: [const { TextEntry::SENT }; N] }
+        Self {
+            newest: TextNumber::NONE,
+            is_answering: false,
+            dropped: Wrapping(0),
+            entries: [const { TextEntry::SENT }; N],
+        }
     }
 }
 
@@ -74,7 +112,7 @@ impl StatusTexts {
     /// Returns the number of texts that were dropped: repeated too soon, or evicted unsent from a full
     /// queue. Wraps.
     pub(crate) const fn dropped(&self) -> u32 {
-        self.dropped
+        self.dropped.0
     }
 
     /// Queues `text`, as much of it as a [`Text`] has room for, for those of `links` that did not get it recently. It takes bytes,
@@ -82,59 +120,66 @@ impl StatusTexts {
     pub(crate) fn push(&mut self, now: Instant, links: LinkMask, severity: MavSeverity, text: &[u8]) {
         let text = front(text, MAX_TEXT_LEN);
         let repeat_after = if self.is_answering { ANSWER_AFTER } else { REPEAT_AFTER };
-        let repeated = |entry: &TextEntry| {
-            entry.text.as_bytes() == text && entry.severity == severity && now - entry.at < repeat_after
-        };
-        let sent = self.entries.iter().filter(|entry| repeated(entry)).map(|entry| entry.links);
-        let left = sent.fold(links, LinkMask::without);
-        if text.is_empty() || (left.is_empty() && !links.is_empty()) {
-            self.dropped = self.dropped.wrapping_add(1);
-            return;
-        }
-        let links = left;
-        #[cfg(feature = "defmt")]
-        event!("statustext {=u8}: {}", severity.0, Text::<MAX_TEXT_LEN>::from_bytes(text));
-        // Evicts sent texts first, the oldest of them; then given-up ones; then the least severe. A larger number is
-        // less severe.
-        let newest = self.newest;
-        let (mut place, mut highest) = (None, 0);
-        for entry in &mut self.entries {
-            let (state, least) = match entry.pending.is_empty() {
-                true => (SENT, 0),
-                false if now - entry.at >= GIVE_UP_AFTER => (GIVEN_UP, entry.severity.0),
-                false => (PENDING, entry.severity.0),
-            };
-            let [high, low] = newest.wrapping_sub(entry.number).to_be_bytes();
-            let rank = u32::from_be_bytes([state, least, high, low]);
-            if rank >= highest {
-                (place, highest) = (Some(entry), rank);
+        let mut left = links;
+        for entry in &self.entries {
+            if entry.text.as_bytes() == text && entry.severity == severity && now - entry.at < repeat_after {
+                left = left.without(entry.links);
             }
         }
-        let Some(entry) = place else { return };
-        let [state, least, ..] = highest.to_be_bytes();
+        if text.is_empty() || (left.is_empty() && !links.is_empty()) {
+            self.dropped += 1;
+            return;
+        }
+        #[cfg(feature = "defmt")]
+        event!("statustext {=u8}: {}", severity.0, Text::<MAX_TEXT_LEN>::from_bytes(text));
+        let newest = self.newest;
+        let (mut evicted, mut highest) = (None, 0);
+        for entry in &mut self.entries {
+            let rank = entry.eviction_rank(now, newest);
+            if rank >= highest {
+                highest = rank;
+                evicted = Some(entry);
+            }
+        }
+        let Some(entry) = evicted else { return };
+        let [state, evicted_severity, ..] = highest.to_be_bytes();
         if state != SENT {
-            self.dropped = self.dropped.wrapping_add(1);
-            if state == PENDING && least < severity.0 {
+            self.dropped += 1;
+            if state == PENDING && evicted_severity < severity.0 {
                 // All pending texts are more severe than the new one.
                 return;
             }
         }
-        self.newest = if newest == u16::MAX { 1 } else { newest.wrapping_add(1) };
+        self.newest = newest.next();
         entry.text.set(text);
         entry.severity = severity;
         entry.number = self.newest;
         entry.at = now;
-        entry.pending = links;
-        entry.links = links;
+        entry.pending = left;
+        entry.links = left;
     }
 
-    /// Returns the oldest text behind the one with this number, sent or not. 0 is before all.
-    pub(crate) fn after(&self, number: u16) -> Option<&TextEntry> {
-        let behind = |entry: &&TextEntry| {
-            entry.number != 0 && (number == 0 || entry.number.wrapping_sub(number).cast_signed() > 0)
+    /// Returns the oldest text after the one with this number, sent or not.
+    pub(crate) fn after(&self, number: TextNumber) -> Option<&TextEntry> {
+        let is_later = |entry: &&TextEntry| {
+            let distance = number.age(entry.number).cast_signed();
+            entry.number != TextNumber::NONE && (number == TextNumber::NONE || distance > 0)
         };
+        self.entries.iter().filter(is_later).max_by_key(|entry| entry.number.age(self.newest))
+    }
+
+    /// Returns the oldest text that is pending on the link of this mask.
+    pub(crate) fn oldest_pending(&mut self, link: LinkMask) -> Option<&mut TextEntry> {
         let newest = self.newest;
-        self.entries.iter().filter(behind).max_by_key(|entry| newest.wrapping_sub(entry.number))
+        let (mut oldest, mut highest) = (None, 0);
+        for entry in self.entries.iter_mut().filter(|entry| entry.pending.contains(link)) {
+            let age = entry.number.age(newest);
+            if age >= highest {
+                highest = age;
+                oldest = Some(entry);
+            }
+        }
+        oldest
     }
 
     /// Whether a text is pending on the link of this mask.

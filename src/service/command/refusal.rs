@@ -106,7 +106,7 @@ mod tests {
     use crate::link::Outbox;
     use crate::message::Address;
     use crate::service::statustext::TextCursor;
-    use crate::types::{LinkId, StatusTexts, TextEntry};
+    use crate::types::{LinkId, StatusTexts, TextEntry, TextNumber};
 
     /// Returns the number of frames of the refusal's text; one frame holds 50 bytes.
     fn frames(id: Option<u16>, refusal: Refusal) -> usize {
@@ -116,7 +116,7 @@ mod tests {
         if let Some(text) = explanation(SystemId::new(254), subject, refusal) {
             texts.push(now, LinkMask::of(LinkId(0)), MavSeverity::WARNING, text.as_bytes());
         }
-        let (mut cursor, mut tx) = (TextCursor::new(), Outbox::VACANT);
+        let (mut cursor, mut tx) = (TextCursor::at(TextNumber::NONE), Outbox::VACANT);
         tx.configure(LinkId(0), Address::new(254, 1), Version::V2);
         let next = || {
             let is_sent = texts.next(&mut cursor, &mut tx);
