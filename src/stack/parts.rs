@@ -17,7 +17,7 @@ use crate::service::operator_control::OperatorControl;
 use crate::service::param::ParamTable;
 #[cfg(feature = "signing")]
 use crate::service::signing::{Signing, SigningStream};
-use crate::service::stream::{Messages, Stream, StreamService, Telemetry, id_of};
+use crate::service::stream::{FillHistory, Messages, Stream, StreamService, Telemetry, id_of};
 #[cfg(feature = "storage")]
 use crate::storage::Storage;
 use crate::time::Instant;
@@ -67,7 +67,7 @@ declared! {
     HasOperatorControl [] OperatorControl => Self: "`operator_control` is missing in `#[stack]`";
     #[cfg(feature = "signing")]
     HasSigning [const N: usize] Signing<[SigningStream; N]> => Signing: "`signing` is missing in `#[stack]`";
-    HasStreams [const N: usize] StreamService<N> => Self: "`streams` is missing in `#[stack]`";
+    HasStreams [const N: usize] StreamService<N> => FillHistory, history: "`streams` is missing in `#[stack]`";
 }
 
 /// The peers that were heard, and whether a ground station is alive (H-11, H-18).
@@ -298,6 +298,17 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         D::Vehicle: Telemetry,
     {
         self.requests.view_mut().announced |= const { Stream::rows_of::<M>(<D::Vehicle as Telemetry>::STREAMS) };
+    }
+
+    /// Returns the streams that have been due and were never [filled](Telemetry::fill) so far. On a bench where everything is measured
+    /// it is empty: otherwise the vehicle declares a message that `fill` has forgotten, and no ground station gets it.
+    /// [`counters`](Self::counters) shows their number, as `never_filled`.
+    pub fn streams_never_filled(&self) -> impl Iterator<Item = &'static Stream>
+    where
+        D::Stream: HasStreams<Part = FillHistory>,
+        D::Vehicle: Telemetry,
+    {
+        self.services.stream.part().streams_never_filled(<D::Vehicle as Telemetry>::STREAMS)
     }
 }
 

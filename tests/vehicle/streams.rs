@@ -176,7 +176,8 @@ impl Commands for Mistaken {
 #[stack(vehicle: Mistaken, links: 1, streams)]
 struct OfTheMistaken;
 
-/// a message other than the requested one is not sent, neither as a stream nor on request; the request is refused.
+/// a message other than the requested one is not sent, neither as a stream nor on request; the request is refused. A stream that
+/// was due and never filled is listed and counted.
 #[test]
 fn wrong_message_of_the_vehicle_is_not_sent() {
     let links = [LinkConfig::uart(115_200).with_streams(ONBOARD)];
@@ -185,8 +186,17 @@ fn wrong_message_of_the_vehicle_is_not_sent() {
         world.gcs[0].command_long(MavCmd::REQUEST_MESSAGE, [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         assert_eq!(world.expect::<CommandAck>(0, millis(100)).result, result);
     }
+    assert_eq!(world.stack.streams_never_filled().map(Stream::id).collect::<Vec<_>>(), [Attitude::ID]);
     world.run_for(secs(1));
     assert_eq!((world.gcs[0].count_of::<Attitude>(), world.gcs[0].count_of::<SysStatus>()), (0, 1));
+    let mut counted = None;
+    world.stack.counters(|counter| {
+        if counter.name == "never_filled" {
+            counted = Some(counter.value);
+        }
+    });
+    assert_eq!(counted, Some(1));
+    assert_eq!(World::new(Setup::<1>::new()).stack.streams_never_filled().count(), 0, "none was due");
 }
 
 /// groups; ALL means every message of a group; 0 or a rate of 0 stops; anything else is ignored.

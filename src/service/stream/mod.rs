@@ -22,7 +22,8 @@ pub use schedule::{Slot, StreamLink};
 pub use table::{MAX_STREAMS, Stream};
 pub use vehicle::{Fill, Telemetry};
 
-use super::{About, Cx, Handled, Part, Received, Request, Service, Shared, Turn, Verdict, View};
+use self::table::Rows;
+use super::{About, Cx, Handled, Part, Received, Request, Service, Shared, ShowCounters, Turn, Verdict, View};
 use crate::link::Port;
 use crate::message::{ComponentId, Message};
 use crate::network::PeerInfo;
@@ -40,16 +41,60 @@ pub enum StreamReply {
     Stream,
 }
 
+counters! {
+    /// Streams that look declared and are not sent.
+    StreamCounters {
+        /// Rows of [`STREAMS`](Telemetry::STREAMS) that have been due, and that the vehicle has never [filled](Telemetry::fill) so
+        /// far. It does not wrap.
+        count never_filled,
+    }
+}
+
 /// Sends messages on request and in streams. `N` is the number of the vehicle's [`STREAMS`](Telemetry::STREAMS).
 #[derive(Debug)]
-pub struct StreamService<const N: usize>;
+pub struct StreamService<const N: usize> {
+    pub(crate) history: FillHistory,
+}
+
+/// Which streams the vehicle has ever filled when they were due.
+#[derive(Clone, Copy, Debug)]
+pub struct FillHistory {
+    declined: Rows,
+    filled: Rows,
+}
+
+impl FillHistory {
+    const NEW: Self = Self { declined: Rows::NONE, filled: Rows::NONE };
+
+    fn record(&mut self, row: usize, is_filled: bool) {
+        let rows = if is_filled { &mut self.filled } else { &mut self.declined };
+        *rows = rows.with(Rows::row(row));
+    }
+
+    const fn never_filled(self) -> Rows {
+        self.declined.without(self.filled)
+    }
+
+    /// Returns the streams of a table that have been due and were never filled.
+    pub(crate) fn streams_never_filled(self, table: &[Stream]) -> impl Iterator<Item = &Stream> {
+        let mut rows = self.never_filled();
+        core::iter::from_fn(move || rows.take_first()).filter_map(|row| table.get(row))
+    }
+}
 
 /// Sends the next stream that is due, and that the vehicle can fill.
-fn send_stream<F: Firmware<Vehicle: Telemetry>>(cx: &mut Cx<'_, F>, port: &mut Port, link: &mut StreamLink) -> bool {
+fn send_stream<F: Firmware<Vehicle: Telemetry>>(
+    history: &mut FillHistory,
+    cx: &mut Cx<'_, F>,
+    port: &mut Port,
+    link: &mut StreamLink,
+) -> bool {
     let is_slowed = F::SLOWS_STREAMS && cx.now < port.facts.transferring_until;
     while let Some(row) = link.next_due(cx.now, F::Vehicle::STREAMS, port.config.streams, is_slowed) {
         let Some(stream) = F::Vehicle::STREAMS.get(row) else { continue };
-        if vehicle::fill_row(cx, &mut port.outbox, stream, stream.instance, false) {
+        let is_filled = vehicle::fill_row(cx, &mut port.outbox, stream, stream.instance, false);
+        history.record(row, is_filled);
+        if is_filled {
             port.facts.own_was_last = true;
             return true;
         }
@@ -63,12 +108,18 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
             !F::HAS_OPTIONAL_COMPONENTS || table::are_autopilots(F::Vehicle::STREAMS),
             "a stream of a component that is `Components::OPTIONAL`: send it as the autopilot, or set `OPTIONAL` to false"
         );
-        Self
+        Self { history: FillHistory::NEW }
     };
     type Link = StreamLink<[Slot; N]>;
     const ABOUT: About = About { turns: &[Turn::Request, Turn::Stream], part: Part::Every, ..About::AUTOPILOT };
     const VACANT: Self::Link = StreamLink::NEW;
     type Reply = StreamReply;
+
+    fn counters(&self, show: &mut impl ShowCounters) {
+        let mut counters = StreamCounters::ZERO;
+        counters.never_filled = self.history.never_filled().len();
+        show.counters(&counters);
+    }
 
     /// Takes up the messages that hooks have announced, and pauses the streams that no peer hears.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) {
@@ -127,7 +178,7 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
         match reply {
             StreamReply::Interval => requests::send_interval(cx, port, link),
             StreamReply::Requested => requests::send_requested(cx, port, link),
-            StreamReply::Stream => send_stream(cx, port, link),
+            StreamReply::Stream => send_stream(&mut self.history, cx, port, link),
         }
     }
 }

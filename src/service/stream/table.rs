@@ -184,6 +184,19 @@ impl Rows {
         Self(self.0 | other.0)
     }
 
+    pub(super) const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    /// Returns the set of one row; without rows if there is no such row.
+    pub(super) fn row(row: usize) -> Self {
+        Self(u32::try_from(row).ok().and_then(|row| 1u32.checked_shl(row)).unwrap_or(0))
+    }
+
+    pub(super) const fn len(self) -> u32 {
+        self.0.count_ones()
+    }
+
     /// Returns the first row of the set.
     pub(super) fn first(self) -> Option<usize> {
         if self.is_empty() { None } else { usize::try_from(self.0.trailing_zeros()).ok() }
