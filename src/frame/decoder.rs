@@ -475,7 +475,6 @@ impl Default for Decoder {
 
 /// Drops the bytes before the next start byte.
 #[cold]
-#[inline(never)]
 fn skip(candidate: &[u8], window: &mut Window, counters: &mut RxCounters) {
     let garbage = candidate.iter().position(|&byte| byte == STX_V1 || byte == STX_V2);
     let garbage = garbage.unwrap_or(candidate.len());

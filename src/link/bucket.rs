@@ -1,4 +1,4 @@
-//! A leaky bucket: how many bytes of a link its line cannot have transmitted yet.
+//! A leaky bucket: estimates how many queued bytes the link has not transmitted yet.
 //!
 //! A transport may take many bytes into its own buffer. The bucket bounds the delay of a heartbeat or an answer: they
 //! wait for no more bytes than the bucket may hold when the last deferrable frame begins (D-4, H-15, Q-8).

@@ -263,7 +263,6 @@ impl Outbox {
     }
 
     /// Makes another component the source. Returns the autopilot's part.
-    #[inline(never)]
     fn swap_source(&mut self, number: usize, component: ComponentId) -> Source {
         let seq = self.other_seqs.get(number).copied().unwrap_or(0);
         let autopilot = Source {
@@ -277,7 +276,6 @@ impl Outbox {
     }
 
     /// Makes the autopilot the source again.
-    #[inline(never)]
     fn restore_source(&mut self, number: usize, autopilot: Source) {
         let Source { component, seq, has_wrapped, fingerprint } = autopilot;
         if let Some(other) = self.other_seqs.get_mut(number) {
@@ -299,7 +297,6 @@ impl Outbox {
 
     /// Completes the frame around the payload. Compiled once for all messages, and with one argument because it has
     /// many callers.
-    #[inline(never)]
     fn finish(&mut self, info: &MessageInfo) -> bool {
         let version = self.version;
         // Heartbeats, plans and other normal traffic stay off high-latency links (H-7, L-2, L-4, M-13).

@@ -121,7 +121,6 @@ impl<const N: usize> Text<N> {
 
 /// Appends as much of `text` as fits, up to a NUL, to the text in `field`. Returns whether all of it was appended. Not
 /// generic, so it is compiled once.
-#[inline(never)]
 fn append(field: &mut [u8], text: &[u8]) -> bool {
     let text = up_to_nul(text);
     let room = match field.iter().position(|&byte| byte == 0) {

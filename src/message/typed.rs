@@ -83,7 +83,6 @@ impl CommandParams {
     pub(crate) const NEW: Self = Self { values: [Value::NONE; 7], location: Location::NONE, failed: 0 };
 
     // In place, so that nothing is copied; not inlined, so that all commands share it.
-    #[inline(never)]
     fn read_item(&mut self, item: &Item, rule: &CommandRule) -> Result<(), MavMissionResult> {
         if item.command != rule.command() {
             return Err(MavMissionResult::UNSUPPORTED);

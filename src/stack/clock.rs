@@ -7,7 +7,6 @@ use crate::time::Instant;
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the time by the stack's clock when the firmware's clock shows `now`: it is never set back.
-    #[inline(never)]
     pub(crate) fn enter(&mut self, now: Instant) -> Instant {
         if !self.shared.clock.advance(now) {
             self.note_clock_step(now);
@@ -16,7 +15,6 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Re-anchors the stack's clock, and reports it, if the firmware's was set back to `now` by a second or more.
-    #[inline(never)]
     fn note_clock_step(&mut self, now: Instant) {
         if !self.shared.clock.anchor(now) {
             return;

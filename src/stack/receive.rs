@@ -89,8 +89,7 @@ impl<D: Declares> Services<D> {
         self.operator_control.drops(cx.shared.config.address.get().system, is_receiver, frame)
     }
 
-    /// Returns the next frame that the decoder finds. Not inlined: the services need the stack space.
-    #[inline(never)]
+    /// Returns the next frame that the decoder finds.
     fn next_frame<'a>(&self, cx: &Cx<'_, D>, decoder: &'a mut Decoder, allowance: &mut Allowance) -> Option<Frame<'a>> {
         let is_known = |address| network::is_known(cx.peers, address);
         let vouches = |raw: &[u8], work: &mut u32| self.signing.vouches_for(raw, work);
@@ -99,6 +98,7 @@ impl<D: Declares> Services<D> {
     }
 
     /// Learns from a received frame, and forwards it. Returns true if the services get it.
+    // Its locals stay off the call stack of services.
     #[inline(never)]
     fn learn(
         &mut self,
@@ -162,6 +162,7 @@ impl<D: Declares> Services<D> {
     }
 
     /// Hands a frame that is not a command to its service, or to the vehicle.
+    // Inlined, it costs 270 bytes of flash.
     #[inline(never)]
     fn serve(
         &mut self,
@@ -194,8 +195,7 @@ impl<D: Declares> Services<D> {
         Received { frame, from, target, age: self.signing.age(now, frame) }
     }
 
-    /// Returns the command in a frame. Not inlined: the message is no longer needed when the command is executed.
-    #[inline(never)]
+    /// Returns the command in a frame.
     fn request(&self, now: Instant, port: &Port, frame: &Frame<'_>, target: Address) -> Option<Request> {
         let received = self.received(now, port, frame, target);
         let in_mode = || if D::HAS_MODES { mode::command_in(port, &received) } else { None };
@@ -206,6 +206,7 @@ impl<D: Declares> Services<D> {
 
     /// Executes the command in a frame, and queues its answer: one, on the link on which it was received (C-3). Returns false if
     /// the frame contains no command. A COMMAND_ACK contains none, so it is not answered (C-13).
+    // Its locals stay off the call stack of other frames.
     #[inline(never)]
     fn command(
         &mut self,
@@ -243,7 +244,6 @@ impl<D: Declares> Services<D> {
 impl<D: Declares> Services<D> {
     /// Carries out the commands of the firmware itself to its other components (K-11): as if they were received, but the answer
     /// stays inside. `port` and `state` are those of any link.
-    #[inline(never)]
     pub(super) fn carry_out_own(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) {
         let own = cx.shared.config.address.get();
         let mut number = 0usize;
@@ -302,7 +302,6 @@ const fn asks_for_message(command: MavCmd) -> bool {
 
 /// Returns the address to which the frame is sent, if it is ours or everybody's and the link may carry the message (C-2, L-4, R-1,
 /// S-11, SEC-9).
-#[inline(never)]
 fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<Address> {
     let own = cx.shared.config.address.get();
     let target = network::target_of(frame);
@@ -327,8 +326,8 @@ fn is_ours<D: Declares>(cx: &Cx<'_, D>, source: Address) -> bool {
     source.system == own.system && (source.component == own.component || cx.shared.has_component::<D>(source.component))
 }
 
-/// Reports that another vehicle on this link has our address (H-14). Not inlined, because it is rare, and its context would be on the
-/// call stack below every service.
+/// Reports that another vehicle on this link has our address (H-14).
+// Rare: its text stays off the call stack of services.
 #[inline(never)]
 pub(super) fn report_conflict<D: Declares>(cx: &mut Cx<'_, D>, link: LinkId) {
     let (vehicle, mut context) = cx.hook();

@@ -79,7 +79,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         result
     }
 
-    /// Not inlined: its locals would be on the call stack below the services that handle received frames.
+    // Its locals stay off the call stack of receiving services.
     #[inline(never)]
     fn poll_write<U: Write + WriteReady>(
         &mut self,
@@ -177,7 +177,6 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Records an error of a link's transport while writing.
-    #[inline(never)]
     pub(crate) fn note_failure(&mut self, link: LinkId) {
         let now = self.shared.clock.now();
         if let Some(link) = self.link_mut(link) {

@@ -127,7 +127,7 @@ impl LinkConfig {
     /// Panics if `baud` is less than 10. In a `const` this is a compile error. For a rate that is only known at run
     /// time, set [`bytes_per_second`](Self::bytes_per_second).
     pub const fn uart(baud: u32) -> Self {
-        assert!(baud >= 10, "a UART has a baud rate; a line without one is `LinkConfig::unlimited()`");
+        assert!(baud >= 10, "a UART has a baud rate; a link without one is `LinkConfig::unlimited()`");
         Self::limited(baud / 10)
     }
 
@@ -137,7 +137,7 @@ impl LinkConfig {
     ///
     /// Panics if the rate is 0. In a `const` this is a compile error.
     pub const fn limited(bytes_per_second: u32) -> Self {
-        assert!(bytes_per_second > 0, "a limited link has a rate; a line without one is `LinkConfig::unlimited()`");
+        assert!(bytes_per_second > 0, "a limited link has a rate; a link without one is `LinkConfig::unlimited()`");
         Self { bytes_per_second, ..Self::unlimited() }
     }
 
@@ -229,7 +229,7 @@ pub enum StreamProfile {
     Off,
 }
 
-/// What the services on a link tell each other, whichever they are.
+/// Facts that services on one link share, without naming each other.
 #[derive(Clone, Debug)]
 pub(crate) struct LinkFacts {
     /// A request: the peers on the link are to hear from the vehicle at once, whatever the schedule.
