@@ -84,8 +84,8 @@ impl<'a> PlanView<'a> {
 /// `plans` in [`#[stack]`](macro@crate::Stack). A plan of capacity 0 is not served: it is refused with UNSUPPORTED, and
 /// AUTOPILOT_VERSION does not announce it.
 ///
-/// [`plan_memory!`](crate::plan_memory) spells the type. It takes 32 bytes for each item, and at most 256 for the rest. `U` is a
-/// `FileUpload` in a stack that takes plans as files.
+/// [`plan_memory!`](crate::plan_memory) spells the type. It takes 32 bytes for each item, and at most 256 for the rest.
+/// `U` is a `FileUpload` in a stack that takes plans as files.
 #[derive(Clone, Debug)]
 pub struct PlanBuffers<const M: usize, const F: usize, const R: usize, const S: usize, U = ()> {
     mission: Buffer<M>,
@@ -131,8 +131,8 @@ impl UploadMemory for FileUpload {
     }
 }
 
-/// The upload of a plan as a file. Its items are staged as the file's parts are received; the plan service lends the staging area,
-/// and makes the plan live.
+/// The upload of a plan as a file. Its items are staged as the file's parts are received; the plan service lends the
+/// staging area, and makes the plan live.
 #[derive(Clone, Copy, Debug)]
 pub struct FileUpload {
     pub(crate) step: UploadStep,
@@ -149,7 +149,8 @@ pub struct FileUpload {
 /// Instead of a number of items, or of an item: there is none.
 pub(crate) const NO_ITEM: u16 = u16::MAX;
 
-/// How far the upload of a plan as a file is. `client`: set by the file; `service`: set by the plan service in its poll.
+/// How far the upload of a plan as a file is. `client`: set by the file; `service`: set by the plan service in its
+/// poll.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum UploadStep {
     /// There is none (client).
@@ -328,8 +329,8 @@ impl PlanMemory for NoPlans {
     }
 }
 
-/// The plans without their capacities, as the logic uses them. A firmware without plans has [none](Self::none): three empty ones
-/// of capacity 0.
+/// The plans without their capacities, as the logic uses them. A firmware without plans has [none](Self::none): three
+/// empty ones of capacity 0.
 pub struct PlansMut<'a>(Option<Buffers<'a>>);
 
 struct Buffers<'a> {

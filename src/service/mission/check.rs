@@ -1,8 +1,8 @@
-//! Checks of an item (M-38, M-73, SEC-14) and of a complete plan (M-39, M-72, M-80, M-81): first the rules for all vehicles,
-//! then the vehicle's own.
+//! Checks of an item (M-38, M-73, SEC-14) and of a complete plan (M-39, M-72, M-80, M-81): first the rules for all
+//! vehicles, then the vehicle's own.
 //!
-//! The check of a plan is a single pass over its items. Self-intersecting polygons are not detected: the time for that grows
-//! with the square of the number of vertices.
+//! The check of a plan is a single pass over its items. Self-intersecting polygons are not detected: the time for that
+//! grows with the square of the number of vertices.
 
 use core::num::Wrapping;
 
@@ -19,8 +19,8 @@ use crate::num;
 use crate::service::Cx;
 use crate::types::{Firmware, MAX_ITEMS, PlanType, Vehicle};
 
-/// Only the return point of a fence has a meaningful altitude, and ground stations send relative ones. Altitudes above terrain
-/// are refused (M-80).
+/// Only the return point of a fence has a meaningful altitude, and ground stations send relative ones. Altitudes above
+/// terrain are refused (M-80).
 const FENCE_FRAMES: &[MavFrame] = &[MavFrame::GLOBAL, MavFrame::GLOBAL_RELATIVE_ALT];
 /// A polygon with more vertices than a plan can hold cannot be complete (M-81).
 #[allow(clippy::as_conversions, reason = "const-evaluated; less than 65,536")]
@@ -39,8 +39,8 @@ const FENCE: &[CommandRule] = &[
 /// The commands of rally points (M-84).
 const RALLY: &[CommandRule] = &[NAV_RALLY_POINT];
 
-/// Returns the rule of a command in this plan. `mission` has the rules of the vehicle's missions; fences and rally points have
-/// fixed ones.
+/// Returns the rule of a command in this plan. `mission` has the rules of the vehicle's missions; fences and rally
+/// points have fixed ones.
 pub(super) fn rule(
     plan: PlanType,
     mission: &'static [CommandRule],
@@ -118,84 +118,93 @@ pub(super) fn check_staged_plan<F: Firmware<Vehicle: Plans>>(
 
 /// Refuses jumps to missing items, and fences with incomplete polygons. The items have passed [`check_item`].
 fn check_plan(plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
-    match plan {
+    let checked = match plan {
         PlanType::Mission => check_jumps(items),
         PlanType::Fence => check_fence(items),
         // Rally points are independent of each other (M-84).
         PlanType::Rally => Ok(()),
-    }
+    };
+    checked.map_err(|ItemFault { item, result }| {
+        let index = items.iter().position(|other| core::ptr::eq(other, item));
+        PlanFault { seq: index.and_then(|index| u16::try_from(index).ok()), result }
+    })
 }
 
-fn fault(seq: usize, result: MavMissionResult) -> PlanFault {
-    PlanFault { seq: u16::try_from(seq).ok(), result }
+/// The item of a plan that is at fault.
+struct ItemFault<'a> {
+    item: &'a Item,
+    result: MavMissionResult,
 }
 
 /// M-72: a jump leads to another item; its repeat count is −1 (forever), 0, 1, …
-fn check_jumps(items: &[Item]) -> Result<(), PlanFault> {
-    for (seq, item) in (0..items.len()).zip(items).filter(|(_, item)| item.command == MavCmd::DO_JUMP) {
+fn check_jumps(items: &[Item]) -> Result<(), ItemFault<'_>> {
+    for item in items.iter().filter(|item| item.command == MavCmd::DO_JUMP) {
         let [target, repeat, ..] = item.params;
-        let target = num::integer::<u16>(target).map(usize::from);
-        if target.is_none_or(|target| target >= items.len() || target == seq) {
-            return Err(fault(seq, MavMissionResult::INVALID_PARAM1));
+        let target = num::integer::<u16>(target).and_then(|target| items.get(usize::from(target)));
+        if target.is_none_or(|target| core::ptr::eq(target, item)) {
+            return Err(ItemFault { item, result: MavMissionResult::INVALID_PARAM1 });
         }
         if num::integer::<i32>(repeat).is_none_or(|repeat| repeat < -1) {
-            return Err(fault(seq, MavMissionResult::INVALID_PARAM2));
+            return Err(ItemFault { item, result: MavMissionResult::INVALID_PARAM2 });
         }
     }
     Ok(())
 }
 
 /// M-80, M-81: a polygon is a run of vertices, all of which state its length; there is at most one return point.
-fn check_fence(items: &[Item]) -> Result<(), PlanFault> {
+fn check_fence(items: &[Item]) -> Result<(), ItemFault<'_>> {
     let mut has_return = false;
-    let mut items = (0..items.len()).zip(items);
-    while let Some((seq, item)) = items.next() {
-        match item.command {
+    let mut rest = items;
+    while let [item, others @ ..] = rest {
+        rest = match item.command {
             MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION | MavCmd::NAV_FENCE_POLYGON_VERTEX_EXCLUSION => {
-                check_polygon(seq, item, &mut items)?;
+                check_polygon(item, rest)?
             }
-            MavCmd::NAV_FENCE_RETURN_POINT if has_return => return Err(fault(seq, MavMissionResult::INVALID)),
-            MavCmd::NAV_FENCE_RETURN_POINT => has_return = true,
-            _ => {}
-        }
+            MavCmd::NAV_FENCE_RETURN_POINT if has_return => {
+                return Err(ItemFault { item, result: MavMissionResult::INVALID });
+            }
+            command => {
+                has_return |= command == MavCmd::NAV_FENCE_RETURN_POINT;
+                others
+            }
+        };
     }
     Ok(())
 }
 
-/// Checks the polygon that begins with item `start`, which is `first`. Takes its other vertices from `others`.
-fn check_polygon<'a>(
-    start: usize,
-    first: &'a Item,
-    others: &mut impl Iterator<Item = (usize, &'a Item)>,
-) -> Result<(), PlanFault> {
+/// Checks the polygon at the beginning of `items`. Returns the items after it.
+fn check_polygon<'a>(first: &'a Item, items: &'a [Item]) -> Result<&'a [Item], ItemFault<'a>> {
     let [count, group, ..] = first.params;
     let Some(len) = num::integer::<u16>(count).filter(|len| *len >= 3) else {
-        return Err(fault(start, MavMissionResult::INVALID_PARAM1));
+        return Err(ItemFault { item: first, result: MavMissionResult::INVALID_PARAM1 });
     };
-    // Twice the signed area (shoelace formula, relative to the first vertex), modulo 2^64. That is more than twice the area of
-    // the globe, so 0 means that the vertices are collinear or the parts cancel out.
+    let len = usize::from(len);
+    let (vertices, others) = items.split_at_checked(len).unwrap_or((items, &[]));
+    // Twice the signed area (shoelace formula, relative to the first vertex), modulo 2^64. That is more than twice the
+    // area of the globe, so 0 means that the vertices are collinear or the parts cancel out.
     let mut area = Wrapping(0);
     let (mut last_x, mut last_y) = (Wrapping(0), Wrapping(0));
-    let mut vertices = core::iter::once((start, first)).chain(others);
-    for _ in 0..len {
-        // A polygon may be truncated by the end of the plan.
-        let Some((seq, vertex)) = vertices.next() else { return Err(fault(start, MavMissionResult::INVALID)) };
-        let [own_count, own_group, ..] = vertex.params;
-        if vertex.command != first.command {
-            return Err(fault(seq, MavMissionResult::INVALID));
+    for item in vertices {
+        let [own_count, own_group, ..] = item.params;
+        if item.command != first.command {
+            return Err(ItemFault { item, result: MavMissionResult::INVALID });
         }
         if own_count != count {
-            return Err(fault(seq, MavMissionResult::INVALID_PARAM1));
+            return Err(ItemFault { item, result: MavMissionResult::INVALID_PARAM1 });
         }
-        if vertex.command == MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION && own_group != group {
-            return Err(fault(seq, MavMissionResult::INVALID_PARAM2));
+        if item.command == MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION && own_group != group {
+            return Err(ItemFault { item, result: MavMissionResult::INVALID_PARAM2 });
         }
-        let x = Wrapping(i64::from(vertex.x)) - Wrapping(i64::from(first.x));
-        let y = Wrapping(i64::from(vertex.y)) - Wrapping(i64::from(first.y));
+        let x = Wrapping(i64::from(item.x)) - Wrapping(i64::from(first.x));
+        let y = Wrapping(i64::from(item.y)) - Wrapping(i64::from(first.y));
         area += last_x * y - last_y * x;
         (last_x, last_y) = (x, y);
     }
-    if area.0 == 0 { Err(fault(start, MavMissionResult::INVALID)) } else { Ok(()) }
+    // Truncated by the end of the plan, or without an area.
+    if vertices.len() < len || area.0 == 0 {
+        return Err(ItemFault { item: first, result: MavMissionResult::INVALID });
+    }
+    Ok(others)
 }
 
 #[cfg(test)]
@@ -385,8 +394,8 @@ mod item_tests {
         }
     }
 
-    /// M-49: without a model of the terrain, an altitude above it is refused in every plan. The frame of a command without an
-    /// altitude means nothing.
+    /// M-49: without a model of the terrain, an altitude above it is refused in every plan. The frame of a command
+    /// without an altitude means nothing.
     #[test]
     fn altitudes_above_terrain_need_a_model_of_it() {
         const COMMANDS: &[CommandRule] =
@@ -465,8 +474,8 @@ mod plan_tests {
         assert_eq!(check_plan(PlanType::Rally, &items), Ok(()));
     }
 
-    /// Parses the shorthand for a fence: `i3` and `e3` are vertices of polygons of 3, `j3` one of another group; `r` is the
-    /// return point, `o` a circle. No three vertices are collinear.
+    /// Parses the shorthand for a fence: `i3` and `e3` are vertices of polygons of 3, `j3` one of another group; `r` is
+    /// the return point, `o` a circle. No three vertices are collinear.
     fn fence(text: &str) -> Vec<Item> {
         let parse = |(seq, word): (usize, &str)| {
             let (kind, count) = word.split_at(1);

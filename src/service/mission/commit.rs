@@ -2,9 +2,9 @@
 //!
 //! [`Durability`] has a diagram of the variants.
 //!
-//! [`content`](Missions::content) returns the content to write. The result is reported to [`on_saved`](Missions::on_saved) or
-//! [`on_save_failed`](Missions::on_save_failed). Until then no other upload may begin, because the staging area holds the plan
-//! that is being written.
+//! [`content`](Missions::content) returns the content to write. The result is reported to
+//! [`on_saved`](Missions::on_saved) or [`on_save_failed`](Missions::on_save_failed). Until then no other upload may
+//! begin, because the staging area holds the plan that is being written.
 
 use core::num::Wrapping;
 
@@ -12,10 +12,10 @@ use super::Missions;
 use super::check::{self, check_staged_plan};
 use super::distance::first_too_far;
 use super::problem::{PlanFault, Problem};
-use super::replies::{Client, FinalAnswer, Replies, Reply};
+use super::replies::{Client, FinalAnswer, Replies, ReplyContent};
 use super::transfer::{Change, Commit, FinishedUpload, SecondAnswer, Transfer};
 use super::vehicle::{PlanChange, Plans};
-use crate::dialect::{MavMissionResult, MavMissionType};
+use crate::dialect::MavMissionResult;
 use crate::message::{Digest, Item};
 use crate::service::{Cx, increment};
 use crate::time::{Duration, Instant};
@@ -27,11 +27,11 @@ const TIMEOUT: Duration = Duration::from_secs(5);
 /// Wait after a successful write before flash is erased ahead, so that the answer is sent first.
 const GRACE: Duration = Duration::from_millis(200);
 
-/// Time from the final answer of an upload to the second one, if that is configured: within QGroundControl's timeout of 1.5 s
-/// (M-31).
+/// Time from the final answer of an upload to the second one, if that is configured: within QGroundControl's timeout of
+/// 1.5 s (M-31).
 const SECOND_ACK: Duration = Duration::from_millis(400);
 
-/// Admission: what a change must pass before it is made.
+/// Admission: the checks before a change.
 impl Missions {
     /// Asks the vehicle for permission, and whether it permits the write that a durable change needs unless it
     /// [is stored already](Self::changes_nothing) (M-27, M-44).
@@ -84,8 +84,8 @@ impl Missions {
         Err(MavMissionResult::DENIED)
     }
 
-    /// Counts a request that must be dropped, because it is for a durable change and there is no free slot for the result.
-    /// Returns false if there is one.
+    /// Counts a request that must be dropped, because it is for a durable change and there is no free slot for the
+    /// result. Returns false if there is one.
     pub(super) fn drop_without_result_slot(&mut self, replies: &Replies) -> bool {
         let is_dropped = self.is_durable() && replies.has_result();
         if is_dropped {
@@ -135,8 +135,8 @@ impl Missions {
             self.make_live(cx, &change);
             self.request_save();
         }
-        let FinalAnswer { reply, .. } = self.end_change(cx, &commit, MavMissionResult::ACCEPTED);
-        client.replies.push(reply);
+        let content = self.end_change(cx, &commit, MavMissionResult::ACCEPTED);
+        client.answer(content);
     }
 
     /// Makes `change` live in one step.
@@ -176,14 +176,13 @@ impl Missions {
         cx: &mut Cx<'_, F>,
         commit: &Commit,
         result: MavMissionResult,
-    ) -> FinalAnswer {
+    ) -> ReplyContent {
         let &Commit { client, change, .. } = commit;
         self.current.announce(cx.shared.normal);
         cx.plans.clear_staging();
-        let (mission_type, id) = match change {
-            Change::Clear(only) => (only.map_or(MavMissionType::ALL, PlanType::mission_type), 0),
+        let id = match change {
             Change::Upload { plan, id, last_seq, last, .. } => {
-                let mission_type = plan.mission_type();
+                let mission_type = change.mission_type();
                 let id = if result == MavMissionResult::ACCEPTED { id } else { 0 };
                 if id != 0 {
                     self.sessions.renew(cx.now, client, plan);
@@ -193,10 +192,22 @@ impl Missions {
                 }
                 let client = client.address;
                 self.record_end(FinishedUpload { client, mission_type, last_seq, result, id, last, at: cx.now });
-                (mission_type, id)
+                id
             }
+            Change::Clear(_) => 0,
         };
-        FinalAnswer { link: client.link, reply: Reply::of_result(client.address, mission_type, result, id) }
+        ReplyContent::of_result(result, id)
+    }
+
+    /// The same for a change that was being written.
+    fn end_commit<F: Firmware>(
+        &mut self,
+        cx: &mut Cx<'_, F>,
+        commit: &Commit,
+        result: MavMissionResult,
+    ) -> FinalAnswer {
+        let content = self.end_change(cx, commit, result);
+        FinalAnswer::new(commit.client, commit.change.mission_type(), content)
     }
 
     /// Records how an upload ended.
@@ -226,7 +237,8 @@ impl Missions {
         self.second_answer.take_if(|second| now >= second.at).map(|second| second.answer())
     }
 
-    /// Checks the distance of the first waypoint once the position is known, if it was not when the mission went live (M-48).
+    /// Checks the distance of the first waypoint once the position is known, if it was not when the mission went live
+    /// (M-48).
     pub(super) fn poll_distance<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) {
         if self.is_distance_unchecked
             && let Some((from, limit)) = cx.vehicle.first_waypoint_limit()
@@ -272,8 +284,8 @@ impl Missions {
         check::stage_item(cx, plan, item).map_err(Problem::fault)
     }
 
-    /// Checks the staged plan as a whole, and makes it live. A plan from storage has an `expected` count and id. One from the
-    /// firmware is stored.
+    /// Checks the staged plan as a whole, and makes it live. A plan from storage has an `expected` count and id. One
+    /// from the firmware is stored.
     pub(crate) fn make_loaded<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -294,7 +306,7 @@ impl Missions {
             self.replace(cx, plan, id, 0);
             self.current.announce(cx.shared.normal);
         }
-        // Damaged content is replaced even by what is live.
+        // Damaged content is replaced, even if the live plan is the same.
         if expected.is_none() && (is_new || self.schedule.stored_differs) {
             self.request_save();
         }
@@ -383,8 +395,8 @@ impl Missions {
         self.schedule.bucket.set_refill(refill);
     }
 
-    /// Records whether storage differs from the live plans, because it could not be read or cannot be flown. That alone causes no
-    /// write. But a change that changes nothing in RAM is not reported as durable before it is written.
+    /// Records whether storage differs from the live plans, because it could not be read or cannot be flown. That alone
+    /// causes no write. But a change that changes nothing in RAM is not reported as durable before it is written.
     pub(crate) const fn set_stored_differs(&mut self, differs: bool) {
         self.schedule.stored_differs = differs;
     }
@@ -412,8 +424,8 @@ impl Missions {
         self.committing().is_some()
     }
 
-    /// Returns the number of the version to write now, if any. The same number means the same content. Writing pauses after a
-    /// write or a failure, but never while a client waits for an answer.
+    /// Returns the number of the version to write now, if any. The same number means the same content. Writing pauses
+    /// after a write or a failure, but never while a client waits for an answer.
     pub(crate) fn pending_write(&self, now: Instant) -> Option<u16> {
         let is_due = self.is_committing() || self.schedule.is_dirty() && !self.schedule.is_resting(now);
         is_due.then_some(self.schedule.version())
@@ -454,28 +466,29 @@ impl Missions {
                 MavMissionResult::ACCEPTED
             }
             Some(problem) => {
-                // The vehicle now refuses the change, for example because it armed. The old plan stays live and is written
-                // again (M-45).
+                // The vehicle now refuses the change, for example because it armed. The old plan stays live and is
+                // written again (M-45).
                 problem.report(cx);
                 self.request_save();
                 problem.fault().result
             }
         };
-        Some(self.end_change(cx, &commit, result))
+        Some(self.end_commit(cx, &commit, result))
     }
 
-    /// Ends the change that is being written if the vehicle no longer permits it (M-45). Called before each step of writing, so
-    /// that the record is never completed, and the part that was written does not count. Returns the answer.
+    /// Ends the change that is being written if the vehicle no longer permits it (M-45). Called before each step of
+    /// writing, so that the record is never completed, and the part that was written does not count. Returns the
+    /// answer.
     pub(crate) fn refuse_commit<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         let problem = Self::find_refusal(cx, self.committing()?)?;
         let commit = self.take_commit()?;
         self.schedule.restart();
         problem.report(cx);
-        Some(self.end_change(cx, &commit, problem.fault().result))
+        Some(self.end_commit(cx, &commit, problem.fault().result))
     }
 
-    /// Handles a failed write or erase. A durable change ends with ERROR; a write of live plans is retried later. Returns the
-    /// answer.
+    /// Handles a failed write or erase. A durable change ends with ERROR; a write of live plans is retried later.
+    /// Returns the answer.
     pub(crate) fn on_save_failed<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         increment(&mut self.counters.not_saved);
         let is_new = self.schedule.note_failure();
@@ -493,7 +506,7 @@ impl Missions {
             Change::Clear(only) => Problem::NotCleared(only),
         };
         problem.report(cx);
-        Some(self.end_change(cx, &commit, MavMissionResult::ERROR))
+        Some(self.end_commit(cx, &commit, MavMissionResult::ERROR))
     }
 }
 

@@ -4,19 +4,20 @@
 //! result is accurate to 3 % within 100 km and below 80° of latitude. It is never more than 3 % too small, but near the
 //! poles it may be too large by half.
 
+use core::num::Saturating;
+
 use crate::dialect::MavCmd;
-use crate::message::LatLon;
-use crate::message::{CommandRule, is_zero_here};
-use crate::message::{Item, Position, position};
+use crate::message::{CommandRule, Item, LatLon, Position, is_zero_here, position};
 use crate::num;
 
 /// Metres per 1e-7 degrees of a great circle.
 const METRES_PER_UNIT: f32 = 0.011_131_95;
-/// Half a turn in 1e-7 degrees.
-const HALF_TURN: i64 = 1_800_000_000;
+/// Half a turn and a full turn in 1e-7 degrees.
+const HALF_TURN: Saturating<i64> = Saturating(1_800_000_000);
+const FULL_TURN: Saturating<i64> = Saturating(3_600_000_000);
 
-/// Returns the first waypoint of a mission if it is farther from `from` than `limit` (m). `rules` are the rules of the mission's
-/// commands. An item without a position, or at 0, 0 if its command takes that as "here", is not a waypoint.
+/// Returns the first waypoint of a mission if it is farther from `from` than `limit` (m). `rules` are the rules of the
+/// mission's commands. An item without a position, or at 0, 0 if its command takes that as "here", is not a waypoint.
 pub(super) fn first_too_far(items: &[Item], rules: &[CommandRule], from: LatLon, limit: u32) -> Option<u16> {
     let is_flown_to = |item: &Item| {
         is_waypoint(item.command)
@@ -40,24 +41,23 @@ fn is_waypoint(command: MavCmd) -> bool {
 
 /// Returns the square of the distance (m²).
 fn square_of_distance(a: LatLon, b: LatLon) -> f32 {
-    let north = num::f32_from_i32(a.latitude.saturating_sub(b.latitude)) * METRES_PER_UNIT;
+    let difference = Saturating(a.latitude) - Saturating(b.latitude);
+    let north = num::f32_from_i32(difference.0) * METRES_PER_UNIT;
     let east = num::f32_from_i32(short_way(a.longitude, b.longitude)) * METRES_PER_UNIT;
-    let mean = (a.latitude / 2).saturating_add(b.latitude / 2);
-    let east = east * cosine(num::f32_from_i32(mean) * 1e-7);
+    let mean = Saturating(a.latitude / 2) + Saturating(b.latitude / 2);
+    let east = east * cosine(num::f32_from_i32(mean.0) * 1e-7);
     north * north + east * east
 }
 
 /// Returns the shorter way from `b` to `a`, also across the date line.
 fn short_way(a: i32, b: i32) -> i32 {
-    let way = i64::from(a).saturating_sub(b.into());
-    let turns = if way > HALF_TURN {
-        -2
-    } else if way < -HALF_TURN {
-        2
-    } else {
-        0
+    let way = Saturating(i64::from(a)) - Saturating(i64::from(b));
+    let shorter = match way {
+        _ if way > HALF_TURN => way - FULL_TURN,
+        _ if way < -HALF_TURN => way + FULL_TURN,
+        _ => way,
     };
-    i32::try_from(way.saturating_add(HALF_TURN.saturating_mul(turns))).unwrap_or(i32::MAX)
+    i32::try_from(shorter.0).unwrap_or(i32::MAX)
 }
 
 /// Bhāskara's approximation of the cosine of a latitude (deg), with an error of at most 0.002; 0 at the poles.

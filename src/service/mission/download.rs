@@ -1,9 +1,9 @@
 //! Downloads: stateless, from the live plan, for any number of clients (M-6, M-12, M-60 to M-67).
 //!
-//! A client may request any item at any time, so lost and repeated requests need no special handling. Live plans are in RAM, so
-//! no read of storage can fail here (M-66). The only state is which clients requested a plan's count before the plan was
-//! replaced. Such a client would mix the items of two plans, so it gets OPERATION_CANCELLED until it requests the count again
-//! (M-63).
+//! A client may request any item at any time, so lost and repeated requests need no special handling. Live plans are in
+//! RAM, so no read of storage can fail here (M-66). The only state is which clients requested a plan's count before the
+//! plan was replaced. Such a client would mix the items of two plans, so it gets OPERATION_CANCELLED until it requests
+//! the count again (M-63).
 //!
 //! ```text
 //!                                                                 COUNT sent,
@@ -74,8 +74,8 @@ impl Sessions {
         }
     }
 
-    /// Renews the session of `client`, which requests an item. Returns whether it expects a plan that has been replaced. If the
-    /// client has moved to this link, it may have requested the count on another one (M-11).
+    /// Renews the session of `client`, which requests an item. Returns whether it expects a plan that has been
+    /// replaced. If the client has moved to this link, it may have requested the count on another one (M-11).
     fn check_stale(&mut self, now: Instant, client: Peer, plan: PlanType) -> bool {
         let is_elsewhere = self.find(now, client, plan, false).is_none();
         self.find(now, client, plan, is_elsewhere).is_some_and(|session| {
@@ -98,8 +98,8 @@ impl Sessions {
         }
     }
 
-    /// Renews the session of `client` on its link: it has replaced the plan itself, so it knows the new one. A session with its ids
-    /// on another link may be another station's (M-45).
+    /// Renews the session of `client` on its link: it has replaced the plan itself, so it knows the new one. A session
+    /// with its ids on another link may be another station's (M-45).
     pub(super) fn renew(&mut self, now: Instant, client: Peer, plan: PlanType) {
         if let Some(session) = self.find(now, client, plan, false) {
             session.is_stale = false;
@@ -108,8 +108,8 @@ impl Sessions {
 
     /// Sends the answer `reply`, which is no MISSION_ACK.
     ///
-    /// `floats`: the rules of the mission's commands, if MISSION_REQUEST is answered by MISSION_ITEM instead of MISSION_ITEM_INT
-    /// (M-61).
+    /// `floats`: the rules of the mission's commands, if MISSION_REQUEST is answered by MISSION_ITEM instead of
+    /// MISSION_ITEM_INT (M-61).
     pub(super) fn answer(
         &mut self,
         now: Instant,

@@ -1,13 +1,13 @@
 //! Plans: missions, geofences and rally points, uploaded, downloaded and cleared.
 //!
-//! Implements <https://mavlink.io/en/services/mission.html>, rules M-1 to M-95. An upload is received into a staging area and
-//! becomes the live plan in one step. Until then, downloads and the vehicle see the old plan.
+//! Implements <https://mavlink.io/en/services/mission.html>, rules M-1 to M-95. An upload is received into a staging
+//! area and becomes the live plan in one step. Until then, downloads and the vehicle see the old plan.
 //!
 //! [`Plans`] has the state diagram of an upload.
 //!
-//! The engine does no I/O. Handlers change state. [`send`](Service::send) writes one message when a link has room. A request is
-//! accepted only while its link has a free slot for the answer. Otherwise it is dropped and counted, and nothing is executed: to
-//! its sender it looks like a lost frame.
+//! The engine does no I/O. Handlers change state. [`send`](Service::send) writes one message when a link has room. A
+//! request is accepted only while its link has a free slot for the answer. Otherwise it is dropped and counted, and
+//! nothing is executed: to its sender it looks like a lost frame.
 //!
 //! ```text
 //!   frame ─▶ mod ─▶ upload ─▶ check ─▶ commit ─▶ replies ─▶ frame
@@ -43,7 +43,7 @@ use self::download::Sessions;
 use self::messages::{can_name, is_handled, is_request, mission_type};
 use self::plan_file::is_writing_file;
 use self::progress::{Current, Reached, from_set_current};
-use self::replies::{Client, FinalAnswer, Reply, ReplyContent};
+use self::replies::{Client, FinalAnswer, ReplyContent};
 use self::transfer::{FinishedUpload, FrameNumber, SecondAnswer, Transfer};
 use self::upload::Count;
 use super::command::{Commands, is_allowed};
@@ -69,8 +69,8 @@ counters! {
         count refused,
         /// Uploads that the client cancelled or restarted, or that timed out.
         count abandoned,
-        /// Frames that do not fit the state of an upload: items that are repeated, out of order, "guided", or part of no upload;
-        /// delayed duplicates; frames received on another link than the upload's.
+        /// Frames that do not fit the state of an upload: items that are repeated, out of order, "guided", or part of
+        /// no upload; delayed duplicates; frames received on another link than the upload's.
         drop out_of_place,
         /// Requests dropped because their link had no free slot for the answer.
         drop no_answer_slot,
@@ -79,7 +79,8 @@ counters! {
     }
 }
 
-/// Returns the plan that a message names, if the vehicle has it (M-25). A link that sends v1 can only name the mission (V-7).
+/// Returns the plan that a message names, if the vehicle has it (M-25). A link that sends v1 can only name the mission
+/// (V-7).
 fn served(plans: &PlansMut<'_>, port: &Port, mission_type: MavMissionType) -> Result<PlanType, MavMissionResult> {
     let plan = PlanType::from_mission_type(mission_type).ok_or(MavMissionResult::INVALID)?;
     if can_name(port.outbox.version(), mission_type) && plans.capacity(plan) > 0 {
@@ -119,7 +120,8 @@ pub struct Missions {
     sessions: Sessions,
     current: Current,
     reached: Reached,
-    /// Whether the distance of the live mission's first waypoint is not checked yet, because the position was not known (M-48).
+    /// Whether the distance of the live mission's first waypoint is not checked yet, because the position was not known
+    /// (M-48).
     is_distance_unchecked: bool,
     counters: PlanCounters,
     refused: RefusalLog,
@@ -162,7 +164,7 @@ impl Missions {
         let mission_type = mission_type(frame);
         let is_named = can_name(frame.header().version, mission_type);
         let is_full = replies.is_full();
-        let mut client = Client { peer: from, replies };
+        let mut client = Client { peer: from, mission_type, replies };
         match id {
             MissionSetCurrent::ID => return self.on_set_current(cx, MissionSetCurrent::decode(frame.payload()).seq),
             _ if !is_named && !is_request(id) => return self.drop_out_of_place(),
@@ -171,18 +173,18 @@ impl Missions {
             }
             // The memory for an upload is in use while stored plans are loaded.
             _ if is_full || is_named && self.is_loading() => return increment(&mut self.counters.no_answer_slot),
-            _ if !is_named => return client.refuse(mission_type, MavMissionResult::UNSUPPORTED),
+            _ if !is_named => return client.refuse(MavMissionResult::UNSUPPORTED),
             MissionItemInt::ID | MissionItem::ID => return self.on_item(cx, &mut client, frame),
             MissionClearAll::ID if mission_type == MavMissionType::ALL => return self.on_clear(cx, &mut client, None),
             // Not part of the standard protocol (M-68).
             MissionRequestPartialList::ID | MissionWritePartialList::ID => {
-                return client.refuse(mission_type, MavMissionResult::UNSUPPORTED);
+                return client.refuse(MavMissionResult::UNSUPPORTED);
             }
             _ => {}
         }
         let plan = match served(&cx.plans, port, mission_type) {
             Ok(plan) => plan,
-            Err(result) => return client.refuse(mission_type, result),
+            Err(result) => return client.refuse(result),
         };
         let content = match id {
             MissionCount::ID => {
@@ -197,11 +199,11 @@ impl Missions {
                 ReplyContent::Item { seq, is_old_request: id == MissionRequest::ID }
             }
         };
-        client.replies.push(Reply { to: from.address, mission_type, content });
+        client.answer(content);
     }
 
-    /// Runs the timers: repeated requests, upload timeouts, storage timeouts, MISSION_CURRENT. Returns the final answer of an
-    /// upload or clear that this ended ([`Replies::set_result`]).
+    /// Runs the timers: repeated requests, upload timeouts, storage timeouts, MISSION_CURRENT. Returns the final answer
+    /// of an upload or clear that this ended ([`Replies::set_result`]).
     #[must_use]
     fn run_timers<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         self.current.poll(cx.now, cx.vehicle.progress(), cx.shared.normal);

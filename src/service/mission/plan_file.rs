@@ -9,11 +9,11 @@
 //!
 //! Left out: options, and parts of a plan, which are refused.
 //!
-//! A file is made from the live plan while it is read, so any part of it can be read again. It ends when another plan goes live,
-//! because a client must not mix two plans.
+//! A file is made from the live plan while it is read, so any part of it can be read again. It ends when another plan
+//! goes live, because a client must not mix two plans.
 //!
-//! An upload stages its items as they arrive. The plan service lends the staging area in its poll, as to the client of a
-//! MISSION_COUNT, and makes the plan live, or stores it first. The two tell each other by `FileUpload`:
+//! An upload stages its items as they arrive. The plan service lends the staging area in its poll, as to the client of
+//! a MISSION_COUNT, and makes the plan live, or stores it first. The file and the service share a `FileUpload`:
 //!
 //! ```text
 //!              open             poll                 last part              poll
@@ -267,7 +267,8 @@ impl Missions {
         let is_lent = matches!(&self.transfer, Transfer::Upload(upload) if upload.is_of_file());
         // The same checks as of a client of messages. The answer is for the file.
         let mut replies = Replies::new();
-        let mut client = Client { peer: upload.client, replies: &mut replies };
+        let mission_type = upload.plan.mission_type();
+        let mut client = Client { peer: upload.client, mission_type, replies: &mut replies };
         let step = match upload.step {
             UploadStep::Accepted | UploadStep::Writing => return,
             UploadStep::Nothing | UploadStep::Refused if !is_lent => return,

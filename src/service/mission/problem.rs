@@ -1,4 +1,4 @@
-//! What is wrong with a plan, and the texts that report it to the operators (feature `plan-texts`).
+//! Faults of plans, and the texts that report them to the operators (feature `plan-texts`).
 
 use crate::dialect::{MavMissionResult, MavSeverity};
 use crate::message::Text;
@@ -6,7 +6,7 @@ use crate::service::Cx;
 use crate::time::Instant;
 use crate::types::{Context, Firmware, LinkMask, ONE_FRAME, PlanType, StatusTexts};
 
-/// What is wrong with a plan as a whole.
+/// A fault of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct PlanFault {
@@ -37,8 +37,8 @@ impl From<MavMissionResult> for PlanFault {
 /// A problem with a plan that a text reports to the operators.
 #[derive(Clone, Copy)]
 pub(super) enum Problem {
-    /// "Mission item 12: parameter 3 out of range", because MISSION_ACK has no field for the item (M-38). "Mission refused:
-    /// not consistent" if no item is at fault.
+    /// "Mission item 12: parameter 3 out of range", because MISSION_ACK has no field for the item (M-38). "Mission
+    /// refused: not consistent" if no item is at fault.
     Refused(PlanType, PlanFault),
     /// "Mission item 2: no position (0, 0)" (M-48).
     NoPosition(PlanType, u16),

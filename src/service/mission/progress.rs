@@ -128,10 +128,16 @@ impl Reached {
 
     fn push(&mut self, item: ReachedItem) {
         if self.0.is_full() {
-            // Evict the oldest report: it was sent before, or its link has stalled. MISSION_CURRENT shows the progress too.
-            let _ = take_first(&mut self.0, |_| true);
+            // Evict the oldest report: it was sent before, or its link has stalled. MISSION_CURRENT shows the progress
+            // too.
+            self.remove_first(|_| true);
         }
         let _ = self.0.push(item);
+    }
+
+    /// Removes the oldest report that passes `test`. Returns whether there is one.
+    fn remove_first(&mut self, test: fn(&ReachedItem) -> bool) -> bool {
+        take_first(&mut self.0, test).is_some()
     }
 
     /// Makes the due repetitions pending on `links`.
@@ -159,7 +165,7 @@ impl Reached {
         let Some(item) = self.0.iter_mut().find(|item| item.pending.contains(link)) else { return false };
         item.pending = item.pending.without(link);
         let seq = item.seq;
-        while take_first(&mut self.0, |item| item.pending == LinkMask::NONE && item.repeats.0 == 0).is_some() {}
+        while self.remove_first(|item| item.pending == LinkMask::NONE && item.repeats.0 == 0) {}
         tx.send(&MissionItemReached { seq })
     }
 }
@@ -171,8 +177,8 @@ impl Missions {
         self.reached.push(ReachedItem { seq, pending: links, repeats, at: now + PERIOD });
     }
 
-    /// Handles MISSION_SET_CURRENT. It has no acknowledgement: MISSION_CURRENT shows success and failure, and a text reports a
-    /// failure (M-93).
+    /// Handles MISSION_SET_CURRENT. It has no acknowledgement: MISSION_CURRENT shows success and failure, and a text
+    /// reports a failure (M-93).
     pub(super) fn on_set_current<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, seq: u16) {
         let is_there = seq < cx.plans.count(PlanType::Mission);
         if is_there && go_to(cx, seq, false) == MavResult::ACCEPTED {
@@ -191,8 +197,8 @@ impl Missions {
         self.current.announce_progress(cx.vehicle.progress(), cx.shared.normal);
     }
 
-    /// Handles a command about the mission's progress; returns `None` for all other commands. `Err` is a refusal by the stack,
-    /// not by the vehicle.
+    /// Handles a command about the mission's progress; returns `None` for all other commands. `Err` is a refusal by the
+    /// stack, not by the vehicle.
     pub(crate) fn command<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -239,8 +245,8 @@ pub(crate) fn from_set_current(message: &MissionSetCurrent, origin: Origin) -> C
     }
 }
 
-/// Handles MAV_CMD_DO_SET_MISSION_CURRENT: parameter 1 is the item, or -1 for the current one; parameter 2 is 1 to restart the
-/// jump counters (M-92).
+/// Handles MAV_CMD_DO_SET_MISSION_CURRENT: parameter 1 is the item, or -1 for the current one; parameter 2 is 1 to
+/// restart the jump counters (M-92).
 fn set_current<F: Firmware<Vehicle: Plans>>(
     cx: &mut Cx<'_, F>,
     command: &Command,
@@ -266,7 +272,8 @@ fn set_current<F: Firmware<Vehicle: Plans>>(
     }
 }
 
-/// Makes item `seq` the current one. While the vehicle flies its mission, item 0 restarts it, and is checked like a start (M-48).
+/// Makes item `seq` the current one. While the vehicle flies its mission, item 0 restarts it, and is checked like a
+/// start (M-48).
 fn go_to<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, seq: u16, reset: bool) -> MavResult {
     let (vehicle, mut context) = cx.hook();
     if seq == 0
@@ -278,8 +285,8 @@ fn go_to<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, seq: u16, reset: bool)
     vehicle.set_current(&mut context, seq, reset)
 }
 
-/// Handles MAV_CMD_MISSION_START: parameters 1 and 2 are the first and the last item. NaN means "not given", and so does 0 for
-/// the last item, because clients that leave it out send 0 (M-95).
+/// Handles MAV_CMD_MISSION_START: parameters 1 and 2 are the first and the last item. NaN means "not given", and so
+/// does 0 for the last item, because clients that leave it out send 0 (M-95).
 fn start<F: Firmware<Vehicle: Plans>>(
     cx: &mut Cx<'_, F>,
     command: &Command,

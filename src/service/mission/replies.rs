@@ -1,7 +1,7 @@
 //! The pending answers of one link: a short queue, ordered as the requests.
 //!
-//! Each link has its own queue, so a stalled link does not block the others. A slot holds the request, not the answer's content.
-//! The content is looked up when the answer is sent, so it is always up to date.
+//! Each link has its own queue, so a stalled link does not block the others. A slot holds the request, not the answer's
+//! content. The content is looked up when the answer is sent, so it is always up to date.
 
 use core::num::Wrapping;
 
@@ -14,8 +14,8 @@ use crate::message::Address;
 use crate::time::Instant;
 use crate::types::{LinkId, Peer};
 
-/// Capacity of the queue: MAVProxy keeps five requests of a download in transit, and repeats a dropped one only after two
-/// seconds. The sixth slot is for another client.
+/// Capacity of the queue: MAVProxy keeps five requests of a download in transit, and repeats a dropped one only after
+/// two seconds. The sixth slot is for another client.
 const SLOTS: usize = 6;
 
 /// Minimum time between answers to items that belong to no upload (M-31, M-36): one second, in units of 1,024 µs.
@@ -30,7 +30,8 @@ pub(crate) struct Reply {
     pub(super) content: ReplyContent,
 }
 
-/// The content of a pending answer. Numbers are little-endian bytes: without alignment, a reply takes 8 bytes of each slot.
+/// The content of a pending answer. Numbers are little-endian bytes: without alignment, a reply takes 8 bytes of each
+/// slot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum ReplyContent {
     /// There is no answer. The first variant, so that a free slot is all zero bits.
@@ -52,17 +53,24 @@ pub(crate) struct FinalAnswer {
     pub(crate) reply: Reply,
 }
 
+impl FinalAnswer {
+    pub(super) fn new(client: Peer, mission_type: MavMissionType, content: ReplyContent) -> Self {
+        Self { link: client.link, reply: Reply { to: client.address, mission_type, content } }
+    }
+}
+
+impl ReplyContent {
+    /// A MISSION_ACK. `id` is the plan's id if `result` is ACCEPTED.
+    pub(super) fn of_result(result: MavMissionResult, id: u32) -> Self {
+        match result {
+            MavMissionResult::ACCEPTED => Self::Accepted { id: id.to_le_bytes() },
+            refusal => Self::Refused(refusal),
+        }
+    }
+}
+
 impl Reply {
     const NONE: Self = Self { to: Address::new(0, 0), mission_type: MavMissionType(0), content: ReplyContent::None };
-
-    /// A MISSION_ACK. `id` is the plan's id if `result` is ACCEPTED.
-    pub(super) fn of_result(to: Address, mission_type: MavMissionType, result: MavMissionResult, id: u32) -> Self {
-        let content = match result {
-            MavMissionResult::ACCEPTED => ReplyContent::Accepted { id: id.to_le_bytes() },
-            refusal => ReplyContent::Refused(refusal),
-        };
-        Self { to, mission_type, content }
-    }
 
     pub(super) fn is_accepted(&self) -> bool {
         matches!(self.content, ReplyContent::Accepted { .. })
@@ -88,28 +96,35 @@ impl Reply {
         })
     }
 
-    /// Sends a MISSION_ACK with this result, instead of what was requested.
+    /// Sends a MISSION_ACK with this result, in place of the requested answer.
     pub(super) fn send_refusal(&self, result: MavMissionResult, tx: &mut Outbox) -> bool {
         Self { content: ReplyContent::Refused(result), ..*self }.send_ack(tx)
     }
 }
 
-/// The sender of a request, and the pending answers of its link.
+/// The sender of a message about a plan, and the pending answers of its link.
 pub(super) struct Client<'a> {
     pub(super) peer: Peer,
+    /// The plan type that the message names, and so its answer.
+    pub(super) mission_type: MavMissionType,
     pub(super) replies: &'a mut Replies,
 }
 
 impl Client<'_> {
+    /// Queues an answer. Repeated requests share a slot. A slot is free: that is checked before the message changes any
+    /// state.
+    pub(super) fn answer(&mut self, content: ReplyContent) {
+        self.replies.push(Reply { to: self.peer.address, mission_type: self.mission_type, content });
+    }
+
     /// Queues a refusal.
-    pub(super) fn refuse(&mut self, mission_type: MavMissionType, result: MavMissionResult) {
-        let content = ReplyContent::Refused(result);
-        self.replies.push(Reply { to: self.peer.address, mission_type, content });
+    pub(super) fn refuse(&mut self, result: MavMissionResult) {
+        self.answer(ReplyContent::Refused(result));
     }
 
     /// Answers DENIED, because another client is changing plans (M-23, M-33, M-51).
-    pub(super) fn deny(&mut self, mission_type: MavMissionType) {
-        self.refuse(mission_type, MavMissionResult::DENIED);
+    pub(super) fn deny(&mut self) {
+        self.refuse(MavMissionResult::DENIED);
     }
 }
 
@@ -144,8 +159,7 @@ impl Replies {
         self.slots.is_full()
     }
 
-    /// Queues `reply`. Repeated requests share a slot. The caller checks [`is_full`](Self::is_full) before it changes any state.
-    pub(super) fn push(&mut self, reply: Reply) {
+    fn push(&mut self, reply: Reply) {
         if !self.slots.contains(&reply) {
             let _ = self.slots.push(reply);
         }
@@ -158,18 +172,23 @@ impl Replies {
 
     /// Takes the oldest answer that is no MISSION_ACK.
     pub(super) fn take_part(&mut self) -> Option<Reply> {
-        take_first(&mut self.slots, |reply| !reply.is_ack())
+        self.take(false)
+    }
+
+    /// Takes the oldest answer that is a MISSION_ACK, or is none.
+    fn take(&mut self, is_ack: bool) -> Option<Reply> {
+        take_first(&mut self.slots, |reply| reply.is_ack() == is_ack)
     }
 
     /// Sends the oldest MISSION_ACK. Returns false if none is pending.
     pub(super) fn send_ack(&mut self, tx: &mut Outbox) -> bool {
         let result = core::mem::replace(&mut self.result, Reply::NONE);
-        let reply = if result.is_ack() { Some(result) } else { take_first(&mut self.slots, Reply::is_ack) };
+        let reply = if result.is_ack() { Some(result) } else { self.take(true) };
         reply.is_some_and(|reply| reply.send_ack(tx))
     }
 
-    /// Stores the final answer of an upload or clear. A durable change starts only while this slot is free. So the only answer
-    /// that can be overwritten is a timer's OPERATION_CANCELLED, which is a courtesy.
+    /// Stores the final answer of an upload or clear. A durable change starts only while this slot is free. So the only
+    /// answer that can be overwritten is a timer's OPERATION_CANCELLED, which is a courtesy.
     pub(super) fn set_result(&mut self, reply: Reply) {
         self.result = reply;
     }
@@ -221,7 +240,11 @@ mod tests {
 
     #[test]
     fn replies_are_taken_in_order() {
-        let result = |result, id| Reply::of_result(Address::new(255, 190), MavMissionType(9), result, id);
+        let result = |result, id| Reply {
+            to: Address::new(255, 190),
+            mission_type: MavMissionType(9),
+            content: ReplyContent::of_result(result, id),
+        };
         let other = |content| Reply { to: Address::new(255, 190), mission_type: MavMissionType(9), content };
         let item = |seq: u16, is_old_request| ReplyContent::Item { seq: seq.to_le_bytes(), is_old_request };
         let queued = [
@@ -240,7 +263,7 @@ mod tests {
         }
         assert!(replies.is_full() && replies.has_ack());
         assert_eq!([(); 3].map(|()| replies.take_part().unwrap()), [queued[3], queued[4], queued[5]]);
-        assert_eq!([(); 3].map(|()| take_first(&mut replies.slots, Reply::is_ack).unwrap()), queued[..3]);
+        assert_eq!([(); 3].map(|()| replies.take(true).unwrap()), queued[..3]);
         assert!(!replies.has_part() && !replies.has_ack());
     }
 }

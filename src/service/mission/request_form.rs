@@ -1,9 +1,9 @@
 //! Which message requests an item: MISSION_REQUEST_INT or the old MISSION_REQUEST (M-35, M-37, M-47).
 //!
 //! Some clients understand only the old message. Others refuse it with UNSUPPORTED. So the first request is a
-//! MISSION_REQUEST_INT. From the third repetition or the first UNSUPPORTED on, the forms alternate. An item fixes the form
-//! of the last request. But if both forms had requested it, it may be a late answer to the other one: then the forms
-//! alternate until an item answers a single form.
+//! MISSION_REQUEST_INT. From the third repetition or the first UNSUPPORTED on, the forms alternate. An item fixes the
+//! form of the last request. But if both forms had requested it, it may be a late answer to the other one: then the
+//! forms alternate until an item answers a single form.
 
 use crate::dialect::{MissionRequest, MissionRequestInt};
 use crate::message::{Message, MessageInfo};
@@ -74,7 +74,8 @@ impl RequestForm {
     }
 
     /// Chooses the other form after the client answered UNSUPPORTED. Returns whether to send a request at once. Several
-    /// requests in transit may each be refused, and a client that knows neither form must not set the pace of the requests.
+    /// requests in transit may each be refused, and a client that knows neither form must not set the pace of the
+    /// requests.
     pub(super) fn choose_after_refusal(&mut self) -> bool {
         if !self.has_sent_old {
             (self.client_refuses_int, self.next_is_old) = (true, true);

@@ -1,9 +1,9 @@
 //! When to repeat the request for a missing item, and when to give up (M-40 to M-42, SEC-10).
 //!
-//! Until the first round trip is measured, each repetition doubles the wait (exponential backoff). Afterwards the wait is one
-//! and a half round trips. As in Karn's algorithm, the answer to a repeated request is not a sample: it may belong to any of the
-//! requests. The final timeout runs whether or not the link accepts requests, so that neither a vanished client nor a
-//! stalled link can occupy the staging area.
+//! Until the first round trip is measured, each repetition doubles the wait (exponential backoff). Afterwards the wait
+//! is one and a half round trips. As in Karn's algorithm, the answer to a repeated request is not a sample: it may
+//! belong to any of the requests. The final timeout runs whether or not the link accepts requests, so that neither a
+//! vanished client nor a stalled link can occupy the staging area.
 
 use core::num::Saturating;
 
@@ -22,8 +22,8 @@ const MIN_RETRIES: u8 = 5;
 pub(super) struct RetryTimer {
     /// Smoothed time from a request to its item (µs); 0 until the first measurement.
     round_trip: Saturating<u32>,
-    /// Time from the first request to the last item, if that took more than one request (µs): an upper bound, because the item
-    /// may answer any of them. Otherwise 0.
+    /// Time from the first request to the last item, if that took more than one request (µs): an upper bound, because
+    /// the item may answer any of them. Otherwise 0.
     ambiguous: Saturating<u32>,
     /// When the missing item was first requested.
     requested_at: Option<Instant>,
@@ -57,10 +57,15 @@ impl RetryTimer {
         Duration::from_micros(wait.clamp(MIN_INTERVAL, MAX_INTERVAL).into())
     }
 
+    /// Waits for the item from `start` on.
+    fn wait_from(&mut self, start: Instant) {
+        self.retry_at = start + self.interval();
+    }
+
     /// Records that a request was sent.
     pub(super) fn on_request(&mut self, now: Instant) {
         self.requested_at.get_or_insert(now);
-        self.retry_at = now + self.interval();
+        self.wait_from(now);
     }
 
     /// Records that the requested item was received.
@@ -77,16 +82,16 @@ impl RetryTimer {
         }
         self.retries = Saturating(0);
         self.progress_at = now;
-        self.retry_at = now + self.interval();
+        self.wait_from(now);
     }
 
-    /// Records that the last item was received a second time. So its repeated request was premature, and the round trip is the
-    /// whole time since the first request. The pending request waits that long too.
+    /// Records that the last item was received a second time. So its repeated request was premature, and the round trip
+    /// is the whole time since the first request. The pending request waits that long too.
     pub(super) fn on_duplicate(&mut self) {
         if self.ambiguous > self.round_trip {
             self.add_sample(self.ambiguous.0);
             if let Some(requested_at) = self.requested_at.filter(|_| self.retries.0 == 0) {
-                self.retry_at = requested_at + self.interval();
+                self.wait_from(requested_at);
             }
         }
         self.ambiguous = Saturating(0);
@@ -113,7 +118,7 @@ impl RetryTimer {
     /// Counts a repeated request, whether or not the link accepts it.
     pub(super) fn retry(&mut self, now: Instant) {
         self.retries += 1;
-        self.retry_at = now + self.interval();
+        self.wait_from(now);
     }
 
     /// Returns the number of repeated requests for the item.
@@ -130,7 +135,8 @@ mod tests {
         Instant::from_millis(millis)
     }
 
-    /// Receives `items` items, each `millis` ms after its request, from `now` on. Returns when the last one was received.
+    /// Receives `items` items, each `millis` ms after its request, from `now` on. Returns when the last one was
+    /// received.
     fn answer(timer: &mut RetryTimer, now: u64, items: u64, millis: u64) -> u64 {
         for item in 0..items {
             timer.on_request(at(now + item * millis));
@@ -150,8 +156,8 @@ mod tests {
         }
     }
 
-    /// M-40: until a round trip is measured, the waits are 250, 500, 1000, 1000 ms for every item. The first measurement is not
-    /// smoothed.
+    /// M-40: until a round trip is measured, the waits are 250, 500, 1000, 1000 ms for every item. The first
+    /// measurement is not smoothed.
     #[test]
     fn interval_doubles_until_a_round_trip_is_measured() {
         let mut timer = RetryTimer::new(at(0));

@@ -2,7 +2,7 @@
 
 use core::num::Wrapping;
 
-use super::replies::{FinalAnswer, Replies, Reply};
+use super::replies::{FinalAnswer, Replies, ReplyContent};
 use super::request_form::RequestForm;
 use super::retry::RetryTimer;
 use crate::dialect::{MavMissionResult, MavMissionType, MissionRequestInt};
@@ -12,7 +12,8 @@ use crate::message::{Address, Digest};
 use crate::time::Instant;
 use crate::types::{LinkId, NO_ITEM, Peer, PlanType};
 
-/// The change that uses the staging area. The explicit tag makes `Idle` all zero bits, so that the stack lies in `.bss`.
+/// The change that uses the staging area. The explicit tag makes `Idle` all zero bits, so that the stack lies in
+/// `.bss`.
 #[derive(Clone, Debug)]
 #[repr(u8)]
 pub(super) enum Transfer {
@@ -39,12 +40,12 @@ pub(super) struct Upload {
     pub(super) form: RequestForm,
     /// Whether the upload began with a COUNT that may be a delayed duplicate of the previous upload's COUNT.
     ///
-    /// Item 0 is then requested once for each such COUNT, and not by the timer: after a duplicate, the answer might be item 0 of
-    /// the client's next plan. Until item 0 is received, other clients may start uploads, a timeout is not reported, and the
-    /// state and pending answers of the previous upload are kept.
+    /// Item 0 is then requested once for each such COUNT, and not by the timer: after a duplicate, the answer might be
+    /// item 0 of the client's next plan. Until item 0 is received, other clients may start uploads, a timeout is not
+    /// reported, and the state and pending answers of the previous upload are kept.
     pub(super) may_be_duplicate: bool,
-    /// The last expected item's frame. While the COUNT may be a duplicate, that of the previous upload: a COUNT sent after it is
-    /// not a duplicate (M-22).
+    /// The last expected item's frame. While the COUNT may be a duplicate, that of the previous upload: a COUNT sent
+    /// after it is not a duplicate (M-22).
     pub(super) last: FrameNumber,
     pub(super) counts: CountRange,
 }
@@ -69,8 +70,8 @@ impl Upload {
         }
     }
 
-    /// The upload of a file. No client of messages owns it, so all of them are refused (F-24). Its timers do not run: the file's
-    /// session ends it.
+    /// The upload of a file. No client of messages owns it, so all of them are refused (F-24). Its timers do not run:
+    /// the file's session ends it.
     pub(super) fn of_file(plan: PlanType) -> Self {
         let client = Peer { address: Self::FILE, link: LinkId(0) };
         let upload = Self::new(client, plan, NO_ITEM, FrameNumber::NONE, Instant::NEVER);
@@ -140,6 +141,13 @@ pub(super) enum Change {
 }
 
 impl Change {
+    pub(super) fn mission_type(&self) -> MavMissionType {
+        match *self {
+            Self::Upload { plan, .. } | Self::Clear(Some(plan)) => plan.mission_type(),
+            Self::Clear(None) => MavMissionType::ALL,
+        }
+    }
+
     /// Whether it changes `plan`.
     pub(super) fn affects(&self, plan: PlanType) -> bool {
         match *self {
@@ -175,12 +183,13 @@ pub(super) struct SecondAnswer {
 
 impl SecondAnswer {
     pub(super) fn answer(&self) -> FinalAnswer {
-        let reply = Reply::of_result(self.client.address, self.mission_type, MavMissionResult::ACCEPTED, self.id);
-        FinalAnswer { link: self.client.link, reply }
+        let content = ReplyContent::Accepted { id: self.id.to_le_bytes() };
+        FinalAnswer::new(self.client, self.mission_type, content)
     }
 }
 
-/// The sequence number of a frame, and the link on which it was received. It shows which frame was sent first (M-22, M-45).
+/// The sequence number of a frame, and the link on which it was received. It shows which frame was sent first (M-22,
+/// M-45).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct FrameNumber {
     pub(super) link: LinkId,
@@ -194,15 +203,15 @@ impl FrameNumber {
         Self { link: from.link, seq: Wrapping(frame.header().seq) }
     }
 
-    /// Whether this frame was certainly sent after `other`. Each link has its own sequence numbers, and some senders do not
-    /// increment them.
+    /// Whether this frame was certainly sent after `other`. Each link has its own sequence numbers, and some senders do
+    /// not increment them.
     pub(super) fn is_after(self, other: Self) -> bool {
         self.link == other.link && matches!((self.seq - other.seq).0, 1..=127)
     }
 }
 
-/// The range of sequence numbers of an upload's COUNTs: the first COUNT, up to the first item. Empty for a sender that does not
-/// increment its sequence number.
+/// The range of sequence numbers of an upload's COUNTs: the first COUNT, up to the first item. Empty for a sender that
+/// does not increment its sequence number.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CountRange {
     first: FrameNumber,

@@ -1,14 +1,13 @@
-//! Uploads: one at a time, into the staging area, live in one step at the end (M-1, M-6, M-10 to M-43, M-50 to M-53, SEC-9,
-//! SEC-10).
+//! Uploads: one at a time, into the staging area, live in one step at the end (M-1, M-6, M-10 to M-43, M-50 to M-53,
+//! SEC-9, SEC-10).
 //!
-//! This module handles the messages of the state diagram at [`Plans`]. It decides which client may start, restart or cancel an
-//! upload, or clear a plan. [`RetryTimer`](super::retry::RetryTimer) decides when a request is repeated.
+//! This module handles the messages of the state diagram at [`Plans`]. It decides which client may start, restart or
+//! cancel an upload, or clear a plan. [`RetryTimer`](super::retry::RetryTimer) decides when a request is repeated.
 
 use super::Missions;
 use super::check::{check_item, check_staged_plan};
-use super::messages::mission_type;
 use super::problem::Problem;
-use super::replies::{Client, FinalAnswer, Reply};
+use super::replies::{Client, FinalAnswer, ReplyContent};
 use super::transfer::{Change, Commit, FinishedUpload, FrameNumber, Transfer, Upload};
 use super::vehicle::Plans;
 use crate::dialect::{MavMissionResult, MavMissionType, MissionItem, MissionItemInt};
@@ -49,15 +48,15 @@ impl Missions {
         if self.is_on_other_link(cx.now, from) {
             // A refusal would end the upload of a client that sends everything on two links.
             let is_duplicate = self.is_duplicate_from_other_link(staged, received);
-            return if is_duplicate { self.drop_out_of_place() } else { client.deny(plan.mission_type()) };
+            return if is_duplicate { self.drop_out_of_place() } else { client.deny() };
         }
         // A restarted client repeats its COUNT (M-23).
-        if self.answer_during_commit(client, plan.mission_type()) {
+        if self.answer_during_commit(client) {
             return;
         }
         if self.is_locked(cx.now, from) {
             // M-23
-            return client.deny(plan.mission_type());
+            return client.deny();
         }
         if let Transfer::Upload(upload) = &mut self.transfer
             && upload.is_by(from.address)
@@ -74,8 +73,8 @@ impl Missions {
             }
             let is_answering = upload.retry.count() == 0;
             if is_answering && number.link == upload.client.link && upload.counts.contains(number.seq) {
-                // A delayed duplicate (M-22 b). After a silence it may come from a restarted client, whose sequence numbers
-                // start from 0 again.
+                // A delayed duplicate (M-22 b). After a silence it may come from a restarted client, whose sequence
+                // numbers start from 0 again.
                 return self.drop_out_of_place();
             }
         }
@@ -89,7 +88,7 @@ impl Missions {
         client: &mut Client<'_>,
         Count { plan, count, number }: Count,
     ) {
-        let (from, mission_type) = (client.peer, plan.mission_type());
+        let (from, mission_type) = (client.peer, client.mission_type);
         let is_duplicate = |previous: &&FinishedUpload| {
             (previous.client, previous.mission_type) == (from.address, mission_type)
                 && previous.last_seq.checked_add(1) == Some(count)
@@ -98,25 +97,24 @@ impl Missions {
         };
         let duplicate_of = self.finished.as_ref().filter(is_duplicate).map(|previous| previous.last);
         if duplicate_of.is_none() {
-            // This ends an earlier upload of the same client and cancels its pending answer (M-22, M-24). It also ends an
-            // upload that a delayed duplicate began. A COUNT after the first item may be a delayed duplicate too; then items
-            // are requested twice. But it may also start another plan: if the old request stayed pending, the new plan's
-            // items would complete the old plan.
-            self.forget_answer(client);
-            self.abandon(&mut cx.plans);
+            // This ends an earlier upload of the same client and cancels its pending answer (M-22, M-24). It also ends
+            // an upload that a delayed duplicate began. A COUNT after the first item may be a delayed duplicate too;
+            // then items are requested twice. But it may also start another plan: if the old request stayed pending,
+            // the new plan's items would complete the old plan.
+            self.end_previous(client, &mut cx.plans);
         }
         if count > cx.plans.capacity(plan) {
             if let Some(refused) = self.refused.count(cx.now) {
                 event!("{} of {=u16} items by {}: no space; {=u32} refused so far", plan, count, from, refused);
             }
             Problem::Refused(plan, MavMissionResult::NO_SPACE.into()).report(cx);
-            return client.refuse(mission_type, MavMissionResult::NO_SPACE);
+            return client.refuse(MavMissionResult::NO_SPACE);
         }
         // M-52: an empty plan may always be cleared.
         if count > 0 || !self.is_clear(&cx.plans, Some(plan)) {
             let permission = self.ask_permission(cx, plan, from).and_then(|()| self.limit_rate(cx, plan, from, count));
             if let Err(result) = permission {
-                return client.refuse(mission_type, result);
+                return client.refuse(result);
             }
             if self.drop_without_result_slot(client.replies) {
                 return;
@@ -138,7 +136,8 @@ impl Missions {
         self.heard_at = cx.now;
     }
 
-    /// Whether a COUNT from another link is a duplicate of one of this upload's COUNTs, or repeats it before the first item.
+    /// Whether a COUNT from another link is a duplicate of one of this upload's COUNTs, or repeats it before the first
+    /// item.
     fn is_duplicate_from_other_link(&self, staged: u16, Count { plan, count, number }: Count) -> bool {
         match &self.transfer {
             Transfer::Upload(upload) => {
@@ -164,30 +163,30 @@ impl Missions {
     ) {
         // Both messages have their fields at the same places.
         let MissionItemInt { seq, current, .. } = MissionItemInt::decode(frame.payload());
-        let (from, mission_type, number) = (client.peer, mission_type(frame), FrameNumber::of(frame, client.peer));
+        let (from, number) = (client.peer, FrameNumber::of(frame, client.peer));
         if matches!(current, 2 | 3) {
-            return self.refuse_guided(cx, client, mission_type);
+            return self.refuse_guided(cx, client);
         }
         if self.is_on_other_link(cx.now, from) {
             // Not denied: most likely it is a duplicate, and a denial would end the client's upload (M-45).
             return self.drop_out_of_place();
         }
-        if self.answer_during_commit(client, mission_type) {
+        if self.answer_during_commit(client) {
             return;
         }
         let next = cx.plans.staged();
         let upload = match &mut self.transfer {
             Transfer::Upload(upload) if !upload.may_be_duplicate || seq == 0 => upload,
-            _ => return self.on_stray_item(cx.now, client, mission_type, seq),
+            _ => return self.on_stray_item(cx.now, client, seq),
         };
         if !upload.is_by(from.address) {
             // M-33
-            return client.deny(mission_type);
+            return client.deny();
         }
         self.heard_at = cx.now;
         // Even if it is not the expected item, the client is on this link now (M-11).
         upload.client = from;
-        if PlanType::from_mission_type(mission_type) != Some(upload.plan) || seq != next {
+        if client.mission_type != upload.plan.mission_type() || seq != next {
             // M-30, M-32: neither is an error. The timer requests the missing item, at most once per period.
             if seq.checked_add(1) == Some(next) {
                 upload.retry.on_duplicate();
@@ -240,7 +239,8 @@ impl Missions {
         }
     }
 
-    /// Completes the upload after its last item: the plan goes live, or is stored first, unless it is refused as a whole (M-39).
+    /// Completes the upload after its last item: the plan goes live, or is stored first, unless it is refused as a
+    /// whole (M-39).
     pub(super) fn complete<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -278,28 +278,23 @@ impl Missions {
         cx.plans.clear_staging();
         let address = client.peer.address;
         self.record_end(FinishedUpload { client: address, mission_type, last_seq, result, id: 0, last, at: cx.now });
-        client.refuse(mission_type, result);
+        client.refuse(result);
     }
 
-    /// Refuses an item that is not part of a plan, but means "go there now" or "change the altitude"; commands have replaced
-    /// these (M-34). Sends at most one answer a second, as for stray items (M-36).
-    fn refuse_guided<F: Firmware>(
-        &mut self,
-        cx: &mut Cx<'_, F>,
-        client: &mut Client<'_>,
-        mission_type: MavMissionType,
-    ) {
+    /// Refuses an item that is not part of a plan, but means "go there now" or "change the altitude"; commands have
+    /// replaced these (M-34). Sends at most one answer a second, as for stray items (M-36).
+    fn refuse_guided<F: Firmware>(&mut self, cx: &mut Cx<'_, F>, client: &mut Client<'_>) {
         self.drop_out_of_place();
         if client.replies.begin_stray_answer(cx.now) {
             Problem::Guided.report(cx);
-            client.refuse(mission_type, MavMissionResult::UNSUPPORTED);
+            client.refuse(MavMissionResult::UNSUPPORTED);
         }
     }
 
-    /// Handles an item that is not part of an upload: either the final ACK of the previous upload was lost (M-31), or the item is
-    /// stray (M-36).
-    fn on_stray_item(&mut self, now: Instant, client: &mut Client<'_>, mission_type: MavMissionType, seq: u16) {
-        let address = client.peer.address;
+    /// Handles an item that is not part of an upload: either the final ACK of the previous upload was lost (M-31), or
+    /// the item is stray (M-36).
+    fn on_stray_item(&mut self, now: Instant, client: &mut Client<'_>, seq: u16) {
+        let (address, mission_type) = (client.peer.address, client.mission_type);
         let is_last = |previous: &&FinishedUpload| {
             (previous.client, previous.mission_type, previous.last_seq) == (address, mission_type, seq)
                 && now - previous.at < ANSWER_REPEAT
@@ -308,11 +303,11 @@ impl Missions {
             if let Some(repeated) = self.repeated.count(now) {
                 event!("{} upload by {}: final answer sent again; {=u32} so far", mission_type, client.peer, repeated);
             }
-            return client.replies.push(Reply::of_result(address, mission_type, previous.result, previous.id));
+            return client.answer(ReplyContent::of_result(previous.result, previous.id));
         }
         self.drop_out_of_place();
         if matches!(self.transfer, Transfer::Idle) && client.replies.begin_stray_answer(now) {
-            client.refuse(mission_type, MavMissionResult::ERROR);
+            client.refuse(MavMissionResult::ERROR);
         }
     }
 }
@@ -360,12 +355,12 @@ impl Missions {
         client: &mut Client<'_>,
         only: Option<PlanType>,
     ) {
-        let (from, mission_type) = (client.peer, only.map_or(MavMissionType::ALL, PlanType::mission_type));
+        let from = client.peer;
         let is_on_other_link = self.is_on_other_link(cx.now, from);
         if let Some(commit) = self.committing_mut() {
             let is_own = commit.client.address == from.address;
             if !is_own || !matches!(commit.change, Change::Clear(own) if own == only) {
-                return client.deny(mission_type);
+                return client.deny();
             }
             // A repeated clear is answered when the first one ends (M-52).
             if !is_on_other_link {
@@ -375,10 +370,9 @@ impl Missions {
         }
         if self.is_locked(cx.now, from) {
             // M-51
-            return client.deny(mission_type);
+            return client.deny();
         }
-        self.forget_answer(client);
-        self.abandon(&mut cx.plans);
+        self.end_previous(client, &mut cx.plans);
         let change = Change::Clear(only);
         // M-52: a clear that changes nothing is accepted even if the vehicle permits no changes.
         if !self.is_clear(&cx.plans, only) {
@@ -389,7 +383,7 @@ impl Missions {
             });
             let named = only.unwrap_or(PlanType::Mission);
             if let Err(result) = permission.and_then(|()| self.limit_rate(cx, named, from, 0)) {
-                return client.refuse(mission_type, result);
+                return client.refuse(result);
             }
             if self.drop_without_result_slot(client.replies) {
                 return;
@@ -427,36 +421,36 @@ impl Missions {
         self.abandon(&mut cx.plans);
         // Otherwise no client is waiting: it would have repeated its COUNT, or has given up.
         is_reported.then(|| {
-            let (to, mission_type) = (client.address, plan.mission_type());
-            let reply = Reply::of_result(to, mission_type, MavMissionResult::OPERATION_CANCELLED, 0);
-            FinalAnswer { link: client.link, reply }
+            let content = ReplyContent::Refused(MavMissionResult::OPERATION_CANCELLED);
+            FinalAnswer::new(client, plan.mission_type(), content)
         })
     }
 }
 
 /// Which client changes plans.
 impl Missions {
-    /// While a change is being written, drops a message of its client, which gets the result when the write ends, and denies
-    /// those of others. Returns false if no change is being written.
-    fn answer_during_commit(&mut self, client: &mut Client<'_>, mission_type: MavMissionType) -> bool {
+    /// While a change is being written, drops a message of its client, which gets the result when the write ends, and
+    /// denies those of others. Returns false if no change is being written.
+    fn answer_during_commit(&mut self, client: &mut Client<'_>) -> bool {
         let Some(commit) = self.committing_mut() else { return false };
         if commit.client.address == client.peer.address {
             commit.move_client(client.peer.link, client.replies);
             self.drop_out_of_place();
         } else {
-            client.deny(mission_type);
+            client.deny();
         }
         true
     }
 
-    /// Whether another client's upload is in progress. An upload that a delayed duplicate may have begun does not count.
+    /// Whether another client's upload is in progress. An upload that a delayed duplicate may have begun does not
+    /// count.
     fn is_locked(&self, now: Instant, from: Peer) -> bool {
         matches!(&self.transfer, Transfer::Upload(upload) if upload.is_exclusive() && !upload.is_by(from.address))
             || self.is_on_other_link(now, from)
     }
 
-    /// Records that a frame from `from` was received. The client that changes plans stays on its link while it is heard there
-    /// (M-45).
+    /// Records that a frame from `from` was received. The client that changes plans stays on its link while it is heard
+    /// there (M-45).
     pub(super) fn heard(&mut self, now: Instant, from: Peer) {
         if self.client() == Some(from) {
             self.heard_at = now;
@@ -472,8 +466,8 @@ impl Missions {
         }
     }
 
-    /// Whether `from` has the ids of the client that changes plans, while that client was recently heard on another link. The
-    /// frame is then from another station with the same ids, or a duplicate by a second route (M-45).
+    /// Whether `from` has the ids of the client that changes plans, while that client was recently heard on another
+    /// link. The frame is then from another station with the same ids, or a duplicate by a second route (M-45).
     pub(super) fn is_on_other_link(&self, now: Instant, from: Peer) -> bool {
         self.client().is_some_and(|client| client.address == from.address && client.link != from.link)
             && now - self.heard_at < LINK_HOLD
@@ -483,6 +477,12 @@ impl Missions {
     fn forget_answer(&mut self, client: &mut Client<'_>) {
         client.replies.forget_result(client.peer.address);
         self.second_answer = None;
+    }
+
+    /// Ends the client's previous request: its upload, or its pending result.
+    fn end_previous(&mut self, client: &mut Client<'_>, plans: &mut PlansMut<'_>) {
+        self.forget_answer(client);
+        self.abandon(plans);
     }
 
     /// Drops the upload in progress.

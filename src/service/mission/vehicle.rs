@@ -32,11 +32,11 @@ pub struct Progress {
 
 /// The hooks of a vehicle with plans: it decides which uploads it accepts, and flies them.
 ///
-/// A refusal is a `MAV_MISSION_RESULT`. It is sent to the ground station as a MISSION_ACK and, with the item's sequence number,
-/// as a STATUSTEXT (M-38). A hook can say more with [`Context::text`].
+/// A refusal is a `MAV_MISSION_RESULT`. It is sent to the ground station as a MISSION_ACK and, with the item's sequence
+/// number, as a STATUSTEXT (M-38). A hook can say more with [`Context::text`].
 ///
-/// An upload is received into a staging area and becomes the live plan in one step. Until then, downloads and the vehicle see
-/// the old plan (M-39):
+/// An upload is received into a staging area and becomes the live plan in one step. Until then, downloads and the
+/// vehicle see the old plan (M-39):
 ///
 /// ```text
 ///   idle ─────────────── COUNT ───────────────▶ receiving
@@ -56,17 +56,16 @@ pub struct Progress {
     note = "`plans` in `#[stack]` needs `impl Plans for {Self}`: write it, or leave `plans` out"
 )]
 pub trait Plans: Vehicle {
-    /// The commands that a mission of this vehicle may contain, each with the rule for its frame, parameters and position. A
-    /// rule is one of [`dialect::rules`](crate::dialect::rules), narrowed or widened to what the vehicle
-    /// supports. Any other command is refused with UNSUPPORTED, never skipped (M-73, M-74). Fences and rally points need no
-    /// list.
+    /// The commands that a mission of this vehicle may contain, each with the rule for its frame, parameters and
+    /// position. A rule is one of [`dialect::rules`](crate::dialect::rules), narrowed or widened for the vehicle. Any
+    /// other command is refused with UNSUPPORTED, never skipped (M-73, M-74). Fences and rally points need no list.
     const MISSION_COMMANDS: &'static [CommandRule];
 
     /// Decides whether `from` may change this plan now. The stack calls it
     ///
     /// - when an upload or a clear begins, before anything else happens (M-27, M-53);
-    /// - before a complete upload goes live, before each step of writing a change to storage, and before the written change
-    ///   goes live (M-45).
+    /// - before a complete upload goes live, before each step of writing a change to storage, and before the written
+    ///   change goes live (M-45).
     ///
     /// After a refusal the old plan stays. The usual refusal is [`MavMissionResult::DENIED`].
     ///
@@ -78,8 +77,8 @@ pub trait Plans: Vehicle {
         Ok(())
     }
 
-    /// Decides whether the vehicle can fly this item, which has passed the stack's own checks. A parameter is refused with
-    /// `INVALID_PARAM1` to `INVALID_PARAM7`.
+    /// Decides whether the vehicle can fly this item, which has passed the stack's own checks. A parameter is refused
+    /// with `INVALID_PARAM1` to `INVALID_PARAM7`.
     ///
     /// # Errors
     ///
@@ -95,8 +94,8 @@ pub trait Plans: Vehicle {
         Ok(())
     }
 
-    /// Decides whether the vehicle can fly the plan as a whole, which has passed the stack's own checks. Called after the last
-    /// item, before the plan goes live, and when a plan is loaded or restored from storage.
+    /// Decides whether the vehicle can fly the plan as a whole, which has passed the stack's own checks. Called after
+    /// the last item, before the plan goes live, and when a plan is loaded or restored from storage.
     ///
     /// # Errors
     ///
@@ -106,37 +105,38 @@ pub trait Plans: Vehicle {
         Ok(())
     }
 
-    /// Returns the reference position, usually home or the vehicle's position, and the maximum distance (m) of a mission's
-    /// first waypoint from it. A mission whose first waypoint is farther away is refused with `INVALID_PARAM5_X` and a text,
-    /// when it is uploaded, loaded, or restored from storage (M-48). The distance is accurate to 3 % up to 100 km and below 80°
-    /// of latitude.
+    /// Returns the reference position, usually home or the vehicle's position, and the maximum distance (m) of a
+    /// mission's first waypoint from it. A mission whose first waypoint is farther away is refused with
+    /// `INVALID_PARAM5_X` and a text, when it is uploaded, loaded, or restored from storage (M-48). The distance is
+    /// accurate to 3 % up to 100 km and below 80° of latitude.
     ///
-    /// `None`, the default, means no limit; return it also while the vehicle does not know its position. A vehicle with a limit
-    /// then says so by [`limits_first_waypoint`](Self::limits_first_waypoint). A mission that went live meanwhile is checked
-    /// when the position becomes known, and a text reports one that is too far away. Every mission is checked again before it
-    /// starts: see [`check_start`](Self::check_start).
+    /// `None`, the default, means no limit; return it also while the vehicle does not know its position. A vehicle with
+    /// a limit then says so by [`limits_first_waypoint`](Self::limits_first_waypoint). A mission that went live
+    /// meanwhile is checked when the position becomes known, and a text reports one that is too far away. Every mission
+    /// is checked again before it starts: see [`check_start`](Self::check_start).
     fn first_waypoint_limit(&self) -> Option<(LatLon, u32)> {
         None
     }
 
-    /// Returns whether the first waypoint is limited, also while [`first_waypoint_limit`](Self::first_waypoint_limit) is `None`
-    /// because the position is not known: until then no mission starts (M-48). By default, `None` means that there is no limit.
+    /// Returns whether the first waypoint is limited, also while [`first_waypoint_limit`](Self::first_waypoint_limit)
+    /// is `None` because the position is not known: until then no mission starts (M-48). By default, `None` means that
+    /// there is no limit.
     fn limits_first_waypoint(&self) -> bool {
         self.first_waypoint_limit().is_some()
     }
 
-    /// Checks that the first waypoint of the live mission is within the limit, before the mission starts from its first item
-    /// (M-48). It may have been stored at another site, or uploaded before the position was known. The stack calls this for
-    /// MAV_CMD_MISSION_START, and before item 0 is made current while the vehicle flies its mission. A vehicle with a limit
-    /// calls it before it starts the mission for another reason, such as a change of the mode or a switch of the pilot. A
-    /// mission that is resumed at a later item is not checked.
+    /// Checks that the first waypoint of the live mission is within the limit, before the mission starts from its first
+    /// item (M-48). It may have been stored at another site, or uploaded before the position was known. The stack calls
+    /// this for MAV_CMD_MISSION_START, and before item 0 is made current while the vehicle flies its mission. A vehicle
+    /// with a limit calls it before it starts the mission for another reason, such as a change of the mode or a switch
+    /// of the pilot. A mission that is resumed at a later item is not checked.
     ///
     /// Not to be overridden.
     ///
     /// # Errors
     ///
-    /// The answer to the command, after a text that says why: TEMPORARILY_REJECTED while the position is not known, DENIED for a
-    /// waypoint that is too far away.
+    /// The answer to the command, after a text that says why: TEMPORARILY_REJECTED while the position is not known,
+    /// DENIED for a waypoint that is too far away.
     fn check_start(&self, cx: &mut Context<'_>) -> Result<(), MavResult>
     where
         Self: Sized,
@@ -157,28 +157,28 @@ pub trait Plans: Vehicle {
         }
     }
 
-    /// Called when a new plan has become live: the vehicle restarts its progress (M-39), even if the old plan was longer
-    /// (M-94). Not called for an upload equal to the live plan.
+    /// Called when a new plan has become live: the vehicle restarts its progress (M-39), even if the old plan was
+    /// longer (M-94). Not called for an upload equal to the live plan.
     fn plan_changed(&mut self, cx: &mut Context<'_>, change: PlanChange<'_>);
 
     /// Returns the vehicle's progress in its mission.
     fn progress(&self) -> Progress;
 
-    /// Makes item `seq`, which exists, the current one: the mission continues from it. The flight mode does not change (M-92,
-    /// M-93). `reset` restarts the jump counters; a completed mission becomes ACTIVE or PAUSED again.
+    /// Makes item `seq`, which exists, the current one: the mission continues from it. The flight mode does not change
+    /// (M-92, M-93). `reset` restarts the jump counters; a completed mission becomes ACTIVE or PAUSED again.
     ///
     /// Requested by MAV_CMD_DO_SET_MISSION_CURRENT and MISSION_SET_CURRENT. The command's entry in
-    /// [`Commands::POLICIES`](crate::Commands::POLICIES) and [`Commands::is_in_control`](crate::Commands::is_in_control) apply
-    /// to both (M-46).
+    /// [`Commands::POLICIES`](crate::Commands::POLICIES) and
+    /// [`Commands::is_in_control`](crate::Commands::is_in_control) apply to both (M-46).
     fn set_current(&mut self, cx: &mut Context<'_>, seq: u16, reset: bool) -> MavResult {
         let _ = (cx, seq, reset);
         MavResult::UNSUPPORTED
     }
 
-    /// Starts the mission (MAV_CMD_MISSION_START), from item `first` to item `last` where they are given. If it starts at item 0,
-    /// it has passed [`check_start`](Self::check_start). Both exist, and
-    /// `first` is not after `last` (M-95). A `last` of 0 counts as not given, because clients that leave it out send 0; a
-    /// `first` of 0 is the first item. `command` has the sender, and whether the command was broadcast (C-1).
+    /// Starts the mission (MAV_CMD_MISSION_START), from item `first` to item `last` where they are given. If it starts
+    /// at item 0, it has passed [`check_start`](Self::check_start). Both exist, and `first` is not after `last` (M-95).
+    /// A `last` of 0 counts as not given, because clients that leave it out send 0; a `first` of 0 is the first item.
+    /// `command` has the sender, and whether the command was broadcast (C-1).
     fn start_mission(
         &mut self,
         cx: &mut Context<'_>,

@@ -1,5 +1,5 @@
-//! The plan service of a firmware without plans. It answers every request with UNSUPPORTED, because a client would repeat an
-//! unanswered request for seconds.
+//! The plan service of a firmware without plans. It answers every request with UNSUPPORTED, because a client would
+//! repeat an unanswered request for seconds.
 
 use heapless::Vec;
 
@@ -83,7 +83,8 @@ mod tests {
     use crate::frame::Version;
     use crate::message::Message;
 
-    /// M-25: an answer for each request, in the order of the requests, whatever the queue held before; one for repeated requests.
+    /// M-25: an answer for each request, in the order of the requests, whatever the queue held before; one for repeated
+    /// requests.
     #[test]
     fn refusals_are_sent_in_the_order_of_the_requests() {
         let mut tx = Outbox::VACANT;
