@@ -8,9 +8,9 @@
 
 use core::num::Wrapping;
 
-use super::Missions;
 use super::check::{self, check_staged_plan};
 use super::distance::first_too_far;
+use super::engine::Missions;
 use super::problem::{PlanFault, Problem};
 use super::replies::{Client, FinalAnswer, Replies, ReplyContent};
 use super::transfer::{Change, Commit, FinishedUpload, SecondAnswer, Transfer};

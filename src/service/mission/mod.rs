@@ -16,8 +16,10 @@
 
 mod check;
 mod commit;
+mod current_item;
 mod distance;
 mod download;
+mod engine;
 mod messages;
 mod plan_file;
 mod problem;
@@ -33,21 +35,20 @@ mod without_plans;
 #[cfg(test)]
 mod tests;
 
+pub use engine::{Missions, PlanCounters};
 pub(crate) use messages::is_for_planner;
 pub use problem::PlanFault;
 pub use replies::Replies;
 pub use vehicle::{PlanChange, Plans, Progress};
 pub use without_plans::WithoutPlans;
 
-use self::download::Sessions;
+use self::current_item::from_set_current;
 use self::messages::{can_name, is_handled, is_request, mission_type};
 use self::plan_file::is_writing_file;
-use self::progress::{Current, Reached, from_set_current};
 use self::replies::{Client, FinalAnswer, ReplyContent};
-use self::transfer::{FinishedUpload, FrameNumber, SecondAnswer, Transfer};
+use self::transfer::{FrameNumber, Transfer};
 use self::upload::Count;
 use super::command::{Commands, is_allowed};
-use super::write_schedule::WriteSchedule;
 use super::{About, Cx, Handled, Received, Request, Service, ShowCounters, StackEvent, Turn, Verdict, View, increment};
 use crate::dialect::{
     MavMissionResult, MavMissionType, MavProtocolCapability, MissionAck, MissionClearAll, MissionCount, MissionItem,
@@ -55,29 +56,9 @@ use crate::dialect::{
     MissionSetCurrent, MissionWritePartialList,
 };
 use crate::link::Port;
-use crate::log::RefusalLog;
 use crate::message::Message;
 use crate::time::Instant;
-use crate::types::{Durability, Firmware, LinkMask, PlanMemory, PlanType, PlansMut, Vehicle};
-
-counters! {
-    /// Counters of the plan service. They wrap.
-    PlanCounters {
-        /// Accepted uploads.
-        count accepted,
-        /// Uploads refused because of an item, or because of the plan as a whole.
-        count refused,
-        /// Uploads that the client cancelled or restarted, or that timed out.
-        count abandoned,
-        /// Frames that do not fit the state of an upload: items that are repeated, out of order, "guided", or part of
-        /// no upload; delayed duplicates; frames received on another link than the upload's.
-        drop out_of_place,
-        /// Requests dropped because their link had no free slot for the answer.
-        drop no_answer_slot,
-        /// Failed attempts to write plans to storage.
-        count not_saved,
-    }
-}
+use crate::types::{Firmware, LinkMask, PlanMemory, PlanType, PlansMut, Vehicle};
 
 /// Returns the plan that a message names, if the vehicle has it (M-25). A link that sends v1 can only name the mission
 /// (V-7).
@@ -105,53 +86,7 @@ pub enum PlanReply {
     Current,
 }
 
-/// The engine: the state of plan transfers. Its size does not depend on the plans' capacities.
-#[derive(Clone, Debug)]
-pub struct Missions {
-    transfer: Transfer,
-    /// When a frame of the client of the upload or commit was last received on its link.
-    heard_at: Instant,
-    /// When plans are written. It is dirty if the live plans must be, though no client waits for it.
-    schedule: WriteSchedule,
-    durability: Durability,
-    is_loading: bool,
-    finished: Option<FinishedUpload>,
-    second_answer: Option<SecondAnswer>,
-    sessions: Sessions,
-    current: Current,
-    reached: Reached,
-    /// Whether the distance of the live mission's first waypoint is not checked yet, because the position was not known
-    /// (M-48).
-    is_distance_unchecked: bool,
-    counters: PlanCounters,
-    refused: RefusalLog,
-    /// The final answers that are sent again.
-    repeated: RefusalLog,
-}
-
 impl Missions {
-    const INITIAL: Self = Self {
-        transfer: Transfer::Idle,
-        heard_at: Instant::ZERO,
-        schedule: WriteSchedule::NEW,
-        durability: Durability::Durable,
-        is_loading: false,
-        finished: None,
-        second_answer: None,
-        sessions: Sessions::new(),
-        current: Current::new(),
-        reached: Reached::new(),
-        is_distance_unchecked: false,
-        counters: PlanCounters::ZERO,
-        refused: RefusalLog::NEW,
-        repeated: RefusalLog::NEW,
-    };
-
-    /// Returns the counters.
-    pub(crate) const fn counters(&self) -> &PlanCounters {
-        &self.counters
-    }
-
     /// Handles a frame with one of the service's messages, addressed to exactly our system (M-10).
     fn receive<F: Firmware<Vehicle: Plans>>(
         &mut self,
@@ -244,7 +179,7 @@ impl<F: Firmware<Vehicle: Plans + Commands>> Service<F> for Missions {
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Replies>) {
         let (now, normal, repeats) = (cx.now, cx.shared.normal, cx.shared.config.item_reached_repeats);
         let reached = core::mem::take(&mut cx.requests.reached);
-        reached.iter().for_each(|&seq| self.reached(now, seq, normal, repeats));
+        reached.iter().for_each(|&seq| self.reached.push(now, seq, normal, repeats));
         let answer = self.run_timers(cx);
         self.queue_result(cx, links, answer);
         if F::Plans::TAKES_FILES {

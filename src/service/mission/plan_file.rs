@@ -24,8 +24,8 @@
 
 use core::num::Saturating;
 
-use super::Missions;
 use super::check::stage_item;
+use super::engine::Missions;
 use super::problem::Problem;
 use super::replies::{Client, Replies};
 use super::transfer::{Change, Transfer, Upload};

@@ -4,8 +4,8 @@
 //! This module handles the messages of the state diagram at [`Plans`]. It decides which client may start, restart or
 //! cancel an upload, or clear a plan. [`RetryTimer`](super::retry::RetryTimer) decides when a request is repeated.
 
-use super::Missions;
 use super::check::{check_item, check_staged_plan};
+use super::engine::Missions;
 use super::problem::Problem;
 use super::replies::{Client, FinalAnswer, ReplyContent};
 use super::transfer::{Change, Commit, FinishedUpload, FrameNumber, Transfer, Upload};
@@ -54,7 +54,7 @@ impl Missions {
         if self.answer_during_commit(client) {
             return;
         }
-        if self.is_locked(cx.now, from) {
+        if self.is_locked(from) {
             // M-23
             return client.deny();
         }
@@ -128,26 +128,26 @@ impl Missions {
             return self.change(cx, client, Change::Clear(Some(plan)));
         }
         event!("{} upload of {=u16} items by {}: started", plan, count, from);
-        let mut upload = Upload::new(from, plan, count, number, cx.now);
-        if let Some(last) = duplicate_of {
-            (upload.may_be_duplicate, upload.last) = (true, last);
-        }
-        self.transfer = Transfer::Upload(upload);
+        self.transfer = Transfer::Upload(Upload {
+            may_be_duplicate: duplicate_of.is_some(),
+            last: duplicate_of.unwrap_or(number),
+            ..Upload::new(from, plan, count, number, cx.now)
+        });
         self.heard_at = cx.now;
     }
 
     /// Whether a COUNT from another link is a duplicate of one of this upload's COUNTs, or repeats it before the first
     /// item.
     fn is_duplicate_from_other_link(&self, staged: u16, Count { plan, count, number }: Count) -> bool {
-        match &self.transfer {
-            Transfer::Upload(upload) => {
-                (upload.plan, upload.count) == (plan, count) && (staged == 0 || upload.counts.contains(number.seq))
-            }
+        if let Transfer::Upload(upload) = &self.transfer {
+            return (upload.plan, upload.count) == (plan, count) && (staged == 0 || upload.counts.contains(number.seq));
+        }
+        match self.committing() {
             // It was sent before the last item of the plan that is being written.
-            Transfer::Commit(Commit { change: Change::Upload { plan: own, last, .. }, .. }) => {
+            Some(Commit { change: Change::Upload { plan: own, last, .. }, .. }) => {
                 *own == plan && (last.seq - number.seq).0 <= 127
             }
-            Transfer::Commit(_) | Transfer::Idle => false,
+            _ => false,
         }
     }
 }
@@ -368,7 +368,7 @@ impl Missions {
             }
             return self.drop_out_of_place();
         }
-        if self.is_locked(cx.now, from) {
+        if is_on_other_link || self.is_locked(from) {
             // M-51
             return client.deny();
         }
@@ -442,11 +442,9 @@ impl Missions {
         true
     }
 
-    /// Whether another client's upload is in progress. An upload that a delayed duplicate may have begun does not
-    /// count.
-    fn is_locked(&self, now: Instant, from: Peer) -> bool {
+    /// Whether another client's upload is in progress. An upload that a delayed duplicate may have begun does not count.
+    fn is_locked(&self, from: Peer) -> bool {
         matches!(&self.transfer, Transfer::Upload(upload) if upload.is_exclusive() && !upload.is_by(from.address))
-            || self.is_on_other_link(now, from)
     }
 
     /// Records that a frame from `from` was received. The client that changes plans stays on its link while it is heard
@@ -460,9 +458,8 @@ impl Missions {
     /// Returns the client whose upload is in progress or whose change is being written, with its link.
     fn client(&self) -> Option<Peer> {
         match &self.transfer {
-            Transfer::Upload(upload) if upload.is_exclusive() => Some(upload.client),
-            Transfer::Upload(_) | Transfer::Idle => None,
-            Transfer::Commit(commit) => Some(commit.client),
+            Transfer::Upload(upload) => upload.is_exclusive().then_some(upload.client),
+            _ => self.committing().map(|commit| commit.client),
         }
     }
 
