@@ -12,7 +12,7 @@ use crate::message::{Message, MessageInfo};
 const REPETITIONS: u8 = 3;
 
 /// The form of the requests of one upload. "Old" is MISSION_REQUEST.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RequestForm {
     next_is_old: bool,
     last_was_old: bool,
@@ -29,17 +29,6 @@ pub(super) struct RequestForm {
 }
 
 impl RequestForm {
-    pub(super) const NEW: Self = Self {
-        next_is_old: false,
-        last_was_old: false,
-        is_fixed: false,
-        has_int_request: false,
-        has_old_request: false,
-        has_sent_old: false,
-        client_refuses_int: false,
-        client_refuses_old: false,
-    };
-
     /// Records that a request is sent. Returns its message. Both messages have the same fields.
     pub(super) fn record_request(&mut self) -> &'static MessageInfo {
         self.last_was_old = self.next_is_old;

@@ -63,7 +63,7 @@ impl Upload {
             digest: Digest::new(),
             retry: RetryTimer::new(now),
             is_request_pending: true,
-            form: RequestForm::NEW,
+            form: RequestForm::default(),
             may_be_duplicate: false,
             last: number,
             counts: CountRange::new(number),

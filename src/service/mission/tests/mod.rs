@@ -21,7 +21,7 @@ use crate::message::{Address, CommandRule, Item};
 use crate::service::param::NoParams;
 use crate::service::rest::{Rest, offer, sent_texts, take, with_frame};
 use crate::time::Duration;
-use crate::types::{Command, Context, LinkId, Outcome, Peer, StatusTexts, TextEntry};
+use crate::types::{Command, Context, Durability, LinkId, Outcome, Peer, StatusTexts, TextEntry};
 
 type Memory = crate::plan_memory!(mission: 5, fence: 3, rally: 0);
 

@@ -518,7 +518,7 @@ impl Bench {
 /// The size of the engine without the plans, and without what only a firmware with a log has.
 #[test]
 fn engine_fits_its_budget() {
-    let size = size_of::<Missions>() - 3 * size_of::<RefusalLog>();
+    let size = size_of::<Missions>() - 3 * size_of::<crate::log::RefusalLog>();
     assert!(size <= 400, "{size}");
     assert!(size_of::<Replies>() <= 64, "{}", size_of::<Replies>());
 }
