@@ -498,7 +498,7 @@ pub mod __private {
     pub use crate::service::command::{CommandSlots, NoSlots};
     pub use crate::service::components::ComponentService;
     pub use crate::service::events::{Checking, EventService, Unchecked, bit, check_events, summary};
-    pub use crate::service::files::{FileServer, HasFiles, NoFile, OneOf};
+    pub use crate::service::files::{FileServer, HasFiles, NoFile, OneOf, sessions as file_sessions};
     pub use crate::service::forwarding::Forwarding;
     pub use crate::service::mission::{Missions, WithoutPlans};
     pub use crate::service::mode::ModeService;

@@ -54,7 +54,7 @@ declared! {
     HasCommands [const N: usize] CommandSlots<N> => LongCommands: "`commands: {{ slots: 2 }}` is missing in `#[stack]`";
     HasClient [const N: usize] Client<N> => Self: "`command_client: {{ slots: 2 }}` is missing in `#[stack]`";
     HasEvents [C] EventService<C> => EventCounters, counters: "`events: {{ history: 16 }}` is missing in `#[stack]`";
-    HasFiles [const OPEN: usize, const N: usize, const UPLOAD: usize, V] FileServer<OPEN, N, UPLOAD, V> => FileStatus, status:
+    HasFiles [const N: usize, const UPLOAD: usize, V] FileServer<N, UPLOAD, V> => FileStatus, status:
         "`files: {{ sessions: 2 }}` is missing in `#[stack]`";
     HasForwarding [const N: usize, const BYTES: usize, const SEEN: usize] Forwarding<N, BYTES, SEEN> => Self:
         "`forwarding` is missing in `#[stack]`";

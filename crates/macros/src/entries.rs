@@ -178,7 +178,7 @@ impl<'a> Entries<'a> {
             }";
         let hooks = self.choose("components", hooks, "", &values);
         put(&mut values, "component_hooks", hooks);
-        let files = "$library::__private::FileServer<{ $sessions }, { ($sessions) + 2 }, { $upload },
+        let files = "$library::__private::FileServer<{ $library::__private::file_sessions($sessions) }, { $upload },
             $library::__one_of!({ $uploads }; $Param, $Mission, $Logs,)>";
         let files = self.choose("files", files, "$library::__private::Absent", &values);
         put(&mut values, "Files", files);

@@ -1,293 +1,312 @@
-//! The sessions of clients: the open file of each, and its pending answers (F-4, F-6, F-12, F-13).
+//! The sessions of clients: the open file of each, and its answers (F-4, F-6, F-12, F-13).
 
-use super::packet::Head;
-use crate::dialect::MavFtpOpcode;
-use crate::message::Address;
+use core::num::{NonZeroU32, Wrapping};
+use core::ops::Range;
+
+use super::directory::Directory;
+use super::file::{File, Origin};
+use super::packet::{Head, Request, SessionId};
+use crate::dialect::{MavFtpErr, MavFtpOpcode};
 use crate::time::{Duration, Instant};
-use crate::types::{LinkId, Peer};
+use crate::types::LinkId;
+
+/// A time in units of 1,024 µs. It wraps after 50 days, so only differences are compared.
+pub(super) type Ticks = Wrapping<u32>;
 
 /// A session ends when its client was silent for ten seconds, no packet of a burst was sent to it, and no checksum
-/// advanced (F-6). In units of 1,024 µs, like all times of sessions.
-pub(super) const IDLE: u32 = 9_766;
+/// advanced (F-6).
+pub(super) const IDLE: Ticks = seconds(10);
 /// Another client takes over a session that was idle for three seconds.
-pub(super) const TAKEOVER: u32 = 2_930;
-/// An upload is closed when no new part has arrived for eight seconds (F-26; by messages, M-41): it excludes all other
-/// uploads, and other requests of its client would keep its session.
-pub(super) const STALLED: u32 = 7_813;
+pub(super) const TAKEOVER: Ticks = seconds(3);
 /// A repeat is an identical request within two seconds of the client's last one (F-13): clients repeat after half a
 /// second or one, and a client that was started again numbers its requests from 0 again.
-pub(super) const REPEAT: u32 = 1_953;
-/// A checksum that takes longer than two minutes ends with its client's session: MAVProxy waits for as long.
-pub(super) const LONGEST_CHECKSUM: u32 = 117_188;
+const REPEAT: Ticks = seconds(2);
 /// A burst that takes longer than five seconds is cut off, and the client requests the rest: otherwise it would
 /// continue for a client that is gone.
-pub(super) const LONGEST_BURST: u32 = 4_883;
+pub(super) const LONGEST_BURST: Ticks = seconds(5);
 
 /// The number of requests that a client may send at a time: MAVProxy reads and writes five packets ahead. Their answers have the
 /// first slots, and the burst has the last one.
-pub(super) const BURST: usize = 5;
+const AHEAD: usize = 5;
+const SLOTS: usize = AHEAD + 1;
 
-/// What a session has open. `Nothing` is all zero bits: with this representation no field has the discriminant in its niche.
-#[derive(Clone, Copy, Debug)]
-#[repr(u8)]
-pub(super) enum Open<V> {
-    Nothing,
-    /// A file of the vehicle's hooks, by number.
-    Hook {
-        number: u16,
-        is_writable: bool,
-    },
-    /// A file that never changes, by its index.
-    Static(u8),
-    /// A file of a virtual directory, to be read.
-    Virtual(V),
-    /// A file of a virtual directory, to be uploaded: one at a time.
-    Upload(V),
+pub(super) const fn ticks(time: Instant) -> Ticks {
+    Wrapping(time.coarse())
+}
+
+/// Rounds to the nearest tick.
+pub(super) const fn seconds(seconds: u64) -> Ticks {
+    ticks(Instant::from_micros(512).saturating_add(Duration::from_secs(seconds)))
+}
+
+pub(super) fn duration(ticks: Ticks) -> Duration {
+    Duration::from_micros(u64::from(ticks.0) << 10)
 }
 
 /// The state of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum State {
-    /// There is none.
+    /// The slot has no answer.
     Empty,
-    /// It was sent, and is sent again if the request is repeated.
+    /// The answer was sent, and is sent again if the request is repeated.
     Sent,
-    /// It is computed.
-    Working,
-    /// It is pending, without data.
+    /// The server's operation computes the answer.
+    Running,
+    /// The answer is sent when the link has room.
     Pending,
-    /// It is pending, with data of a file or a directory.
-    Data,
+    /// The same, with data of a file or a directory: it uses only a share of the link.
+    PendingData,
 }
 
-/// The answer to a request, without its data, which is read when the answer is sent. Or the next packet of a burst,
-/// whose packets are sent without a request for each.
+/// The content of an answer.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Content {
+    /// An ACK without data.
+    Empty,
+    /// The size of the file that was opened, or a checksum, as bytes of the packet.
+    Number([u8; 4]),
+    /// A NAK.
+    Refused(MavFtpErr),
+    /// A part of the open file. It is read when the answer is sent.
+    FilePart,
+    /// Entries of this directory. They are listed when the answer is sent.
+    Entries(Directory),
+    /// Files of the virtual directory with this number.
+    VirtualEntries(u16),
+}
+
+impl Content {
+    pub(super) const fn number(number: u32) -> Self {
+        Self::Number(number.to_le_bytes())
+    }
+}
+
+/// The answer to a request, or the next packet of a burst, whose packets are sent without a request for each.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answer {
     pub(super) state: State,
-    /// The request is refused.
-    pub(super) is_refused: bool,
+    pub(super) content: Content,
     /// The request.
     pub(super) head: Head,
-    /// The size of a file that was opened, a checksum, or the number of a directory; the error of a refusal.
-    pub(super) value: u32,
     /// Identifies the request.
-    pub(super) digest: u32,
+    digest: Option<NonZeroU32>,
 }
 
 impl Answer {
     /// All zero bits.
-    const EMPTY: Self = Self { state: State::Empty, is_refused: false, head: Head::EMPTY, value: 0, digest: 0 };
+    const EMPTY: Self = Self { state: State::Empty, content: Content::Empty, head: Head::EMPTY, digest: None };
+
+    /// Returns the answer to a request; without content while it is computed.
+    pub(super) fn new(request: &Request<'_>, content: Option<Content>) -> Self {
+        let state = match content {
+            None => State::Running,
+            Some(Content::FilePart | Content::Entries(_) | Content::VirtualEntries(_)) => State::PendingData,
+            Some(_) => State::Pending,
+        };
+        let head = Head { size: request.head.requested_len(), ..request.head };
+        Self { state, content: content.unwrap_or(Content::Empty), head, digest: Some(request.digest) }
+    }
 
     /// Whether another answer may take its slot.
-    fn is_free(&self) -> bool {
+    const fn is_free(&self) -> bool {
         matches!(self.state, State::Empty | State::Sent)
     }
 }
 
-/// Identifies a session: the client, its link, and the client's number for the session. One integer, because it is
-/// compared often.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Key(u32);
-
-impl Key {
-    /// The id of an unused session: all zero bits.
-    pub(super) const FREE: Self = Self(0);
-    /// The id of a session whose link was opened again.
-    const GONE: Self = Self(u32::MAX);
-
-    pub(super) fn of(client: Peer, number: u8) -> Self {
-        let (system, component) = (client.address.system.wire(), client.address.component.wire());
-        Self(u32::from_le_bytes([system, component, client.link.0.wrapping_add(1), number]))
-    }
-
-    /// Returns the system, the component, the link and the number.
-    pub(super) const fn bytes(self) -> [u8; 4] {
-        self.0.to_le_bytes()
-    }
-
-    /// Returns the client.
-    pub(super) const fn client(self) -> Peer {
-        let [system, component, link, _] = self.bytes();
-        Peer { address: Address::new(system, component), link: LinkId(link.wrapping_sub(1)) }
-    }
-
-    pub(super) const fn is_on(self, link: LinkId) -> bool {
-        let [_, _, own, _] = self.bytes();
-        own == link.0.wrapping_add(1)
-    }
-
-    /// Whether it is another session of the same client, or the same.
-    pub(super) const fn has_client_of(self, other: Self) -> bool {
-        (self.0 ^ other.0) & 0x00FF_FFFF == 0
-    }
+/// What becomes of a request before it is executed.
+pub(super) enum Admission {
+    /// It repeats a request, whose answer is sent again.
+    Repeated,
+    /// All slots have pending answers, so it is dropped. The client sends it again.
+    NoSlot,
+    /// It is executed. Its answer replaces the oldest of these slots.
+    Executed { slots: Range<usize> },
 }
 
-/// A client's session, or the answers to a client without one. The large array is last: fields near the front take less
-/// code to reach.
+/// A client's session, or the answers to a client without an open file.
 #[derive(Clone, Copy, Debug)]
-#[repr(C)]
 pub struct Session<V> {
-    pub(super) key: Key,
+    /// `None`: it has no client. If a file is open, its client is gone, and the next poll closes the file.
+    pub(super) id: Option<SessionId>,
     /// When the client was last heard, a packet of a burst was sent to it, or its checksum advanced.
-    pub(super) touched: u32,
-    /// When the burst began.
-    pub(super) burst_began: u32,
-    /// The request that opened the file, and its answer: the size.
-    pub(super) opened_by: u32,
-    pub(super) size: u32,
-    pub(super) open: Open<V>,
+    pub(super) touched: Ticks,
+    pub(super) burst_began: Ticks,
+    pub(super) file: File<V>,
+    /// The request that opened the file.
+    pub(super) opened_by: Option<NonZeroU32>,
     /// The answers, the oldest first, then the burst.
-    pub(super) answers: [Answer; BURST + 1],
+    pub(super) answers: [Answer; SLOTS],
 }
 
 impl<V> Session<V> {
     /// All zero bits.
     pub(super) const FREE: Self = Self {
-        key: Key::FREE,
-        touched: 0,
-        burst_began: 0,
-        opened_by: 0,
-        size: 0,
-        open: Open::Nothing,
-        answers: [Answer::EMPTY; BURST + 1],
+        id: None,
+        touched: Wrapping(0),
+        burst_began: Wrapping(0),
+        file: File::CLOSED,
+        opened_by: None,
+        answers: [Answer::EMPTY; SLOTS],
     };
 
-    /// Assigns the session to a client, or frees it. Not an assignment, which would be a call.
-    pub(super) fn begin(&mut self, key: Key) {
-        self.key = key;
-        (self.open, self.opened_by) = (Open::Nothing, 0);
+    pub(super) fn is_on(&self, link: LinkId) -> bool {
+        self.id.is_some_and(|id| id.client.link == link)
+    }
+
+    pub(super) const fn is_open(&self) -> bool {
+        !matches!(self.file.origin, Origin::Closed)
+    }
+
+    pub(super) const fn is_uploading(&self) -> bool {
+        matches!(self.file.origin, Origin::Upload(_))
+    }
+
+    /// Assigns the session, which has no open file, to a client or to none.
+    pub(super) fn assign(&mut self, id: Option<SessionId>) {
+        self.id = id;
+        self.opened_by = None;
         self.forget(|_| true);
     }
 
-    pub(super) fn is_gone(&self) -> bool {
-        self.key == Key::GONE
+    /// Returns how long the session was idle: the maximum if it has no client.
+    pub(super) fn idle_for(&self, now: Ticks) -> Ticks {
+        self.id.map_or(Wrapping(u32::MAX), |_| now - self.touched)
     }
 
-    /// Ends the session if it belongs to a client on this link: the next poll closes its file.
-    pub(super) fn leave(&mut self, link: LinkId) {
-        if self.key.is_on(link) {
-            self.key = Key::GONE;
+    /// Returns the oldest answer in a state.
+    pub(super) fn answer_in(&mut self, state: State) -> Option<&mut Answer> {
+        self.answers.iter_mut().find(|answer| answer.state == state)
+    }
+
+    /// Prepares the session for a request (F-13): sends the answer again if it is a repeat, drops answers that the client no longer
+    /// waits for, and finds a slot for the answer.
+    pub(super) fn admit(&mut self, request: &Request<'_>, now: Ticks) -> Admission {
+        if now - self.touched >= REPEAT {
+            self.opened_by = None;
+            self.forget(|answer| answer.state == State::Sent);
+        }
+        self.touched = now;
+        let opcode = request.head.opcode;
+        let repeated = match opcode {
+            // They are executed again. A checksum that is running continues.
+            MavFtpOpcode::READFILE
+            | MavFtpOpcode::LISTDIRECTORY
+            | MavFtpOpcode::LISTDIRECTORYWITHTIME
+            | MavFtpOpcode::CALCFILECRC
+            | MavFtpOpcode::RESETSESSION => None,
+            // An open whose file was closed since is executed again.
+            MavFtpOpcode::OPENFILERO | MavFtpOpcode::OPENFILEWO | MavFtpOpcode::CREATEFILE
+                if self.opened_by != Some(request.digest) =>
+            {
+                None
+            }
+            // A client waits for the answer to a change before it sends another request, so only its last request can be a repeat.
+            MavFtpOpcode::REMOVEFILE
+            | MavFtpOpcode::TRUNCATEFILE
+            | MavFtpOpcode::CREATEDIRECTORY
+            | MavFtpOpcode::REMOVEDIRECTORY
+            | MavFtpOpcode::RENAME => self.answers.get_mut(const { AHEAD - 1 }..),
+            _ => Some(self.answers.as_mut_slice()),
+        };
+        let is_same = |answer: &&mut Answer| answer.state != State::Empty && answer.digest == Some(request.digest);
+        if let Some(answer) = repeated.unwrap_or_default().iter_mut().find(is_same) {
+            if answer.state == State::Sent {
+                answer.state = State::Pending;
+            }
+            return Admission::Repeated;
+        }
+        match opcode {
+            MavFtpOpcode::TERMINATESESSION | MavFtpOpcode::RESETSESSION => self.drop_data(),
+            // Until this session is used, a late repeat of the end of the one before does not end it.
+            MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE | MavFtpOpcode::WRITEFILE => self
+                .forget(|answer| answer.state == State::Sent && answer.head.opcode == MavFtpOpcode::TERMINATESESSION),
+            _ => {}
+        }
+        if opcode == MavFtpOpcode::BURSTREADFILE {
+            self.burst_began = now;
+            return Admission::Executed { slots: AHEAD..SLOTS };
+        }
+        match self.answers.iter().take(AHEAD).position(Answer::is_free) {
+            Some(free) => Admission::Executed { slots: free..AHEAD },
+            None => Admission::NoSlot,
         }
     }
 
-    /// Forgets some answers.
-    fn forget(&mut self, is_it: impl Fn(&Answer) -> bool) {
+    /// Appends an answer to these slots, in place of the oldest one.
+    pub(super) fn put(&mut self, slots: Range<usize>, answer: Answer) {
+        let mut later = answer;
+        for slot in self.answers.get_mut(slots).unwrap_or_default().iter_mut().rev() {
+            core::mem::swap(slot, &mut later);
+        }
+    }
+
+    /// Assigns an open file. For another file, a request that was answered before is a new one.
+    pub(super) fn set_file(&mut self, file: File<V>, request: &Request<'_>) {
+        self.file = file;
+        self.opened_by = Some(request.digest);
+        self.forget(|answer| answer.state == State::Sent && answer.head.opcode != MavFtpOpcode::TERMINATESESSION);
+    }
+
+    /// Drops pending data of the open file, and a checksum that is being computed: the client no longer waits for them.
+    pub(super) fn drop_data(&mut self) {
+        self.forget(|answer| match answer.head.opcode {
+            MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE => true,
+            MavFtpOpcode::CALCFILECRC => answer.state == State::Running,
+            _ => false,
+        });
+    }
+
+    fn forget(&mut self, is_forgotten: impl Fn(&Answer) -> bool) {
         for answer in &mut self.answers {
-            if is_it(answer) {
+            if is_forgotten(answer) {
                 answer.state = State::Empty;
             }
         }
     }
-
-    /// Returns how long the session was idle: the maximum if it has no client.
-    pub(super) fn idle_for(&self, now: u32) -> u32 {
-        match self.key {
-            Key::FREE | Key::GONE => u32::MAX,
-            _ => now.wrapping_sub(self.touched),
-        }
-    }
-
-    pub(super) const fn is_open(&self) -> bool {
-        !matches!(self.open, Open::Nothing)
-    }
-
-    pub(super) const fn is_uploading(&self) -> bool {
-        matches!(self.open, Open::Upload(_))
-    }
-
-    /// Returns the slot of the oldest answer in a state.
-    pub(super) fn oldest(&self, state: State) -> Option<usize> {
-        self.answers.iter().position(|answer| answer.state == state)
-    }
-
-    /// Returns the slot for another answer: that of the oldest one that is not pending.
-    pub(super) fn room(&self) -> Option<usize> {
-        self.answers.iter().position(Answer::is_free).filter(|place| *place < BURST)
-    }
-
-    /// Appends an answer, in place of the one in this slot, or puts the burst into its own slot.
-    pub(super) fn put(&mut self, place: usize, answer: Answer) {
-        let mut rest = self.answers.get_mut(place..).unwrap_or_default();
-        while let [to, from, _, ..] = rest {
-            *to = *from;
-            rest = rest.get_mut(1..).unwrap_or_default();
-        }
-        if let Some(to) = rest.first_mut() {
-            *to = answer;
-        }
-    }
-
-    /// Returns whether an identical request was answered or is being answered. Its answer is sent again; a burst
-    /// continues. `is_last`: whether only the last request can be repeated.
-    pub(super) fn is_repeated(&mut self, digest: u32, is_last: bool) -> bool {
-        let answers = self.answers.get_mut(if is_last { BURST - 1 } else { 0 }..).unwrap_or_default();
-        let is_it = |answer: &&mut Answer| answer.state != State::Empty && answer.digest == digest;
-        let Some(answer) = answers.iter_mut().find(is_it) else { return false };
-        if answer.state == State::Sent {
-            answer.state = State::Pending;
-        }
-        true
-    }
-
-    /// Forgets what was sent: from now on, an identical request is a new one. `ends`: the ends of sessions. `others`: everything
-    /// else.
-    pub(super) fn forget_sent(&mut self, ends: bool, others: bool) {
-        self.forget(|answer| {
-            let forgets = if answer.head.opcode == MavFtpOpcode::TERMINATESESSION { ends } else { others };
-            answer.state == State::Sent && forgets
-        });
-    }
-
-    /// Drops pending data of the open file, and a size or checksum that is being computed: the client no longer waits
-    /// for them.
-    pub(super) fn drop_data(&mut self) {
-        self.forget(|answer| match answer.head.opcode {
-            MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE => true,
-            MavFtpOpcode::OPENFILERO | MavFtpOpcode::CALCFILECRC => answer.state == State::Working,
-            _ => false,
-        });
-    }
 }
 
-/// Returns the index of a session. If there is none, returns a place for it: an unused one, or else the one that was
-/// idle for the longest and has no open file. `None` if there is none: then the request is dropped.
-pub(super) fn find<V>(sessions: &mut [Session<V>], key: Key, now: u32) -> Option<usize> {
-    if let Some(place) = sessions.iter().position(|session| session.key == key) {
-        return Some(place);
+/// Returns the session with this id, and its index. If there is none, begins one in place of an unused session, or else of the one
+/// that was idle for the longest and has neither an open file nor a pending answer. `None` if there is none.
+pub(super) fn find_or_begin<V>(
+    sessions: &mut [Session<V>],
+    id: SessionId,
+    now: Ticks,
+) -> Option<(usize, &mut Session<V>)> {
+    if let Some(index) = sessions.iter().position(|session| session.id == Some(id)) {
+        return Some((index, sessions.get_mut(index)?));
     }
-    let place = oldest(sessions, false, now)?;
-    sessions.get_mut(place)?.begin(key);
-    Some(place)
+    let index = longest_idle(sessions, false, now)?;
+    let session = sessions.get_mut(index)?;
+    session.assign(Some(id));
+    Some((index, session))
 }
 
-/// Returns the index of the session that was idle for the longest, among those with an open file or among those with
-/// neither an open file nor a pending answer.
-pub(super) fn oldest<V>(sessions: &[Session<V>], is_open: bool, now: u32) -> Option<usize> {
-    let (mut oldest, mut longest, mut place) = (None, 0, 0usize);
-    for session in sessions {
-        let is_it = session.is_open() == is_open && (is_open || session.answers.iter().all(Answer::is_free));
-        let idle_for = session.idle_for(now);
-        if is_it && (oldest.is_none() || idle_for > longest) {
-            (oldest, longest) = (Some(place), idle_for);
+/// Returns the index of the session that was idle for the longest, among those with an open file or among those with neither an open
+/// file nor a pending answer.
+pub(super) fn longest_idle<V>(sessions: &[Session<V>], is_open: bool, now: Ticks) -> Option<usize> {
+    let mut longest: Option<(usize, Ticks)> = None;
+    for (index, session) in sessions.iter().enumerate() {
+        let is_candidate = session.is_open() == is_open && (is_open || session.answers.iter().all(Answer::is_free));
+        let idle = session.idle_for(now);
+        if is_candidate && longest.is_none_or(|(_, longest)| idle > longest) {
+            longest = Some((index, idle));
         }
-        place = place.wrapping_add(1);
     }
-    oldest
+    longest.map(|(index, _)| index)
 }
 
 /// Returns the index of the session of a link that sends next, from `first` on: one with an answer in this state.
 pub(super) fn next<V>(sessions: &[Session<V>], link: LinkId, first: usize, state: State) -> Option<usize> {
-    let mut place = first;
+    let mut index = first;
     for _ in sessions {
-        if place >= sessions.len() {
-            place = 0;
+        if index >= sessions.len() {
+            index = 0;
         }
-        let session = sessions.get(place)?;
-        if session.key.is_on(link) && session.oldest(state).is_some() {
-            return Some(place);
+        let session = sessions.get(index)?;
+        if session.is_on(link) && session.answers.iter().any(|answer| answer.state == state) {
+            return Some(index);
         }
-        place = place.wrapping_add(1);
+        index = index.saturating_add(1);
     }
     None
 }
@@ -295,11 +314,7 @@ pub(super) fn next<V>(sessions: &[Session<V>], link: LinkId, first: usize, state
 /// Returns until when a client on a link counts as transferring (F-11): it has a file open, and was heard or sent a packet of a
 /// burst in the last three seconds.
 pub(super) fn transferring_until<V>(sessions: &[Session<V>], link: LinkId, now: Instant) -> Instant {
-    let mut longest = 0;
-    for session in sessions {
-        if session.key.is_on(link) && session.is_open() {
-            longest = longest.max(TAKEOVER.saturating_sub(now.coarse().wrapping_sub(session.touched)));
-        }
-    }
-    now + Duration::from_micros(u64::from(longest).wrapping_shl(10))
+    let transferring = sessions.iter().filter(|session| session.is_on(link) && session.is_open());
+    let idle = transferring.map(|session| session.idle_for(ticks(now))).min().unwrap_or(TAKEOVER);
+    now + duration(TAKEOVER - idle.min(TAKEOVER))
 }

@@ -168,6 +168,11 @@ impl StaticFile {
         self.bytes
     }
 
+    /// Returns the size (bytes).
+    pub(super) fn size(&self) -> u32 {
+        u32::try_from(self.bytes.len()).unwrap_or(u32::MAX)
+    }
+
     /// Fails to compile if a client could not open a file of the table.
     #[doc(hidden)]
     #[allow(

@@ -1,15 +1,18 @@
 //! `@MAV_LOG`: the virtual directory of the logs, for clients that download them by FTP (LOG-15). QGroundControl and
 //! PX4's logloader look there first.
 
+use core::task::Poll;
+
 use super::{LogInfo, LogRead, LogServer, Logs, may_read};
 use crate::dialect::MavFtpErr;
+use crate::message::Text;
 use crate::service::Cx;
-use crate::service::files::{Body, Entries, HasFiles, VirtualFile};
+use crate::service::files::{FileAccess, HasFiles, VirtualEntry, VirtualFile};
 use crate::time::{Duration, Instant};
 use crate::types::Firmware;
 
 /// The prefix of file names. The number of the log, a dot and [`Logs::LOG_EXTENSION`] follow.
-const PREFIX: &[u8] = b"log_";
+const PREFIX: &str = "log_";
 
 /// If a client has not read a log for this time, it counts as no longer reading, and the logs may be erased (LOG-7). It
 /// is the time after which another client takes over its session.
@@ -38,14 +41,15 @@ impl LogFile {
 }
 
 impl<F: Firmware<Vehicle: Logs>> VirtualFile<F> for LogFile {
-    const DIRECTORY: &'static [u8] = b"@MAV_LOG";
+    fn name(_: u16) -> &'static [u8] {
+        b"@MAV_LOG"
+    }
 
-    fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr> {
+    fn open(cx: &mut Cx<'_, F>, _: u16, path: &[u8], _: FileAccess) -> Result<Self, MavFtpErr> {
         let info =
             number(path, F::Vehicle::LOG_EXTENSION.as_bytes()).and_then(|id| Some((id, cx.vehicle.log_info(id)?)));
         match info {
             None => Err(MavFtpErr::FILENOTFOUND),
-            Some(_) if is_upload => Err(MavFtpErr::FILEPROTECTED),
             Some(_) if !may_read(cx) => Err(MavFtpErr::FAIL),
             Some((id, info)) => Ok(Self { id, numbers: cx.shared.log_numbers, info }),
         }
@@ -55,9 +59,9 @@ impl<F: Firmware<Vehicle: Logs>> VirtualFile<F> for LogFile {
         self.info.size
     }
 
-    fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {
+    fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Poll<Result<usize, MavFtpErr>> {
         if !self.is_valid(cx) {
-            return Body::Refused(MavFtpErr::FAIL);
+            return Poll::Ready(Err(MavFtpErr::FAIL));
         }
         let rest = usize::try_from(self.info.size.saturating_sub(offset)).unwrap_or(usize::MAX);
         let len = out.len().min(rest);
@@ -65,30 +69,31 @@ impl<F: Firmware<Vehicle: Logs>> VirtualFile<F> for LogFile {
         if out.is_empty() {
             // At its end.
             cx.shared.logs_read_until = Instant::ZERO;
-            return Body::Data(0);
+            return Poll::Ready(Ok(0));
         }
         cx.shared.logs_read_until = cx.now + IDLE;
         match cx.vehicle.read_log(self.id, offset, out) {
-            LogRead::Done => Body::Data(len),
-            LogRead::Later => Body::Later,
-            LogRead::Failed => Body::Refused(MavFtpErr::FAIL),
+            LogRead::Done => Poll::Ready(Ok(len)),
+            LogRead::Later => Poll::Pending,
+            LogRead::Failed => Poll::Ready(Err(MavFtpErr::FAIL)),
         }
     }
 
     /// In flight, the directory is empty.
-    fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
+    fn entry(cx: &mut Cx<'_, F>, _: u16, index: u16) -> Option<VirtualEntry> {
+        const { assert!(F::Vehicle::LOG_EXTENSION.len() <= 22, "the extension of a log's file is too long") };
         let info = cx.vehicle.log_info(index).filter(|_| may_read(cx))?;
-        name.text(PREFIX);
-        name.decimal(index.into());
-        name.text(b".");
-        name.text(F::Vehicle::LOG_EXTENSION.as_bytes());
-        Some((info.size, info.time_utc))
+        let mut name = Text::new(PREFIX);
+        name.push_number(index.into());
+        name.push_str(".");
+        name.push_str(F::Vehicle::LOG_EXTENSION);
+        Some(VirtualEntry { name, size: info.size, time: info.time_utc })
     }
 }
 
 /// Returns the number of a log in the name of its file, which has no zeros in front: a file has one name (F-32).
 fn number(name: &[u8], extension: &[u8]) -> Option<u16> {
-    let digits = name.strip_prefix(PREFIX)?.strip_suffix(extension)?.strip_suffix(b".")?;
+    let digits = name.strip_prefix(PREFIX.as_bytes())?.strip_suffix(extension)?.strip_suffix(b".")?;
     let mut number = match digits {
         [] | [b'0', _, ..] => return None,
         _ => 0u16,

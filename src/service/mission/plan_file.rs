@@ -23,6 +23,7 @@
 //! ```
 
 use core::num::Saturating;
+use core::task::Poll;
 
 use super::check::stage_item;
 use super::engine::Missions;
@@ -32,10 +33,10 @@ use super::transfer::{Change, Transfer, Upload};
 use super::vehicle::Plans;
 use super::without_plans::WithoutPlans;
 use crate::dialect::{MavFtpErr, MavMissionResult, MissionItemInt};
-use crate::message::{Address, Item, Message, zero_extend};
+use crate::message::{Address, Item, Message, Text, zero_extend};
 use crate::service::Cx;
 use crate::service::command::Commands;
-use crate::service::files::{Body, Entries, HasFiles, NoFile, Part, VirtualFile};
+use crate::service::files::{FileAccess, HasFiles, NoFile, Part, VirtualEntry, VirtualFile};
 use crate::types::{Firmware, NO_ITEM, Peer, PlanMemory, PlanType, PlanView, PlansMut, UploadStep};
 
 const MAGIC: u16 = 0x763D;
@@ -62,11 +63,11 @@ pub struct PlanFile {
 }
 
 impl PlanFile {
-    const fn name(plan: PlanType) -> &'static [u8] {
+    const fn name_of(plan: PlanType) -> &'static str {
         match plan {
-            PlanType::Mission => b"mission.dat",
-            PlanType::Fence => b"fence.dat",
-            PlanType::Rally => b"rally.dat",
+            PlanType::Mission => "mission.dat",
+            PlanType::Fence => "fence.dat",
+            PlanType::Rally => "rally.dat",
         }
     }
 
@@ -83,12 +84,14 @@ fn len(count: usize) -> u32 {
 }
 
 impl<F: Firmware<Vehicle: Plans + Commands>> VirtualFile<F> for PlanFile {
-    const DIRECTORY: &'static [u8] = b"@MISSION";
-    const UPLOADS: bool = true;
     const UPLOAD_ROOM: usize = UPLOAD_ROOM;
 
-    fn open(cx: &mut Cx<'_, F>, path: &[u8], _: bool) -> Result<Self, MavFtpErr> {
-        let is_it = |plan: &PlanType| Self::name(*plan) == path && cx.plans.capacity(*plan) > 0;
+    fn name(_: u16) -> &'static [u8] {
+        b"@MISSION"
+    }
+
+    fn open(cx: &mut Cx<'_, F>, _: u16, path: &[u8], _: FileAccess) -> Result<Self, MavFtpErr> {
+        let is_it = |plan: &PlanType| Self::name_of(*plan).as_bytes() == path && cx.plans.capacity(*plan) > 0;
         let plan = PlanType::ALL.into_iter().find(is_it).ok_or(MavFtpErr::FILENOTFOUND)?;
         Ok(Self { plan, id: cx.plans.live(plan).id() })
     }
@@ -97,60 +100,60 @@ impl<F: Firmware<Vehicle: Plans + Commands>> VirtualFile<F> for PlanFile {
         len(self.live(&cx.plans).map_or(0, |live| live.items().len()))
     }
 
-    fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {
-        let Some(live) = self.live(&cx.plans) else { return Body::Refused(MavFtpErr::FAIL) };
+    fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Poll<Result<usize, MavFtpErr>> {
+        let live = self.live(&cx.plans).ok_or(MavFtpErr::FAIL)?;
         let current = if self.plan == PlanType::Mission { cx.vehicle.progress().current } else { NO_ITEM };
-        Body::Data(read(self.plan, live.items(), current, offset, out))
+        Poll::Ready(Ok(read(self.plan, live.items(), current, offset, out)))
     }
 
-    fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
+    fn entry(cx: &mut Cx<'_, F>, _: u16, index: u16) -> Option<VirtualEntry> {
         let mut served = PlanType::ALL.into_iter().filter(|plan| cx.plans.capacity(*plan) > 0);
         let plan = served.nth(usize::from(index))?;
-        name.text(Self::name(plan));
-        Some((len(cx.plans.live(plan).items().len()), 0))
+        let size = len(cx.plans.live(plan).items().len());
+        Some(VirtualEntry { name: Text::new(Self::name_of(plan)), size, time: 0 })
     }
 
-    fn begin(&self, cx: &mut Cx<'_, F>, from: Peer) -> Option<Result<(), MavFtpErr>> {
-        let upload = cx.plans.upload_mut()?;
+    fn begin(&self, cx: &mut Cx<'_, F>, from: Peer) -> Poll<Result<(), MavFtpErr>> {
+        let Some(upload) = cx.plans.upload_mut() else { return Poll::Pending };
         match upload.step {
             UploadStep::Nothing => {
                 (upload.step, upload.plan, upload.client) = (UploadStep::Asked, self.plan, from);
                 (upload.count, upload.first) = (NO_ITEM, NO_ITEM);
-                None
+                Poll::Pending
             }
-            UploadStep::Asked => None,
-            UploadStep::Permitted => Some(Ok(())),
-            _ => Some(Err(MavFtpErr::FAIL)),
+            UploadStep::Asked => Poll::Pending,
+            UploadStep::Permitted => Poll::Ready(Ok(())),
+            _ => Poll::Ready(Err(MavFtpErr::FAIL)),
         }
     }
 
-    fn take(&self, cx: &mut Cx<'_, F>, content: &[u8]) -> Part {
+    fn take(&self, cx: &mut Cx<'_, F>, content: &[u8]) -> Result<Part, MavFtpErr> {
         let mut rest = content;
         loop {
             match take(cx, self.plan, rest) {
                 Ok(Taken::Record(others)) => rest = others,
-                Ok(Taken::Nothing) => return Part::Taken(content.len().saturating_sub(rest.len())),
-                Ok(Taken::Last) => return Part::Last,
+                Ok(Taken::Nothing) => return Ok(Part::More { used: content.len().saturating_sub(rest.len()) }),
+                Ok(Taken::Last) => return Ok(Part::Last),
                 Err(problem) => {
                     problem.report(cx);
                     if let Some(upload) = cx.plans.upload_mut() {
                         (upload.step, upload.result) = (UploadStep::Refused, problem.fault().result);
                     }
-                    return Part::Refused(MavFtpErr::FAIL);
+                    return Err(MavFtpErr::FAIL);
                 }
             }
         }
     }
 
-    fn finish(&mut self, cx: &mut Cx<'_, F>, _: Peer, _: &[u8]) -> Option<Result<(), MavFtpErr>> {
-        let upload = cx.plans.upload_mut()?;
+    fn finish(&mut self, cx: &mut Cx<'_, F>, _: Peer, _: &[u8]) -> Poll<Result<(), MavFtpErr>> {
+        let Some(upload) = cx.plans.upload_mut() else { return Poll::Pending };
         let result = match upload.step {
-            UploadStep::Complete | UploadStep::Writing => return None,
+            UploadStep::Complete | UploadStep::Writing => return Poll::Pending,
             UploadStep::Accepted => Ok(()),
             _ => Err(MavFtpErr::FAIL),
         };
         upload.step = UploadStep::Nothing;
-        Some(result)
+        Poll::Ready(result)
     }
 
     fn close(&self, cx: &mut Cx<'_, F>) {

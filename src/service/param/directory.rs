@@ -1,6 +1,7 @@
 //! `@PARAM`: the virtual directory of `param.pck` (P-22).
 
 use core::marker::PhantomData;
+use core::task::Poll;
 
 use super::backend::ParamBackend;
 use super::external::{AnyExternalParams, BackendRows, ExternalService};
@@ -12,10 +13,10 @@ use super::table::{ParamChange, ParamTable, TableMut};
 use super::vehicle::Parameters;
 use crate::dialect::{MavFtpErr, MavParamError};
 use crate::service::Cx;
-use crate::service::files::{Body, Entries, HasFiles, Part, VirtualFile};
+use crate::service::files::{FileAccess, HasFiles, Part, VirtualEntry, VirtualFile};
 use crate::types::{Firmware, Peer, Vehicle};
 
-const DIRECTORY: &[u8] = b"@PARAM";
+const NAME: &[u8] = b"@PARAM";
 
 impl HasFiles for ParamService {
     type File = TableFile;
@@ -38,11 +39,14 @@ impl<F> VirtualFile<F> for TableFile
 where
     F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
 {
-    const DIRECTORY: &'static [u8] = DIRECTORY;
-    const UPLOADS: bool = true;
+    const UPLOAD_ROOM: usize = 1;
 
-    fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr> {
-        PackedFile::open(path, cx.parameters.table_mut().count(), is_upload).map(Self)
+    fn name(_: u16) -> &'static [u8] {
+        NAME
+    }
+
+    fn open(cx: &mut Cx<'_, F>, _: u16, path: &[u8], access: FileAccess) -> Result<Self, MavFtpErr> {
+        PackedFile::open(path, cx.parameters.table_mut().count(), access).map(Self)
     }
 
     fn size(&self, _: &Cx<'_, F>) -> u32 {
@@ -53,20 +57,20 @@ where
         self.0.set_packet_len(packet);
     }
 
-    fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {
+    fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Poll<Result<usize, MavFtpErr>> {
         self.0.read(&cx.parameters.table_mut().rows, offset, out)
     }
 
-    fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
-        packed::entry(cx.parameters.table_mut().count(), index, name)
+    fn entry(cx: &mut Cx<'_, F>, _: u16, index: u16) -> Option<VirtualEntry> {
+        packed::entry(cx.parameters.table_mut().count(), index)
     }
 
-    fn take(&self, _: &mut Cx<'_, F>, content: &[u8]) -> Part {
-        if packed::is_complete(content) { Part::Last } else { Part::Taken(0) }
+    fn take(&self, _: &mut Cx<'_, F>, content: &[u8]) -> Result<Part, MavFtpErr> {
+        Ok(if packed::is_complete(content) { Part::Last } else { Part::More { used: 0 } })
     }
 
-    fn finish(&mut self, cx: &mut Cx<'_, F>, from: Peer, content: &[u8]) -> Option<Result<(), MavFtpErr>> {
-        Some(if set_all(cx, from, content) { Ok(()) } else { Err(MavFtpErr::FAIL) })
+    fn finish(&mut self, cx: &mut Cx<'_, F>, from: Peer, content: &[u8]) -> Poll<Result<(), MavFtpErr>> {
+        Poll::Ready(if set_all(cx, from, content) { Ok(()) } else { Err(MavFtpErr::FAIL) })
     }
 }
 
@@ -74,10 +78,12 @@ impl<F> VirtualFile<F> for BackendFile
 where
     F: Firmware<Parameters: AnyExternalParams, Vehicle: Vehicle + ParamBackend>,
 {
-    const DIRECTORY: &'static [u8] = DIRECTORY;
+    fn name(_: u16) -> &'static [u8] {
+        NAME
+    }
 
-    fn open(cx: &mut Cx<'_, F>, path: &[u8], is_upload: bool) -> Result<Self, MavFtpErr> {
-        PackedFile::open(path, cx.parameters.view_mut().count(), is_upload).map(Self)
+    fn open(cx: &mut Cx<'_, F>, _: u16, path: &[u8], access: FileAccess) -> Result<Self, MavFtpErr> {
+        PackedFile::open(path, cx.parameters.view_mut().count(), access).map(Self)
     }
 
     fn size(&self, _: &Cx<'_, F>) -> u32 {
@@ -88,13 +94,13 @@ where
         self.0.set_packet_len(packet);
     }
 
-    fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Body {
+    fn read(&mut self, cx: &mut Cx<'_, F>, offset: u32, out: &mut [u8]) -> Poll<Result<usize, MavFtpErr>> {
         let count = cx.parameters.view_mut().count();
         self.0.read(&BackendRows { backend: &*cx.vehicle, count }, offset, out)
     }
 
-    fn entry(cx: &mut Cx<'_, F>, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
-        packed::entry(cx.parameters.view_mut().count(), index, name)
+    fn entry(cx: &mut Cx<'_, F>, _: u16, index: u16) -> Option<VirtualEntry> {
+        packed::entry(cx.parameters.view_mut().count(), index)
     }
 }
 

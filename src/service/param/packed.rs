@@ -21,16 +21,18 @@
 
 use core::borrow::Borrow;
 use core::num::{NonZeroU32, Saturating};
+use core::task::Poll;
 
 use super::info::{ParamInfo, Rows};
 use super::value;
 use crate::dialect::{MavFtpErr, MavParamType};
+use crate::message::Text;
 use crate::num;
-use crate::service::files::{Body, Entries};
+use crate::service::files::{FileAccess, VirtualEntry};
 use heapless::Vec;
 
 /// The name of the file.
-const NAME: &[u8] = b"param.pck";
+const NAME: &str = "param.pck";
 
 const MAGIC: u16 = 0x671B;
 const MAGIC_WITH_DEFAULTS: u16 = 0x671C;
@@ -77,10 +79,10 @@ pub struct PackedFile {
 impl PackedFile {
     /// Returns the file of a table of `total` parameters that a client asks for: `path` is its name and the query. Refused if the
     /// query is wrong, or there is no such parameter; also any query for an upload.
-    pub(super) fn open(path: &[u8], total: u16, is_upload: bool) -> Result<Self, MavFtpErr> {
-        let query = match path.strip_prefix(NAME) {
+    pub(super) fn open(path: &[u8], total: u16, access: FileAccess) -> Result<Self, MavFtpErr> {
+        let query = match path.strip_prefix(NAME.as_bytes()) {
             Some([]) => b"",
-            Some([b'?', ..]) if is_upload => return Err(MavFtpErr::FILEPROTECTED),
+            Some([b'?', ..]) if access != FileAccess::Read => return Err(MavFtpErr::FILEPROTECTED),
             Some([b'?', query @ ..]) => query,
             _ => return Err(MavFtpErr::FILENOTFOUND),
         };
@@ -122,8 +124,8 @@ impl PackedFile {
         len(self.count, if self.has_defaults { LONGEST_WITH_DEFAULT } else { LONGEST })
     }
 
-    /// Reads from any place of the file. [`Body::Later`] if it takes another call to find that place.
-    pub(super) fn read<R: Rows>(&mut self, rows: &R, offset: u32, out: &mut [u8]) -> Body {
+    /// Reads from any place of the file. Pending if it takes another call to find that place.
+    pub(super) fn read<R: Rows>(&mut self, rows: &R, offset: u32, out: &mut [u8]) -> Poll<Result<usize, MavFtpErr>> {
         let left = usize::try_from((Saturating(self.len()) - Saturating(offset)).0).unwrap_or(usize::MAX);
         let len = left.min(out.len());
         let mut window =
@@ -146,12 +148,12 @@ impl PackedFile {
             if is_before {
                 steps -= 1;
                 if steps.0 == 0 {
-                    return Body::Later;
+                    return Poll::Pending;
                 }
             }
         }
         window.out.fill(0);
-        Body::Data(len)
+        Poll::Ready(Ok(len))
     }
 
     fn header(&self) -> [u8; 6] {
@@ -231,12 +233,8 @@ impl Window<'_> {
 }
 
 /// The file of `count` parameters as an entry of the directory.
-pub(super) fn entry(count: u16, index: u16, name: &mut Entries<'_>) -> Option<(u32, u32)> {
-    if index > 0 {
-        return None;
-    }
-    name.text(NAME);
-    Some((len(count, LONGEST), 0))
+pub(super) fn entry(count: u16, index: u16) -> Option<VirtualEntry> {
+    (index == 0).then(|| VirtualEntry { name: Text::new(NAME), size: len(count, LONGEST), time: 0 })
 }
 
 /// Returns the length of a file with this number of records.

@@ -1,0 +1,494 @@
+//! Executes requests when they are received (F-1 to F-7, F-13), and runs the operations that take more than one call (P-22).
+
+use core::task::Poll;
+
+use heapless::vec::VecView;
+
+use super::checksum::{Checksum, LONGEST_CHECKSUM};
+use super::directory::Directory;
+use super::file::{File, Origin};
+use super::packet::{MAX_DATA, Request};
+use super::path;
+use super::session::{self, Admission, Answer, Content, IDLE, Session, State, TAKEOVER, ticks};
+use super::upload::{STALLED, Taken, Upload, UploadState};
+use super::vehicle::{FileAccess, FileChange, Files};
+use super::virtual_files::{self, VirtualFile};
+use crate::crc32::Crc32;
+use crate::dialect::{MavFtpErr, MavFtpOpcode, MavSeverity};
+use crate::message::zero_extend;
+use crate::service::rate_limit::RETRY;
+use crate::service::{Cx, Handled, Received, increment};
+use crate::time::Instant;
+use crate::types::{Firmware, LinkMask, Peer};
+
+/// The number of sessions, besides the open ones, that hold answers to clients without an open file.
+const WITHOUT_FILE: usize = 2;
+
+/// Returns the number of sessions of a server with so many open files.
+pub const fn sessions(open_files: usize) -> usize {
+    assert!(
+        open_files > 0 && open_files < 100,
+        "a client needs a session: `files: {{ sessions: 2 }}`, or leave `files` out"
+    );
+    open_files.saturating_add(WITHOUT_FILE)
+}
+
+counters! {
+    /// Counters of the file service. They wrap.
+    FileCounters {
+        /// Files that were opened.
+        count opened,
+        /// Completed uploads: of parameters, for example.
+        count uploads,
+        /// Uploads that were refused as a whole.
+        drop refused_uploads,
+        /// Files that were not opened because all sessions were in use.
+        drop no_session,
+        /// Sessions that ended because their client was silent for ten seconds, and uploads that received no part for eight.
+        drop timed_out,
+        /// Sessions that another client took over after three seconds.
+        drop taken_over,
+    }
+}
+
+/// The file service: declared by `files` in [`#[stack]`](macro@crate::Stack), and read through
+/// [`Stack::files`](crate::Stack::files).
+#[derive(Debug)]
+pub struct FileStatus {
+    /// When a session may end.
+    pub(super) wake: Instant,
+    /// When to retry an operation that waits for data or for storage.
+    pub(super) retry_at: Instant,
+    pub(super) counters: FileCounters,
+}
+
+impl FileStatus {
+    pub(super) const NEW: Self = Self { wake: Instant::ZERO, retry_at: Instant::ZERO, counters: FileCounters::ZERO };
+
+    /// Returns the counters.
+    pub const fn counters(&self) -> FileCounters {
+        self.counters
+    }
+}
+
+/// An operation that takes more than one call: one at a time. With this representation no field has the discriminant in its niche,
+/// so `Nothing` is all zero bits.
+#[derive(Clone, Copy, Debug)]
+#[repr(u8)]
+pub(super) enum Operation<V> {
+    Nothing,
+    Checksum(Checksum<V>),
+    BeginUpload { client: Peer, file: V },
+    FinishUpload { client: Peer, file: V },
+}
+
+impl<V> Operation<V> {
+    pub(super) const fn is_running(&self) -> bool {
+        !matches!(self, Self::Nothing)
+    }
+}
+
+/// What becomes of a request that is not refused.
+enum Response {
+    Answer(Content),
+    /// The operation answers it.
+    Later,
+    /// It is not executed, and the client sends it again.
+    Dropped,
+}
+
+/// The service at work. A firmware has one, so its code is compiled once: with the number of sessions as a constant it
+/// is 300 bytes smaller than with a slice of them.
+pub(super) struct Server<'a, 'c, F: Firmware, V, const N: usize> {
+    pub(super) cx: &'a mut Cx<'c, F>,
+    pub(super) status: &'a mut FileStatus,
+    pub(super) operation: &'a mut Operation<V>,
+    pub(super) sessions: &'a mut [Session<V>; N],
+    pub(super) upload: &'a mut Upload,
+    /// What the virtual directory still needs of the upload.
+    pub(super) content: &'a mut VecView<u8>,
+}
+
+impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, '_, F, V, N> {
+    /// Handles a packet.
+    pub(super) fn on_packet(&mut self, received: &Received<'_>) -> Handled {
+        let request = Request::decode(received.frame.payload(), received.from);
+        if request.head.opcode.0 >= MavFtpOpcode::ACK.0 {
+            // It is an answer, which has none.
+            return Handled::Yes;
+        }
+        let now = ticks(self.cx.now);
+        let Some((index, session)) = session::find_or_begin(self.sessions, request.session, now) else {
+            return Handled::NoRoom;
+        };
+        self.status.wake = Instant::ZERO;
+        let slots = match session.admit(&request, now) {
+            Admission::Executed { slots } => slots,
+            Admission::Repeated => return Handled::Yes,
+            Admission::NoSlot => return Handled::NoRoom,
+        };
+        let content = match self.execute(index, &request) {
+            Ok(Response::Answer(content)) => Some(content),
+            Ok(Response::Later) => None,
+            Ok(Response::Dropped) => return Handled::NoRoom,
+            Err(error) => {
+                event!("files: request {=u8} of {} refused: {=u8}", request.head.opcode.0, received.from, error.0);
+                Some(Content::Refused(error))
+            }
+        };
+        if let Some(session) = self.sessions.get_mut(index) {
+            session.put(slots, Answer::new(&request, content));
+        }
+        Handled::Yes
+    }
+
+    /// Executes a request of a session.
+    fn execute(&mut self, index: usize, request: &Request<'_>) -> Result<Response, MavFtpErr> {
+        let Some(session) = self.sessions.get_mut(index) else { return Ok(Response::Dropped) };
+        let head = &request.head;
+        if usize::from(head.size) > MAX_DATA {
+            return Err(MavFtpErr::INVALIDDATASIZE);
+        }
+        match head.opcode {
+            MavFtpOpcode::NONE => Ok(Response::Answer(Content::Empty)),
+            MavFtpOpcode::TERMINATESESSION => {
+                let is_whole = !self.is_receiving(index);
+                self.close(index);
+                // The client must not take its upload for stored.
+                if is_whole { Ok(Response::Answer(Content::Empty)) } else { Err(MavFtpErr::FAIL) }
+            }
+            MavFtpOpcode::RESETSESSION => {
+                for other in 0..N {
+                    let id = self.sessions.get(other).and_then(|other| other.id);
+                    if id.is_some_and(|id| id.client == request.session.client) {
+                        self.close(other);
+                    }
+                }
+                Ok(Response::Answer(Content::Empty))
+            }
+            MavFtpOpcode::READFILE | MavFtpOpcode::BURSTREADFILE => {
+                match &mut session.file.origin {
+                    Origin::Virtual(file) => file.begin_to_read(head.requested_len()),
+                    Origin::Hook { .. } | Origin::Static { .. } => {}
+                    Origin::Upload(_) => return Err(MavFtpErr::FAIL),
+                    Origin::Closed => return Err(MavFtpErr::INVALIDSESSION),
+                }
+                Ok(Response::Answer(Content::FilePart))
+            }
+            MavFtpOpcode::WRITEFILE => self.write(index, request),
+            _ => self.execute_on_path(index, request),
+        }
+    }
+
+    /// Executes a request with a path.
+    fn execute_on_path(&mut self, index: usize, request: &Request<'_>) -> Result<Response, MavFtpErr> {
+        let path = path::parse(request.data).ok_or(MavFtpErr::FILENOTFOUND)?;
+        let change = match request.head.opcode {
+            MavFtpOpcode::OPENFILERO => return self.open(index, request, path, FileAccess::Read),
+            MavFtpOpcode::OPENFILEWO => return self.open(index, request, path, FileAccess::Write),
+            MavFtpOpcode::CREATEFILE => return self.open(index, request, path, FileAccess::Create),
+            MavFtpOpcode::CALCFILECRC => return self.begin_checksum(index, path, request.session.client),
+            MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME => {
+                let content = match path::is_virtual(path) {
+                    true => virtual_files::find::<F, V>(path).map(Content::VirtualEntries),
+                    false => Directory::find(self.cx, path).map(Content::Entries),
+                };
+                return content.map(Response::Answer).ok_or(MavFtpErr::FILENOTFOUND);
+            }
+            MavFtpOpcode::REMOVEFILE
+            | MavFtpOpcode::TRUNCATEFILE
+            | MavFtpOpcode::CREATEDIRECTORY
+            | MavFtpOpcode::REMOVEDIRECTORY
+            | MavFtpOpcode::RENAME
+                if !F::Vehicle::WRITES =>
+            {
+                return Err(MavFtpErr::FILEPROTECTED);
+            }
+            MavFtpOpcode::REMOVEFILE => FileChange::Remove(path),
+            MavFtpOpcode::TRUNCATEFILE => FileChange::Truncate { path, size: request.head.offset },
+            MavFtpOpcode::CREATEDIRECTORY => FileChange::CreateDirectory(path),
+            MavFtpOpcode::REMOVEDIRECTORY => FileChange::RemoveDirectory(path),
+            MavFtpOpcode::RENAME => {
+                let second = request.data.splitn(2, |byte| *byte == 0).nth(1);
+                let to = second.and_then(path::parse).filter(|to| !is_own::<F>(to)).ok_or(MavFtpErr::FAIL)?;
+                FileChange::Rename { from: path, to }
+            }
+            _ => return Err(MavFtpErr::UNKNOWNCOMMAND),
+        };
+        if is_own::<F>(path) {
+            return Err(MavFtpErr::FILEPROTECTED);
+        }
+        let (vehicle, mut context) = self.cx.hook();
+        vehicle.change(&mut context, change, request.session.client)?;
+        Ok(Response::Answer(Content::Empty))
+    }
+
+    /// Opens a file in a session (F-6).
+    fn open(
+        &mut self,
+        index: usize,
+        request: &Request<'_>,
+        path: &[u8],
+        access: FileAccess,
+    ) -> Result<Response, MavFtpErr> {
+        let Some(session) = self.sessions.get(index) else { return Ok(Response::Dropped) };
+        if session.opened_by == Some(request.digest) {
+            // It is open, but the answer was forgotten.
+            return Ok(Response::Answer(Content::number(session.file.size)));
+        }
+        // A client that opens another file does not close the one before, or its request to do so was lost. If nothing has arrived
+        // of an upload, it asks again with another number.
+        if self.upload.received == 0 && session.is_uploading() {
+            self.upload.state = UploadState::Refused;
+        }
+        self.close(index);
+        let now = ticks(self.cx.now);
+        if self.sessions.iter().filter(|session| !session.is_open()).count() <= WITHOUT_FILE {
+            let victim = session::longest_idle(self.sessions, true, now)
+                .filter(|index| self.sessions.get(*index).is_some_and(|session| session.idle_for(now) >= TAKEOVER));
+            let Some(victim) = victim else {
+                increment(&mut self.status.counters.no_session);
+                return Err(MavFtpErr::NOSESSIONSAVAILABLE);
+            };
+            // First: the vehicle may have no room for another open file.
+            increment(&mut self.status.counters.taken_over);
+            self.close(victim);
+        }
+        let client = request.session.client;
+        let may_upload = V::UPLOADS && !self.sessions.iter().any(Session::is_uploading);
+        let file = File::open(self.cx, path, access, client, may_upload)?;
+        let mut response = Response::Answer(Content::number(file.size));
+        if V::UPLOADS
+            && let Origin::Upload(file) = file.origin
+        {
+            self.abort_checksum();
+            if self.operation.is_running() {
+                // The upload could not be finished either.
+                return Ok(Response::Dropped);
+            }
+            *self.upload = Upload { state: UploadState::Opening, received: 0, grown: now };
+            self.content.clear();
+            *self.operation = Operation::BeginUpload { client, file };
+            response = Response::Later;
+        }
+        increment(&mut self.status.counters.opened);
+        if let Some(session) = self.sessions.get_mut(index) {
+            session.set_file(file, request);
+        }
+        Ok(response)
+    }
+
+    /// Writes to the open file of a session.
+    fn write(&mut self, index: usize, request: &Request<'_>) -> Result<Response, MavFtpErr> {
+        let Some(session) = self.sessions.get(index) else { return Ok(Response::Dropped) };
+        let client = request.session.client;
+        match session.file.origin {
+            Origin::Closed => Err(MavFtpErr::INVALIDSESSION),
+            Origin::Hook { number, is_writable: true } if F::Vehicle::WRITES => {
+                let mut bytes = [0; MAX_DATA];
+                zero_extend(request.data, &mut bytes);
+                let bytes = bytes.get(..usize::from(request.head.size)).unwrap_or_default();
+                let (vehicle, mut context) = self.cx.hook();
+                vehicle.write(&mut context, number, request.head.offset, bytes, client)?;
+                Ok(Response::Answer(Content::Empty))
+            }
+            Origin::Upload(file) if V::UPLOADS => {
+                if matches!(self.operation, Operation::BeginUpload { .. } | Operation::FinishUpload { .. }) {
+                    // Nothing is taken that could not be finished.
+                    return Ok(Response::Dropped);
+                }
+                match self.upload.take(self.cx, &file, self.content, request)? {
+                    Taken::Dropped => Ok(Response::Dropped),
+                    Taken::More => Ok(Response::Answer(Content::Empty)),
+                    Taken::Last => {
+                        self.abort_checksum();
+                        self.upload.state = UploadState::Complete;
+                        *self.operation = Operation::FinishUpload { client, file };
+                        Ok(Response::Later)
+                    }
+                }
+            }
+            _ => Err(MavFtpErr::FILEPROTECTED),
+        }
+    }
+
+    /// Begins a checksum. A client that asks for the same one again, as another request, gets the answer to that one:
+    /// MAVSDK repeats with new numbers, and takes only the last one's answer.
+    fn begin_checksum(&mut self, index: usize, path: &[u8], from: Peer) -> Result<Response, MavFtpErr> {
+        let mut path_crc = Crc32::new();
+        path_crc.add(path);
+        let path_crc = path_crc.sum();
+        if let Operation::Checksum(running) = self.operation
+            && running.session == index
+        {
+            // The client reads nothing while it waits for a checksum.
+            if let Some(session) = self.sessions.get_mut(index) {
+                session.drop_data();
+            }
+            if running.path == path_crc {
+                return Ok(Response::Later);
+            }
+            running.file.close(self.cx);
+            *self.operation = Operation::Nothing;
+        }
+        if self.operation.is_running() {
+            return Ok(Response::Dropped);
+        }
+        let file = File::open(self.cx, path, FileAccess::Read, from, false)?;
+        *self.operation = Operation::Checksum(Checksum::new(index, path_crc, ticks(self.cx.now), file));
+        Ok(Response::Later)
+    }
+
+    /// Aborts a running checksum: opening and storing a file has priority.
+    fn abort_checksum(&mut self) {
+        if let Operation::Checksum(checksum) = self.operation {
+            checksum.file.close(self.cx);
+            *self.operation = Operation::Nothing;
+            self.answer(Err(MavFtpErr::FAIL));
+        }
+    }
+
+    /// Answers the request that began an operation. Its client may be gone.
+    fn answer(&mut self, result: Result<Content, MavFtpErr>) {
+        if let Some(answer) = self.sessions.iter_mut().find_map(|session| session.answer_in(State::Running)) {
+            answer.state = State::Pending;
+            answer.content = result.unwrap_or_else(Content::Refused);
+        }
+    }
+
+    /// Runs a step of the operation.
+    pub(super) fn run_operation(&mut self) {
+        let result = match self.operation {
+            Operation::Checksum(checksum) => {
+                let (begin, now) = (checksum.offset, ticks(self.cx.now));
+                match checksum.add_part(self.cx) {
+                    Poll::Ready(result) => {
+                        checksum.file.close(self.cx);
+                        result.map(Content::number)
+                    }
+                    Poll::Pending if checksum.offset == begin => {
+                        // The log has no data yet (LOG-9).
+                        self.status.retry_at = self.cx.now + RETRY;
+                        return;
+                    }
+                    Poll::Pending => {
+                        let session = self.sessions.get_mut(checksum.session).filter(|session| !session.is_open());
+                        if now - checksum.began < LONGEST_CHECKSUM
+                            && let Some(session) = session
+                        {
+                            session.touched = now;
+                        }
+                        return;
+                    }
+                }
+            }
+            Operation::BeginUpload { client, file } if V::UPLOADS => {
+                match self.sessions.iter().position(Session::is_uploading) {
+                    // Its client has closed it meanwhile.
+                    None => Err(MavFtpErr::FAIL),
+                    Some(index) => match file.begin(self.cx, *client) {
+                        Poll::Pending => return,
+                        Poll::Ready(Ok(())) => {
+                            self.upload.state = UploadState::Receiving;
+                            Ok(Content::number(0))
+                        }
+                        Poll::Ready(Err(error)) => {
+                            self.close(index);
+                            Err(error)
+                        }
+                    },
+                }
+            }
+            Operation::FinishUpload { client, file } if V::UPLOADS => {
+                match file.finish(self.cx, *client, self.content) {
+                    Poll::Pending => {
+                        // It waits for storage.
+                        self.status.retry_at = self.cx.now + RETRY;
+                        return;
+                    }
+                    Poll::Ready(Ok(())) => {
+                        increment(&mut self.status.counters.uploads);
+                        Ok(Content::Empty)
+                    }
+                    Poll::Ready(Err(error)) => {
+                        increment(&mut self.status.counters.refused_uploads);
+                        self.upload.state = UploadState::Refused;
+                        Err(error)
+                    }
+                }
+            }
+            _ => return,
+        };
+        *self.operation = Operation::Nothing;
+        self.answer(result);
+    }
+
+    /// Whether a session has an upload that is not complete. A client whose upload was refused knows that.
+    fn is_receiving(&self, index: usize) -> bool {
+        V::UPLOADS
+            && self.upload.state == UploadState::Receiving
+            && self.sessions.get(index).is_some_and(Session::is_uploading)
+    }
+
+    /// Closes the file of a session, and drops its pending data and its pending checksum. An upload that is not complete is refused
+    /// (F-31).
+    fn close(&mut self, index: usize) {
+        let is_receiving = self.is_receiving(index);
+        let Some(session) = self.sessions.get_mut(index) else { return };
+        session.drop_data();
+        session.opened_by = None;
+        session.file.close(self.cx);
+        if is_receiving {
+            self.upload.state = UploadState::Refused;
+            increment(&mut self.status.counters.refused_uploads);
+            if cfg!(feature = "plan-texts")
+                && let Some(id) = session.id
+            {
+                let text = b"Upload ended early: nothing was changed";
+                self.cx.texts.push(self.cx.now, LinkMask::of(id.client.link), MavSeverity::WARNING, text);
+            }
+        }
+        if let Operation::Checksum(checksum) = self.operation
+            && checksum.session == index
+        {
+            checksum.file.close(self.cx);
+            *self.operation = Operation::Nothing;
+        }
+    }
+
+    /// Ends the sessions of silent clients, and the upload if it has stalled (F-26).
+    pub(super) fn end_silent_sessions(&mut self) {
+        let now = ticks(self.cx.now);
+        self.status.wake = Instant::NEVER;
+        for index in 0..N {
+            let Some(session) = self.sessions.get(index) else { return };
+            let (has_client, is_open, idle) = (session.id.is_some(), session.is_open(), session.idle_for(now));
+            if idle >= IDLE {
+                if is_open && has_client {
+                    increment(&mut self.status.counters.timed_out);
+                }
+                self.close(index);
+                if let Some(session) = self.sessions.get_mut(index) {
+                    session.assign(None);
+                }
+                continue;
+            }
+            let mut left = IDLE - idle;
+            if V::UPLOADS && session.is_uploading() {
+                let stalled = now - self.upload.grown;
+                if stalled >= STALLED {
+                    increment(&mut self.status.counters.timed_out);
+                    self.close(index);
+                } else {
+                    left = left.min(STALLED - stalled);
+                }
+            }
+            self.status.wake = self.status.wake.min(self.cx.now + session::duration(left));
+        }
+    }
+}
+
+/// Whether a path is the root, one of the stack's own, or that of a static file: no client changes it.
+fn is_own<F: Firmware<Vehicle: Files>>(path: &[u8]) -> bool {
+    path.is_empty() || path::is_virtual(path) || F::Vehicle::FILES.iter().any(|file| file.path.as_bytes() == path)
+}
