@@ -28,8 +28,6 @@ pub use counters::Counter;
 pub use declare::{Declaration, Declares, Persistent};
 pub use memory::Memory;
 
-use core::num::Saturating;
-
 use self::receive::OwnFrame;
 use self::services::{Services, States};
 use crate::dialect::{MavProtocolCapability, MavSeverity};
@@ -169,10 +167,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let shared = &mut self.shared;
         shared.config = Config { budget: config.budget.at_least_a_frame(), ..config };
         shared.config.identity.capabilities |= Services::<D>::CAPABILITIES;
-        let mut number = Saturating(0);
-        for (link, config) in self.links.iter_mut().zip(&links) {
-            let id = LinkId(number.0);
-            number += 1;
+        for (id, (link, config)) in (0..=u8::MAX).map(LinkId).zip(self.links.iter_mut().zip(&links)) {
             link.configure(id, *config, &shared.config);
             let mask = LinkMask::of(id);
             if config.class.is_high_latency() {

@@ -88,7 +88,7 @@ impl<D: Declares> Persistence<'_, D> {
     /// Begins to read all records.
     pub(super) fn attach(&mut self) {
         for content in Self::contents() {
-            *self.storage.to_load(content) = Self::layout(content).all;
+            *self.storage.pending_loads(content) = Self::layout(content).all;
         }
         for content in Content::ALL {
             with_service!(self, content, |service| service.attach(&mut self.cx));
@@ -101,14 +101,12 @@ impl<D: Declares> Persistence<'_, D> {
         self.cancel_refused_writes();
         if self.storage.journal.is_foreign() {
             self.refuse_all();
-        } else if self.storage.journal.is_writing() {
-            if !self.is_wanted() {
-                self.storage.journal.abandon();
-            }
+        } else if self.storage.journal.is_writing() && !self.is_wanted() {
+            self.storage.journal.abandon();
         }
         if self.storage.journal.is_waiting() || self.storage.journal.is_foreign() {
             for content in Self::contents() {
-                if self.storage.journal.is_foreign() || !self.storage.to_load(content).is_empty() {
+                if self.storage.journal.is_foreign() || !self.storage.pending_loads(content).is_empty() {
                     self.block(content);
                 }
             }
@@ -141,18 +139,18 @@ impl<D: Declares> Persistence<'_, D> {
     fn begin_next(&mut self, may_write: bool) {
         for content in Self::contents() {
             if with_service!(self, content, |service| service.is_reload_requested(&mut self.cx)) {
-                *self.storage.to_load(content) = Self::layout(content).all;
+                *self.storage.pending_loads(content) = Self::layout(content).all;
             }
         }
         for content in Self::contents() {
-            if self.storage.to_load(content).is_empty() {
+            if self.storage.pending_loads(content).is_empty() {
                 continue;
             }
             if !self.may_load(content) {
                 self.block(content);
                 continue;
             }
-            while let Some(record) = self.storage.to_load(content).take_first() {
+            while let Some(record) = self.storage.pending_loads(content).take_first() {
                 if self.begin_load(content, record) {
                     return;
                 }
@@ -190,7 +188,7 @@ impl<D: Declares> Persistence<'_, D> {
         for _ in Content::ALL {
             let layout = Self::layout(content);
             if !layout.is_empty()
-                && self.storage.to_load(content).is_empty()
+                && self.storage.pending_loads(content).is_empty()
                 && let Some(write) = self.pending_write(content)
             {
                 let storage = &mut *self.storage;
@@ -222,7 +220,7 @@ impl<D: Declares> Persistence<'_, D> {
                     self.load_again();
                 }
                 for content in Self::contents() {
-                    if !self.storage.to_load(content).is_empty() {
+                    if !self.storage.pending_loads(content).is_empty() {
                         self.end_load(content, LoadResult::Failed(RestoreError::Unreadable));
                     }
                 }
@@ -284,7 +282,7 @@ impl<D: Declares> Persistence<'_, D> {
     /// Adds the current record to those that are to be loaded.
     fn load_again(&mut self) {
         let Storage { content, record, .. } = *self.storage;
-        self.storage.to_load(content).insert(record);
+        self.storage.pending_loads(content).insert(record);
     }
 
     /// The journal is of another version: nothing can be loaded.
@@ -294,7 +292,7 @@ impl<D: Declares> Persistence<'_, D> {
         }
         self.storage.errors.region = Some(RestoreError::Foreign);
         for content in Self::contents() {
-            while self.storage.to_load(content).take_first().is_some() {}
+            while self.storage.pending_loads(content).take_first().is_some() {}
             self.end_load(content, LoadResult::Failed(RestoreError::Foreign));
         }
     }

@@ -144,7 +144,7 @@ pub struct Storage {
     /// Whether the first attempt to read has failed.
     pub(crate) is_late: bool,
     /// The records that are still to be loaded, in the order of [`Content::ALL`].
-    to_load: [RecordSet; 4],
+    pending_loads: [RecordSet; 4],
     pub(crate) errors: RestoreErrors,
     /// The version that is written.
     pub(crate) version: u16,
@@ -159,15 +159,15 @@ impl Storage {
         version: 0,
         turn: Content::SigningKey,
         is_late: false,
-        to_load: [RecordSet::EMPTY; 4],
+        pending_loads: [RecordSet::EMPTY; 4],
         errors: RestoreErrors::NONE,
         journal: Journal::NEW,
         progress: LoadProgress::NEW,
     };
 
     /// Returns the records of a content that are still to be loaded.
-    pub(crate) fn to_load(&mut self, content: Content) -> &mut RecordSet {
-        let [key, parameters, plans, own_records] = &mut self.to_load;
+    pub(crate) fn pending_loads(&mut self, content: Content) -> &mut RecordSet {
+        let [key, parameters, plans, own_records] = &mut self.pending_loads;
         match content {
             Content::SigningKey => key,
             Content::Parameters => parameters,
@@ -178,7 +178,7 @@ impl Storage {
 
     /// Whether a record is still to be loaded.
     pub(crate) fn must_load(&self) -> bool {
-        self.to_load != [RecordSet::EMPTY; 4]
+        self.pending_loads != [RecordSet::EMPTY; 4]
     }
 
     /// Returns why a content was not restored, to change it.

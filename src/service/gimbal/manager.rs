@@ -348,7 +348,7 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
         let mut setpoint = RawSetpoint::NONE;
         let Some(device) = setpoint.read_message(received.frame) else {
             let is_of_device = F::Vehicle::IS_REMOTE && from == remote::address::<F::Vehicle>(cx.address().system);
-            let is_handled = is_of_device && self.device.on_frame(cx, received.frame);
+            let is_handled = is_of_device && self.device.receive(cx, received.frame);
             return if is_handled { Handled::Yes } else { Handled::No };
         };
         if received.target.system.is_all() {

@@ -51,7 +51,7 @@ impl RemoteDevice {
     }
 
     /// Handles a message of the device. Returns false if it is for another service.
-    pub(super) fn on_frame<F: Firmware<Vehicle: GimbalManager>>(
+    pub(super) fn receive<F: Firmware<Vehicle: GimbalManager>>(
         &mut self,
         cx: &mut Cx<'_, F>,
         frame: &Frame<'_>,

@@ -174,7 +174,7 @@ impl Journal {
     /// Moves to the record of the next page: while a segment is begun, the other records come first. Returns the origin of the
     /// page's content.
     fn begin_next_page(&mut self) -> Origin {
-        while let Some(entry) = self.entries.to_copy(self.writer.copies) {
+        while let Some(entry) = self.entries.next_to_copy(self.writer.copies) {
             if entry.kind != 0 && entry.kind != self.writer.new.kind {
                 if self.cursor.kind != entry.kind {
                     self.cursor = RecordCursor::at(entry);
@@ -264,7 +264,7 @@ impl Journal {
             _ => {
                 // It was whole, and is lost. The new segment will say so.
                 self.attempts = Saturating(0);
-                if let Some(entry) = self.entries.to_copy(self.writer.copies) {
+                if let Some(entry) = self.entries.next_to_copy(self.writer.copies) {
                     entry.pages = Wrapping(0);
                     entry.is_damaged = true;
                 }
@@ -290,7 +290,7 @@ impl Journal {
             self.end_copy();
             return Event::Nothing;
         }
-        if let Some(entry) = self.entries.to_copy(self.writer.copies) {
+        if let Some(entry) = self.entries.next_to_copy(self.writer.copies) {
             entry.moved = at;
             return Event::Nothing;
         }

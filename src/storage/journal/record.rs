@@ -167,7 +167,7 @@ impl Entries {
     }
 
     /// Returns the next entry to copy; `None` if all are copied.
-    pub(super) fn to_copy(&mut self, copies: Copies) -> Option<&mut Entry> {
+    pub(super) fn next_to_copy(&mut self, copies: Copies) -> Option<&mut Entry> {
         self.0.get_mut(usize::from(copies.next.0))
     }
 }

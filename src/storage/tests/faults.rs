@@ -188,7 +188,7 @@ fn unreadable_storage_is_not_written() {
                 assert!(matches!(job, Job::Read { .. }));
                 rig.run(&job);
             }
-            _ => rig.now = rig.now + Duration::from_secs(1),
+            _ => rig.now += Duration::from_secs(1),
         }
         assert!(!rig.journal.is_idle());
     }
@@ -220,7 +220,7 @@ fn a_record_that_is_lost_later_is_reported() {
                 rig.page.payload_mut().copy_from_slice(&model[&1][at..at + PAYLOAD]);
                 rig.journal.put(&mut rig.page, PAYLOAD as u8, index == 2);
             }
-            Next::Idle => rig.now = rig.now + Duration::from_secs(1),
+            Next::Idle => rig.now += Duration::from_secs(1),
         }
     }
     assert_eq!(told, [Event::Lost(3)]);

@@ -91,7 +91,7 @@ impl<const W: usize, const E: usize> Rig<W, E> {
                 Next::Job(job) => drop(self.run(&job)),
                 Next::Content(_) => panic!("nothing is written"),
                 Next::Idle if self.journal.is_idle() || self.journal.is_foreign() || self.flash.is_off() => return,
-                Next::Idle => self.now = self.now + Duration::from_secs(1),
+                Next::Idle => self.now += Duration::from_secs(1),
             }
         }
         panic!("it never ends");
@@ -120,7 +120,7 @@ impl<const W: usize, const E: usize> Rig<W, E> {
                     self.journal.put(&mut self.page, len as u8, len == rest.len());
                 }
                 Next::Idle if self.flash.is_off() => return Saved::No,
-                Next::Idle => self.now = self.now + Duration::from_secs(1),
+                Next::Idle => self.now += Duration::from_secs(1),
             }
         }
         panic!("it never ends");
