@@ -249,6 +249,10 @@ impl<const NOM: u32, const DENOM: u32> From<fugit::Duration<u32, NOM, DENOM>> fo
     }
 }
 
+/// The most microseconds that are converted for Embassy, whose conversions add before they divide.
+#[cfg(feature = "embassy-time")]
+const MAX_EMBASSY: u64 = u64::MAX >> 1;
+
 #[cfg(feature = "embassy-time")]
 impl From<embassy_time::Instant> for Instant {
     #[inline]
@@ -262,7 +266,10 @@ impl From<embassy_time::Instant> for Instant {
 impl From<Instant> for embassy_time::Instant {
     #[inline]
     fn from(instant: Instant) -> Self {
-        Self::try_from_micros(instant.as_micros()).unwrap_or(Self::MAX)
+        Some(instant.as_micros())
+            .filter(|micros| *micros <= MAX_EMBASSY)
+            .and_then(Self::try_from_micros)
+            .unwrap_or(Self::MAX)
     }
 }
 
@@ -279,7 +286,10 @@ impl From<embassy_time::Duration> for Duration {
 impl From<Duration> for embassy_time::Duration {
     #[inline]
     fn from(duration: Duration) -> Self {
-        Self::try_from_micros(duration.as_micros()).unwrap_or(Self::MAX)
+        Some(duration.as_micros())
+            .filter(|micros| *micros <= MAX_EMBASSY)
+            .and_then(Self::try_from_micros)
+            .unwrap_or(Self::MAX)
     }
 }
 
@@ -421,7 +431,6 @@ mod tests {
         assert_eq!(Instant::from(embassy_time::Instant::from(at)), at);
         let pause = Duration::from_millis(250);
         assert_eq!(Duration::from(embassy_time::Duration::from(pause)), pause);
-        // A test's tick has 1 µs, so the largest values are the same.
         assert_eq!(embassy_time::Instant::from(Instant::NEVER), embassy_time::Instant::MAX);
         assert_eq!(embassy_time::Duration::from(Duration::MAX), embassy_time::Duration::MAX);
     }

@@ -123,7 +123,7 @@ impl Case {
             }
             3 => {
                 for _ in 0..script.int_in_range(1..=40)? {
-                    self.now = self.now + millis(20);
+                    self.now += millis(20);
                     self.poll();
                 }
             }
@@ -195,7 +195,7 @@ impl Case {
     fn end(&mut self) {
         self.is_stalled = [false; 2];
         for _ in 0..36 {
-            self.now = self.now + millis(500);
+            self.now += millis(500);
             self.poll();
         }
         assert!(self.vehicle.files.open.is_empty(), "F-6: {:?}", self.vehicle.files.open);

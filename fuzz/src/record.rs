@@ -134,7 +134,7 @@ impl<const W: usize, const E: usize> Device<W, E> {
     /// Runs for some seconds. Storage then has nothing to do, because it does not wait longer for anything.
     pub(crate) fn settle(&mut self) {
         for _ in 0..12 {
-            self.now = self.now + millis(1_000);
+            self.now += millis(1_000);
             self.stack.poll(self.now, &mut self.keeper);
             let mut steps = 0;
             while self.stack.persist(self.now, &mut self.store, &mut self.keeper) {

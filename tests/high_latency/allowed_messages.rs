@@ -363,7 +363,7 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
                 stack.transmitted(id, len);
             }
             75..85 => {
-                now = now + millis(rng.below(60));
+                now += millis(rng.below(60));
                 if !rng.chance(0.02) {
                     setup.config.pulse.expect("a pulse").tick();
                 }

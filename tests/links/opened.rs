@@ -112,7 +112,7 @@ impl Lab {
 
     /// Runs one pass, in which the flight loop ticks or not. Looks whether a driver that sleeps would be woken for each frame.
     fn pass(&mut self, ticks: bool) {
-        self.now = self.now + millis(1);
+        self.now += millis(1);
         if ticks {
             self.pulse.tick();
         }
@@ -232,7 +232,7 @@ fn heartbeat_is_the_first_frame_of_a_transport_that_is_ready_late() {
         lab.restart(RADIO);
         lab.sent = [const { Vec::new() }; 3];
         for _ in 0..late {
-            lab.now = lab.now + millis(1);
+            lab.now += millis(1);
             lab.pulse.tick();
             lab.stack.poll(lab.now, &mut lab.vehicle);
         }
@@ -255,7 +255,7 @@ fn frame_that_was_cut_off_is_sent_again_without_a_heartbeat() {
     let frame = lab.stack.transmit(lab.now, RADIO, &mut lab.vehicle).to_vec();
     lab.stack.transmitted(RADIO, 5);
     lab.restart(RADIO);
-    lab.now = lab.now + millis(1);
+    lab.now += millis(1);
     lab.stack.poll(lab.now, &mut lab.vehicle);
     assert_eq!(lab.stack.transmit(lab.now, RADIO, &mut lab.vehicle), frame);
 }

@@ -246,7 +246,7 @@ fn flood_of_refused_frames_does_not_block_accepted_ones() {
     let mut sent = 0;
     for round in 0..500 {
         passes(&mut rig, RADIO, &stranger.frame(&Attitude { yaw: round as f32, ..Attitude::default() }));
-        rig.now = rig.now + millis(1);
+        rig.now += millis(1);
         if round % 10 == 0 {
             sent += usize::from(passes(&mut rig, RADIO, &station.frame(&Gcs::heartbeat())) == [WIRE, OTHER_WIRE]);
         }
@@ -268,7 +268,7 @@ fn refused_commands_are_not_sent_over_satellite() {
         rig.receive(link, &station.unsigned(Version::V2, &CommandLong { target_system: 7, ..there }));
     }
     // The station must time out on the wire; otherwise the satellite would not be used at all.
-    rig.now = rig.now + millis(6_000);
+    rig.now += millis(6_000);
     sent_on(&mut rig, &[]);
     let unsigned = wingman.unsigned(Version::V2, &there);
     assert_eq!(passes(&mut rig, RADIO, &unsigned), [WIRE]);
@@ -320,10 +320,10 @@ fn refused_frames_in_a_queue_suppress_nothing() {
         let full = forwarded(&rig, OTHER_WIRE).queue_full;
         rig.receive(RADIO, &next);
         assert_eq!(forwarded(&rig, OTHER_WIRE).queue_full > full, others > 0);
-        rig.now = rig.now + millis(wait);
+        rig.now += millis(wait);
         rig.receive(WIRE, &next);
         // The line accepts bytes again; frames that waited for 600 ms have expired.
-        rig.now = rig.now + millis(590);
+        rig.now += millis(590);
         let sent = sent_on(&mut rig, &next);
         assert_eq!(sent.into_iter().filter(|&link| link == OTHER_WIRE).count(), times, "{others} others, {wait} ms");
     }
@@ -372,7 +372,7 @@ fn refused_duplicates_do_not_indicate_a_loop() {
         assert_eq!(forwarded(&rig, link).duplicates, 1);
         let second = companion.unsigned(Version::V2, &Gcs::heartbeat());
         rig.receive(WIRE, &second);
-        rig.now = rig.now + millis(400);
+        rig.now += millis(400);
         assert_eq!(sent_on(&mut rig, &second), if arrives { vec![RADIO, OTHER_WIRE] } else { vec![] });
     }
 }
@@ -397,7 +397,7 @@ fn addressed_duplicates_indicate_a_loop() {
         assert_eq!(forwarded(&rig, OTHER_WIRE).duplicates, 1);
         let second = companion.unsigned(Version::V2, &tune);
         rig.receive(WIRE, &second);
-        rig.now = rig.now + millis(400);
+        rig.now += millis(400);
         assert_eq!(sent_on(&mut rig, &second).contains(&RADIO), arrives);
     }
 }
@@ -438,14 +438,14 @@ fn radio_reports_evict_no_verified_peers() {
     let mut wingmen: Vec<Signer> =
         (2..9).map(|system| Signer::new(KEY).of(Address::new(system, 1)).at(NOW + 200_000)).collect();
     for wingman in &mut wingmen {
-        rig.now = rig.now + millis(10);
+        rig.now += millis(10);
         rig.receive(RADIO, &wingman.frame(&Attitude::default()));
     }
     rig.receive(WIRE, &Signer::new(KEY).of(COMPANION).unsigned(Version::V2, &Gcs::heartbeat()));
     let verified = || (2..9).map(|system| Address::new(system, 1)).chain([COMPANION]);
     assert!(verified().all(|address| is_there(&rig, address)));
     // Even after a long silence, no unverified frame evicts them.
-    rig.now = rig.now + millis(30_000);
+    rig.now += millis(30_000);
     sent_on(&mut rig, &[]);
     (40..=255).for_each(|system| radio(&mut rig, system));
     assert!(verified().all(|address| is_there(&rig, address)));
