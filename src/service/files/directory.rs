@@ -111,7 +111,7 @@ impl<'a> List<'a> {
             // Also a name that a client could not ask for (F-32).
             _ => [b"S", b"", b"", b"", b"\0"],
         };
-        let len = parts.iter().map(|part| part.len()).sum();
+        let len = parts.iter().fold(0usize, |len, part| len.saturating_add(part.len()));
         let rest = self.out.get_mut(self.len..).unwrap_or_default();
         let Some(to) = rest.get_mut(..len) else { return false };
         for (to, from) in to.iter_mut().zip(parts.into_iter().flatten()) {
