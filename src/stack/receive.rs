@@ -8,7 +8,7 @@ use crate::frame::{Decoder, Frame};
 use crate::link::{Link, Port};
 use crate::message::{Address, Text};
 use crate::network::{self, ForwardDecision, Reception, SenderEntry};
-use crate::service::command::{self, CommandMemory};
+use crate::service::command::{self, CommandMemory, CommandService};
 use crate::service::mission;
 use crate::service::mode;
 use crate::service::{
@@ -219,7 +219,7 @@ impl<D: Declares> Services<D> {
         let mut request = self.request(cx.now, port, frame, target);
         // By reference: it is large.
         let Some(request) = &mut request else { return false };
-        if state.command.has_room() {
+        if CommandService::<D::Commands>::has_room(&state.command) {
             // Before every hook, `is_in_control` included (O-5).
             let own = cx.shared.config.address.get().system;
             let mut verdict = match self.operator_control.refuses(own, &request.command) {

@@ -5,6 +5,7 @@ use embedded_io::{Read, ReadReady, Write, WriteReady};
 use super::{Declares, Stack};
 use crate::frame::cost_of_sending;
 use crate::link::{Link, LinkCounters, LinkError, Transport};
+use crate::service::command::CommandService;
 use crate::service::increment;
 use crate::time::Instant;
 use crate::types::{Allowance, LinkId};
@@ -167,7 +168,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     pub fn has_answered(&self, link: LinkId) -> bool {
         let index = usize::from(link.0);
         let link = self.links.get(index).zip(self.states.get(index));
-        link.is_none_or(|(link, state)| state.command.has_answered() && !link.port.outbox.has_frame())
+        link.is_none_or(|(link, state)| {
+            CommandService::<D::Commands>::has_answered(&state.command) && !link.port.outbox.has_frame()
+        })
     }
     /// Records whether the transport of a link accepts bytes.
     pub(crate) fn note_transport(&mut self, link: LinkId, is_ready: bool) {

@@ -59,12 +59,12 @@ impl CommandLink {
     }
 
     /// Whether there is a slot for another answer. Without one, a further command is dropped.
-    pub(crate) fn has_room(&self) -> bool {
+    pub(super) fn has_room(&self) -> bool {
         (self.queued - self.sent).0 < MAX_ANSWERS
     }
 
     /// Whether every received command was answered.
-    pub(crate) fn has_answered(&self) -> bool {
+    pub(super) fn has_answered(&self) -> bool {
         self.queued == self.sent
     }
 

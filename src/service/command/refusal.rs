@@ -23,6 +23,8 @@ fn period(now: Instant) -> u16 {
 }
 
 /// Explains a refusal by a text on the link on which `command` was received.
+// Its text is not on the stack below the hooks.
+#[inline(never)]
 pub(super) fn explain<F: Firmware>(
     cx: &mut Cx<'_, F>,
     port: &Port,

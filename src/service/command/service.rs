@@ -155,6 +155,16 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
 
 /// The steps of a received command before and after a service executes it.
 impl<S: CommandMemory> CommandService<S> {
+    /// Returns whether a link has a slot for another answer. Without one, a further command is dropped.
+    pub(crate) fn has_room(link: &CommandLink) -> bool {
+        link.has_room()
+    }
+
+    /// Returns whether every command that was received on a link was answered.
+    pub(crate) fn has_answered(link: &CommandLink) -> bool {
+        link.has_answered()
+    }
+
     /// Returns the answer to a command that must not be executed: its declaration refuses it, it is running, or it is a
     /// duplicate (C-5, C-12, C-14, C-21, C-24). For a vehicle that declares nothing, this compiles to almost nothing.
     pub(crate) fn admit<F: Firmware<Vehicle: Commands + Vehicle>>(

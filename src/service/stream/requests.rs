@@ -80,11 +80,11 @@ pub(super) fn handle_command<F: Firmware<Vehicle: Telemetry>>(
     let first = Rows::of(table, of, id, 0).first()?;
     let Some(index) = request.index else { return Some(MavResult::DENIED) };
     // A message that cannot be filled now is refused now; otherwise the client would wait for it.
-    let mut rows = table.iter().filter(|stream| stream.is(of, id, 0));
-    let is_available = rows.any(|stream| {
+    let mut is_available = false;
+    for stream in table.iter().filter(|stream| stream.is(of, id, 0)) {
         let probed = if index == 0 { stream.instance } else { index };
-        fill_row(cx, &mut port.outbox, stream, probed, true)
-    });
+        is_available = is_available || fill_row(cx, &mut port.outbox, stream, probed, true);
+    }
     if !is_available {
         return Some(MavResult::DENIED);
     }
