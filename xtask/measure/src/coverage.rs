@@ -72,7 +72,6 @@ const EXCUSED: &[(&str, &str, &str)] = &[
     ("wpl/wide", "let [high, middle, lowest, rest @ ..] = self.words.get(skipped..)? else { return None };", IN_RANGE),
 ];
 const IN_RANGE: &str = "what is asked for is there; without the condition it could panic";
-const IS_UPLOADING: &str = "called during an upload only";
 
 /// How many percent a figure may differ from the accepted one.
 const TOLERANCE: f64 = 0.2;
