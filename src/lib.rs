@@ -154,6 +154,7 @@
 //!   at most once a second.
 //! - `embedded-hal-nb`, `embedded-io-06`, `embedded-io-async`: adapters for UARTs with those traits, see [`mod@io`]; with the last
 //!   also the ends of a link for async tasks, `io::AsyncReceiver` and `io::AsyncTransmitter`.
+//! - `embassy-time`, `fugit`: [`Instant`] and [`Duration`] from those of these crates, and back to Embassy's.
 //! - `embedded-storage-async`: `storage` on async flash drivers, see `storage::AsyncStore`.
 //! - `fmt`: `write!` into a [`Text`], `Text::formatted`, and the files of component metadata (`metadata`). They need `core::fmt`.
 //! - `plan-texts` (default): a STATUSTEXT with the reason for every plan, item, parameter, command and mode that the stack
