@@ -243,13 +243,13 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             return 0;
         }
         let time = self.enter(now);
-        // One buffer at a time. More than two passes are only needed if the bytes exceed a buffer.
+        // A pass for each buffer of bytes.
         loop {
             let rest = bytes.get(taken..).unwrap_or_default();
             let Some(Link { decoder, .. }) = self.link_mut(link) else { return 0 };
             let len = if rest.is_empty() { 0 } else { decoder.push(rest, time) };
             taken = taken.saturating_add(len);
-            // Also without room: the bytes that fill the buffer wait for this call's budget.
+            // Even if nothing was pushed: the buffer may be full of bytes from an earlier call, whose budget was used up.
             self.handle_received(now, link, 0, vehicle, allowance);
             if len == 0 || taken >= bytes.len() {
                 return taken;

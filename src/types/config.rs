@@ -68,15 +68,16 @@ impl PollBudget {
     )]
     #[must_use]
     pub const fn for_line(baud: u32, period: Duration) -> Self {
-        /// The shortest frame: MAVLink 1 without a payload. No other has a higher cost for each byte.
+        /// The length of the shortest frame: MAVLink 1 without a payload. No other has a higher cost for each byte.
         const SHORTEST: u64 = 8;
-        /// Its cost. With an unknown id it is 556 if it is copied for no link.
+        /// The cost of the shortest frame, with some slack.
         const WORK: u64 = 560;
+        /// A byte takes ten bits on the line. Two less are a margin of a quarter, for polls that are late.
+        const BITS: u64 = 8;
         const fn at_least(least: u32, value: u64) -> u32 {
             if value < least as u64 { least } else { value as u32 }
         }
-        // A byte is ten bits.
-        let bytes = (baud as u64).saturating_mul(period.as_micros()).div_ceil(8_000_000);
+        let bytes = (baud as u64).saturating_mul(period.as_micros()).div_ceil(BITS * 1_000_000);
         let frames = bytes.div_ceil(SHORTEST);
         let work = frames.saturating_mul(WORK);
         assert!(

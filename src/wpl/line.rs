@@ -66,12 +66,14 @@ impl Line {
         if value.is_infinite() {
             return self.push_all(b"inf");
         }
-        let (digits, exponent) = shortest(value.to_bits() & (u32::MAX >> 1));
+        let (digits, exponent) = shortest(value.abs().to_bits());
         let count = i32::try_from(Digits::new(digits).as_bytes().len()).unwrap_or(0);
         let point = count.wrapping_add(exponent);
+        // As `0.00001` and as `12345678901`, which are no longer than with an exponent.
         if (-4..=10).contains(&point) {
             return self.push_plain(digits, exponent);
         }
+        // As `1.5e-7`: with one digit before the point.
         self.push_plain(digits, 1i32.wrapping_sub(count));
         self.push(b'e');
         let power = point.wrapping_sub(1);

@@ -88,6 +88,9 @@ pub(super) struct RequestedRow {
     pub(super) index: Option<u16>,
 }
 
+/// What is added to the dither at each sweep: odd, so all 256 values follow each other, and far from 0 and 256, so neighbours differ much.
+const DITHER_STEP: u8 = 157;
+
 /// The streams of a link: `S` is an array of slots, one for each row of the vehicle's table. The logic works on the
 /// unsized form. Initially all zero bits.
 #[derive(Debug)]
@@ -247,7 +250,7 @@ impl StreamLink {
 
     fn begin_sweep(&mut self, now: Instant, table: &[Stream], profile: StreamProfile) {
         let [fine, coarse] = [Unit::Fine, Unit::Coarse].map(|unit| unit.between(self.swept, now));
-        // The first sweep, or the first since a [pause](Self::pause).
+        // No sweep is scheduled before the first one, and after `pause`.
         let is_first = self.wake == Instant::ZERO;
         for (stream, slot) in table.iter().zip(&mut self.slots) {
             let elapsed = match Unit::of(slot.interval(stream, profile).unwrap_or(0)) {
@@ -259,7 +262,7 @@ impl StreamLink {
         self.forget_radio(now);
         self.cursor = Some(RowNumber::FIRST);
         self.swept = now;
-        self.dither += 157;
+        self.dither += DITHER_STEP;
         self.refresh(table, profile);
     }
 

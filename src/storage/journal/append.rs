@@ -171,11 +171,11 @@ impl Journal {
         })
     }
 
-    /// Moves to the record of the next page: while a segment is begun, the other records come first. Returns the origin of the
-    /// page's content.
+    /// Moves to the record of the next page, and returns where the content of that page comes from. A new segment begins with copies of
+    /// the records that are not being written; the new record follows them.
     fn begin_next_page(&mut self) -> Origin {
         while let Some(entry) = self.entries.next_to_copy(self.writer.copies) {
-            if entry.kind != 0 && entry.kind != self.writer.new.kind {
+            if !entry.is_free() && entry.kind != self.writer.new.kind {
                 if self.cursor.kind != entry.kind {
                     self.cursor = RecordCursor::at(entry);
                     self.writer.copied_crc = 0;
@@ -183,6 +183,7 @@ impl Journal {
                 if self.cursor.index < entry.pages {
                     return Origin::Copy(self.cursor.next_position());
                 }
+                // One page, after which `on_page_written` ends the copy.
                 if entry.is_damaged {
                     return Origin::LossReport;
                 }

@@ -96,6 +96,11 @@ pub(crate) struct Entry {
 impl Entry {
     const FREE: Self =
         Self { kind: 0, is_damaged: false, schema: 0, at: Wrapping(0), pages: Wrapping(0), moved: Wrapping(0) };
+
+    /// Whether the slot holds no record.
+    pub(super) const fn is_free(&self) -> bool {
+        self.kind == 0
+    }
 }
 
 /// The newest record of each kind.
@@ -143,7 +148,7 @@ impl Entries {
     pub(super) fn mark_all_damaged(&mut self) {
         self.mark_damaged(ANY_KIND);
         for entry in &mut self.0 {
-            entry.is_damaged |= entry.kind != 0;
+            entry.is_damaged |= !entry.is_free();
         }
     }
 
@@ -162,7 +167,7 @@ impl Entries {
 
     /// Returns the number of pages of a new record of this kind, and of the others that `copies` has still to copy.
     pub(super) fn pages_with(&self, kind: u8, pages: Pages, copies: Copies) -> RegionPages {
-        let others = self.0.iter().skip(copies.next.0.into()).filter(|entry| entry.kind != 0 && entry.kind != kind);
+        let others = self.0.iter().skip(copies.next.0.into()).filter(|entry| !entry.is_free() && entry.kind != kind);
         others.fold(in_region(pages), |sum, entry| sum + in_region(entry.pages) + Wrapping(entry.is_damaged.into()))
     }
 
