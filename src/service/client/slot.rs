@@ -220,7 +220,7 @@ impl Slot {
         let OutgoingCommand { id: command, params: [param1, param2, param3, param4], position, z } = match self.request
         {
             ClientRequest::Command(command) => command,
-            // A vehicle that reads no parameters has none of these messages in flash.
+            // By its name (K-6). A vehicle that reads no parameters has none of these messages in flash.
             ClientRequest::Param { .. } if !V::READS_PARAMS => return false,
             ClientRequest::Param { name: param_id, is_ext } => {
                 let param_index = -1;

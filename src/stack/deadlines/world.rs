@@ -437,7 +437,7 @@ impl World {
         sent
     }
 
-    fn poll(&mut self) {
+    pub(in super::super) fn poll(&mut self) {
         if !self.is_standing {
             self.pulse.tick();
         }
