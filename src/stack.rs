@@ -158,7 +158,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
 
     /// Starts the stack in place. Call it once, before all other methods. A stack that is not started calls no hook, takes
     /// no frame and sends nothing, whatever is called (H-18); [`poll_link`](Self::poll_link) returns
-    /// [`LinkError::NotBegun`].
+    /// [`LinkError::NotBegun`](crate::network::LinkError::NotBegun).
     pub fn begin(&mut self, config: Config, links: [LinkConfig; LINKS]) {
         const { assert!(LINKS > 0 && LINKS <= MAX_LINKS, "a stack has 1 to 16 links: `links: 1`") };
         const { D::CHECKED };

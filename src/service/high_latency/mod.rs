@@ -235,7 +235,7 @@ enum Ground {
 ///
 /// Other commands from a satellite are also 10 to 30 seconds late, at times minutes, and in any order. They carry no
 /// time except that of a signature. A vehicle that refuses to arm or to take off on such a command checks
-/// [`Command::class`] and [`Command::age`] (L-16).
+/// [`Command::class`](crate::Command::class) and [`Command::age`](crate::Command::age) (L-16).
 #[derive(Clone, Debug)]
 pub struct HighLatency {
     config: HighLatencyConfig,
