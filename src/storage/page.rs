@@ -138,7 +138,7 @@ impl Footer {
         self.flags & flag::LOST != 0
     }
 
-    /// Whether everything older than its segment is to be erased.
+    /// Whether it requests the erasure of everything older than its segment.
     pub(crate) const fn is_secret(&self) -> bool {
         self.flags & flag::SECRET != 0
     }

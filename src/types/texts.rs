@@ -36,7 +36,7 @@ impl TextNumber {
         Self(self.0.checked_add(1).unwrap_or(1))
     }
 
-    /// Returns how many texts came after this one, of which the last is `newest`.
+    /// Returns the number of texts after this one, up to and including `newest`.
     const fn age(self, newest: Self) -> u16 {
         newest.0.wrapping_sub(self.0)
     }

@@ -254,7 +254,7 @@ impl CameraControl {
         }
     }
 
-    /// Removes an image from the schedule if it is to be taken now. Returns false if there is none.
+    /// Takes the next image off the schedule if it is due. Returns whether one was.
     pub(super) fn take_scheduled(&mut self, now: Instant) -> bool {
         if self.is_busy || self.next_deadline() > now {
             return false;

@@ -112,7 +112,7 @@ impl HighLatencySample {
         flags
     }
 
-    /// Returns the values of which a message has the mean, in the order of [`AVERAGED`].
+    /// Returns the values that a message averages, in the order of [`AVERAGED`].
     pub(super) const fn averaged(&self) -> [f32; AVERAGED.len()] {
         let Self { airspeed, airspeed_sp, groundspeed, windspeed, throttle, battery, temperature_air, .. } = *self;
         [airspeed, airspeed_sp, groundspeed, windspeed, throttle, battery, temperature_air]

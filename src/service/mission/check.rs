@@ -152,7 +152,8 @@ fn check_jumps(items: &[Item]) -> Result<(), ItemFault<'_>> {
     Ok(())
 }
 
-/// M-80, M-81: a polygon is a run of vertices, all of which state its length; there is at most one return point.
+/// Checks a fence (M-80, M-81): each polygon is a run of vertices that all state its length, and there is at most one return
+/// point.
 fn check_fence(items: &[Item]) -> Result<(), ItemFault<'_>> {
     let mut has_return = false;
     let mut rest = items;

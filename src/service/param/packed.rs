@@ -52,7 +52,7 @@ const MAX_COMMON: usize = 15;
 const STEP: Saturating<u8> = Saturating(64);
 
 /// The length of a packet's data if no client has chosen one yet.
-const USUAL_PACKET: NonZeroU32 = NonZeroU32::new(239).unwrap();
+const USUAL_PACKET: NonZeroU32 = NonZeroU32::MIN.saturating_add(238);
 
 /// The types of the format.
 const INT8: u8 = 1;

@@ -38,7 +38,7 @@ pub(super) struct ParamClient {
 pub(super) enum ParamRequest {
     /// Nothing more is to do.
     Handled(Handled),
-    /// A parameter is to be set to a different, valid value, and there is a slot for a refusal. The owner of the values decides, and
+    /// Requests a different, valid value; there is a slot for a refusal. The owner of the values decides, and
     /// calls [`Table::on_decision`].
     Set { index: u16, bits: u32 },
 }
