@@ -390,7 +390,7 @@ pub mod command {
 
 /// Plans: missions, fences and rally points. [`Plans`] has the hooks.
 pub mod plan {
-    pub use crate::service::mission::{PlanCounters, PlanFault};
+    pub use crate::service::mission::{FirstWaypointLimit, PlanCounters, PlanFault};
     pub use crate::types::{Durability, PlanView};
 }
 
@@ -476,6 +476,14 @@ pub mod files {
 pub mod logs {
     pub use crate::service::log_streaming::{LogStreamer, StreamingCounters};
     pub use crate::service::logs::{LogCounters, LogInfo, LogRead, LogServer};
+}
+
+/// The declaration of a stack, as a type: for functions that take any [`Stack`](struct@Stack).
+pub mod declare {
+    pub use crate::service::mission::Missions;
+    pub use crate::service::param::{ParamMemory, ParamService};
+    pub use crate::stack::{Declaration, Declares};
+    pub use crate::types::{Firmware, PlanMemory, Values};
 }
 
 /// Clocks: those of peers, by PING and TIMESYNC, and the time of day.

@@ -15,7 +15,7 @@ use crate::dialect::{
 use crate::link::Port;
 use crate::message::{ComponentId, Field, Message, Text};
 use crate::time::Instant;
-use crate::types::{Component, Context, Firmware, LinkMask};
+use crate::types::{Component, Context, Firmware, LinkMask, Peer};
 
 /// The maximum number of extended parameters. More are not listed.
 pub const MAX_EXT_PARAMS: u16 = 128;
@@ -154,7 +154,7 @@ impl<'a> ExtValue<'a> {
 ///         }
 ///     }
 ///
-///     fn set_ext_param(&mut self, _: &mut Context<'_>, index: u16, value: ExtValue<'_>) -> ParamAck {
+///     fn set_ext_param(&mut self, _: &mut Context<'_>, index: u16, value: ExtValue<'_>, _: Peer) -> ParamAck {
 ///         match (index, value) {
 ///             (0, ExtValue::U32(iso @ 100..=6400)) => self.iso = iso,
 ///             (1, value) if value.text().is_some_and(|text| text.len() <= 16) => {
@@ -185,10 +185,10 @@ pub trait ExtParameters {
     /// `None` from [`ext_param_count`](Self::ext_param_count) on.
     fn ext_param(&self, index: u16) -> Option<(&str, ExtValue<'_>)>;
 
-    /// Sets parameter `index` to a value of its type, and returns ACCEPTED; or refuses it by VALUE_UNSUPPORTED or FAILED. With
+    /// Sets parameter `index` to a value of its type, as `from` asks, and returns ACCEPTED; or refuses it by VALUE_UNSUPPORTED or FAILED. With
     /// IN_PROGRESS, [`ExtParamServer::finish`] follows. Setting the present value must do no harm: a client that has missed the
     /// answer sends it again.
-    fn set_ext_param(&mut self, cx: &mut Context<'_>, index: u16, value: ExtValue<'_>) -> ParamAck;
+    fn set_ext_param(&mut self, cx: &mut Context<'_>, index: u16, value: ExtValue<'_>, from: Peer) -> ParamAck;
 }
 
 /// A pending PARAM_EXT_ACK.
@@ -352,6 +352,7 @@ fn set<F: Firmware<Vehicle: ExtParameters>>(
     let name = name_of(payload.get(2..18).unwrap_or_default());
     let kind = MavParamExtType(received.frame.byte(146));
     let found = find(cx.vehicle, &name);
+    let from = received.from();
     let (index, link) = (found.unwrap_or(UNKNOWN), LinkMask::of(port.id));
     let place = server.slot(link, index);
     if place.is_none() {
@@ -362,7 +363,7 @@ fn set<F: Firmware<Vehicle: ExtParameters>>(
     let result = match value {
         Some(value) => {
             let (vehicle, mut context) = cx.hook();
-            vehicle.set_ext_param(&mut context, index, value)
+            vehicle.set_ext_param(&mut context, index, value, from)
         }
         None => ParamAck::VALUE_UNSUPPORTED,
     };

@@ -221,7 +221,7 @@ impl ExtParameters for Rover {
         (index < 3).then_some(("TRIM", ExtValue::U16(index)))
     }
 
-    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: ExtValue<'_>) -> ParamAck {
+    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: ExtValue<'_>, _: Peer) -> ParamAck {
         ParamAck::ACCEPTED
     }
 }

@@ -15,41 +15,75 @@ pub use crate::service::Service as Persistent;
 #[cfg(feature = "storage")]
 pub use crate::storage::Persistent;
 
-/// The services of a firmware, and their memory. [`#[stack]`](macro@crate::Stack) implements it.
-#[doc(hidden)]
+/// The services of a firmware, and their memory: the bound of functions that take any [`Stack`](struct@crate::Stack).
+/// [`derive(Stack)`](macro@crate::Stack) implements it, and nothing else can. Its items are details of the derive.
+///
+/// ```
+/// use mavstack::declare::Declares;
+/// use mavstack::prelude::*;
+///
+/// /// Logs all counters of a stack that are not 0.
+/// fn report<D: Declares, const LINKS: usize>(stack: &Stack<D, LINKS>) {
+///     stack.counters(|counter| if counter.value > 0 { println!("{counter:?}") });
+/// }
+/// ```
 pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemory> {
     /// The services of the struct that declares the stack.
+    #[doc(hidden)]
     type Services: ServiceList<Self>;
+    #[doc(hidden)]
     type Peers: Memory<View = Peers>;
+    #[doc(hidden)]
     type Texts: Memory<View = StatusTexts>;
+    #[doc(hidden)]
     type Requests: Memory<View = Requests>;
+    #[doc(hidden)]
     type EventLog: Memory<View = EventLog>;
     /// The number of links that have a queue of messages.
+    #[doc(hidden)]
     const MESSAGE_QUEUES: usize = 0;
+    #[doc(hidden)]
     type Commands: CommandMemory;
+    #[doc(hidden)]
     type Components: Service<Self>;
+    #[doc(hidden)]
     type Mission: Persistent<Self>;
+    #[doc(hidden)]
     type Param: Persistent<Self>;
+    #[doc(hidden)]
     type Stream: Service<Self>;
+    #[doc(hidden)]
     type Messages: Service<Self>;
+    #[doc(hidden)]
     type Client: Service<Self> + OwnCommands<Self>;
+    #[doc(hidden)]
     type Events: Service<Self>;
+    #[doc(hidden)]
     type Logs: Service<Self>;
+    #[doc(hidden)]
     type Mode: Service<Self>;
+    #[doc(hidden)]
     type ManualControl: Service<Self> + SticksGate;
+    #[doc(hidden)]
     type OperatorControl: Service<Self> + ControlGate;
+    #[doc(hidden)]
     type Signing: Persistent<Self> + SigningGate<<Self::Signing as Service<Self>>::Link>;
+    #[doc(hidden)]
     type Files: Service<Self>;
+    #[doc(hidden)]
     type Forwarding: Service<Self> + ForwardingGate<Self>;
+    #[doc(hidden)]
     type Records: Persistent<Self>;
+    #[doc(hidden)]
     type Storage: Memory;
     /// Fails to compile if the declaration is invalid.
+    #[doc(hidden)]
     const CHECKED: ();
 }
 
-/// A declaration with its links, whose stack is [`StackOf`]. [`derive(Stack)`](crate::Stack) implements it.
-#[doc(hidden)]
+/// A declaration with its links, whose stack is [`StackOf`](crate::StackOf). [`derive(Stack)`](macro@crate::Stack) implements it.
 pub trait Declaration {
+    /// The stack: `Stack<D, LINKS>`.
     type Stack;
 }
 

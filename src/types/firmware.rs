@@ -7,8 +7,7 @@ use super::plans::PlanMemory;
 use crate::dialect::MavResult;
 use crate::message::ComponentId;
 
-/// A firmware: its vehicle, and the data that several services use. [`#[stack]`](macro@crate::Stack) implements it.
-#[doc(hidden)]
+/// A firmware: its vehicle, and the data that several services use. [`derive(Stack)`](macro@crate::Stack) implements it.
 pub trait Firmware: Sized + 'static {
     /// The type that implements the hooks.
     type Vehicle;
@@ -40,8 +39,8 @@ pub trait Firmware: Sized + 'static {
 }
 
 /// The values of a table of parameters, each in 32 bits: the bits of a float, or an integer in the low bytes.
-#[doc(hidden)]
 #[diagnostic::on_unimplemented(message = "`{Self}` is no table of parameters", note = "declare it with `parameters!`")]
 pub trait Values {
+    /// Returns the values, in the order of the table.
     fn values(&self) -> &[u32];
 }

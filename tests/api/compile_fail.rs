@@ -115,7 +115,7 @@ const EXT_PARAMETERS: &str = "
 impl ExtParameters for Rover {
     fn ext_param_count(&self) -> u16 { 0 }
     fn ext_param(&self, _: u16) -> Option<(&str, mavstack::ext_parameters::ExtValue<'_>)> { None }
-    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: mavstack::ext_parameters::ExtValue<'_>) -> ParamAck {
+    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: mavstack::ext_parameters::ExtValue<'_>, _: mavstack::Peer) -> ParamAck {
         ParamAck::FAILED
     }
 }

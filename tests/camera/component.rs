@@ -80,7 +80,7 @@ impl ExtParameters for Copter {
         (index == 0).then_some(("CAM_ISO", ExtValue::U8(self.iso)))
     }
 
-    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, value: ExtValue<'_>) -> ParamAck {
+    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, value: ExtValue<'_>, _: mavstack::Peer) -> ParamAck {
         if let ExtValue::U8(iso) = value {
             self.iso = iso;
         }

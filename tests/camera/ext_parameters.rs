@@ -89,7 +89,7 @@ impl ExtParameters for Camera {
         (index < self.count).then_some((name(index), value))
     }
 
-    fn set_ext_param(&mut self, _: &mut Context<'_>, index: u16, value: ExtValue<'_>) -> ParamAck {
+    fn set_ext_param(&mut self, _: &mut Context<'_>, index: u16, value: ExtValue<'_>, _: mavstack::Peer) -> ParamAck {
         self.changes.push(index);
         if let Some(result) = self.refuses {
             return result;

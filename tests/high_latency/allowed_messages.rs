@@ -109,7 +109,7 @@ impl ExtParameters for Everything {
         (index < 2).then_some(("CAM", ExtValue::U16(index)))
     }
 
-    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: ExtValue<'_>) -> ParamAck {
+    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: ExtValue<'_>, _: mavstack::Peer) -> ParamAck {
         ParamAck::ACCEPTED
     }
 }

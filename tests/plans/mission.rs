@@ -13,6 +13,7 @@ use mavstack::dialect::{
 };
 use mavstack::frame::Version;
 use mavstack::message::LatLon;
+use mavstack::plan::FirstWaypointLimit;
 use mavstack::plan::PlanCounters;
 use mavstack::{Item, LinkConfig, LinkId, Message, Peer, PlanType, plan_memory};
 
@@ -256,15 +257,15 @@ fn waypoint_without_position_or_too_far_away_is_refused() {
     }
     world.upload(0, &old).expect("accepted");
     let home = LatLon { latitude: zero[0].x + 1_000_000, longitude: zero[0].y };
-    world.vehicle.first_waypoint_limit = Some((home, 11_000));
+    world.vehicle.first_waypoint_limit = Some(FirstWaypointLimit { from: home, distance: 11_000 });
     world.gcs[0].forget();
     assert_eq!(world.upload(0, &zero), refused);
     let text: Statustext = world.expect(0, secs(1));
     assert_eq!(text.text.as_str(), Some("Mission item 0: more than 11000 m away"));
     assert_downloads(&mut world, 0, &old);
-    world.vehicle.first_waypoint_limit = Some((home, 11_200));
+    world.vehicle.first_waypoint_limit = Some(FirstWaypointLimit { from: home, distance: 11_200 });
     world.upload(0, &zero).expect("near enough");
-    world.vehicle.first_waypoint_limit = Some((home, 11_000));
+    world.vehicle.first_waypoint_limit = Some(FirstWaypointLimit { from: home, distance: 11_000 });
     zero[0].x = home.latitude;
     world.upload(0, &zero).expect("only the first waypoint is checked");
 }
@@ -309,7 +310,7 @@ fn distance_is_checked_when_the_position_becomes_known_and_before_the_start() {
         assert_eq!(start(&mut world, 1.0), accepted, "not from item 0");
         // The position becomes known: one text.
         world.gcs[0].forget();
-        world.vehicle.first_waypoint_limit = Some((far, 11_000));
+        world.vehicle.first_waypoint_limit = Some(FirstWaypointLimit { from: far, distance: 11_000 });
         world.run_for(secs(3));
         let texts = world.gcs[0].all::<Statustext>();
         assert_eq!(texts.iter().map(|(_, text)| text.text.as_str()).collect::<Vec<_>>(), [Some(FAR)]);
@@ -322,7 +323,7 @@ fn distance_is_checked_when_the_position_becomes_known_and_before_the_start() {
         assert_eq!(start(&mut world, 0.0), refused(MavResult::DENIED, FAR));
         world.vehicle.progress.state = MissionState::COMPLETE;
         assert_eq!(start(&mut world, f32::NAN), refused(MavResult::DENIED, FAR));
-        world.vehicle.first_waypoint_limit = Some((near, 11_000));
+        world.vehicle.first_waypoint_limit = Some(FirstWaypointLimit { from: near, distance: 11_000 });
         assert_eq!(start(&mut world, 0.0), accepted);
     }
 }
@@ -357,9 +358,10 @@ fn going_back_to_the_first_item_is_a_start() {
         let texts: Vec<_> = texts.iter().map(|(_, text)| text.text.as_str().unwrap_or_default().to_owned()).collect();
         (is_set, world.gcs[0].all::<CommandAck>().pop().map(|(_, ack)| ack.result), texts)
     };
-    for (limit, result, why) in
-        [(None, MavResult::TEMPORARILY_REJECTED, UNKNOWN), (Some((far, 11_000)), MavResult::DENIED, FAR)]
-    {
+    for (limit, result, why) in [
+        (None, MavResult::TEMPORARILY_REJECTED, UNKNOWN),
+        (Some(FirstWaypointLimit { from: far, distance: 11_000 }), MavResult::DENIED, FAR),
+    ] {
         assert_eq!(go(limit, true, 0, true), (false, Some(result), vec![why.to_owned()]));
         let (is_set, _, texts) = go(limit, true, 0, false);
         assert!(!is_set && texts.contains(&why.to_owned()), "{texts:?}");

@@ -9,6 +9,7 @@ use mavstack::dialect::{
 };
 use mavstack::message::LatLon;
 use mavstack::plan::Durability;
+use mavstack::plan::FirstWaypointLimit;
 use mavstack::storage::Store;
 use mavstack::{Config, Duration, PlanType};
 
@@ -83,7 +84,7 @@ fn restored_mission_is_checked_before_it_starts() {
         world.run_for(millis(100));
         world.gcs[0].forget();
         let far = LatLon { latitude: items[0].x + 1_000_000, longitude: items[0].y };
-        world.vehicle.first_waypoint_limit = Some((far, 11_000));
+        world.vehicle.first_waypoint_limit = Some(FirstWaypointLimit { from: far, distance: 11_000 });
         let text: Statustext = world.expect(0, secs(1));
         assert_eq!(text.text.as_str(), Some("Mission item 0: more than 11000 m away"));
         assert_eq!(start(world), MavResult::DENIED);

@@ -6,7 +6,7 @@ use mavstack::command::CommandPolicy;
 use mavstack::dialect::{
     MavCmd, MavFrame, MavMissionResult, MavModeFlag, MavResult, MavSeverity, MavState, MissionState, rules,
 };
-use mavstack::message::LatLon;
+use mavstack::plan::FirstWaypointLimit;
 use mavstack::plan::PlanFault;
 use mavstack::{
     Address, Command, CommandRule, Commands, Context, Frame, Instant, Item, LinkId, Outcome, ParamChange, Parameters,
@@ -71,7 +71,7 @@ pub struct TestVehicle {
     /// Result of the check of a complete plan.
     pub plan_verdict: Result<(), MavMissionResult>,
     /// Limit for the first waypoint: a position and the maximum distance from it.
-    pub first_waypoint_limit: Option<(LatLon, u32)>,
+    pub first_waypoint_limit: Option<FirstWaypointLimit>,
     /// Whether it has a limit even if that is `None`, because its position is not known.
     pub limits_first_waypoint: bool,
     /// Whether each hook that decides about plans or control says so in a text.
@@ -266,7 +266,7 @@ impl Plans for TestVehicle {
         Ok(self.plan_verdict?)
     }
 
-    fn first_waypoint_limit(&self) -> Option<(LatLon, u32)> {
+    fn first_waypoint_limit(&self) -> Option<FirstWaypointLimit> {
         self.first_waypoint_limit
     }
 

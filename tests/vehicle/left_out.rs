@@ -85,7 +85,7 @@ impl ExtParameters for Copter {
         (index == 0).then_some(("CAM_ISO", ExtValue::U8(1)))
     }
 
-    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: ExtValue<'_>) -> ParamAck {
+    fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: ExtValue<'_>, _: mavstack::Peer) -> ParamAck {
         ParamAck::ACCEPTED
     }
 }

@@ -107,10 +107,10 @@ pub(super) fn check_staged_plan<F: Firmware<Vehicle: Plans>>(
     let items = cx.plans.staged_items();
     check_plan(plan, items).map_err(refused)?;
     if plan == PlanType::Mission
-        && let Some((from, limit)) = cx.vehicle.first_waypoint_limit()
-        && let Some(seq) = first_too_far(items, F::Vehicle::MISSION_COMMANDS, from, limit)
+        && let Some(limit) = cx.vehicle.first_waypoint_limit()
+        && let Some(seq) = first_too_far(items, F::Vehicle::MISSION_COMMANDS, limit)
     {
-        return Err(Problem::TooFar { seq, limit });
+        return Err(Problem::TooFar { seq, limit: limit.distance });
     }
     let (vehicle, mut context) = cx.hook();
     let items = context.plans.staged_items();

@@ -241,12 +241,12 @@ impl Missions {
     /// (M-48).
     pub(super) fn poll_distance<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) {
         if self.is_distance_unchecked
-            && let Some((from, limit)) = cx.vehicle.first_waypoint_limit()
+            && let Some(limit) = cx.vehicle.first_waypoint_limit()
         {
             self.is_distance_unchecked = false;
             let items = cx.plans.live(PlanType::Mission).items();
-            if let Some(seq) = first_too_far(items, F::Vehicle::MISSION_COMMANDS, from, limit) {
-                Problem::TooFar { seq, limit }.report(cx);
+            if let Some(seq) = first_too_far(items, F::Vehicle::MISSION_COMMANDS, limit) {
+                Problem::TooFar { seq, limit: limit.distance }.report(cx);
             }
         }
     }

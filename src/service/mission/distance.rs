@@ -16,9 +16,18 @@ const METRES_PER_UNIT: f32 = 0.011_131_95;
 const HALF_TURN: Saturating<i64> = Saturating(1_800_000_000);
 const FULL_TURN: Saturating<i64> = Saturating(3_600_000_000);
 
-/// Returns the first waypoint of a mission if it is farther from `from` than `limit` (m). `rules` are the rules of the
-/// mission's commands. An item without a position, or at 0, 0 if its command takes that as "here", is not a waypoint.
-pub(super) fn first_too_far(items: &[Item], rules: &[CommandRule], from: LatLon, limit: u32) -> Option<u16> {
+/// How far a mission's first waypoint may be away (M-48).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FirstWaypointLimit {
+    /// The place from which the distance counts: usually home, or the vehicle's position.
+    pub from: LatLon,
+    /// The maximum distance, m.
+    pub distance: u32,
+}
+
+/// Returns the first waypoint of a mission if it is too far away. `rules` are the rules of the mission's commands. An item without a position, or at 0, 0 if its command takes that as "here", is not a waypoint.
+pub(super) fn first_too_far(items: &[Item], rules: &[CommandRule], limit: FirstWaypointLimit) -> Option<u16> {
     let is_flown_to = |item: &Item| {
         is_waypoint(item.command)
             && position(item.frame) == Some(Position::Global)
@@ -30,8 +39,8 @@ pub(super) fn first_too_far(items: &[Item], rules: &[CommandRule], from: LatLon,
     let index = items.iter().position(is_flown_to)?;
     let (seq, first) = (u16::try_from(index).ok()?, items.get(index)?);
     let to = LatLon { latitude: first.x, longitude: first.y };
-    let limit = num::f32_from_u32(limit);
-    (square_of_distance(from, to) > limit * limit).then_some(seq)
+    let distance = num::f32_from_u32(limit.distance);
+    (square_of_distance(limit.from, to) > distance * distance).then_some(seq)
 }
 
 /// Whether the vehicle flies to the command's position: navigation commands, except the one that points a camera.
@@ -115,7 +124,7 @@ mod tests {
         let item = |command, x, y| Item { frame: MavFrame::GLOBAL_RELATIVE_ALT, command, x, y, ..Item::default() };
         let far = |command| item(command, 484_000_000, 85_000_000);
         let near = |command| item(command, 474_001_000, 85_000_000);
-        let check = |items: &[Item]| first_too_far(items, RULES, home, 10_000);
+        let check = |items: &[Item]| first_too_far(items, RULES, FirstWaypointLimit { from: home, distance: 10_000 });
         assert_eq!(check(&[]), None);
         assert_eq!(check(&[far(MavCmd::NAV_WAYPOINT)]), Some(0));
         assert_eq!(check(&[near(MavCmd::NAV_WAYPOINT), far(MavCmd::NAV_WAYPOINT)]), None, "only the first counts");
@@ -134,10 +143,26 @@ mod tests {
         }
         // A waypoint at 0, 0 passes the rules only if the vehicle allows it; then it means that position.
         assert_eq!(check(&[item(MavCmd::NAV_WAYPOINT, 0, 0), near(MavCmd::NAV_LAND)]), Some(0));
-        assert_eq!(first_too_far(&[item(MavCmd::NAV_WAYPOINT, 0, 0)], RULES, at(0.0, 0.05), 10_000), None);
-        assert_eq!(first_too_far(&[far(MavCmd::NAV_LAND)], RULES, home, 112_000), None);
-        assert_eq!(first_too_far(&[far(MavCmd::NAV_LAND)], RULES, home, u32::MAX), None);
-        assert_eq!(first_too_far(&[near(MavCmd::NAV_LAND)], RULES, home, 0), Some(0));
+        assert_eq!(
+            first_too_far(
+                &[item(MavCmd::NAV_WAYPOINT, 0, 0)],
+                RULES,
+                FirstWaypointLimit { from: at(0.0, 0.05), distance: 10_000 }
+            ),
+            None
+        );
+        assert_eq!(
+            first_too_far(&[far(MavCmd::NAV_LAND)], RULES, FirstWaypointLimit { from: home, distance: 112_000 }),
+            None
+        );
+        assert_eq!(
+            first_too_far(&[far(MavCmd::NAV_LAND)], RULES, FirstWaypointLimit { from: home, distance: u32::MAX }),
+            None
+        );
+        assert_eq!(
+            first_too_far(&[near(MavCmd::NAV_LAND)], RULES, FirstWaypointLimit { from: home, distance: 0 }),
+            Some(0)
+        );
     }
 
     proptest! {

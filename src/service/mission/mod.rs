@@ -35,6 +35,7 @@ mod without_plans;
 #[cfg(test)]
 mod tests;
 
+pub use distance::FirstWaypointLimit;
 pub use engine::{Missions, PlanCounters};
 pub(crate) use messages::is_for_planner;
 pub use problem::PlanFault;

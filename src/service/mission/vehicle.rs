@@ -1,9 +1,9 @@
 //! The plan service's interface to the vehicle.
 
-use super::distance::first_too_far;
+use super::distance::{FirstWaypointLimit, first_too_far};
 use super::problem::{PlanFault, Problem};
 use crate::dialect::{MavMissionResult, MavResult, MissionState};
-use crate::message::{CommandRule, Item, LatLon};
+use crate::message::{CommandRule, Item};
 use crate::types::{Command, Context, Peer, PlanType, Vehicle};
 
 /// A plan that has just become live.
@@ -105,8 +105,7 @@ pub trait Plans: Vehicle {
         Ok(())
     }
 
-    /// Returns the reference position, usually home or the vehicle's position, and the maximum distance (m) of a
-    /// mission's first waypoint from it. A mission whose first waypoint is farther away is refused with
+    /// Returns how far the first waypoint of a mission may be away. A mission whose first waypoint is farther away is refused with
     /// `INVALID_PARAM5_X` and a text, when it is uploaded, loaded, or restored from storage (M-48). The distance is
     /// accurate to 3 % up to 100 km and below 80° of latitude.
     ///
@@ -114,7 +113,7 @@ pub trait Plans: Vehicle {
     /// a limit then says so by [`limits_first_waypoint`](Self::limits_first_waypoint). A mission that went live
     /// meanwhile is checked when the position becomes known, and a text reports one that is too far away. Every mission
     /// is checked again before it starts: see [`check_start`](Self::check_start).
-    fn first_waypoint_limit(&self) -> Option<(LatLon, u32)> {
+    fn first_waypoint_limit(&self) -> Option<FirstWaypointLimit> {
         None
     }
 
@@ -144,14 +143,14 @@ pub trait Plans: Vehicle {
         if !self.limits_first_waypoint() {
             return Ok(());
         }
-        let Some((from, limit)) = self.first_waypoint_limit() else {
+        let Some(limit) = self.first_waypoint_limit() else {
             Problem::NotChecked.report_from_hook(cx);
             return Err(MavResult::TEMPORARILY_REJECTED);
         };
-        match first_too_far(cx.plan(PlanType::Mission).items(), Self::MISSION_COMMANDS, from, limit) {
+        match first_too_far(cx.plan(PlanType::Mission).items(), Self::MISSION_COMMANDS, limit) {
             None => Ok(()),
             Some(seq) => {
-                Problem::TooFar { seq, limit }.report_from_hook(cx);
+                Problem::TooFar { seq, limit: limit.distance }.report_from_hook(cx);
                 Err(MavResult::DENIED)
             }
         }

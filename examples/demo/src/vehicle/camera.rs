@@ -301,7 +301,7 @@ impl ExtParameters for Quadrotor {
         }
     }
 
-    fn set_ext_param(&mut self, _: &mut Context<'_>, index: u16, value: ExtValue<'_>) -> ParamAck {
+    fn set_ext_param(&mut self, _: &mut Context<'_>, index: u16, value: ExtValue<'_>, _: mavstack::Peer) -> ParamAck {
         match (index, value) {
             (0, ExtValue::U8(mode @ 0..=2)) => self.camera.mode = CameraMode(mode),
             (1, ExtValue::U32(iso @ 100..=6_400)) => self.camera.iso = iso,

@@ -3,6 +3,7 @@
 use mavstack::dialect::rules;
 use mavstack::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult, MavSeverity};
 use mavstack::message::{LatLon, ParamRule};
+use mavstack::plan::FirstWaypointLimit;
 use mavstack::plan::PlanFault;
 use mavstack::{Command, CommandRule, Context, Item, PlanChange, PlanType, Plans, Progress};
 
@@ -77,10 +78,11 @@ impl Plans for Quadrotor {
     ];
 
     /// Returns the limit around home, once home is known.
-    fn first_waypoint_limit(&self) -> Option<(LatLon, u32)> {
+    fn first_waypoint_limit(&self) -> Option<FirstWaypointLimit> {
         let home = self.home.spot;
         let (latitude, longitude) = self.home.to_global(home.north, home.east);
-        self.last.has_fix.then_some((LatLon { latitude, longitude }, MAX_FIRST_WAYPOINT_DISTANCE))
+        let from = LatLon { latitude, longitude };
+        self.last.has_fix.then_some(FirstWaypointLimit { from, distance: MAX_FIRST_WAYPOINT_DISTANCE })
     }
 
     fn limits_first_waypoint(&self) -> bool {

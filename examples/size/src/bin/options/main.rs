@@ -405,7 +405,7 @@ impl ExtParameters for Rover {
         }
     }
 
-    fn set_ext_param(&mut self, _: &mut Context<'_>, index: u16, value: ExtValue<'_>) -> ParamAck {
+    fn set_ext_param(&mut self, _: &mut Context<'_>, index: u16, value: ExtValue<'_>, _: Peer) -> ParamAck {
         match (index, value) {
             (0, ExtValue::U32(iso)) => self.mode = iso,
             (1, ExtValue::U8(mode)) => self.armed = mode != 0,
