@@ -246,11 +246,11 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         // A pass for each buffer of bytes.
         loop {
             let rest = bytes.get(taken..).unwrap_or_default();
-            let Some(Link { decoder, .. }) = self.link_mut(link) else { return 0 };
+            let Some(Link { decoder, .. }) = self.link_mut(link) else { return taken };
             let len = if rest.is_empty() { 0 } else { decoder.push(rest, time) };
             taken = taken.saturating_add(len);
             // Even if nothing was pushed: the buffer may be full of bytes from an earlier call, whose budget was used up.
-            self.handle_received(now, link, 0, vehicle, allowance);
+            self.handle_received(now, link, vehicle, allowance);
             if len == 0 || taken >= bytes.len() {
                 return taken;
             }
@@ -269,7 +269,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// in them, up to the budget of one poll.
     pub fn received(&mut self, now: Instant, link: LinkId, len: usize, vehicle: &mut D::Vehicle) {
         let mut allowance = self.shared.config.budget.allowance();
-        self.handle_received(now, link, len, vehicle, &mut allowance);
+        self.fill_decoder(now, link, len);
+        self.handle_received(now, link, vehicle, &mut allowance);
     }
 
     /// Returns the bytes to be sent next on a link, at most the rest of one frame; then call
@@ -467,23 +468,23 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.links.get_mut(usize::from(link.0))
     }
 
-    /// Handles the frames in the decoder after `len` more bytes were received, as far as the allowance permits.
-    fn handle_received(
-        &mut self,
-        now: Instant,
-        link: LinkId,
-        len: usize,
-        vehicle: &mut D::Vehicle,
-        allowance: &mut Allowance,
-    ) {
+    /// Records that the first `len` bytes of the decoder's free space were received.
+    fn fill_decoder(&mut self, now: Instant, link: LinkId, len: usize) {
+        if len > 0 && self.shared.is_begun() {
+            let time = self.enter(now);
+            if let Some(link) = self.link_mut(link) {
+                link.decoder.filled(len, time);
+            }
+        }
+    }
+
+    /// Handles the frames in the decoder, as far as the allowance permits.
+    fn handle_received(&mut self, now: Instant, link: LinkId, vehicle: &mut D::Vehicle, allowance: &mut Allowance) {
         let index = usize::from(link.0);
         let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
         let (Some(link_state), Some(state)) = (links.get_mut(index), states.get_mut(index)) else { return };
         if !cx.shared.is_begun() {
             return;
-        }
-        if len > 0 {
-            link_state.decoder.filled(len, cx.now);
         }
         if let Some(OwnFrame { seq, checksum }) = services.drain(&mut cx, link_state, state, allowance) {
             // Another vehicle has our address if no link can have sent the frame, and it is not the first such frame (H-14).

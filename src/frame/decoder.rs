@@ -157,6 +157,14 @@ enum Verdict {
     Unknown(Extent),
 }
 
+/// The decision on a whole frame with an unknown id.
+enum Evidence {
+    Accept,
+    Reject,
+    /// The next byte decides, or silence.
+    Undecided,
+}
+
 /// The extent of a frame in bytes: all that is kept of its header until it is verified.
 #[derive(Clone, Copy)]
 struct Extent {
@@ -370,20 +378,36 @@ impl Decoder {
         is_known: impl Fn(Address) -> bool,
         verifies: impl Fn(&[u8], &mut u32) -> bool,
     ) -> Option<Frame<'_>> {
+        let (extent, info) = self.search(now, messages, budget, is_known, verifies)?;
+        increment(if info.is_some() { &mut self.counters.frames } else { &mut self.counters.unchecked });
+        let raw = self.window.candidate(&self.buffer)?.get(..extent.len)?;
+        self.window.consume(extent.len);
+        let payload = raw.get(extent.header_len..extent.payload_end)?;
+        Some(Frame { header: Header::parse(raw)?, payload, raw, info })
+    }
+
+    /// Drops candidates until one is a frame. Returns its extent, and its message if the id is known.
+    #[inline(always)]
+    fn search(
+        &mut self,
+        now: Instant,
+        messages: MessageTable,
+        budget: &mut u32,
+        is_known: impl Fn(Address) -> bool,
+        verifies: impl Fn(&[u8], &mut u32) -> bool,
+    ) -> Option<(Extent, Option<&'static MessageInfo>)> {
         let Self { buffer, window, counters, least_component, grown, stale_after, .. } = self;
-        let (candidate, extent, info) = loop {
+        loop {
             let candidate = window.candidate(buffer)?;
             if window.is_waiting() {
+                // No byte was received since the candidate was examined: the silence decides.
                 let quiet = now - *grown;
-                if candidate.is_empty() || quiet < IDLE {
-                    return None;
-                }
-                if *budget == 0 {
+                if candidate.is_empty() || quiet < IDLE || *budget == 0 {
                     return None;
                 }
                 *budget = budget.saturating_sub(HEADER_COST);
                 if let Verdict::Unknown(extent) = examine(candidate, messages, *least_component) {
-                    break (candidate, extent, None);
+                    return Some((extent, None));
                 }
                 if quiet < duration(*stale_after) {
                     return None;
@@ -413,36 +437,21 @@ impl Decoder {
                     let (summed, behind) = candidate.split_at_checked(extent.payload_end)?;
                     let sum = crc::checksum(summed.get(1..)?, info.crc_extra());
                     if behind.first_chunk() == Some(&sum.to_le_bytes()) {
-                        break (candidate, extent, Some(info));
+                        return Some((extent, Some(info)));
                     }
                     reject(Reason::Checksum, window, counters);
                 }
                 Verdict::Unknown(extent) => {
-                    let header = Header::parse(candidate)?;
-                    // Looking up the source costs as much again.
+                    // Looking up the source costs as much as examining the header.
                     *budget = budget.saturating_sub(const { 2 * HEADER_COST });
-                    if cfg!(feature = "signing")
-                        && header.is_signed()
-                        && candidate.get(..extent.len).is_some_and(|raw| verifies(raw, budget))
-                    {
-                        break (candidate, extent, None);
-                    }
-                    match candidate.get(extent.len) {
-                        _ if !is_known(header.source) => reject(Reason::UnknownId, window, counters),
-                        Some(&(STX_V1 | STX_V2)) => break (candidate, extent, None),
-                        Some(_) => reject(Reason::UnknownId, window, counters),
-                        // Wait for the next byte, or for silence.
-                        None => window.want(extent.len.wrapping_add(1)),
+                    match weigh(candidate, extent, &is_known, |raw| verifies(raw, budget)) {
+                        Evidence::Accept => return Some((extent, None)),
+                        Evidence::Reject => reject(Reason::UnknownId, window, counters),
+                        Evidence::Undecided => window.want(extent.len.wrapping_add(1)),
                     }
                 }
             }
-        };
-        let counter = if info.is_some() { &mut counters.frames } else { &mut counters.unchecked };
-        *counter = counter.wrapping_add(1);
-        window.consume(extent.len);
-        let raw = candidate.get(..extent.len)?;
-        let payload = raw.get(extent.header_len..extent.payload_end)?;
-        Some(Frame { header: Header::parse(raw)?, payload, raw, info })
+        }
     }
 
     /// Whether frames, or a search that ran out of budget, wait for [`next`](Self::next).
@@ -530,6 +539,27 @@ fn examine(candidate: &[u8], messages: MessageTable, least_component: u8) -> Ver
         _ if candidate.len() < len => Verdict::Need(len),
         Some(info) => Verdict::Check(Extent { header_len, payload_end, len }, info),
         None => Verdict::Unknown(Extent { header_len, payload_end, len }),
+    }
+}
+
+/// Looks for evidence that a candidate with an unknown id is a frame: a valid signature (SEC-5), or a known source and
+/// a start byte behind the frame.
+#[inline]
+fn weigh(
+    candidate: &[u8],
+    extent: Extent,
+    is_known: impl Fn(Address) -> bool,
+    verifies: impl FnOnce(&[u8]) -> bool,
+) -> Evidence {
+    let Some(header) = Header::parse(candidate) else { return Evidence::Reject };
+    if cfg!(feature = "signing") && header.is_signed() && candidate.get(..extent.len).is_some_and(verifies) {
+        return Evidence::Accept;
+    }
+    match candidate.get(extent.len) {
+        _ if !is_known(header.source) => Evidence::Reject,
+        Some(&(STX_V1 | STX_V2)) => Evidence::Accept,
+        Some(_) => Evidence::Reject,
+        None => Evidence::Undecided,
     }
 }
 

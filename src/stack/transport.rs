@@ -64,7 +64,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
                 Ok(0) => break Err(LinkError::Closed),
                 Ok(len) => {
                     left = left.saturating_sub(len);
-                    self.handle_received(now, link, len, vehicle, allowance);
+                    self.fill_decoder(now, link, len);
+                    self.handle_received(now, link, vehicle, allowance);
                 }
                 // Reception continues (S-20).
                 Err(error) => {
@@ -76,7 +77,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             }
         };
         // Bytes in the decoder from before: they wait for silence, or for more budget.
-        self.handle_received(now, link, 0, vehicle, allowance);
+        self.handle_received(now, link, vehicle, allowance);
         result
     }
 

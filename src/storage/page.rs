@@ -63,7 +63,7 @@ pub(crate) struct Footer {
     /// The number of records before in the segment, modulo 2^16.
     pub(crate) count: u16,
     /// The checksum of the record's page before; 0 in its first page.
-    pub(crate) previous: u32,
+    pub(crate) previous_crc: u32,
     /// The checksum of the page. [`Page::seal`] computes it.
     pub(crate) crc: u32,
 }
@@ -90,7 +90,7 @@ impl Footer {
             pair(self.position, self.index),
             pair(self.schema, bytes(self.kind, self.flags)),
             pair(bytes(self.len, self.before), self.count),
-            self.previous,
+            self.previous_crc,
         ]
     }
 
@@ -115,7 +115,7 @@ impl Footer {
             len,
             before,
             count: u16::from_le_bytes([c0, c1]),
-            previous: u32::from_le_bytes(previous),
+            previous_crc: u32::from_le_bytes(previous),
             crc: u32::from_le_bytes(crc),
         })
     }
@@ -295,7 +295,7 @@ mod tests {
             len: 223,
             before: 0x0D,
             count: 0x0F0E,
-            previous: 0x1312_1110,
+            previous_crc: 0x1312_1110,
             crc: 0,
         }
     }

@@ -24,7 +24,7 @@ pub(super) struct Checksum<V> {
     /// The index of its client's session.
     pub(super) session: usize,
     /// The CRC-32 of the file's path.
-    pub(super) path: u32,
+    pub(super) path_crc: u32,
     pub(super) began: Ticks,
     pub(super) file: File<V>,
     /// The number of bytes so far.
@@ -33,8 +33,8 @@ pub(super) struct Checksum<V> {
 }
 
 impl<V> Checksum<V> {
-    pub(super) const fn new(session: usize, path: u32, began: Ticks, file: File<V>) -> Self {
-        Self { session, path, began, file, offset: 0, crc: Crc32::ZERO }
+    pub(super) const fn new(session: usize, path_crc: u32, began: Ticks, file: File<V>) -> Self {
+        Self { session, path_crc, began, file, offset: 0, crc: Crc32::ZERO }
     }
 
     /// Adds the next part of the file. Returns the checksum after the last one.

@@ -152,10 +152,10 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
         match head.opcode {
             MavFtpOpcode::NONE => Ok(Response::Answer(Content::Empty)),
             MavFtpOpcode::TERMINATESESSION => {
-                let is_whole = !self.is_receiving(index);
+                let is_receiving = self.is_receiving(index);
                 self.close(index);
-                // The client must not take its upload for stored.
-                if is_whole { Ok(Response::Answer(Content::Empty)) } else { Err(MavFtpErr::FAIL) }
+                // With an ACK the client would believe that its upload is complete.
+                if is_receiving { Err(MavFtpErr::FAIL) } else { Ok(Response::Answer(Content::Empty)) }
             }
             MavFtpOpcode::RESETSESSION => {
                 for other in 0..N {
@@ -173,6 +173,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
                     Origin::Upload(_) => return Err(MavFtpErr::FAIL),
                     Origin::Closed => return Err(MavFtpErr::INVALIDSESSION),
                 }
+                // In the slot of a burst, this answer is sent again and again, each time with the next part.
                 Ok(Response::Answer(Content::FilePart))
             }
             MavFtpOpcode::WRITEFILE => self.write(index, request),
@@ -183,44 +184,37 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
     /// Executes a request with a path.
     fn execute_on_path(&mut self, index: usize, request: &Request<'_>) -> Result<Response, MavFtpErr> {
         let path = path::parse(request.data).ok_or(MavFtpErr::FILENOTFOUND)?;
-        let change = match request.head.opcode {
-            MavFtpOpcode::OPENFILERO => return self.open(index, request, path, FileAccess::Read),
-            MavFtpOpcode::OPENFILEWO => return self.open(index, request, path, FileAccess::Write),
-            MavFtpOpcode::CREATEFILE => return self.open(index, request, path, FileAccess::Create),
-            MavFtpOpcode::CALCFILECRC => return self.begin_checksum(index, path, request.session.client),
+        let client = request.session.client;
+        match request.head.opcode {
+            MavFtpOpcode::OPENFILERO => self.open(index, request, path, FileAccess::Read),
+            MavFtpOpcode::OPENFILEWO => self.open(index, request, path, FileAccess::Write),
+            MavFtpOpcode::CREATEFILE => self.open(index, request, path, FileAccess::Create),
+            MavFtpOpcode::CALCFILECRC => self.begin_checksum(index, path, client),
             MavFtpOpcode::LISTDIRECTORY | MavFtpOpcode::LISTDIRECTORYWITHTIME => {
                 let content = match path::is_virtual(path) {
                     true => virtual_files::find::<F, V>(path).map(Content::VirtualEntries),
                     false => Directory::find(self.cx, path).map(Content::Entries),
                 };
-                return content.map(Response::Answer).ok_or(MavFtpErr::FILENOTFOUND);
+                content.map(Response::Answer).ok_or(MavFtpErr::FILENOTFOUND)
             }
             MavFtpOpcode::REMOVEFILE
             | MavFtpOpcode::TRUNCATEFILE
             | MavFtpOpcode::CREATEDIRECTORY
             | MavFtpOpcode::REMOVEDIRECTORY
-            | MavFtpOpcode::RENAME
-                if !F::Vehicle::WRITES =>
-            {
-                return Err(MavFtpErr::FILEPROTECTED);
+            | MavFtpOpcode::RENAME => {
+                if !F::Vehicle::WRITES {
+                    return Err(MavFtpErr::FILEPROTECTED);
+                }
+                let change = change_of::<F>(path, request)?;
+                if is_own::<F>(path) {
+                    return Err(MavFtpErr::FILEPROTECTED);
+                }
+                let (vehicle, mut context) = self.cx.hook();
+                vehicle.change(&mut context, change, client)?;
+                Ok(Response::Answer(Content::Empty))
             }
-            MavFtpOpcode::REMOVEFILE => FileChange::Remove(path),
-            MavFtpOpcode::TRUNCATEFILE => FileChange::Truncate { path, size: request.head.offset },
-            MavFtpOpcode::CREATEDIRECTORY => FileChange::CreateDirectory(path),
-            MavFtpOpcode::REMOVEDIRECTORY => FileChange::RemoveDirectory(path),
-            MavFtpOpcode::RENAME => {
-                let second = request.data.splitn(2, |byte| *byte == 0).nth(1);
-                let to = second.and_then(path::parse).filter(|to| !is_own::<F>(to)).ok_or(MavFtpErr::FAIL)?;
-                FileChange::Rename { from: path, to }
-            }
-            _ => return Err(MavFtpErr::UNKNOWNCOMMAND),
-        };
-        if is_own::<F>(path) {
-            return Err(MavFtpErr::FILEPROTECTED);
+            _ => Err(MavFtpErr::UNKNOWNCOMMAND),
         }
-        let (vehicle, mut context) = self.cx.hook();
-        vehicle.change(&mut context, change, request.session.client)?;
-        Ok(Response::Answer(Content::Empty))
     }
 
     /// Opens a file in a session (F-6).
@@ -325,7 +319,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             if let Some(session) = self.sessions.get_mut(index) {
                 session.drop_data();
             }
-            if running.path == path_crc {
+            if running.path_crc == path_crc {
                 return Ok(Response::Later);
             }
             running.file.close(self.cx);
@@ -334,7 +328,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
         if self.operation.is_running() {
             return Ok(Response::Dropped);
         }
-        let file = File::open(self.cx, path, FileAccess::Read, from, false)?;
+        let may_upload = false;
+        let file = File::open(self.cx, path, FileAccess::Read, from, may_upload)?;
         *self.operation = Operation::Checksum(Checksum::new(index, path_crc, ticks(self.cx.now), file));
         Ok(Response::Later)
     }
@@ -356,71 +351,60 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
         }
     }
 
-    /// Runs a step of the operation.
+    /// Runs a step of the operation. The last step answers the client.
     pub(super) fn run_operation(&mut self) {
         let result = match self.operation {
             Operation::Checksum(checksum) => {
                 let (begin, now) = (checksum.offset, ticks(self.cx.now));
-                match checksum.add_part(self.cx) {
-                    Poll::Ready(result) => {
-                        checksum.file.close(self.cx);
-                        result.map(Content::number)
-                    }
-                    Poll::Pending if checksum.offset == begin => {
-                        // The log has no data yet (LOG-9).
-                        self.status.retry_at = self.cx.now + RETRY;
-                        return;
-                    }
-                    Poll::Pending => {
-                        let session = self.sessions.get_mut(checksum.session).filter(|session| !session.is_open());
-                        if now - checksum.began < LONGEST_CHECKSUM
-                            && let Some(session) = session
-                        {
-                            session.touched = now;
-                        }
-                        return;
-                    }
+                let result = checksum.add_part(self.cx);
+                if result.is_ready() {
+                    checksum.file.close(self.cx);
+                } else if checksum.offset == begin {
+                    // The log has no data yet (LOG-9).
+                    self.status.retry_at = self.cx.now + RETRY;
+                } else if now - checksum.began < LONGEST_CHECKSUM
+                    && let Some(session) = self.sessions.get_mut(checksum.session)
+                    && !session.is_open()
+                {
+                    session.touched = now;
                 }
+                result.map_ok(Content::number)
             }
-            Operation::BeginUpload { client, file } if V::UPLOADS => {
-                match self.sessions.iter().position(Session::is_uploading) {
-                    // Its client has closed it meanwhile.
-                    None => Err(MavFtpErr::FAIL),
-                    Some(index) => match file.begin(self.cx, *client) {
-                        Poll::Pending => return,
-                        Poll::Ready(Ok(())) => {
-                            self.upload.state = UploadState::Receiving;
-                            Ok(Content::number(0))
-                        }
-                        Poll::Ready(Err(error)) => {
-                            self.close(index);
-                            Err(error)
-                        }
-                    },
-                }
-            }
+            &mut Operation::BeginUpload { client, file } if V::UPLOADS => self.begin_upload(client, file),
             Operation::FinishUpload { client, file } if V::UPLOADS => {
-                match file.finish(self.cx, *client, self.content) {
-                    Poll::Pending => {
-                        // It waits for storage.
-                        self.status.retry_at = self.cx.now + RETRY;
-                        return;
-                    }
-                    Poll::Ready(Ok(())) => {
-                        increment(&mut self.status.counters.uploads);
-                        Ok(Content::Empty)
-                    }
-                    Poll::Ready(Err(error)) => {
+                let result = file.finish(self.cx, *client, self.content);
+                match result {
+                    // It waits for storage.
+                    Poll::Pending => self.status.retry_at = self.cx.now + RETRY,
+                    Poll::Ready(Ok(())) => increment(&mut self.status.counters.uploads),
+                    Poll::Ready(Err(_)) => {
                         increment(&mut self.status.counters.refused_uploads);
                         self.upload.state = UploadState::Refused;
-                        Err(error)
                     }
                 }
+                result.map_ok(|()| Content::Empty)
             }
             _ => return,
         };
-        *self.operation = Operation::Nothing;
-        self.answer(result);
+        if let Poll::Ready(result) = result {
+            *self.operation = Operation::Nothing;
+            self.answer(result);
+        }
+    }
+
+    /// Asks the virtual directory for permission to upload a file.
+    fn begin_upload(&mut self, client: Peer, file: V) -> Poll<Result<Content, MavFtpErr>> {
+        let Some(index) = self.sessions.iter().position(Session::is_uploading) else {
+            // The client has closed the file meanwhile.
+            return Poll::Ready(Err(MavFtpErr::FAIL));
+        };
+        let result = file.begin(self.cx, client);
+        match result {
+            Poll::Pending => {}
+            Poll::Ready(Ok(())) => self.upload.state = UploadState::Receiving,
+            Poll::Ready(Err(_)) => self.close(index),
+        }
+        result.map_ok(|()| Content::number(0))
     }
 
     /// Whether a session has an upload that is not complete. A client whose upload was refused knows that.
@@ -484,6 +468,24 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
                 }
             }
             self.status.wake = self.status.wake.min(self.cx.now + session::duration(left));
+        }
+    }
+}
+
+/// Returns the change of the file system that a request asks for.
+fn change_of<'a, F: Firmware<Vehicle: Files>>(
+    path: &'a [u8],
+    request: &Request<'a>,
+) -> Result<FileChange<'a>, MavFtpErr> {
+    match request.head.opcode {
+        MavFtpOpcode::REMOVEFILE => Ok(FileChange::Remove(path)),
+        MavFtpOpcode::TRUNCATEFILE => Ok(FileChange::Truncate { path, size: request.head.offset }),
+        MavFtpOpcode::CREATEDIRECTORY => Ok(FileChange::CreateDirectory(path)),
+        MavFtpOpcode::REMOVEDIRECTORY => Ok(FileChange::RemoveDirectory(path)),
+        _ => {
+            let second = request.data.splitn(2, |byte| *byte == 0).nth(1);
+            let to = second.and_then(path::parse).filter(|to| !is_own::<F>(to)).ok_or(MavFtpErr::FAIL)?;
+            Ok(FileChange::Rename { from: path, to })
         }
     }
 }

@@ -25,10 +25,11 @@ const REPEAT: Ticks = seconds(2);
 /// continue for a client that is gone.
 pub(super) const LONGEST_BURST: Ticks = seconds(5);
 
-/// The number of requests that a client may send at a time: MAVProxy reads and writes five packets ahead. Their answers have the
-/// first slots, and the burst has the last one.
+/// The number of requests that a client may send at a time: MAVProxy reads and writes five packets ahead.
 const AHEAD: usize = 5;
 const SLOTS: usize = AHEAD + 1;
+/// The slot of the burst, behind those of the other answers.
+const BURST_SLOT: Range<usize> = AHEAD..SLOTS;
 
 pub(super) const fn ticks(time: Instant) -> Ticks {
     Wrapping(time.coarse())
@@ -224,7 +225,7 @@ impl<V> Session<V> {
         }
         if opcode == MavFtpOpcode::BURSTREADFILE {
             self.burst_began = now;
-            return Admission::Executed { slots: AHEAD..SLOTS };
+            return Admission::Executed { slots: BURST_SLOT };
         }
         match self.answers.iter().take(AHEAD).position(Answer::is_free) {
             Some(free) => Admission::Executed { slots: free..AHEAD },

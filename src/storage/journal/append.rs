@@ -250,7 +250,7 @@ impl Journal {
     fn on_copy_read(&mut self, now: Instant, is_done: bool, page: &mut Page) -> Event {
         let RecordCursor { kind, index, .. } = self.cursor;
         let expected = (self.open_segment.number.0, kind, index.0, self.writer.copied_crc);
-        let is_next = |footer: &Footer| (footer.segment, footer.kind, footer.index, footer.previous) == expected;
+        let is_next = |footer: &Footer| (footer.segment, footer.kind, footer.index, footer.previous_crc) == expected;
         match if is_done { page.open() } else { PageState::Blank } {
             PageState::Whole(footer) if is_next(&footer) => {
                 self.writer.copied_crc = footer.crc;

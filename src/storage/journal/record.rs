@@ -212,7 +212,7 @@ pub(super) struct RecordCursor {
     /// The index of its next page.
     pub(super) index: Pages,
     /// The checksum of its page before.
-    pub(super) crc: u32,
+    pub(super) previous_crc: u32,
 }
 
 impl RecordCursor {
@@ -220,7 +220,7 @@ impl RecordCursor {
 
     /// A new record.
     pub(super) const fn new(kind: u8, schema: u16) -> Self {
-        Self { kind, schema, at: Wrapping(0), index: Wrapping(0), crc: 0 }
+        Self { kind, schema, at: Wrapping(0), index: Wrapping(0), previous_crc: 0 }
     }
 
     /// The start of a record in the open segment.
@@ -235,11 +235,12 @@ impl RecordCursor {
 
     /// Whether a page continues the record.
     pub(super) fn continues_with(&self, footer: &Footer) -> bool {
-        (footer.kind, footer.index, footer.previous) == (self.kind, self.index.0, self.crc)
+        (footer.kind, footer.index, footer.previous_crc) == (self.kind, self.index.0, self.previous_crc)
     }
 
+    /// Proceeds to the page after the one with this checksum.
     pub(super) fn advance(&mut self, crc: u32) {
         self.index += 1;
-        self.crc = crc;
+        self.previous_crc = crc;
     }
 }

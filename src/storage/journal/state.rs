@@ -279,7 +279,7 @@ impl Journal {
 
     /// Completes the page in the buffer, whose payload is in place.
     pub(super) fn seal(&mut self, page: &mut Page, len: u8, flags: u8) {
-        let RecordCursor { kind, schema, index, crc: previous, .. } = self.cursor;
+        let RecordCursor { kind, schema, index, previous_crc, .. } = self.cursor;
         page.seal(&Footer {
             segment: self.target.number.0,
             position: self.target.head.0,
@@ -290,7 +290,8 @@ impl Journal {
             len,
             before: self.target.before,
             count: self.target.count.0,
-            previous,
+            previous_crc,
+            // `Page::seal` computes it.
             crc: 0,
         });
         self.writer.stage = Stage::Body;
