@@ -46,6 +46,9 @@ use crate::types::{
     Values, Vehicle, VehicleAddress,
 };
 
+/// No byte was received into the free space of the decoder.
+const NOT_FILLED: usize = 0;
+
 /// The vehicle's side of MAVLink for the declaration `D`, on `LINKS` links. It derefs to the struct of the
 /// [declaration](macro@crate::Stack), whose fields are services. It contains all its memory. [The crate's page](crate) shows the loop that calls it.
 ///
@@ -250,7 +253,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             let len = if rest.is_empty() { 0 } else { decoder.push(rest, time) };
             taken = taken.saturating_add(len);
             // Even if nothing was pushed: the buffer may be full of bytes from an earlier call, whose budget was used up.
-            self.handle_received(now, link, vehicle, allowance);
+            self.handle_received(now, link, NOT_FILLED, vehicle, allowance);
             if len == 0 || taken >= bytes.len() {
                 return taken;
             }
@@ -269,8 +272,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// in them, up to the budget of one poll.
     pub fn received(&mut self, now: Instant, link: LinkId, len: usize, vehicle: &mut D::Vehicle) {
         let mut allowance = self.shared.config.budget.allowance();
-        self.fill_decoder(now, link, len);
-        self.handle_received(now, link, vehicle, &mut allowance);
+        self.handle_received(now, link, len, vehicle, &mut allowance);
     }
 
     /// Returns the bytes to be sent next on a link, at most the rest of one frame; then call
@@ -468,23 +470,24 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.links.get_mut(usize::from(link.0))
     }
 
-    /// Records that the first `len` bytes of the decoder's free space were received.
-    fn fill_decoder(&mut self, now: Instant, link: LinkId, len: usize) {
-        if len > 0 && self.shared.is_begun() {
-            let time = self.enter(now);
-            if let Some(link) = self.link_mut(link) {
-                link.decoder.filled(len, time);
-            }
-        }
-    }
-
-    /// Handles the frames in the decoder, as far as the allowance permits.
-    fn handle_received(&mut self, now: Instant, link: LinkId, vehicle: &mut D::Vehicle, allowance: &mut Allowance) {
+    /// Handles the frames in the decoder, as far as the allowance permits. `filled`: the number of bytes that were just
+    /// received into its free space.
+    fn handle_received(
+        &mut self,
+        now: Instant,
+        link: LinkId,
+        filled: usize,
+        vehicle: &mut D::Vehicle,
+        allowance: &mut Allowance,
+    ) {
         let index = usize::from(link.0);
         let (mut cx, services, links, states) = split!(&mut *self, now, vehicle);
         let (Some(link_state), Some(state)) = (links.get_mut(index), states.get_mut(index)) else { return };
         if !cx.shared.is_begun() {
             return;
+        }
+        if filled > 0 {
+            link_state.decoder.filled(filled, cx.now);
         }
         if let Some(OwnFrame { seq, checksum }) = services.drain(&mut cx, link_state, state, allowance) {
             // Another vehicle has our address if no link can have sent the frame, and it is not the first such frame (H-14).

@@ -138,6 +138,14 @@ impl Window {
         self.wanted = self.start.wrapping_add(1);
     }
 
+    /// Consumes and returns the candidate's first `len` bytes.
+    #[inline(always)]
+    fn take<'a>(&mut self, buffer: &'a [u8; BUFFER_LEN], len: usize) -> Option<&'a [u8]> {
+        let start = index(self.start);
+        self.consume(len);
+        buffer.get(start..index(self.start))
+    }
+
     /// Defers the next examination until the candidate has `len` bytes.
     #[inline(always)]
     fn want(&mut self, len: usize) {
@@ -380,8 +388,7 @@ impl Decoder {
     ) -> Option<Frame<'_>> {
         let (extent, info) = self.search(now, messages, budget, is_known, verifies)?;
         increment(if info.is_some() { &mut self.counters.frames } else { &mut self.counters.unchecked });
-        let raw = self.window.candidate(&self.buffer)?.get(..extent.len)?;
-        self.window.consume(extent.len);
+        let raw = self.window.take(&self.buffer, extent.len)?;
         let payload = raw.get(extent.header_len..extent.payload_end)?;
         Some(Frame { header: Header::parse(raw)?, payload, raw, info })
     }
@@ -544,14 +551,14 @@ fn examine(candidate: &[u8], messages: MessageTable, least_component: u8) -> Ver
 
 /// Looks for evidence that a candidate with an unknown id is a frame: a valid signature (SEC-5), or a known source and
 /// a start byte behind the frame.
-#[inline]
+#[inline(always)]
 fn weigh(
     candidate: &[u8],
     extent: Extent,
     is_known: impl Fn(Address) -> bool,
     verifies: impl FnOnce(&[u8]) -> bool,
 ) -> Evidence {
-    let Some(header) = Header::parse(candidate) else { return Evidence::Reject };
+    let Some(header) = Header::parse(candidate) else { return Evidence::Undecided };
     if cfg!(feature = "signing") && header.is_signed() && candidate.get(..extent.len).is_some_and(verifies) {
         return Evidence::Accept;
     }

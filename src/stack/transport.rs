@@ -2,7 +2,7 @@
 
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
-use super::{Declares, Stack};
+use super::{Declares, NOT_FILLED, Stack};
 use crate::frame::cost_of_sending;
 use crate::link::{Link, LinkCounters, LinkError, Transport};
 use crate::service::command::CommandService;
@@ -64,8 +64,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
                 Ok(0) => break Err(LinkError::Closed),
                 Ok(len) => {
                     left = left.saturating_sub(len);
-                    self.fill_decoder(now, link, len);
-                    self.handle_received(now, link, vehicle, allowance);
+                    self.handle_received(now, link, len, vehicle, allowance);
                 }
                 // Reception continues (S-20).
                 Err(error) => {
@@ -77,7 +76,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             }
         };
         // Bytes in the decoder from before: they wait for silence, or for more budget.
-        self.handle_received(now, link, vehicle, allowance);
+        self.handle_received(now, link, NOT_FILLED, vehicle, allowance);
         result
     }
 
