@@ -5,12 +5,12 @@
 //! | [`porting`] | from a bare board to a vehicle that ground stations detect: UARTs, clock, pulse, flight in a task of its own, flash |
 //! | [`storage`](mod@storage) | choosing a region, where the erases run, wear, recipes for families of flash |
 //! | [`ground_stations`] | connecting to the demo vehicle; quirks of each client |
-//! | [`rc_over_mavlink`] | ExpressLRS and mLRS: wiring, settings, who holds the sticks, loss of the transmitter |
-//! | [`features`] | what is supported, service by service |
+//! | [`rc_over_mavlink`] | ExpressLRS and mLRS: wiring, settings, arbitration of the sticks, loss of the transmitter |
+//! | [`features`] | supported features, service by service |
 //! | [`sizing`] | flash and RAM, option by option |
 //! | [`figures`] | targets and results: speed, work, stack, bad lines, coverage |
 //! | [`architecture`] | on one page |
-//! | [`safety`] | claims and evidence, what your firmware must do, the limits |
+//! | [`safety`] | claims and evidence, duties of your firmware, limits |
 //! | [`conformance`] | each rule of behaviour: where it is implemented, which tests prove it |
 //! | [`coming_from`] | rust-mavlink, mavio, the C library: what you wrote there, what you write here |
 

@@ -111,11 +111,12 @@
 //! | [`LogStreaming`] | with [`logs::LogStreamer`] | streams the running log |
 //! | [`CommandClient`] | with `command_client` | makes its own commands to other components |
 //! | [`Camera`] | with [`camera::CameraControl`] | takes images, records video |
-//! | [`HealthChecks`] | with `checks` in `events` | what prevents arming |
+//! | [`HealthChecks`] | with `checks` in `events` | the reasons that prevent arming |
 //! | [`ExtParameters`] | with [`ext_parameters::ExtParamServer`] | has the extended parameters |
 //! | [`ParamBackend`] | instead of `Parameters`, if they live elsewhere | has the parameters |
 //!
-//! [`#[stack]`](macro@Stack) lists all entries of a declaration. What a firmware does not declare takes neither flash nor RAM. Hooks get a
+//! [`#[stack]`](macro@Stack) lists all entries of a declaration. Services that a firmware does not declare take neither
+//! flash nor RAM. Hooks get a
 //! [`Context`]: it has the time, the live plans and the parameters, and it queues texts and events and announces messages.
 //!
 //! # The transport
@@ -126,11 +127,11 @@
 //!
 //! # Guides
 //!
-//! - [Porting](guides::porting): from a UART and a clock to a vehicle that a ground station flies, step by step, and which HAL needs
-//!   what.
+//! - [Porting](guides::porting): from a UART and a clock to a vehicle that a ground station flies, step by step, and
+//!   the needs of each HAL.
 //! - [Storage](guides::storage): choosing a region, where the erases run, wear, and recipes for families of flash.
 //! - [Ground stations](guides::ground_stations): connecting them to the demo vehicle, and the quirks of each.
-//! - [Features](guides::features): what is supported, service by service.
+//! - [Features](guides::features): supported features, service by service.
 //! - [Sizing](guides::sizing): bytes of flash and RAM, option by option; [figures](guides::figures): speed, work, stack, bad lines.
 //! - [Coming from rust-mavlink, mavio or the C library](guides::coming_from): what you wrote there, what you write here.
 //! - [Architecture](guides::architecture) on one page, [what is proven and what is not](guides::safety), and
@@ -139,7 +140,7 @@
 //! # Guarantees
 //!
 //! - No `unsafe`, no allocation, no recursion. Received bytes cannot cause a panic.
-//! - [`poll_link`](Stack::poll_link) calls only what the transport says will not block, and stays within its
+//! - [`poll_link`](Stack::poll_link) calls the transport only when it will not block, and stays within its
 //!   [budget](config::PollBudget).
 //! - A request that is carried out is answered: a full transmit buffer delays the answer, and never loses it. A request is dropped
 //!   unexecuted, and counted, when there is no memory for its answer.
@@ -258,8 +259,8 @@ pub use frame::Frame;
 /// stack.poll(Instant::ZERO, &mut Quadrotor);
 /// ```
 ///
-/// The stack itself is [`StackOf<Mavlink>`](StackOf), which has the methods. What is not declared is not linked and takes no memory, and
-/// its hook need not be implemented.
+/// The stack itself is [`StackOf<Mavlink>`](StackOf), which has the methods. A service that is not declared is not
+/// linked and takes no memory, and its hook need not be implemented.
 ///
 /// The attribute names the parts of the stack that other parts rely on. The fields of the struct are its other services: those of the
 /// library that are listed below, those of other crates (`traffic: Traffic<16>`), and the firmware's own; see [`service`]. A stack derefs
@@ -268,7 +269,7 @@ pub use frame::Frame;
 /// The vehicle must be as visible as the struct: a `pub struct Mavlink` needs a `pub struct Rover`, or the compiler reports a private
 /// type in a public interface (E0446). A mistake is reported at its entry or field, also by `cargo check`.
 ///
-/// | entry | what it declares | by default | hook |
+/// | entry | declares | by default | hook |
 /// |---|---|---|---|
 /// | `vehicle: T` | the type that implements the hooks | must be given | [`Vehicle`], [`Commands`] |
 /// | `links: N` | links, 1 to 16 | must be given | |
@@ -294,13 +295,13 @@ pub use frame::Frame;
 /// | `texts: N` | pending texts; 0 for no texts at all | 4 | |
 /// | `crate: path` | the path of this crate, if the firmware has renamed it | `::mavstack` | |
 ///
-/// | type of a field | what it is | hook |
+/// | type of a field | service | hook |
 /// |---|---|---|
 /// | [`clock::Time`] | PING and TIMESYNC | |
 /// | [`setpoints::Setpoints`] | setpoints of a companion computer | |
 /// | [`camera::CameraControl`]`<[Image; N]>` | a camera that remembers the last `N` images (48 bytes each) | [`Camera`] |
 /// | [`ext_parameters::ExtParamServer`] | extended parameters, such as a camera's settings | [`ExtParameters`] |
-/// | [`gimbal::ManagerService`] | a gimbal manager: who points the gimbal, and where | [`GimbalManager`] |
+/// | [`gimbal::ManagerService`] | a gimbal manager: decides which component points the gimbal | [`GimbalManager`] |
 /// | [`gimbal::DeviceService`] | a gimbal device: the gimbal itself | [`GimbalDevice`] |
 /// | [`high_latency::HighLatency`] | HIGH_LATENCY2 on a satellite link | |
 /// | [`logs::LogStreamer`] | the running log, streamed in flight | [`LogStreaming`] |
@@ -368,7 +369,7 @@ pub mod prelude {
     };
 }
 
-/// What [`Config`] and [`LinkConfig`] consist of.
+/// The parts of [`Config`] and [`LinkConfig`].
 pub mod config {
     pub use crate::types::{Identity, LinkClass, PollBudget, StreamProfile, TxVersion, VehicleAddress};
 }
@@ -404,7 +405,7 @@ pub mod param {
     };
 }
 
-/// Message signing: the key, and what each link accepts.
+/// Message signing: the key, and the frames that each link accepts.
 #[cfg(feature = "signing")]
 pub mod signing {
     pub use crate::frame::SigningKey;
@@ -442,7 +443,7 @@ pub mod camera {
     pub use crate::service::camera::{CameraControl, CameraCounters, CameraOrder, Image, Shot};
 }
 
-/// Events: what has happened, and the checks before arming. [`events!`](crate::events!) declares them, and
+/// Events, and the checks before arming. [`events!`](crate::events!) declares them, and
 /// [`Context::event`] and [`Stack::event`] send them. [`HealthChecks`] has the hooks of the checks.
 pub mod events {
     pub use crate::service::events::{
@@ -456,7 +457,7 @@ pub mod ext_parameters {
     pub use crate::service::ext_parameters::{ExtParamServer, ExtValue};
 }
 
-/// Gimbals: who points one, and what it is to do. [`GimbalManager`] and [`GimbalDevice`] have the hooks.
+/// Gimbals: control of a gimbal, and setpoints for it. [`GimbalManager`] and [`GimbalDevice`] have the hooks.
 pub mod gimbal {
     pub use crate::service::gimbal::{
         Axes, DeviceCounters, DeviceService, DeviceSetpoint, GimbalControl, GimbalSetpoint, GimbalTarget,

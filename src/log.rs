@@ -61,7 +61,7 @@ pub trait Counters {
         counter("drops", self.drops());
     }
 
-    /// Returns the sum of the counters of what was dropped. Wraps.
+    /// Returns the sum of the drop counters. Wraps.
     fn drops(&self) -> u32;
 
     /// Logs all counters; by default their name and their sum.

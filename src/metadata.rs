@@ -82,7 +82,7 @@ const VERSION: u8 = 1;
 /// A file that the general file names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MetadataFile<'a> {
-    /// What it describes.
+    /// The subject of the file, such as the parameters.
     pub r#type: CompMetadataType,
     /// Where it is.
     pub uri: &'a str,

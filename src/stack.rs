@@ -59,7 +59,7 @@ const NOT_FILLED: usize = 0;
 ///   bytes ─▶ Decoder ─▶ Frame ─▶ signature ─▶ routing ─▶ address ─▶ Service::on_frame, on_command ─▶ state
 ///   bytes ◀─ Outbox ◀─ one frame ◀─ Service::send ◀─ for each turn, Service::pending ◀────────────────┘
 /// ```
-// In this order, the largest last: it takes less code to reach what is near the start of a `static`.
+// In this order, the largest last: it takes less code to reach fields near the start of a `static`.
 #[repr(C)]
 pub struct Stack<D: Declares, const LINKS: usize> {
     shared: Shared,
@@ -97,7 +97,8 @@ impl<D: Declares, const LINKS: usize> core::ops::DerefMut for Stack<D, LINKS> {
     }
 }
 
-/// Splits the stack into what a call uses at `now` of the firmware's clock: the data that services share, the services, the links and their states.
+/// Splits the stack at `now` of the firmware's clock into the data that services share, the services, the links and
+/// their states.
 macro_rules! split {
     ($stack:expr, $now:expr, $vehicle:expr) => {{
         let stack = $stack;
@@ -184,10 +185,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.parameters.begin();
     }
 
-    /// Leaves out the other components of the firmware until the next start: none of them sends, and what is sent to them is handled as
-    /// for an absent component. The gimbal manager of a component and its capability are left out too. Call it after
-    /// [`begin`](Self::begin) and before anything else, if [`Components::OPTIONAL`](crate::Components::OPTIONAL) is true: by default it
-    /// does nothing.
+    /// Leaves out the other components of the firmware until the next start: none of them sends, and frames for them
+    /// are handled as for an absent component. The gimbal manager of a component and its capability are left out too.
+    /// Call it after [`begin`](Self::begin) and before anything else, if
+    /// [`Components::OPTIONAL`](crate::Components::OPTIONAL) is true: by default it does nothing.
     pub fn leave_out_components(&mut self) {
         let shared = &mut self.shared;
         shared.is_alone = D::HAS_OPTIONAL_COMPONENTS;
@@ -330,7 +331,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.texts.view_mut().push(now, self.shared.normal, severity, text.as_ref());
     }
 
-    /// Returns the oldest text of the queue that was queued after the text with this number, with its own number; 0 is before the first.
+    /// Returns the next text after the one with this number, and its number. Start with 0.
     /// The queue keeps sent texts, its own and the vehicle's, until others need their place. For a vehicle that records them in its log:
     ///
     /// ```
@@ -359,8 +360,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Calls `work` with the context that the vehicle's hooks get, at the time `now`. Use it in a flight loop that
-    /// shares code with the hooks, and in tests that call hooks. The next [`poll`](Self::poll) takes up what is
-    /// announced or reported in it.
+    /// shares code with the hooks, and in tests that call hooks. The next [`poll`](Self::poll) takes up the
+    /// messages that it announces and the events that it reports.
     pub fn with_context<R>(&mut self, now: Instant, work: impl FnOnce(&mut Context<'_>) -> R) -> R {
         let now = self.enter(now);
         let Self { shared, texts, requests, events, plans, parameters, services, .. } = self;
@@ -371,9 +372,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         work(&mut context)
     }
 
-    /// Calls `work` with the services of the declaration's struct, and with what they need to call the vehicle's hooks, at the time
-    /// `now`: for a service whose methods take a [`Cx`], such as [`ManagerService::point`](crate::gimbal::ManagerService::point). The
-    /// next [`poll`](Self::poll) takes up what they leave pending.
+    /// Calls `work` with the services of the declaration's struct, and with the [`Cx`] that their methods take, at the
+    /// time `now`: for a service whose methods take a [`Cx`], such as
+    /// [`ManagerService::point`](crate::gimbal::ManagerService::point). The next [`poll`](Self::poll) takes up the work
+    /// that they leave pending.
     pub fn with_services<R>(
         &mut self,
         now: Instant,
@@ -399,7 +401,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.texts.view().dropped()
     }
 
-    /// Returns the counters of answers of the vehicle's hooks that promised what did not happen.
+    /// Returns the counters of broken promises of the vehicle's hooks.
     pub fn hook_faults(&self) -> HookFaults {
         self.shared.faults
     }
@@ -420,9 +422,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         return Instant::NEVER;
     }
 
-    /// Returns when a link must be served again even if no byte is received on any: as [`next_deadline`](Self::next_deadline),
-    /// without what only concerns other links or storage. For firmware with a task for each link, and one for storage: none
-    /// is woken for the work of another. [`poll`](Self::poll) the stack then, too.
+    /// Returns when a link must be served again even if no byte is received on any: as
+    /// [`next_deadline`](Self::next_deadline), without deadlines of other links and of storage. For firmware with a
+    /// task for each link, and one for storage: none is woken for the work of another. [`poll`](Self::poll) the stack
+    /// then, too.
     pub fn link_deadline(&self, now: Instant, link: LinkId) -> Instant {
         self.earliest(now, usize::from(link.0), 1, Instant::NEVER)
     }

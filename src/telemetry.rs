@@ -16,7 +16,7 @@
 //!   reports 70 V as 65,534 mV, because 65,535 means "unknown".
 //! - Angles are in radians. Any angle is accepted, and is wrapped to the field's range.
 //!
-//! Struct update adds what is not measured, such as the type of a battery or the health of sensors:
+//! Struct update adds the fields that are not measured, such as the type of a battery or the health of sensors:
 //!
 //! ```
 //! use mavstack::dialect::{BatteryStatus, MavBatteryType};
@@ -128,7 +128,7 @@ impl Motion {
     }
 }
 
-/// What a GNSS receiver reports: for GPS_RAW_INT.
+/// The solution of a GNSS receiver: for GPS_RAW_INT.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct GpsFix {
@@ -247,8 +247,8 @@ impl Battery<'_> {
 
     /// Returns BATTERY_STATUS of battery 0. Its function, type and state of charge are unknown.
     ///
-    /// Without [`cells`](Self::cells), the voltage of the battery is sent as that of the first cell. What exceeds 65.534 V is
-    /// sent as the voltages of the next cells, as the definitions require.
+    /// Without [`cells`](Self::cells), the voltage of the battery is sent as that of the first cell. The part above
+    /// 65.534 V is sent as the voltages of the next cells, as the definitions require.
     pub fn battery_status(&self) -> BatteryStatus {
         let BatteryStatus { mut voltages, mut voltages_ext, .. } = BatteryStatus::UNKNOWN;
         if self.cells.is_empty() {

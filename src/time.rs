@@ -355,7 +355,7 @@ impl Clock {
         self.lead
     }
 
-    /// Returns what the other clock shows at `time`.
+    /// Returns the time of the other clock at `time`.
     pub(crate) const fn shown(&self, time: Instant) -> Instant {
         if time.0 == Instant::NEVER.0 { time } else { Instant(time.0.saturating_sub(self.lead.0)) }
     }

@@ -1,7 +1,8 @@
 //! Signatures of frames: signing and verifying.
 //!
 //! Implements the signature of <https://mavlink.io/en/guide/message_signing.html>, rules G-1 to G-3 and G-7, and SEC-7.
-//! [`Signing`](crate::signing::Signing) decides whether a signed frame is a replay, and what happens to unsigned frames.
+//! [`Signing`](crate::signing::Signing) decides whether a signed frame is a replay, and whether unsigned frames are
+//! accepted.
 //!
 //! SHA-256 is from the crate `sha2`. Its compact implementation has a third of the size and is somewhat slower. Only
 //! the firmware can select it: add `--cfg sha2_backend_soft="compact"` to the `rustflags` in its `.cargo/config.toml`.

@@ -346,7 +346,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.receive(now, link, &[], vehicle);
         let (is_new, retry_at) = self.transmit_state(link)?;
         if is_new {
-            // What is left of a frame from before the link was opened again must not precede the HEARTBEAT (H-17).
+            // The rest of a frame from before the link was opened again must not precede the HEARTBEAT (H-17).
             transmitter.put(&[]);
         }
         let fault = transmitter.fault.take();

@@ -2,7 +2,7 @@
 //! tasks, and adapters for HALs that do not implement the four traits that [`Stack::poll_link`](crate::Stack::poll_link) needs.
 //! For UDP: [`UdpLinks`], a link for each ground station that sends to a socket.
 //!
-//! | what the HAL provides | what to pass to the stack |
+//! | HAL provides | pass to the stack |
 //! |---|---|
 //! | `Read + Write + ReadReady + WriteReady` of `embedded-io` 0.7, and a FIFO for the bytes between two polls | the HAL's UART |
 //! | interrupts, in any form | a [`LoopEnd`] of [`SerialQueues`] |

@@ -61,7 +61,7 @@ mod tests {
     use embedded_io::{Read, ReadReady, Write, WriteReady};
     use std::vec::Vec;
 
-    /// A UART that receives what it has sent, and fails when there is nothing to read.
+    /// A UART that receives the bytes that it has sent, and fails when there is nothing to read.
     #[derive(Default)]
     struct Loopback(Vec<u8>);
 

@@ -49,17 +49,18 @@ impl Bucket {
         i64::from(bytes).wrapping_mul(Self::SCALE)
     }
 
-    /// Returns what the link transmits in 20 ms.
+    /// Returns the number of bytes that the link transmits in 20 ms.
     fn short(&self) -> i64 {
         self.flown(u64::from(Self::SHORT))
     }
 
-    /// Returns what the link transmits in this many µs, at most ten seconds: a product of two u32 needs no check.
+    /// Returns the number of bytes that the link transmits in this many µs, at most ten seconds: a product of two u32
+    /// needs no check.
     fn flown(&self, micros: u64) -> i64 {
         micros.wrapping_mul(u64::from(self.rate)).cast_signed()
     }
 
-    /// Subtracts what the link transmitted since the last call.
+    /// Subtracts the bytes that the link transmitted since the last call.
     pub(crate) fn drain(&mut self, now: Instant) {
         // Ten seconds empty any bucket.
         let elapsed = (now - self.looked).as_micros().min(10_000_000);

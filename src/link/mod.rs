@@ -20,8 +20,8 @@ use crate::time::{Duration, Instant};
 use crate::types::{Config, Firmware, LinkClass, LinkConfig, LinkFacts, LinkId, TxVersion};
 
 counters! {
-    /// Counters of sent and dropped frames on a link. They wrap. [`RxCounters`](crate::frame::RxCounters) counts what the decoder
-    /// dropped.
+    /// Counters of sent and dropped frames on a link. They wrap. [`RxCounters`](crate::frame::RxCounters) counts the
+    /// frames that the decoder dropped.
     LinkCounters {
         /// Frames sent.
         count tx_frames,

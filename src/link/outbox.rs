@@ -139,7 +139,7 @@ impl Outbox {
         self.version = version;
     }
 
-    /// Sets the class of the link, which determines what may be sent from the next frame on.
+    /// Sets the class of the link, which determines the messages that may be sent from the next frame on.
     pub(crate) const fn set_class(&mut self, class: LinkClass) {
         self.class = class;
     }
@@ -455,7 +455,7 @@ mod tests {
 
     #[test]
     fn only_allowed_messages_are_sent_by_satellite() {
-        // L-2, L-4: this includes what a service sends by mistake.
+        // L-2, L-4: this includes messages that a service sends by mistake.
         let mut outbox = Outbox::VACANT;
         outbox.configure(LinkId(3), Address::new(1, 1), Version::V2);
         outbox.set_class(LinkClass::HighLatency);

@@ -230,8 +230,8 @@ fn is_command(id: u32) -> bool {
 /// ## Routing loops and duplicates
 ///
 /// **Routing loops are broken.** A forwarded frame is remembered for 0.8 s; during that time its duplicates are neither
-/// forwarded nor handled. So the stack sends a frame at most once on each link, and once more if it had refused
-/// the frame the first time.
+/// forwarded nor handled. So the stack sends a frame at most once on each link, and a second time if it had
+/// refused the frame the first time.
 ///
 /// | topology, links of 57,600 bit/s with a delay of up to 40 ms | result |
 /// |---|---|
@@ -272,7 +272,7 @@ impl<const LINKS: usize, const BYTES: usize, const SEEN: usize> ForwardQueues<LI
                 Ring::holds(BYTES, MAX_FRAME_LEN),
                 "a queue must hold the longest frame: 286 bytes, as in `forwarding: {{ bytes: 512 }}`"
             );
-            assert!(SEEN > 0, "what was forwarded must be remembered: `forwarding: {{ seen: 256 }}`");
+            assert!(SEEN > 0, "forwarded frames must be remembered: `forwarding: {{ seen: 256 }}`");
             assert!(
                 LINKS > 1 && LINKS <= crate::types::MAX_LINKS,
                 "frames pass between 2 to 16 links: with one link, leave `forwarding` out"

@@ -9,9 +9,9 @@
 //!                      └─▶ camera (100)
 //! ```
 //!
-//! A service may be such a component: [`Service::COMPONENT`]. What no service handles goes to the vehicle's hook. A command of
-//! the firmware's own [client](crate::CommandClient) to one of them is carried out in [`Stack::poll`](crate::Stack::poll), and
-//! leaves the firmware on no link.
+//! A service may be such a component: [`Service::COMPONENT`]. Messages and commands that no service handles go to the
+//! vehicle's hook. A command of the firmware's own [client](crate::CommandClient) to one of them is carried out in
+//! [`Stack::poll`](crate::Stack::poll), and leaves the firmware on no link.
 
 use super::{About, Cx, Part, Request, Service, Turn, Verdict, View};
 use crate::dialect::{Heartbeat, MavAutopilot, MavCmd, MavModeFlag, MavResult, MavState};

@@ -1,4 +1,4 @@
-//! What a call of a service uses, besides the service itself and its link.
+//! The data that a call of a service uses, besides the service itself and its link.
 
 use super::Firmware;
 use crate::dialect::MavSeverity;
@@ -145,7 +145,7 @@ pub struct Cx<'a, F: Firmware> {
 }
 
 impl<F: Firmware> Cx<'_, F> {
-    /// Returns what can be seen without the vehicle.
+    /// Returns the part that needs no vehicle.
     #[inline(always)]
     pub(crate) fn view(&self) -> View<'_> {
         View {

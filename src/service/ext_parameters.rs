@@ -219,7 +219,7 @@ pub struct ExtParamServer {
     answers: [Answer; SLOTS],
 }
 
-/// What the server sends.
+/// A frame that the server sends.
 #[derive(Clone, Copy, Debug)]
 pub enum ExtParamReply {
     /// PARAM_EXT_ACK, by its place among the answers.
@@ -320,7 +320,7 @@ fn count<V: ExtParameters>(vehicle: &V) -> u16 {
 /// A name, with zeros after it.
 type Name = [u8; 16];
 
-/// Returns a name as it is compared: what follows the NUL is no part of it (S-18).
+/// Returns a name as it is compared: without the bytes from the first NUL on (S-18).
 fn name_of(bytes: &[u8]) -> Name {
     let mut name = [0; 16];
     for (to, from) in name.iter_mut().zip(bytes.iter().take_while(|byte| **byte != 0)) {

@@ -37,8 +37,8 @@ impl Heartbeats {
         self.notice(cx, state);
     }
 
-    /// Looks at what decides whether a link sends a heartbeat: the pulse, the state after a command, and what other services
-    /// request. The stack calls it before it asks for the link's next frame.
+    /// Decides whether a link may send a heartbeat: by the pulse, the state after a command, and requests of other
+    /// services. The stack calls it before it asks for the link's next frame.
     pub(crate) fn prepare<F: Firmware<Vehicle: Vehicle>>(
         &mut self,
         cx: &mut Cx<'_, F>,

@@ -1,21 +1,21 @@
-//! Lists of services, and what the stack does with each of a list.
+//! Lists of services, and visitors for the services of a list.
 
 use super::{About, Service};
 use crate::types::Firmware;
 
-/// What the stack does with each service of a list, by turns.
+/// A visitor that acts on each service, and its state on a link, until one ends it.
 pub trait Visit<F: Firmware> {
     /// Visits a service with its state on a link. Returns true to visit no more.
     fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool;
 }
 
-/// What the stack asks of each service and its state on a link.
+/// A visitor that reads each service and its state on a link.
 pub trait Look<F: Firmware> {
     /// Looks at a service and its state on a link.
     fn look<S: Service<F>>(&mut self, service: &S, link: &S::Link);
 }
 
-/// What the stack does with each service, with its states on all links.
+/// A visitor that acts on each service, with its states on all links.
 pub trait VisitAll<F: Firmware> {
     /// Visits a service with its states on all links, in order.
     fn visit<'l, S: Service<F>>(&mut self, service: &mut S, links: impl Iterator<Item = &'l mut S::Link>)
@@ -23,7 +23,7 @@ pub trait VisitAll<F: Firmware> {
         S::Link: 'l;
 }
 
-/// What the stack asks of each service.
+/// A visitor that reads each service.
 pub trait LookAll<F: Firmware> {
     /// Looks at a service.
     fn look<S: Service<F>>(&mut self, service: &S);
@@ -40,7 +40,7 @@ pub trait ServiceList<F: Firmware>: Sized {
     /// The initial states on a link.
     const VACANT: Self::Links;
 
-    /// What the stack must know about each.
+    /// The compile-time facts about each.
     const ABOUT: &'static [About];
 
     /// Visits the services until one ends it. Returns whether one did.

@@ -141,7 +141,7 @@ pub trait Service<F: Firmware>: Sized {
     /// The initial state on a link, as [`NEW`](Self::NEW).
     const VACANT: Self::Link;
 
-    /// What the stack must know about the service at compile time.
+    /// The compile-time facts about the service.
     const ABOUT: About = About::AUTOPILOT;
 
     /// Fails to compile if the sizes of the service, or the constants of its hooks, are wrong.
@@ -190,25 +190,26 @@ pub trait Service<F: Firmware>: Sized {
         None
     }
 
-    /// What the service has to send: an enum with a name for each kind of frame.
+    /// A frame that the service sends: an enum with a name for each kind.
     type Reply;
 
-    /// Returns what is pending in this turn, which is one of [`ABOUT`](Self::ABOUT)'s, and when it is due: [`View::now`] or an earlier
-    /// time for what is due at once, `None` or [`Instant::NEVER`] for nothing. It changes nothing, and is called often.
+    /// Returns the frame that is pending in this turn, which is one of [`ABOUT`](Self::ABOUT)'s, and when it is due:
+    /// [`View::now`] or an earlier time if it is due at once, `None` or [`Instant::NEVER`] if none is. It changes
+    /// nothing, and is called often.
     fn pending(&self, view: &View<'_>, port: &Port, link: &Self::Link, turn: Turn) -> Option<(Instant, Self::Reply)> {
         let _ = (view, port, link, turn);
         None
     }
 
-    /// Puts what [`pending`](Self::pending) has returned into the link's outbox, which is empty. If the vehicle cannot give it, it
-    /// returns false, and changes the state so that the same is not pending at once: a firmware that sleeps until
-    /// [`next_deadline`](crate::Stack::next_deadline) would never sleep.
+    /// Puts the frame that [`pending`](Self::pending) has returned into the link's outbox, which is empty. If the
+    /// vehicle cannot give it, it returns false, and changes the state so that the same is not pending at once: a
+    /// firmware that sleeps until [`next_deadline`](crate::Stack::next_deadline) would never sleep.
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Self::Link, reply: Self::Reply) -> bool {
         let _ = (cx, port, link, reply);
         false
     }
 
-    /// Learns what has happened, also while the service's component is left out. Most services need none of it.
+    /// Handles an event of the stack, also while the service's component is left out. Most services ignore all of them.
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         let _ = event;
     }
@@ -219,7 +220,7 @@ pub trait Service<F: Firmware>: Sized {
     }
 }
 
-/// What the stack must know about a service at compile time.
+/// Compile-time facts about a service.
 #[derive(Clone, Copy, Debug)]
 pub struct About {
     /// The places of the service in the sending order of a link.
@@ -284,7 +285,7 @@ impl Part {
     }
 }
 
-/// What services learn besides frames and commands. `L` is the state of the service on a link.
+/// An event for services, besides frames and commands. `L` is the state of the service on a link.
 #[derive(Debug)]
 pub enum StackEvent<'a, L> {
     /// The stack begins: sets the initial values that are not zero bits.
@@ -298,15 +299,15 @@ pub enum StackEvent<'a, L> {
         /// The sender.
         from: Peer,
     },
-    /// Another system is in control, besides our own: what others have sent ends.
+    /// Another system is in control, besides our own: setpoints and settings of others end.
     NewOwner {
         /// The vehicle's system.
         own: SystemId,
         /// The system in control.
         owner: SystemId,
     },
-    /// The firmware's clock was set back by a second or more, and the stack's is ahead of it by this time from now on. What the
-    /// service has stored by the firmware's clock, instead of the stack's, is no longer of use.
+    /// The firmware's clock was set back by a second or more, and the stack's is ahead of it by this time from
+    /// now on. Times that the service has stored by the firmware's clock, instead of the stack's, are void.
     ClockSetBack(Duration),
     /// Any service has put a frame into the link's outbox.
     Sent(&'a Port, &'a mut L),

@@ -176,11 +176,12 @@ pub trait Modes: Vehicle {
     /// only answer, so IN_PROGRESS is answered FAILED. A request for the current mode must do no harm (C-11).
     ///
     /// ACCEPTED means that [`Vehicle::state`] reports the mode within a second (C-18). Refuse a mode that the vehicle
-    /// cannot enter now, such as "land" on the ground: a ground station that is told ACCEPTED waits for the mode. The
+    /// cannot enter now, such as "land" on the ground: after ACCEPTED a ground station waits for the mode. The
     /// stack counts an accepted mode that is not reported
     /// ([`HookFaults::unreported_modes`](crate::command::HookFaults::unreported_modes)), and reports it by a text.
     ///
-    /// Decide on what has arrived: [`Vehicle::control_input`] gets sticks and setpoints before this is called (C-17).
+    /// Base the decision on input that was received: [`Vehicle::control_input`] gets sticks and setpoints before this
+    /// is called (C-17).
     ///
     /// The stack has DENIED invalid requests before: a number or a standard mode that is not in the table, NaN, a
     /// fraction, flags without [`CUSTOM_MODE_ENABLED`](MavModeFlag::CUSTOM_MODE_ENABLED). The armed flag is ignored, as
@@ -280,7 +281,7 @@ impl ModeService {
         (link.current, link.changes, link.pairs) = (false, self.changes, pairs(port));
     }
 
-    /// Has the vehicle enter a mode. What it accepts, it must report (C-18).
+    /// Asks the vehicle to enter a mode. The vehicle must report a mode that it accepts (C-18).
     fn enter<F: Firmware<Vehicle: Modes>>(
         &mut self,
         cx: &mut Cx<'_, F>,

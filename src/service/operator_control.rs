@@ -83,8 +83,8 @@ counters! {
 ///   nobody ──────▶ owned by a ground station ─── request ──▶ is takeover allowed?
 ///      ▲           │                     ▲                        │ no
 ///      └───────────┘                     └────────────────────────┘
-///        release, or its heartbeats        the request FAILED; the owner is told of it, and
-///        have stopped                      may release control or allow a takeover
+///        release, or its heartbeats        the request FAILED; the owner gets it, and may
+///        have stopped                      release control or allow a takeover
 /// ```
 ///
 /// While nobody is in control, every system controls the vehicle. Otherwise these do:
@@ -122,7 +122,7 @@ counters! {
 /// fn configure(stack: &mut StackOf<Mavlink>) {
 ///     let control = stack.operator_control_mut();
 ///     control.set_secondaries(&[message::SystemId::new(253)]);
-///     // A failsafe decides what happens when the owner is lost, not the next station.
+///     // When the owner is lost a failsafe decides, not the next station.
 ///     control.set_release_on_loss(false);
 /// }
 ///
@@ -345,7 +345,7 @@ impl ControlGate for OperatorControl {
             | SetPositionTargetGlobalInt::ID
             | SetAttitudeTarget::ID
             | SetActuatorControlTarget::ID => self.may_steer(own, system),
-            // Logs are erased by those who may command (LOG-7).
+            // Only systems that may command erase logs (LOG-7).
             CommandCancel::ID
             | LogErase::ID
             | MissionSetCurrent::ID

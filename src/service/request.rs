@@ -1,4 +1,4 @@
-//! What a service receives, and what it answers.
+//! Requests to a service, and its answers.
 
 use crate::dialect::{MavCmd, MavResult};
 use crate::frame::Frame;
@@ -19,7 +19,7 @@ pub struct Received<'a> {
     pub(crate) age: Option<Duration>,
 }
 
-/// What a service did with a frame.
+/// The fate of a frame that a service got.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Handled {
     /// The service does not handle its message.

@@ -15,7 +15,7 @@ use crate::types::{
     TextEntry, TextNumber,
 };
 
-/// What a service works with beside its own state, the vehicle and the parameters: two normal links, no plans.
+/// The data that a service uses besides its own state, the vehicle and the parameters: two normal links, no plans.
 #[derive(Debug)]
 pub(crate) struct Rest {
     pub(crate) shared: Shared,
@@ -52,7 +52,7 @@ impl Rest {
     }
 }
 
-/// Has a service send what is due in a turn, as the stack does. Returns false if nothing is.
+/// Makes a service send the frame that is due in a turn, as the stack does. Returns false if none is.
 pub(crate) fn offer<F: Firmware, S: Service<F>>(
     service: &mut S,
     cx: &mut Cx<'_, F>,

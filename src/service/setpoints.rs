@@ -2,11 +2,11 @@
 //!
 //! Implements <https://mavlink.io/en/services/offboard_control.html>: SET_POSITION_TARGET_LOCAL_NED,
 //! SET_POSITION_TARGET_GLOBAL_INT and SET_ATTITUDE_TARGET, rules J-6 to J-8. None of them is answered. The vehicle
-//! decides what it flies: it reads the setpoint in every pass of its loop, and gets `None` when there is no current
-//! one.
+//! decides which setpoints it follows: it reads the setpoint in every pass of its loop, and gets `None` when there is
+//! no current one.
 //!
 //! Left out: the echoes POSITION_TARGET_LOCAL_NED, POSITION_TARGET_GLOBAL_INT and ATTITUDE_TARGET, which the vehicle
-//! sends as streams, because only it knows what it flies; and setpoints for single actuators.
+//! sends as streams, because only it knows its targets; and setpoints for single actuators.
 //!
 //! [`Setpoints`] shows which sender is followed, and for how long.
 
@@ -109,7 +109,7 @@ counters! {
 ///             velocity: [Some(north), Some(east), _],
 ///             ..
 ///         }) => Some([north, east]),
-///         // Not what this rover drives. Like an expired setpoint, it ends the mode.
+///         // This rover cannot follow it. Like an expired setpoint, it ends the mode.
 ///         _ => None,
 ///     }
 /// }

@@ -63,7 +63,7 @@ impl StatusTexts {
             *cursor = TextCursor::at(entry.number);
         }
         let bytes = entry.text.as_bytes();
-        // MAVLink 1 has no chunks: send what fits, cut between code points.
+        // MAVLink 1 has no chunks: send the part that fits, cut between code points.
         let is_whole = tx.version() == Version::V1 || bytes.len() <= ONE_FRAME;
         let sent = if is_whole { 0 } else { cursor.sent.0 };
         let rest = bytes.get(usize::from(sent)..).unwrap_or_default();

@@ -33,7 +33,7 @@ macro_rules! turns {
             OperatorControl operator_control Room Normal "COMMAND_LONG that tells the owner of a request, CONTROL_STATUS" "while the link has room";
             Gimbal gimbal_manager Room Normal "GIMBAL_MANAGER_INFORMATION; GIMBAL_MANAGER_STATUS after a change; GIMBAL_DEVICE_SET_ATTITUDE, AUTOPILOT_STATE_FOR_GIMBAL_DEVICE, COMMAND_LONG to a gimbal device" "while the link has room";
             GimbalDevice gimbal_device Room Normal "GIMBAL_DEVICE_INFORMATION" "while the link has room";
-            Answer own Room Normal "what services of other crates answer" "while the link has room";
+            Answer own Room Normal "answers of services of other crates" "while the link has room";
             CurrentMode mode Room Normal "CURRENT_MODE, AVAILABLE_MODES_MONITOR" "while the link has room";
             MissionProgress mission Room Normal "MISSION_ITEM_REACHED, MISSION_CURRENT" "while the link has room";
             ModeList mode Room Normal "AVAILABLE_MODES" "while the link has room";
@@ -47,7 +47,7 @@ macro_rules! turns {
             GimbalStatus gimbal_manager Idle Normal "GIMBAL_MANAGER_STATUS" "while the link is idle";
             GimbalAttitude gimbal_device Idle Normal "GIMBAL_DEVICE_ATTITUDE_STATUS" "while the link is idle";
             Stream stream Idle Normal "streams" "while the link is idle";
-            Report own Idle Normal "what services of other crates send by themselves" "while the link is idle";
+            Report own Idle Normal "periodic messages of services of other crates" "while the link is idle";
             Forwarded forwarding Idle Every "forwarded frames" "while the link is idle";
             ParamList param Room Normal "the list of all parameters" "while the link has room, at 40 % of its rate";
             Bulk bulk Idle Normal "FILE_TRANSFER_PROTOCOL with data; LOG_ENTRY, LOG_DATA; LOGGING_DATA_ACKED, LOGGING_DATA" "while the link is idle";

@@ -5,7 +5,7 @@ use crate::log::Counters;
 use crate::service::ShowCounters;
 use crate::types::LinkId;
 
-/// A counter of the stack or of a service: what [`Stack::counters`](crate::Stack::counters) returns. It wraps.
+/// A counter of the stack or of a service, returned by [`Stack::counters`](crate::Stack::counters). It wraps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]

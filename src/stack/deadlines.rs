@@ -383,7 +383,7 @@ fn deadline_is_now_exactly_when_a_frame_is_sent() {
     });
     result.unwrap_or_else(|error| panic!("{error}"));
     for (turn, ..) in TABLE {
-        // No service here sends by itself what the library has no turn for.
+        // All messages that services send by themselves have a turn of the library.
         if *turn == Turn::Report || *turn == Turn::SigningText && cfg!(not(feature = "signing")) {
             continue;
         }

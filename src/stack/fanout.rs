@@ -1,4 +1,4 @@
-//! What each call of the stack does with the services.
+//! The calls of the stack, passed on to each service.
 
 use super::Declares;
 use super::services::{Services, States};
@@ -13,9 +13,9 @@ use crate::service::{
 use crate::time::{Duration, Instant};
 use crate::types::{Config, Firmware, Peer};
 
-/// Returns when bulk data may be sent in a turn. The files, logs and streamed logs of a link share 30 % of its rate, by turns, and
-/// what other traffic leaves (D-4, LOG-8, LOG-14). With a share for each of them, all together would leave streams nothing beside
-/// the list of parameters, which has 40 %.
+/// Returns when bulk data may be sent in a turn. The files, logs and streamed logs of a link take turns. They share 30
+/// % of its rate, and the rest that other traffic leaves (D-4, LOG-8, LOG-14). With a share for each of them, all
+/// together would leave streams nothing beside the list of parameters, which has 40 %.
 fn bulk_due(limit: &RateLimit, turn: Turn) -> Instant {
     if turn == Turn::LateBulk { limit.due() + MAX_LATENESS } else { Instant::ZERO }
 }
@@ -176,7 +176,7 @@ impl<F: Firmware> Offer<'_, '_, F> {
             return false;
         }
         let may_send = |shared: &Shared, now| !self.turn.is_sign_of_life() || shared.is_beating(now);
-        // Read once: what is due now needs no comparison then.
+        // A copy, so that the compiler drops the comparison for a reply that is due at `now`.
         let now = self.cx.now;
         let pending = service.pending(&View { now, ..self.cx.view() }, self.port, link, self.turn);
         match pending {
@@ -335,7 +335,7 @@ impl<D: Declares> Services<D> {
         self.look_all(&mut Count(show));
     }
 
-    /// Brings up to date what decides on the next frame of a link, before the services are asked for it.
+    /// Updates the state that decides on the next frame of a link, before the services are asked for it.
     pub(super) fn prepare(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) {
         port.bucket.drain(cx.now);
         self.signing.prepare(cx.now, port);
@@ -433,7 +433,7 @@ macro_rules! send {
                         Pace::Idle => idle_at,
                     }));
                 })*
-                // What is due already waits for the transport.
+                // A frame that is due already waits for the transport.
                 if is_stalled && due <= view.now { Instant::NEVER } else { due.max(port.retry_at) }
             }
         }

@@ -1,4 +1,4 @@
-//! The memory of what all services share: `#[stack]` declares its sizes.
+//! The memory that all services share: `#[stack]` declares its sizes.
 
 use crate::network::{PeerInfo, Peers};
 use crate::service::Absent;

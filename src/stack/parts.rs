@@ -164,7 +164,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.services.manual_control.part()
     }
 
-    /// Returns manual control, to set who may steer.
+    /// Returns manual control, to set the senders that may steer.
     pub fn manual_input_mut(&mut self) -> &mut ManualInput
     where
         D::ManualControl: HasManualControl<Part = ManualInput>,

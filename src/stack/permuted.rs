@@ -1,7 +1,7 @@
 //! The order of the services carries nothing: in any order of the list, the same traffic has the same answers.
 //!
-//! Compared is what each link sends until nothing is pending, without sequence numbers: services with bulk data share the link in the
-//! order of the list.
+//! It compares the frames that each link sends until nothing is pending, without sequence numbers: services with bulk
+//! data share the link in the order of the list.
 
 use core::cell::RefCell;
 use proptest::prelude::*;
@@ -71,8 +71,8 @@ proptest! {
             let mut world = World::new(false);
             for event in &events {
                 world.on(event);
-                // What a service requests of one that was polled before it waits for the next poll. Without this one, the number of polls
-                // would depend on the order, and the pulse is sampled by each.
+                // A request to a service that was polled before waits for the next poll. Without this one, the number
+                // of polls would depend on the order, and the pulse is sampled by each.
                 world.poll();
                 world.wake();
                 sent.push(world.sent());

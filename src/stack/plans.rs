@@ -52,7 +52,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     ///
     /// # Errors
     ///
-    /// Returns what is wrong with the plan, as for an upload; the live plan is then unchanged. [`DENIED`]: an upload is
+    /// Returns the fault of the plan, as for an upload; the live plan is then unchanged. [`DENIED`]: an upload is
     /// running, or the stack was not begun. [`UNSUPPORTED`]: there is no memory for such a plan.
     ///
     /// [`DENIED`]: crate::dialect::MavMissionResult::DENIED

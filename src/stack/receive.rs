@@ -1,5 +1,5 @@
-//! The receiving half of the stack: the address filter, then the services one by one. What exceeds the poll's budget waits in the
-//! decoder (D-2).
+//! The receiving half of the stack: the address filter, then the services one by one. Frames beyond the poll's budget
+//! wait in the decoder (D-2).
 
 use super::services::{Services, States};
 use super::{Declares, Stack};
@@ -150,8 +150,8 @@ impl<D: Declares> Services<D> {
         is_verified.then_some(entry)
     }
 
-    /// Counts a frame from one of our own addresses, which is neither used nor forwarded (S-15, R-8). Returns what may
-    /// identify it as an echo.
+    /// Counts a frame from one of our own addresses, which is neither used nor forwarded (S-15, R-8). Returns its
+    /// number and checksum, which may identify it as an echo.
     fn own_frame(&self, cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<OwnFrame> {
         increment(&mut port.counters.own_address);
         if frame.source() != cx.address() || !frame.is_checked() || !self.signing.accepts_unsigned(port, frame.id()) {

@@ -32,8 +32,8 @@ impl<F: embedded_storage_async::nor_flash::NorFlash> crate::storage::AsyncStore<
 
 /// Available if the stack declares `storage`.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
-    /// Attaches a region of storage: from now on, [`storage_job`](Self::storage_job) reads what is stored, and then writes
-    /// what changes. Call it once, before the loop. [`restore`](Self::restore) does it for a blocking driver.
+    /// Attaches a region of storage: from now on, [`storage_job`](Self::storage_job) reads the stored content, and then
+    /// writes changes. Call it once, before the loop. [`restore`](Self::restore) does it for a blocking driver.
     #[inline(never)]
     pub fn attach_storage(&mut self, now: Instant, region: Region, vehicle: &mut D::Vehicle)
     where
@@ -149,9 +149,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         slot.put(job)
     }
 
-    /// Attaches `store` and reads what is stored, as [`restore`](Self::restore) does, on an async driver. Call it before
-    /// other tasks use the stack. For a stack that is shared from the start, call [`attach_storage`](Self::attach_storage)
-    /// instead: the first jobs read what is stored, and [`is_restoring`](Self::is_restoring) says when that is done.
+    /// Attaches `store` and reads its content, as [`restore`](Self::restore) does, on an async driver. Call it before
+    /// other tasks use the stack. For a stack that is shared from the start, call
+    /// [`attach_storage`](Self::attach_storage) instead: the first jobs read the stored content, and
+    /// [`is_restoring`](Self::is_restoring) says when that is done.
     ///
     /// If the future is dropped, some of the content is restored, and later jobs read the rest.
     ///
@@ -176,7 +177,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Whether the stored content is being read for the first time, after [`attach_storage`](Self::attach_storage).
-    /// `false` once it is restored, or could not be read; [`restore_errors`](Self::restore_errors) has what went wrong.
+    /// `false` once it is restored, or could not be read; [`restore_errors`](Self::restore_errors) has the errors.
     pub fn is_restoring(&self) -> bool
     where
         D::Storage: HasStorage<Part = Storage>,
@@ -184,8 +185,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.storage.part().is_restoring()
     }
 
-    /// Returns what was not restored so far. Content that was restored late is no longer in it. Without attached storage it
-    /// is [empty](RestoreErrors::is_empty).
+    /// Returns the content that was not restored so far. Content that was restored late is no longer in it. Without
+    /// attached storage it is [empty](RestoreErrors::is_empty).
     pub fn restore_errors(&self) -> RestoreErrors
     where
         D::Storage: HasStorage<Part = Storage>,
@@ -197,9 +198,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// far as they are declared. Call it once, before the loop. It reads the whole region, and blocks for as long as the
     /// flash takes. If nothing was ever stored, nothing changes.
     ///
-    /// The vehicle is told of each parameter that does not have its default. The stack and the vehicle check the plans
-    /// as in an upload. A plan that this firmware cannot fly, or has no room for, does not become live, and a text
-    /// reports it.
+    /// A hook of the vehicle gets each parameter that does not have its default. The stack and the vehicle check the
+    /// plans as in an upload. A plan that this firmware cannot fly, or has no room for, does not become live, and a
+    /// text reports it.
     ///
     /// # Errors
     ///
@@ -290,8 +291,9 @@ where
     D: Declares<Parameters: ParamTable, Param = ParamService>,
     D::Vehicle: Parameters<Table = D::Parameters>,
 {
-    /// Schedules the parameters for writing at once, like MAV_CMD_PREFLIGHT_STORAGE, if some are not stored yet or what is
-    /// stored is damaged (G-18): for use before a reboot. Afterwards, [`persist`](Self::persist) returns false once they are stored, or cannot be.
+    /// Schedules the parameters for writing at once, like MAV_CMD_PREFLIGHT_STORAGE, if some are not stored yet or the
+    /// stored ones are damaged (G-18): for use before a reboot. Afterwards, [`persist`](Self::persist) returns false
+    /// once they are stored, or cannot be.
     pub fn save_parameters(&mut self, now: Instant) {
         let now = self.enter(now);
         self.services.param.write_now(now, &mut self.parameters);

@@ -13,7 +13,7 @@ use crate::types::{Allowance, LinkId};
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Moves bytes between a link and its transport: reads, handles the received frames, and writes.
     ///
-    /// It never blocks: it reads and writes only what the transport says is ready.
+    /// It never blocks: it reads and writes only when the transport is ready.
     /// [`Config::budget`](crate::Config::budget) bounds the work. Poll each link at least every 20 ms to use all of its
     /// rate: a transfer queues no more bytes than the link transmits in 20 ms, plus one frame. Otherwise a heartbeat
     /// would have to wait for more (D-4).

@@ -64,7 +64,7 @@ use super::store::store;
 /// async fn start(stack: &mut StackOf<Mavlink>, rover: &mut Rover) -> AsyncStore<Flash> {
 ///     let mut store = AsyncStore::new(Flash, 0x8000..0xC000);
 ///     if let Err(errors) = stack.restore_async(now(), &mut store, rover).await {
-///         let _ = errors; // what could not be read; a text has reported it
+///         let _ = errors; // a text has reported each content that could not be read
 ///     }
 ///     store
 /// }

@@ -45,7 +45,7 @@ enum State {
     Finished(bool),
 }
 
-/// The place for one [`Job`], its page and its result: what passes between the stack and the code that runs the jobs.
+/// The place for one [`Job`], its page and its result. The stack and the code that runs the jobs exchange it.
 ///
 /// [`Stack::exchange_job`](crate::Stack::exchange_job) puts a job in and reads the result of the one before. In between,
 /// the job runs, and nothing of the stack is borrowed. [`Store`](super::Store) and `AsyncStore` have a slot. A firmware

@@ -49,7 +49,7 @@ pub const MAX_RECORD_LEN: usize = PAYLOAD;
 /// struct Mavlink;
 /// ```
 pub trait Records {
-    /// Takes the stored content of a record when it is restored: exactly what was written.
+    /// Takes the stored content of a record when it is restored: exactly the bytes that were written.
     fn load_record(&mut self, cx: &mut Context<'_>, number: u8, bytes: &[u8]);
 
     /// Writes the content of a record to the start of `bytes`, which has room for [`MAX_RECORD_LEN`] bytes. Returns its

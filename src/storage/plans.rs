@@ -143,7 +143,7 @@ where
     fn attach(&mut self, cx: &mut Cx<'_, F>) {
         self.attach_storage(cx.shared.config.durability);
         self.set_refill(cx.shared.config.storage_refill);
-        // Until they are loaded, nobody knows what is stored, and clients are not answered.
+        // Until they are loaded, the stored plans are unknown, and clients are not answered.
         self.set_stored_differs(true);
         self.set_loading(&mut cx.plans, true);
     }

@@ -42,7 +42,7 @@ impl Region {
     }
 
     /// Returns the region `bytes` of a storage with these units, all in bytes. Bytes at its ends that do not fill an
-    /// erase unit are not used, and neither is what exceeds 16 MiB for each half.
+    /// erase unit are not used, and neither is the part beyond 16 MiB in each half.
     ///
     /// # Panics
     ///

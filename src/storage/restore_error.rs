@@ -7,9 +7,9 @@
 pub enum RestoreError {
     /// A part of the storage could not be read, and nothing is in use that may be older than it.
     ///
-    /// Reading is repeated every second. What can be read then is restored late. After the fourth attempt a page that
-    /// cannot be read counts as damaged, or as cut off by a loss of power. While no page at all can be read, reading is
-    /// repeated every ten seconds. Nothing is written before.
+    /// Reading is repeated every second. Content that can be read then is restored late. After the fourth attempt a
+    /// page that cannot be read counts as damaged, or as cut off by a loss of power. While no page at all can be read,
+    /// reading is repeated every ten seconds. Nothing is written before.
     // Not 0, so that no error is 0, and a stack without storage is all zeros.
     Unreadable = 1,
     /// The newest content is damaged. Plans and parameters are restored from an older record, if there is one. The
@@ -35,7 +35,7 @@ impl core::fmt::Display for RestoreError {
 
 impl core::error::Error for RestoreError {}
 
-/// What was not restored, and why. A STATUSTEXT reports each, too. Everything else was restored.
+/// The content that was not restored, and why. A STATUSTEXT reports each, too. Everything else was restored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]

@@ -54,7 +54,7 @@ use super::region::Region;
 ///
 /// let mut store = Store::new(Flash, REGION);
 /// if let Err(errors) = stack.restore(now, &mut store, &mut rover) {
-///     // What could not be read; a text has reported it.
+///     // A text has reported each content that could not be read.
 ///     assert!(errors.parameters.is_some());
 /// }
 /// while is_running {
@@ -119,7 +119,7 @@ macro_rules! store {
                 &self.flash
             }
 
-            /// Returns the storage. Do not write to the store's region: that may damage what is stored.
+            /// Returns the storage. Do not write to the store's region: that may damage the stored content.
             pub const fn flash_mut(&mut self) -> &mut F {
                 &mut self.flash
             }

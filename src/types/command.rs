@@ -151,7 +151,7 @@ pub enum RefusalReason {
     Param(u8),
     /// There is no storage.
     NoStorage,
-    /// Another station has what the command asks for.
+    /// Another station has the control that the command asks for.
     Taken,
     /// The mode cannot be entered. The text names it by this number; a negative one is not known.
     Mode(i32, ModeFault),

@@ -62,10 +62,7 @@ impl PollBudget {
     ///
     /// Panics if more than 49 MB arrive between two polls, which no budget can express. In a `const` this is a compile
     /// error.
-    #[allow(
-        clippy::as_conversions,
-        reason = "const fn: `From` cannot be called; what is made narrower is no larger than its type"
-    )]
+    #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; each value fits its narrower type")]
     #[must_use]
     pub const fn for_line(baud: u32, period: Duration) -> Self {
         /// The length of the shortest frame: MAVLink 1 without a payload. No other has a higher cost for each byte.
@@ -115,7 +112,7 @@ const HANDLED: u32 = 520;
 /// The cost of a frame that is sent and is no answer.
 const MADE: u32 = 220;
 
-/// What is left of a [`PollBudget`], except its bytes.
+/// The rest of a [`PollBudget`], except its bytes.
 pub(crate) struct Allowance {
     pub(crate) work: u32,
     /// The number of frames that may still be handled.
@@ -219,8 +216,8 @@ pub struct Config {
     pub max_loop_gap: Duration,
     /// The time without a heartbeat after which a peer has timed out: 5 s by default (H-11).
     pub peer_timeout: Duration,
-    /// How far a peer's clock may be ahead of the time that the vehicle has told by `Signing::set_time` (feature `signing`): ten
-    /// minutes by default. A signed frame from further ahead is refused (G-17).
+    /// How far a peer's clock may be ahead of the time that the vehicle has set by `Signing::set_time` (feature
+    /// `signing`): ten minutes by default. A signed frame from further ahead is refused (G-17).
     pub max_signing_lead: Duration,
     /// The time without a new byte after which the start of a frame is dropped: 500 ms by default (SEC-4).
     pub stale_after: Duration,

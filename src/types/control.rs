@@ -1,4 +1,4 @@
-//! What a pilot, a companion computer or a ground station steers with: sticks, channels, setpoints.
+//! The inputs by which a pilot, a companion computer or a ground station steers: sticks, channels, setpoints.
 
 use super::link::{LinkId, Peer};
 use crate::dialect::MavFrame;
@@ -86,7 +86,7 @@ pub struct Setpoint {
     pub at: Instant,
     /// The sender's clock (ms since its boot), as sent.
     pub time_boot_ms: u32,
-    /// What it asks for.
+    /// The position, velocity or attitude that it asks for.
     pub target: Target,
 }
 
@@ -97,7 +97,7 @@ impl Setpoint {
     }
 }
 
-/// What a setpoint asks for.
+/// The target of a setpoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Target {

@@ -1,8 +1,8 @@
 //! Counters of promises that the vehicle's hooks did not keep.
 
 counters! {
-    /// Answers of the vehicle's hooks that promise what does not happen. Each is a mistake in the firmware, and a text reports it. The
-    /// counters wrap.
+    /// Broken promises of the vehicle's hooks. Each is a mistake in the firmware, and a text reports it. The counters
+    /// wrap.
     HookFaults {
         /// Commands to which a hook answered IN_PROGRESS although no slot for a [long](crate::command::LongCommands) command holds
         /// them: nothing would end them. They were answered FAILED (C-20).

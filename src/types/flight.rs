@@ -20,7 +20,7 @@ impl Flight {
     }
 }
 
-/// What was observed of the pulse.
+/// The observations of the pulse.
 #[derive(Clone, Debug)]
 pub(crate) struct Credit {
     ticks: u32,

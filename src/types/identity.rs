@@ -1,4 +1,4 @@
-//! What the vehicle reports about its hardware and firmware.
+//! The identity of the vehicle's hardware and firmware, as reported to ground stations.
 
 use crate::dialect::MavProtocolCapability;
 
@@ -6,8 +6,8 @@ use crate::dialect::MavProtocolCapability;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Identity {
-    /// Capabilities that the firmware adds. The stack announces its own, according to what is declared and compiled in
-    ///
+    /// Capabilities that the firmware adds. The stack announces its own, according to the declaration and the Cargo
+    /// features.
     pub capabilities: MavProtocolCapability,
     /// Version of the firmware: major, minor, patch and `FIRMWARE_VERSION_TYPE`, one byte each, the major version in
     /// the highest byte.

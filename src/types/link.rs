@@ -182,7 +182,7 @@ impl LinkConfig {
         match self.class {
             LinkClass::HighLatency => Accept::Open,
             _ if self.takes_refused => Accept::Required,
-            // Not what the link accepts while the key is lost (G-18): the components behind it follow the
+            // The setting while the key is present (G-18): the components behind the link follow the
             // configuration.
             _ => self.signing.accept,
         }

@@ -112,7 +112,7 @@ pub struct RequestQueue {
 impl RequestQueue {
     const EMPTY: Self = Self { pending: Vec::new(), refused: 0 };
 
-    /// Queues what is not pending already. Returns false if there is no room.
+    /// Queues a request, unless it is pending already. Returns false if there is no room.
     fn push(&mut self, request: Pending) -> bool {
         let is_pending = self.pending.contains(&request) || self.pending.push(request).is_ok();
         if !is_pending {

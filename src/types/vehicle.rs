@@ -138,9 +138,9 @@ pub trait Vehicle {
     /// ```
     const MESSAGES: MessageTable = Common::MESSAGES;
 
-    /// Whether the vehicle has a model of the terrain: false by default. Without one, nothing that has an altitude above the
-    /// terrain (frames 10 and 11) is accepted, whatever the rules of its commands admit, because the vehicle could only ignore
-    /// what the altitude refers to (M-49):
+    /// Whether the vehicle has a model of the terrain: false by default. Without one, nothing that has an altitude
+    /// above the terrain (frames 10 and 11) is accepted, whatever the rules of its commands admit, because the vehicle
+    /// could only ignore the terrain (M-49):
     ///
     /// - Items of all plans are refused with `UNSUPPORTED_FRAME`.
     /// - Declared commands, and regions of interest for a [`GimbalManager`](crate::GimbalManager), get
@@ -192,9 +192,9 @@ pub trait Vehicle {
     /// Called when sticks, channels or a setpoint were accepted, before the frames behind them are handled. The sender is the
     /// authorised one, and the values are valid.
     ///
-    /// Use it in a vehicle that refuses a mode without current input: a client may send its first setpoint and the request for
-    /// the mode in one write, and the flight loop has no pass between the two (C-17). What expires, the flight loop learns from
-    /// [`Setpoints::current`](crate::setpoints::Setpoints::current) and
+    /// Use it in a vehicle that refuses a mode without current input: a client may send its first setpoint and the
+    /// request for the mode in one write, and the flight loop has no pass between the two (C-17). The flight loop
+    /// learns of expired input from [`Setpoints::current`](crate::setpoints::Setpoints::current) and
     /// [`ManualInput`](crate::manual_control::ManualInput), which it reads in every pass.
     fn control_input(&mut self, cx: &mut Context<'_>, input: &ControlInput) {
         let _ = (cx, input);

@@ -128,7 +128,7 @@ pub struct Reader {
 }
 
 impl Reader {
-    /// Returns a reader for one file. `home_row` says what row 0 of a version 110 file is.
+    /// Returns a reader for one file. `home_row` gives the meaning of row 0 of a version 110 file.
     pub const fn new(home_row: HomeRow) -> Self {
         Self {
             home_row,

@@ -138,7 +138,7 @@ fn nearest(digits: u32, exponent: i32) -> Option<u32> {
 }
 
 /// Returns the shortest decimal, as digits and a power of ten, that reads back as the positive, finite `f32` with these
-/// bits. If there are several of this length, it is the nearest, and of two as near the larger.
+/// bits. Among the shortest, returns the nearest; on a tie, the larger.
 pub(super) fn shortest(bits: u32) -> (u32, i32) {
     if bits == 0 {
         return (0, 0);

@@ -1,4 +1,4 @@
-//! The schedule of images, the state that the camera reports, and what is pending on each link.
+//! The schedule of images, the state that the camera reports, and the pending reports of each link.
 
 use super::image::{Image, ImageLog, ImageNumber};
 use super::link::{CameraLink, CameraReply, REQUESTABLE};
@@ -151,7 +151,7 @@ impl CameraControl {
         self.start_interval(now, millis(interval), count);
     }
 
-    /// Ends what was started. An image that is being taken is completed.
+    /// Ends captures and videos. An image that is being taken is completed.
     pub fn stop_capture(&mut self) {
         if self.is_at_interval() || self.is_ordered {
             self.left.0 = 0;
@@ -266,7 +266,7 @@ impl CameraControl {
         if self.left.0 != UNLIMITED {
             self.left -= 1;
         }
-        // A late poll does not shift the ones after it. What was missed is not made up.
+        // A late poll does not shift the images after it. Missed ones are not made up.
         let interval = Duration::from_millis(self.interval.into());
         let next = self.next_at + interval;
         self.next_at = if next > now { next } else { now + interval };
@@ -355,7 +355,7 @@ impl CameraControl {
 }
 
 /// Returns an interval in milliseconds, rounded down.
-#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; what is cast was bounded")]
+#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; the value was bounded")]
 pub(super) const fn millis(interval: Duration) -> u32 {
     let millis = interval.as_millis();
     if millis > u32::MAX as u64 { u32::MAX } else { millis as u32 }

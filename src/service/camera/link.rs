@@ -1,4 +1,4 @@
-//! What is pending on a link: requested messages and images, and reports of changes.
+//! The pending reports of a link: requested messages and images, and changes.
 
 use super::image::ImageNumber;
 use crate::dialect::{

@@ -1,4 +1,4 @@
-//! A camera: what it is and does, images on command and at intervals, video, and a report of each image.
+//! A camera: its data and state, images on command and at intervals, video, and a report of each image.
 //!
 //! Implements the camera's side of <https://mavlink.io/en/services/camera.html>, version 2: rules CAM-1 to CAM-9. It
 //! serves the requests of MAVSDK's plugin (`plugins/camera/camera_impl.cpp`, `core/mavlink_request_message.cpp`),

@@ -1,9 +1,9 @@
 //! The vehicle's own requests to other components, such as a gimbal, a camera or an arm authoriser: commands, messages on
 //! request, and parameters.
 //!
-//! Implements the client's side of <https://mavlink.io/en/services/command.html>; arm authorisation (O-3) is built on it. A hook
-//! or the flight loop names the recipient and a token, [`CommandClient::command_for`] makes the command of the token, and
-//! [`CommandClient::command_answered`] learns what became of it (K-1 to K-7):
+//! Implements the client's side of <https://mavlink.io/en/services/command.html>; arm authorisation (O-3) is built on
+//! it. A hook or the flight loop names the recipient and a token, [`CommandClient::command_for`] makes the command of
+//! the token, and [`CommandClient::command_answered`] gets its outcome (K-1 to K-7):
 //!
 //! ```text
 //!                      ┌── five attempts of 700 ms ─────────▶ TimedOut; NotSent if no link took it
@@ -207,7 +207,7 @@ impl<const N: usize> Client<N> {
         }
     }
 
-    /// Handles what may be an answer to a command.
+    /// Handles a COMMAND_ACK, which may answer a command.
     fn on_command_answer<F: Firmware<Vehicle: CommandClient>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -221,7 +221,7 @@ impl<const N: usize> Client<N> {
         if slot.state == SlotState::Ended || is_unknown {
             return Handled::Yes;
         }
-        // The next poll starts what waits for the slot, and takes up what the hook requests.
+        // The next poll starts the request that waits for the slot, and takes up the hook's requests.
         cx.requests.set_client_due(true);
         note_answer(cx.peers, from);
         let reply = if result == MavResult::IN_PROGRESS {

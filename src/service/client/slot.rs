@@ -36,7 +36,7 @@ pub(super) enum SlotState {
     Ended,
 }
 
-/// What the vehicle requests of another component.
+/// A request of the vehicle to another component.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum ClientRequest {
     Command(OutgoingCommand),

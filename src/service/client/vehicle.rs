@@ -27,8 +27,8 @@ impl OutgoingCommand {
         Self { id, params: [p1, p2, p3, p4], position: CommandPosition::Long { param5, param6 }, z }
     }
 
-    /// Returns MAV_CMD_REQUEST_MESSAGE: message `M`, once. Each message defines what `index` means; 0 is the default.
-    /// [`Vehicle::message`](crate::Vehicle::message) gets the message.
+    /// Returns MAV_CMD_REQUEST_MESSAGE: message `M`, once. Each message defines the meaning of `index`; 0 is the
+    /// default. [`Vehicle::message`](crate::Vehicle::message) gets the message.
     pub fn request_message<M: Message>(index: u16) -> Self {
         Self::long(
             MavCmd::REQUEST_MESSAGE,
@@ -50,7 +50,7 @@ impl OutgoingCommand {
     }
 }
 
-/// What became of a command of the vehicle.
+/// The outcome of a command of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum CommandReply {
@@ -113,8 +113,8 @@ pub trait CommandClient {
     /// nothing to send any more.
     fn command_for(&mut self, token: u16) -> Option<OutgoingCommand>;
 
-    /// Called with what became of a command: any number of times with [`CommandReply::InProgress`], then once with another
-    /// reply.
+    /// Called with the outcome of a command: any number of times with [`CommandReply::InProgress`], then once with
+    /// another reply.
     fn command_answered(&mut self, cx: &mut Context<'_>, token: u16, reply: CommandReply);
 
     /// Whether the vehicle also [reads parameters](Context::read_param) of other components. The code for it is left out

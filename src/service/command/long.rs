@@ -113,7 +113,7 @@ enum CommandState {
     Evictable,
 }
 
-/// What identifies equal commands of one sender: id, form, frame, and the bits of the parameters.
+/// Identifies equal commands of one sender: id, form, frame, and the bits of the parameters.
 type CommandKey = [u32; 8];
 
 fn key(command: &Command) -> CommandKey {

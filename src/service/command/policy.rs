@@ -1,6 +1,6 @@
-//! A vehicle's declarations of its commands: the stack refuses what a declaration does not admit.
+//! A vehicle's declarations of its commands: the stack refuses commands that a declaration does not admit.
 //!
-//! Rules C-1, C-4 to C-9, C-12 and SEC-14. A declaration is data; only what a vehicle declares costs flash.
+//! Rules C-1, C-4 to C-9, C-12 and SEC-14. A declaration is data; only declared commands cost flash.
 
 use super::duplicates::ExecutionLimit;
 use crate::dialect::{MavCmd, MavFrame, MavMissionResult, MavResult};
@@ -152,7 +152,7 @@ impl CommandPolicy {
         }
     }
 
-    /// Checks what does not depend on the vehicle's state, in the order of C-5.
+    /// Checks the rules that do not depend on the vehicle's state, in the order of C-5.
     /// `has_terrain`: whether the vehicle has a model of the terrain (M-49).
     pub(super) fn check(
         &self,

@@ -14,8 +14,8 @@ use crate::service::{Cx, Request};
 use crate::time::Instant;
 use crate::types::{Firmware, LinkClass, LinkMask, ModeFault, ONE_FRAME, Refusal, RefusalReason};
 
-/// Returns the number of the current period of 2^20 µs (1.05 s): a link gets at most one text per period, whatever it receives.
-/// Only the low 16 bits are stored, in what would be padding; they repeat after 19 hours.
+/// Returns the number of the current period of 2^20 µs (1.05 s): a link gets at most one text per period, whatever it
+/// receives. Only the low 16 bits are stored, in place of padding; they repeat after 19 hours.
 fn period(now: Instant) -> u16 {
     let [_, _, low, high, ..] = (now.as_micros() >> 4).to_le_bytes();
     // 0 means that no text was sent on the link yet.
@@ -50,7 +50,7 @@ pub(super) fn explain<F: Firmware>(
     }
 }
 
-/// What is refused.
+/// The command that is refused.
 #[derive(Clone, Copy)]
 enum Subject {
     Command(MavCmd),

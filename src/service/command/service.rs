@@ -16,9 +16,10 @@ use crate::service::{About, Cx, Handled, Part, Received, Request, Service, Turn,
 use crate::time::Instant;
 use crate::types::{Command, CommandPosition, Context, Firmware, LinkId, Outcome, Peer, Refusal, Vehicle};
 
-/// Commands whose broadcasts are always refused, because they reset, erase or replace what a vehicle stores, or restart the vehicle
-/// (C-14). Commands that only move, arm or terminate a vehicle are not in the list: they can be meant for a fleet, and
-/// [`CommandPolicy::no_broadcast`] refuses them. Those without a name are from dialects that include common.
+/// Commands whose broadcasts are always refused, because they reset, erase or replace stored data of a vehicle, or
+/// restart the vehicle (C-14). Commands that only move, arm or terminate a vehicle are not in the list: they can be
+/// meant for a fleet, and [`CommandPolicy::no_broadcast`] refuses them. Those without a name are from dialects that
+/// include common.
 const NO_BROADCAST: [MavCmd; 14] = [
     // Parameters are reset, overwritten from storage, or stored. The vehicle restarts, possibly into the bootloader.
     MavCmd::PREFLIGHT_STORAGE,
@@ -127,8 +128,8 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
         Handled::Yes
     }
 
-    /// A final result precedes the answers, because the answer to what has ended a command has the same id (C-23); but not the
-    /// command's own IN_PROGRESS.
+    /// A final result precedes the answers, because the answer to the request that ended a command has the same id
+    /// (C-23); but not the command's own IN_PROGRESS.
     #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, link: &CommandLink, turn: Turn) -> Option<(Instant, AckReply)> {
         let long = self.slots.view();

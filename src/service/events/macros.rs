@@ -146,7 +146,7 @@ macro_rules! events {
                 $($(#[doc = $mode_doc])* $mode),+
             }
             $crate::__check_bits! {
-                "What can fail." $vis $parts
+                "Causes of failures." $vis $parts
                 /// None
                 NONE
                 $(, $(#[doc = $part_doc])* $part)+
@@ -324,7 +324,7 @@ macro_rules! __event {
         $vis struct $event {
             $(
                 $(#[doc = $arg_doc])*
-                #[allow(missing_docs, reason = "the message shows what it is")]
+                #[allow(missing_docs, reason = "the message shows its value")]
                 pub $arg: $ty,
             )+
         }

@@ -264,7 +264,7 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         match event {
             // New peers learn the link's last sequence number at once, and the checks soon after the first frame of one
-            // is accepted. If none was heard before, nobody has received what was sent: a peer that remembers the
+            // is accepted. If none was heard before, no peer has received the events: one that remembers the
             // vehicle before a reboot learns that the numbers start again.
             StackEvent::Opened(port, link) => {
                 link.was_heard |= port.has_accepted;

@@ -16,7 +16,7 @@ use crate::service::rate_limit::RETRY;
 use crate::time::Instant;
 use crate::types::Firmware;
 
-/// What the service sends, by the index of the session.
+/// A frame that the service sends, by the index of the session.
 #[derive(Clone, Copy, Debug)]
 pub enum FileReply {
     /// An answer without data.

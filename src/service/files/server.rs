@@ -88,7 +88,7 @@ impl<V> Operation<V> {
     }
 }
 
-/// What becomes of a request that is not refused.
+/// The response to a request that is not refused.
 enum Response {
     Answer(Content),
     /// The operation answers it.
@@ -105,7 +105,7 @@ pub(super) struct Server<'a, 'c, F: Firmware, V, const N: usize> {
     pub(super) operation: &'a mut Operation<V>,
     pub(super) sessions: &'a mut [Session<V>; N],
     pub(super) upload: &'a mut Upload,
-    /// What the virtual directory still needs of the upload.
+    /// The bytes of the upload that the virtual directory still needs.
     pub(super) content: &'a mut VecView<u8>,
 }
 

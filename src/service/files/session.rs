@@ -114,7 +114,7 @@ impl Answer {
     }
 }
 
-/// What becomes of a request before it is executed.
+/// The decision on a request before it is executed.
 pub(super) enum Admission {
     /// It repeats a request, whose answer is sent again.
     Repeated,

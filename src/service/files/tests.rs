@@ -167,7 +167,7 @@ fn files_are_read() {
     }
 }
 
-/// F-5: only what can be uploaded is opened to be written, and only if the stack has room for it.
+/// F-5: only files that can be uploaded are opened to be written, and only if the stack has room for it.
 #[test]
 fn uploads_need_a_directory_and_room() {
     let opened_to_write = opened::<All>("@BIN/drop", FileAccess::Create).expect("it can be uploaded");

@@ -46,7 +46,7 @@ pub(super) enum Taken {
 }
 
 impl Upload {
-    /// Takes a part, in order (F-23). `content` is what the virtual directory still needs of the parts before.
+    /// Takes a part, in order (F-23). `content`: the bytes of the parts before that the virtual directory still needs.
     pub(super) fn take<F: Firmware, V: VirtualFile<F>>(
         &mut self,
         cx: &mut Cx<'_, F>,

@@ -178,7 +178,7 @@ impl StaticFile {
     #[allow(
         clippy::indexing_slicing,
         clippy::arithmetic_side_effects,
-        reason = "const-evaluated: what fails is a compile error"
+        reason = "const-evaluated: a failure is a compile error"
     )]
     pub const fn check(files: &[Self]) {
         assert!(

@@ -49,8 +49,8 @@ pub trait VirtualFile<F: Firmware>: Copy + Debug {
     /// [`MavFtpErr::FILENOTFOUND`], [`MavFtpErr::FILEPROTECTED`] for a file that cannot be uploaded, or [`MavFtpErr::FAIL`].
     fn open(cx: &mut Cx<'_, F>, directory: u16, path: &[u8], access: FileAccess) -> Result<Self, MavFtpErr>;
 
-    /// Returns its size (bytes): that of its [`entry`](Self::entry), and what reads of any length deliver (F-30). Called after
-    /// [`open`](Self::open).
+    /// Returns its size (bytes): that of its [`entry`](Self::entry), and the sum of reads of any length (F-30). Called
+    /// after [`open`](Self::open).
     fn size(&self, cx: &Cx<'_, F>) -> u32;
 
     /// Called before a client reads, with the length of the data in its packets.

@@ -123,7 +123,7 @@ pub trait GimbalDevice {
     /// [`NO_MANAGER`](GimbalDeviceErrorFlags::NO_MANAGER) while the [`MANAGER`](Self::MANAGER) is not alive.
     fn device_status(&self) -> Option<GimbalDeviceAttitudeStatus>;
 
-    /// Follows a setpoint of the manager. Its numbers are finite. What the gimbal cannot do it shows in its status.
+    /// Follows a setpoint of the manager. Its numbers are finite. Its status shows the limits that it has reached.
     fn set_device_attitude(&mut self, cx: &mut Context<'_>, setpoint: &DeviceSetpoint) {
         let _ = (cx, setpoint);
     }

@@ -67,7 +67,7 @@ counters! {
 ///
 /// Then these point (GIM-4):
 ///
-/// | what | from those in control | from others |
+/// | message or command | from components in control | from others |
 /// |---|---|---|
 /// | MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW | yes | DENIED |
 /// | MAV_CMD_DO_SET_ROI\_\*, MAV_CMD_DO_SET_ROI, MAV_CMD_DO_MOUNT_\* | yes | takes primary control if nobody has it; otherwise DENIED |
@@ -168,9 +168,9 @@ impl ManagerService {
     /// # #[derive(Stack)]
     /// # #[stack(vehicle: Rover, links: 1)]
     /// # struct Mavlink { gimbal: gimbal::ManagerService }
-    /// /// Called when an item of the mission becomes current. Returns whether the mission goes on at once.
+    /// /// Called when an item of the mission becomes current. Returns whether the mission continues at once.
     /// fn begin_item(stack: &mut StackOf<Mavlink>, now: Instant, item: &Item, rover: &mut Rover) -> bool {
-    ///     // What the gimbal refuses does not stop the mission.
+    ///     // A refusal by the gimbal does not stop the mission.
     ///     stack.with_services(now, rover, |services, cx| services.gimbal.point(cx, item)) != MavResult::UNSUPPORTED
     /// }
     ///

@@ -7,7 +7,7 @@
 //! ```text
 //!   ground station ─┐   MAV_CMD_DO_GIMBAL_MANAGER_*, MAV_CMD_DO_SET_ROI_*       ┌─▶ a gimbal of the vehicle's own
 //!   companion ──────┼─▶ GIMBAL_MANAGER_SET_*  ─▶ manager ─▶ GimbalManager::point_gimbal
-//!   mission ────────┘                          (who may?)                       └─▶ GIMBAL_DEVICE_SET_ATTITUDE ─▶ device
+//!   mission ────────┘                          (is it allowed?)                 └─▶ GIMBAL_DEVICE_SET_ATTITUDE ─▶ device
 //! ```
 //!
 //! Left out: several gimbals of one manager, tracking of a point or a rectangle in the picture, and the device's side

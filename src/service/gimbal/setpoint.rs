@@ -126,7 +126,7 @@ pub enum GimbalTarget {
     },
     /// At the next waypoint: MAV_CMD_DO_SET_ROI_WPNEXT_OFFSET, MAV_ROI_WPNEXT, MAV_MOUNT_MODE_WPNEXT_OFFSET.
     NextWaypoint {
-        /// What to add to roll, pitch and yaw; `None` adds nothing.
+        /// The offset of roll, pitch and yaw; `None` adds nothing.
         offsets: Axes,
     },
     /// At another vehicle: MAV_CMD_DO_SET_ROI_SYSID.

@@ -204,11 +204,11 @@ enum Ground {
 ///
 /// # Late commands
 ///
-/// A command from a normal link is current and counts, except for duplicates within three seconds of what another link
-/// delivered, and retransmissions with a higher confirmation (C-12). A satellite delivers commands late, and so after
-/// commands that were sent later. A superseded command has no effect. Otherwise a START from before a STOP would keep
-/// costing money, and a STOP from before a START would cut off the last contact. These commands from a satellite have
-/// no effect:
+/// A command from a normal link is current and counts, except for duplicates within three seconds of a delivery by
+/// another link, and retransmissions with a higher confirmation (C-12). A satellite delivers commands late, and so
+/// after commands that were sent later. A superseded command has no effect. Otherwise a START from before a STOP would
+/// keep costing money, and a STOP from before a START would cut off the last contact. These commands from a satellite
+/// have no effect:
 ///
 /// - **A duplicate** of a command of the same sender that was executed within the last minute. Each execution has at
 ///   most one duplicate on each other link. A retransmission with a higher confirmation is a duplicate too, on a link

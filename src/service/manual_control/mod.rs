@@ -2,8 +2,8 @@
 //!
 //! Implements <https://mavlink.io/en/services/manual_control.html>: MANUAL_CONTROL, its alternative
 //! RC_CHANNELS_OVERRIDE (rules J-1 to J-5), and RADIO_RC_CHANNELS of a receiver for radio control (J-10 to J-13). None
-//! of them is answered. The vehicle decides what a stick does: it reads the input in every pass of its loop, and gets
-//! `None` when no one is steering.
+//! of them is answered. The vehicle decides the effect of a stick: it reads the input in every pass of its loop, and
+//! gets `None` when no sender is steering.
 //!
 //! [`ManualInput`] shows which sender steers, and for how long.
 //!
@@ -146,8 +146,8 @@ impl ManualInput {
     /// messages.
     pub const TIMEOUT: Duration = Duration::from_millis(500);
 
-    /// Sets who may steer besides the receivers. A change ends the turn of the steering sender, unless it is a
-    /// receiver; it may begin again with its next message if it is still authorised. Until the first call only
+    /// Sets the senders that may steer besides the receivers. A change ends the turn of the steering sender, unless it
+    /// is a receiver; it may begin again with its next message if it is still authorised. Until the first call only
     /// receivers may steer.
     pub fn set_source(&mut self, source: ControlSource) {
         if self.holder.source != source {
@@ -234,7 +234,7 @@ impl ManualInput {
         channels.iter().any(|&raw| raw != 0).then_some(RcOverride { channels })
     }
 
-    /// Returns who may steer besides the receivers, as last set.
+    /// Returns the senders that may steer besides the receivers, as last set.
     pub const fn source(&self) -> ControlSource {
         self.holder.source
     }

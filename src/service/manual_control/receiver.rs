@@ -44,7 +44,7 @@ impl Receiver {
         radio_until: Instant::ZERO,
     };
 
-    /// Handles a frame of this receiver, and returns what it means.
+    /// Handles a frame of this receiver, and returns its meaning.
     pub(super) fn on_frame(
         &mut self,
         now: Instant,

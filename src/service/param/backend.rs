@@ -10,9 +10,10 @@ use crate::types::{Context, Peer};
 
 /// The hooks of a vehicle whose parameters live elsewhere: in a settings store that the firmware has already.
 ///
-/// The backend has the declarations and the values, decides about each change, and stores what it likes. The stack has neither:
-/// it asks for a parameter when it sends it. It answers lists, reads, PARAM_SET and `_HASH_CHECK`, and it checks name, type and
-/// range of a PARAM_SET before the backend decides. The stack's own storage leaves these parameters out.
+/// The backend has the declarations and the values, decides about each change, and stores values at its discretion. The
+/// stack has neither: it asks for a parameter when it sends it. It answers lists, reads, PARAM_SET and `_HASH_CHECK`,
+/// and it checks name, type and range of a PARAM_SET before the backend decides. The stack's own storage leaves these
+/// parameters out.
 ///
 /// Implemented for a vehicle whose [`#[stack]`](macro@crate::Stack) declares [`ExternalParams`](super::ExternalParams). For an object
 /// of its own, the vehicle passes the calls on.
@@ -23,7 +24,7 @@ use crate::types::{Context, Peer};
 /// use mavstack::{Context, ParamBackend, Stack};
 /// # use mavstack::{Command, Commands, Outcome, Vehicle, VehicleState};
 ///
-/// /// What the firmware has: settings of one type, sorted by name.
+/// /// The firmware's settings: of one type, sorted by name.
 /// struct Setting { name: &'static str, value: f32, default: f32, max: f32 }
 ///
 /// struct Rover {
@@ -120,8 +121,8 @@ pub trait ParamBackend {
     /// unchanged then.
     fn set_param(&mut self, cx: &mut Context<'_>, write: &ParamWrite) -> Result<(), MavParamError>;
 
-    /// Takes what has changed besides [`set_param`](Self::set_param), so that it is announced (P-16). Each poll calls it up to
-    /// four times, until it returns [`ParamUpdate::Nothing`].
+    /// Takes a change that was not made by [`set_param`](Self::set_param), so that it is announced (P-16). Each poll
+    /// calls it up to four times, until it returns [`ParamUpdate::Nothing`].
     ///
     /// A store that only counts its changes remembers the last count that it compared here, and returns
     /// [`ParamUpdate::All`] when the count differs.
@@ -154,7 +155,7 @@ pub trait ParamBackend {
         denied(cx, "Parameters cannot be reset")
     }
 
-    /// Checks what the stack takes for granted, for a test or at start: `room` is the `N` of
+    /// Checks the assumptions of the stack, for a test or at start: `room` is the `N` of
     /// [`ExternalParams<N>`](super::ExternalParams). Searches for each name once.
     ///
     /// # Errors
@@ -209,7 +210,7 @@ fn check<B: ParamBackend + ?Sized>(backend: &B, room: usize) -> Result<(), Param
     Ok(())
 }
 
-/// Refuses what a backend does not do, with its reason (C-16).
+/// Refuses a request that a backend does not support, and gives the reason (C-16).
 fn denied(cx: &mut Context<'_>, why: &str) -> MavResult {
     if cfg!(feature = "plan-texts") {
         cx.text(MavSeverity::WARNING, why);
@@ -217,7 +218,7 @@ fn denied(cx: &mut Context<'_>, why: &str) -> MavResult {
     MavResult::DENIED
 }
 
-/// What a backend's [`take_update`](ParamBackend::take_update) reports.
+/// A change that a backend's [`take_update`](ParamBackend::take_update) reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ParamUpdate {

@@ -21,8 +21,8 @@ use crate::types::{Firmware, LinkMask, Values, Vehicle};
 /// Number of updates that a poll takes from the backend.
 const UPDATES: usize = 4;
 
-/// What the stack keeps of up to `N` parameters that live elsewhere: for each the links on which its value is pending, two bytes.
-/// [`ParamBackend`] has the example.
+/// The stack's state of up to `N` parameters that live elsewhere: for each the links on which its value is pending, two
+/// bytes. [`ParamBackend`] has the example.
 #[derive(Clone, Debug)]
 pub struct ExternalParams<const N: usize> {
     marks: [LinkMask; N],
@@ -130,7 +130,7 @@ impl ExternalService {
     }
 }
 
-/// What the service sends.
+/// A frame that the service sends.
 #[derive(Clone, Copy, Debug)]
 pub enum ExternalReply {
     /// A refusal, the hash, or a value that was requested or has changed.
@@ -160,7 +160,7 @@ where
         ..About::AUTOPILOT
     };
 
-    /// Takes what has changed in the backend (P-16).
+    /// Takes changes of the backend (P-16).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ParamList>) {
         for _ in 0..UPDATES {
             match cx.vehicle.take_update() {

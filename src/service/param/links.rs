@@ -1,4 +1,4 @@
-//! A cache of what must be known about the links without access to the table.
+//! A cache of facts about the links, for code without access to the table.
 
 use super::info::Rows;
 use super::state::ParamState;

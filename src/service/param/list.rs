@@ -10,7 +10,7 @@ use crate::time::{Duration, Instant};
 const COST: u32 = cost(37, 40);
 
 /// A list value that has waited this long is sent before streams and forwarded frames; otherwise a saturated link would
-/// starve the list (D-4, P-11). Less than what a [`RateLimit`] makes up, so that waiting does not reduce the list's share.
+/// starve the list (D-4, P-11). Less than a [`RateLimit`] makes up, so that waiting does not reduce the list's share.
 const MAX_LATENESS: Duration = Duration::from_millis(20);
 
 /// The state of a link: the progress of its list. Initially all zero bits.

@@ -9,9 +9,9 @@
 //!   record   type and flags, common and rest of the name, rest of the name, value, default
 //! ```
 //!
-//! A name repeats up to 15 bytes of the one before. Zeros between records keep a value from crossing a packet's end, so that
-//! it is not torn if it changes meanwhile. The file is made while it is read. The length of a record depends only on what
-//! does not change, so any part of it can be read again.
+//! A name repeats up to 15 bytes of the one before. Zeros between records keep a value from crossing a packet's end, so
+//! that it is not torn if it changes meanwhile. The file is made while it is read. The length of a record depends only
+//! on constants, so any part of it can be read again.
 //!
 //! Behind the last record there are zeros, which decoders skip and MAVLink 2 does not send. They extend the file to the length
 //! of as many of the longest records, whatever the length of the client's packets (F-30).

@@ -35,9 +35,9 @@ impl Saving {
         self.schedule.stored_differs = false;
     }
 
-    /// Returns whether a page keeps values that are no defaults: after an earlier attempt failed, or if a value was set since
-    /// storage was attached. If the operator requests the stored values, they replace what was set before the first page. That is
-    /// still written if they cannot be read.
+    /// Returns whether a page keeps values that are no defaults: after an earlier attempt failed, or if a value was set
+    /// since storage was attached. If the operator requests the stored values, they replace values that were set before
+    /// the first page. That is still written if they cannot be read.
     pub(crate) fn keeps_values(&mut self, now: Instant, is_first: bool, is_late: bool) -> bool {
         if self.is_reload_requested {
             if is_first {
@@ -54,8 +54,8 @@ impl Saving {
         self.has_changed = true;
     }
 
-    /// Records that the stored values were loaded. What was set meanwhile is noticed again. If they could not be read, pending
-    /// writes stay pending.
+    /// Records that the stored values were loaded. Values that were set meanwhile count as changed again. If they could
+    /// not be read, pending writes stay pending.
     pub(crate) const fn loaded(&mut self, is_read: bool) {
         (self.is_reload_requested, self.is_unloaded) = (false, false);
         let was_attached = self.schedule.attach();
@@ -64,8 +64,8 @@ impl Saving {
         }
     }
 
-    /// Handles a second attempt to read. Pending changes are written after a successful read; otherwise the write is deferred,
-    /// so that it does not replace what is still unread.
+    /// Handles a second attempt to read. Pending changes are written after a successful read; otherwise the write is
+    /// deferred, so that it does not replace values that are still unread.
     pub(crate) fn reread(&mut self, now: Instant, is_read: bool) {
         if self.schedule.is_pending() {
             self.schedule.postpone(if is_read { Instant::ZERO } else { now + COOLDOWN });
@@ -86,8 +86,8 @@ impl Saving {
         }
     }
 
-    /// Whether the token bucket is too empty for a write. A write is needed if the request `will_change` something, or if
-    /// changes are pending, or what is stored is damaged (C-15).
+    /// Whether the token bucket is too empty for a write. A write is needed if the request `will_change` something, or
+    /// if changes are pending, or the stored values are damaged (C-15).
     pub(super) fn is_rate_limited(&self, now: Instant, will_change: bool) -> bool {
         let is_needed = will_change || self.schedule.stored_differs || self.schedule.is_dirty();
         self.schedule.is_attached() && is_needed && !self.schedule.bucket.has(now, 1)

@@ -15,7 +15,7 @@ use crate::service::{About, Cx, Handled, Received, Request, Service, StackEvent,
 use crate::time::{Duration, Instant};
 use crate::types::{Firmware, Peer, Vehicle};
 
-/// What the service sends.
+/// A frame that the service sends.
 #[derive(Clone, Copy, Debug)]
 pub enum ParamReply {
     /// A refusal, the hash, or a value that was requested or has changed.
@@ -24,8 +24,8 @@ pub enum ParamReply {
     Listed,
 }
 
-/// Lists, reads and sets parameters. Its state for all links is in the table, next to the values. This type caches what must be
-/// known without access to the table.
+/// Lists, reads and sets parameters. Its state for all links is in the table, next to the values. This type caches
+/// facts for calls without access to the table.
 #[derive(Debug)]
 pub struct ParamService {
     pub(super) links: ParamLinks,
@@ -95,7 +95,7 @@ where
     }
     .in_turns(&[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList]);
 
-    /// Notices what the vehicle has set since the last call (P-16).
+    /// Notices values that the vehicle has set since the last call (P-16).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ParamList>) {
         self.with_table(cx.parameters, |table| {
             table.rows.saving.notice(cx.now);

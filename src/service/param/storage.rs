@@ -4,7 +4,7 @@ use crate::dialect::{MavCmd, MavModeFlag, MavResult};
 use crate::num;
 use crate::types::{Command, Refusal, RefusalReason, Vehicle};
 
-/// What MAV_CMD_PREFLIGHT_STORAGE does with the parameters.
+/// An action of MAV_CMD_PREFLIGHT_STORAGE on the parameters.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum StorageAction {
     Nothing,

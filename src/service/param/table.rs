@@ -263,7 +263,7 @@ pub trait ParamTable: ParamMemory + Sized {
     fn table_mut(&mut self) -> TableMut<'_>;
 }
 
-/// The parameters of a firmware: a table, what is kept for a backend, or none.
+/// The parameters of a firmware: a table, the state that is kept for a backend, or none.
 #[doc(hidden)]
 #[diagnostic::on_unimplemented(
     message = "`{Self}` is no table of parameters",

@@ -378,7 +378,7 @@ mod tests {
             prop_assert_eq!(converted(from, to, bits), (min..=max).contains(&value).then(|| bits_of(to, value)));
         }
 
-        /// P-19: what is taken is an extension of the value, or a float that equals it.
+        /// P-19: an accepted value is an extension of the small one, or a float that equals it.
         #[test]
         fn a_small_integer_is_extended_or_a_whole_float(bits: u32, r#type in 0usize..4) {
             let (r#type, min, max) = INTEGERS[r#type];

@@ -131,7 +131,7 @@ counters! {
 /// The last 48-bit timestamp, in 2104, has no successor, so it is never accepted. Once our own time has reached it,
 /// links that sign send unsigned frames until another key is set: a timestamp is never sent twice.
 ///
-/// # What can be replayed
+/// # Limits of replay protection
 ///
 /// Recorded signed frames can be accepted again in these cases:
 ///
@@ -305,8 +305,9 @@ impl Signing {
     ///
     /// - The key that is in use: our time moves forward to `timestamp` (10 µs since 2015-01-01), never back.
     /// - Another key, also one that was in use before: our time starts at `timestamp`, or at the time that the vehicle
-    ///   [set](Self::set_time) since the start if that is later; all streams are forgotten. [`Signing`] lists what can
-    ///   be replayed with a key that is set again; [`refuse_recorded`](Self::refuse_recorded) prevents it.
+    ///   [set](Self::set_time) since the start if that is later; all streams are forgotten. [`Signing`] lists the
+    ///   frames that can be replayed with a key that is set again; [`refuse_recorded`](Self::refuse_recorded) prevents
+    ///   it.
     ///
     /// A `timestamp` of 2^48 - 1 or more counts as 0: it has no successor.
     pub fn set_key(&mut self, now: Instant, key: SigningKey, timestamp: u64) {

@@ -88,7 +88,8 @@ pub(super) struct RequestedRow {
     pub(super) index: Option<u16>,
 }
 
-/// What is added to the dither at each sweep: odd, so all 256 values follow each other, and far from 0 and 256, so neighbours differ much.
+/// The step of the dither at each sweep: odd, so that it takes all 256 values, and far from 0 and 256, so that
+/// neighbours differ much.
 const DITHER_STEP: u8 = 157;
 
 /// The streams of a link: `S` is an array of slots, one for each row of the vehicle's table. The logic works on the

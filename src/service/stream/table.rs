@@ -212,7 +212,7 @@ impl Rows {
 }
 
 /// Clamps an interval to the bounds.
-#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; what is cast was bounded")]
+#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; the value was bounded")]
 pub(super) const fn clamped(micros: u64) -> u32 {
     if micros < MIN_INTERVAL as u64 {
         MIN_INTERVAL

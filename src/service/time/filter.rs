@@ -305,7 +305,7 @@ mod tests {
                 if let Some(estimate) = filter.offset_ns(Instant::from_micros(at)) {
                     let error = (estimate - truth(at, jump)).unsigned_abs();
                     let is_jump = (200..210).contains(&round);
-                    // Plus the drift since the last accepted sample, or what looks like drift before the filter has
+                    // Plus the drift since the last accepted sample, or an apparent drift before the filter has
                     // settled.
                     let unknown = if filter.is_settled() { 2_000_000 } else { gap * 650 + jitter_us * 1_000 };
                     prop_assert!(is_jump || error <= jitter_us * 1_000 + unknown, "round {round}: {error} ns");

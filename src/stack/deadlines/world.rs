@@ -1,4 +1,4 @@
-//! Random traffic for the vehicle: what its peers send, what the firmware does, and when it wakes.
+//! Random traffic for the vehicle: frames of its peers, calls of the firmware, and the times at which it wakes.
 
 use crate::StackOf;
 use std::boxed::Box;
@@ -35,7 +35,7 @@ fn file_request(session: u8, opcode: MavFtpOpcode, path: &str) -> Request {
     of(FileTransferProtocol { payload, target_network: 0, target_system: 1, target_component: 1 })
 }
 
-/// What peers may send.
+/// Frames that peers may send.
 fn requests() -> Vec<Request> {
     let (target_system, target_component) = (1, 1);
     let mut pool = Vec::new();
@@ -273,7 +273,7 @@ pub(in super::super) struct World {
     asked: [Option<MissionRequestInt>; LINKS],
     /// Turns that sent something.
     pub(super) seen: Vec<Turn>,
-    /// What was sent: link, id and payload.
+    /// The sent frames: link, id and payload.
     sent: Vec<(usize, u32, Vec<u8>)>,
 }
 
@@ -354,7 +354,7 @@ impl World {
         }
     }
 
-    /// What the firmware does of itself.
+    /// A call that the firmware makes by itself.
     fn act(&mut self, link: u8, what: u8) {
         let (now, stack) = (self.now, &mut self.stack);
         match what {
@@ -430,7 +430,7 @@ impl World {
         }
     }
 
-    /// Takes what was sent since the last time, in an order of its own.
+    /// Takes the frames that were sent since the last time, in an order of its own.
     pub(in super::super) fn sent(&mut self) -> Vec<(usize, u32, Vec<u8>)> {
         let mut sent = core::mem::take(&mut self.sent);
         sent.sort();
@@ -481,7 +481,7 @@ impl World {
     /// Wakes and sends as long as there is something to send.
     pub(in super::super) fn wake(&mut self) {
         self.poll();
-        // What takes several polls is due, and sends nothing.
+        // Work that takes several polls is due, and sends nothing.
         while self.stack.services.files.is_working() || self.stack.services.param.is_working() || self.has_requests() {
             self.poll();
         }

@@ -113,7 +113,7 @@ fn cuts_of_double_words() {
     check::<8, 2048>(8, 24..28);
 }
 
-/// What a cut and the recovery from it lead to: the flash after a save that was cut twice, and what it may have.
+/// The result of a cut and the recovery from it: the flash after a save that was cut twice, and its possible content.
 fn second_cut<const W: usize, const E: usize>(
     (flash, model): (&RamFlash<W, E>, &Model),
     first: u64,

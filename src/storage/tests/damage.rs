@@ -1,4 +1,4 @@
-//! Damaged pages: what is lost is reported, never read as empty, and costs nothing else (G-18).
+//! Damaged pages: lost content is reported, never read as empty, and costs nothing else (G-18).
 
 use super::*;
 

@@ -51,7 +51,7 @@ fn failing_writes_change_nothing() {
     }
 }
 
-/// What can be read back is stored, even if the driver reported an error for the last write.
+/// A record that can be read back is stored, even if the driver reported an error for the last write.
 #[test]
 fn a_last_write_that_reads_back_counts() {
     let (mut rig, mut model) = filled(false);
@@ -154,7 +154,7 @@ fn failed_reads_lose_nothing() {
     }
 }
 
-/// G-18: a page that stays unreadable counts as lost after four attempts, a second apart. What it had is reported.
+/// G-18: a page that stays unreadable counts as lost after four attempts, a second apart. Its content is reported.
 #[test]
 fn a_page_that_stays_unreadable_is_lost() {
     let (rig, model) = filled(true);

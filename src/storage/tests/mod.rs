@@ -164,7 +164,7 @@ impl<const W: usize, const E: usize> Rig<W, E> {
         (1..10).filter(|kind| self.journal.find(*kind).is_damaged).collect()
     }
 
-    /// What a restart finds, without damage.
+    /// The content that a restart finds, without damage.
     fn restarted(flash: &RamFlash<W, E>) -> Model {
         let mut flash = flash.clone();
         flash.power_on();
@@ -207,7 +207,8 @@ fn records_come_back_and_wear_is_even() {
     check::<4, 128>(33);
 }
 
-/// The RAM that the documentation states: storage takes at most 400 bytes of a stack, and one page of what runs the jobs.
+/// The RAM that the documentation states: storage takes at most 400 bytes of a stack, and one page of the code that
+/// runs the jobs.
 #[test]
 fn state_is_small() {
     assert!(size_of::<super::Storage>() <= 400, "{}", size_of::<super::Storage>());

@@ -28,7 +28,7 @@ fn opener<const W: usize, const E: usize>(flash: &RamFlash<W, E>, kind: u8) -> u
 }
 
 /// The only record that is no copy is damaged, and the segment before is erased: the copies are all there is. They are
-/// found, and what is lost is reported, whatever is left of the page.
+/// found, and lost content is reported, whatever is left of the page.
 #[test]
 fn copies_survive_the_record_that_opened_the_segment() {
     let (mut rig, mut model) = filled(0);
@@ -45,8 +45,8 @@ fn copies_survive_the_record_that_opened_the_segment() {
     }
 }
 
-/// The record that opened a segment cannot be read, or reads wrongly, at one start. What is saved then is the newest also
-/// when that record can be read again.
+/// The record that opened a segment cannot be read, or reads wrongly, at one start. A record that is saved then is the
+/// newest also when that record can be read again.
 #[test]
 fn a_save_beside_an_unread_segment_stays_the_newest() {
     let (mut rig, _) = filled(9);

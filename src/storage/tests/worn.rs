@@ -43,8 +43,8 @@ fn check_with(rig: Rig<W, E>, saves: u32, pages: usize, retries: usize, what: &s
     rig
 }
 
-/// Every unit in turn is worn, in one of three ways: it cannot be erased, cannot be written, or does not keep what is written. Among
-/// them the first of a segment, which once ended storage for good.
+/// Every unit in turn is worn, in one of three ways: it cannot be erased, cannot be written, or does not keep written
+/// data. Among them the first of a segment, which once ended storage for good.
 #[test]
 fn every_save_succeeds_beside_a_worn_unit() {
     let all: Vec<_> = (0..12).collect();
@@ -58,7 +58,7 @@ fn every_save_succeeds_beside_a_worn_unit() {
     }
 }
 
-/// Any two of the units cannot be erased; or do not keep what is written, and then a save may fail once if both are met.
+/// Any two of the units cannot be erased; or do not keep written data, and then a save may fail once if both are met.
 #[test]
 fn every_save_succeeds_beside_two_worn_units() {
     for first in 0..12 {
@@ -71,8 +71,9 @@ fn every_save_succeeds_beside_two_worn_units() {
     }
 }
 
-/// Two units of one segment do not keep what is written, and the new record meets each of them: the copies before it stay. The
-/// segments rotate, because the region has an odd number of units; each second record is a key, which begins a segment.
+/// Two units of one segment do not keep written data, and the new record meets each of them: the copies before it stay.
+/// The segments rotate, because the region has an odd number of units; each second record is a key, which begins a
+/// segment.
 #[test]
 fn copies_stay_when_only_the_new_record_meets_worn_units() {
     for first in 0..11 {
@@ -241,7 +242,7 @@ fn renumbered(flash: &RamFlash<W, E>, number: u32, kind: Option<u8>) -> RamFlash
     flash
 }
 
-/// G-18: a segment number that no segment has is damage, not an empty journal. What is stored then ends it.
+/// G-18: a segment number that no segment has is damage, not an empty journal. The next save ends it.
 #[test]
 fn impossible_segment_numbers_are_damage() {
     let mut rig = check(worn(8, &[]), 3, 1, "sound");

@@ -196,5 +196,5 @@ fn every_refusal_is_logged_at_most_once_a_second() {
     bench.upload(A, MISSION, &plan(2, 2));
     assert_eq!(bench.ask(B, &request(MISSION, 0)), [to_b(Ack(CANCELLED, 0))]);
     assert_eq!(bench.missions.sessions.refused.total(), 1, "a stale download");
-    assert_eq!(bench.missions.refused.total(), refused, "what is accepted");
+    assert_eq!(bench.missions.refused.total(), refused, "an accepted upload");
 }

@@ -266,7 +266,8 @@ impl Bench {
         self.with_answer(Missions::on_save_failed);
     }
 
-    /// Advances the time by `millis` ms in steps of 10 ms. Returns what is sent meanwhile, and after how many ms.
+    /// Advances the time by `millis` ms in steps of 10 ms. Returns the frames that are sent meanwhile, and after how
+    /// many ms.
     fn wait(&mut self, millis: u64) -> Vec<(u64, Sent)> {
         let mut sent = Vec::new();
         for step in 1..=millis / 10 {
@@ -286,12 +287,12 @@ impl Bench {
         core::iter::from_fn(|| self.next(link)).collect()
     }
 
-    /// Has a link send what is pending in a turn. Returns false if nothing is.
+    /// Makes a link send the frame that is pending in a turn. Returns false if none is.
     fn offer(&mut self, link: usize, turn: Turn) -> bool {
         self.with_link(link, |missions, cx, port, replies| {
             let is_pending = Service::<Board>::pending(missions, &cx.view(), port, replies, turn).is_some();
             let is_sent = offer(missions, cx, port, replies, turn);
-            assert_eq!(is_pending, is_sent, "what is pending is sent");
+            assert_eq!(is_pending, is_sent, "a pending frame is sent");
             is_sent
         })
     }

@@ -77,7 +77,7 @@ fn a_refused_plan_leaves_the_live_one() {
     }
 }
 
-/// SEC-14: the stack refuses what no vehicle can fly, without asking the vehicle.
+/// SEC-14: the stack refuses items that no vehicle can fly, without asking the vehicle.
 #[test]
 fn a_bad_number_is_refused_before_the_vehicle_is_asked() {
     let mut bench = Bench::new();
@@ -260,7 +260,7 @@ fn a_repeated_count_is_answered_once_or_restarts() {
         assert_eq!(bench.ask(A, &count(MISSION, 3)), [to_a(Ask(0))], "after an item, a restart");
         assert!(
             bench.ask(A, &int(MISSION, 2, &item(1, 2))).is_empty(),
-            "what was asked for before is not wanted any more"
+            "the item that was requested before is dropped"
         );
     }
     assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))], "or with another count");
@@ -515,7 +515,7 @@ impl Bench {
     }
 }
 
-/// The size of the engine without the plans, and without what only a firmware with a log has.
+/// The size of the engine without the plans, and without the part that only a firmware with a log has.
 #[test]
 fn engine_fits_its_budget() {
     let size = size_of::<Missions>() - 3 * size_of::<crate::log::RefusalLog>();

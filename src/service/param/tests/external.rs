@@ -1,4 +1,4 @@
-//! Parameters that live elsewhere: what is due is sent, and the last value of each reaches every link.
+//! Parameters that live elsewhere: a due value is sent, and the last value of each reaches every link.
 
 use super::super::external::ExternalService;
 use super::super::{ExternalParams, ParamBackend, ParamMemory, ParamUpdate, ParamWrite};
@@ -106,7 +106,7 @@ impl Bench {
         let pending = pending.filter(|(at, _)| *at <= cx.now);
         let is_due = pending.is_some();
         let sends = pending.is_some_and(|(_, reply)| self.params.send(&mut cx, port, list, reply));
-        assert_eq!(sends, is_due, "what is due in {turn:?} is sent");
+        assert_eq!(sends, is_due, "a value that is due in {turn:?} is sent");
         if sends {
             with_frame(&take(&mut port.outbox), |frame| {
                 if let Some(value) = frame.decode::<ParamValue>() {
@@ -148,8 +148,8 @@ fn event() -> impl Strategy<Value = Event> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
-    /// P-11, P-16: in each turn a link sends exactly if it is due; what the backend has told of reaches every link that stays
-    /// open.
+    /// P-11, P-16: in each turn a link sends exactly if it is due; a change of the backend reaches every link that
+    /// stays open.
     #[test]
     fn what_is_due_is_sent(events in prop::collection::vec(event(), 0..120)) {
         let mut bench = Bench::new();

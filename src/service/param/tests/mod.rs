@@ -195,7 +195,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
         self.take(link, Turn::ParamList)
     }
 
-    /// Returns what a link sends in this turn.
+    /// Returns the frame that a link sends in this turn.
     fn take(&mut self, link: usize, turn: Turn) -> Option<Out> {
         let (params, mut cx, mut links) = self.parts();
         let (port, list) = &mut links[link];
@@ -223,7 +223,8 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
         self.poll();
     }
 
-    /// Polls every ms for `millis` ms, and sends everything, answers first. Returns what a link sent, and after how many ms.
+    /// Polls every ms for `millis` ms, and sends everything, answers first. Returns the frames that a link sent, and
+    /// after how many ms.
     fn run(&mut self, link: usize, millis: u64) -> Vec<(u64, Out)> {
         let mut sent = Vec::new();
         for ms in 1..=millis {
@@ -285,7 +286,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
     }
 }
 
-/// Sends what is due in a turn of a link. Returns whether anything was.
+/// Sends the frame that is due in a turn of a link. Returns whether one was.
 fn offer<F: Firmware, S: Service<F>>(
     service: &mut S,
     cx: &mut Cx<'_, F>,

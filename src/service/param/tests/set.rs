@@ -42,8 +42,8 @@ fn every_row_of_the_table() {
         ("WORD", Type::UINT32, 65_536, Err(OUT_OF_RANGE)),
         ("ID_OF_16_LETTERS", Type::UINT32, (-1_000i32).cast_unsigned(), Err(OUT_OF_RANGE)),
         ("LOCKED", Type::INT32, 5, Err(MavParamError::READ_ONLY)),
-        // P-19: the upper bytes of a small integer are zeros or copies of its top bit. What is neither is read as a float: MAVSDK
-        // 4.1 sends 0x7FC00000, a client that casts 0x3F800000 for 1, and an uninitialised union has anything.
+        // P-19: the upper bytes of a small integer are zeros or copies of its top bit. Any other is read as a float:
+        // MAVSDK 4.1 sends 0x7FC00000, a client that casts 0x3F800000 for 1, and an uninitialised union has anything.
         ("BYTE", Type::UINT8, 0xFFFF_FF80, Ok(128)),
         ("BYTE", Type::UINT8, 0x3F80_0000, Ok(1)),
         ("BYTE", Type::UINT8, 0x4348_0000, Ok(200)),

@@ -184,7 +184,7 @@ impl Hash for State {
     }
 }
 
-/// Returns what identifies the model's items: tag and sequence number.
+/// Returns the tag and the sequence number, which identify the model's items.
 fn names(items: &[Item]) -> Vec<(f32, i32)> {
     items.iter().map(|item| (item.params[0], item.x - super::item(0, 0).x)).collect()
 }
