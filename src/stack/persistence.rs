@@ -157,7 +157,7 @@ impl<D: Declares> Persistence<'_, D> {
             }
         }
         // Whatever is requested from now on is not late.
-        self.storage.is_late &= self.storage.must_load();
+        self.storage.is_retry &= self.storage.must_load();
         if may_write {
             self.begin_write();
         }
@@ -224,7 +224,7 @@ impl<D: Declares> Persistence<'_, D> {
                         self.end_load(content, LoadResult::Failed(RestoreError::Unreadable));
                     }
                 }
-                self.storage.is_late = true;
+                self.storage.is_retry = true;
             }
             Event::Loaded { len, is_first, is_last } => self.load_page(page.payload(len), is_first, is_last),
             Event::Written => {
@@ -255,25 +255,25 @@ impl<D: Declares> Persistence<'_, D> {
 
     /// Passes the content of a page of the current record to its service.
     fn load_page(&mut self, bytes: &[u8], is_first: bool, is_last: bool) {
-        let Storage { content, record, is_late, .. } = *self.storage;
-        if is_late && !self.may_load(content) {
+        let Storage { content, record, is_retry, .. } = *self.storage;
+        if is_retry && !self.may_load(content) {
             // The vehicle has armed meanwhile.
             self.storage.journal.end_load();
             self.load_again();
             return self.end_load(content, LoadResult::Failed(RestoreError::Unreadable));
         }
-        if is_late {
+        if is_retry {
             // A whole plan may have been uploaded while this page was read.
             self.prepare_load(content);
         }
-        let is_valid = with_service!(self, content, |service| {
+        let loaded = with_service!(self, content, |service| {
             let progress = &mut self.storage.progress;
-            service.load(&mut self.cx, LoadedPage { record, bytes, is_first, is_last, is_late, progress })
+            service.load(&mut self.cx, LoadedPage { record, bytes, is_first, is_last, is_retry, progress })
         });
-        if is_last || !is_valid {
+        if is_last || loaded.is_err() {
             self.storage.journal.end_load();
             let kind = Self::layout(content).kind(record);
-            let is_damaged = !is_valid || self.storage.journal.find(kind).is_damaged;
+            let is_damaged = loaded.is_err() || self.storage.journal.find(kind).is_damaged;
             let result = if is_damaged { LoadResult::Failed(RestoreError::Damaged) } else { LoadResult::Loaded };
             self.end_load(content, result);
         }
@@ -299,15 +299,15 @@ impl<D: Declares> Persistence<'_, D> {
 
     /// Passes the result of loading to a service, and reports it.
     fn end_load(&mut self, content: Content, result: LoadResult) {
-        let is_late = self.storage.is_late;
-        with_service!(self, content, |service| service.loaded(&mut self.cx, result, is_late));
+        let is_retry = self.storage.is_retry;
+        with_service!(self, content, |service| service.loaded(&mut self.cx, result, is_retry));
         let error = self.storage.error(content);
         match result {
             LoadResult::Failed(failure) => *error = Some(failure),
             LoadResult::Loaded | LoadResult::Empty if *error == Some(RestoreError::Unreadable) => *error = None,
             LoadResult::Loaded | LoadResult::Empty => {}
         }
-        Self::texts(content).report(&mut self.cx, result, is_late);
+        Self::texts(content).report(&mut self.cx, result, is_retry);
     }
 
     /// Passes the result of a write to a service.
@@ -333,8 +333,8 @@ impl<D: Declares> Persistence<'_, D> {
     }
 
     fn may_load(&mut self, content: Content) -> bool {
-        let is_late = self.storage.is_late;
-        with_service!(self, content, |service| service.may_load(&self.cx, is_late))
+        let is_retry = self.storage.is_retry;
+        with_service!(self, content, |service| service.may_load(&self.cx, is_retry))
     }
 
     fn prepare_load(&mut self, content: Content) -> bool {

@@ -40,7 +40,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         D::Storage: HasStorage<Part = Storage>,
     {
         let mut persistence = self.persistence(now, vehicle);
-        persistence.storage.is_late = false;
+        persistence.storage.is_retry = false;
         persistence.storage.errors = RestoreErrors::NONE;
         persistence.storage.journal.attach(region, Persistence::<D>::PAGES.longest_record);
         persistence.attach();

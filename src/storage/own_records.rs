@@ -1,7 +1,7 @@
 //! A firmware's own small records: an odometer, a count of starts, a calibration.
 
 use super::page::PAYLOAD;
-use super::persistent::{FilledPage, LoadedPage, PendingWrite, Persistent, RestoreTexts};
+use super::persistent::{DamagedContent, FilledPage, LoadedPage, PendingWrite, Persistent, RestoreTexts};
 use super::state::RecordSet;
 use crate::service::{Cx, Service};
 use crate::time::{Duration, Instant};
@@ -130,13 +130,14 @@ impl<F: Firmware<Vehicle: Records>, const N: usize> Persistent<F> for RecordServ
         readable: "Stored records can be read again",
     };
 
-    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> bool {
-        let is_newer = page.is_late && self.pending.contains(page.record);
-        if !is_newer {
+    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> Result<(), DamagedContent> {
+        // Since an earlier attempt to read failed, the vehicle may have changed the record.
+        let is_outdated = page.is_retry && self.pending.contains(page.record);
+        if !is_outdated {
             let (vehicle, mut context) = cx.hook();
             vehicle.load_record(&mut context, page.record, page.bytes);
         }
-        true
+        Ok(())
     }
 
     fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<PendingWrite> {

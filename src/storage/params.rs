@@ -7,7 +7,9 @@
 use core::num::Saturating;
 
 use super::page::PAYLOAD;
-use super::persistent::{FilledPage, LoadResult, LoadedPage, PendingWrite, Persistent, RestoreTexts, is_disarmed};
+use super::persistent::{
+    DamagedContent, FilledPage, LoadResult, LoadedPage, PendingWrite, Persistent, RestoreTexts, is_disarmed,
+};
 use super::restore_error::RestoreError;
 use crate::crc32::Crc32;
 use crate::service::Cx;
@@ -22,7 +24,7 @@ const ROWS: Saturating<u16> = Saturating(28);
 #[allow(clippy::as_conversions, reason = "`from` is not const")]
 const _: () = assert!(ROWS.0 as usize * size_of::<Row>() == PAYLOAD);
 
-/// The bit of a key that says that the parameter had its default.
+/// The bit of a key that is set if the parameter had its default when it was stored.
 const DEFAULT: u32 = 1 << 31;
 
 /// Returns 31 bits of a hash of a parameter's name and type.
@@ -59,34 +61,38 @@ where
         self.attach(cx.parameters, refill);
     }
 
-    /// Late, or if values were set since storage was attached, it takes only the parameters that still have their defaults: a
-    /// value that was set since is newer.
+    /// Loads the rows of a page. No page is damaged: a row without a parameter, or with an invalid value, is skipped.
+    ///
+    /// A value that was set since storage was attached, or since an earlier attempt to read failed, is newer than the stored
+    /// one. So only parameters that still have their defaults are loaded then.
     #[inline(never)]
-    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> bool {
+    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> Result<(), DamagedContent> {
         let now = cx.now;
-        let keeps_values = self.saving(cx.parameters, |saving| saving.keeps_values(now, page.is_first, page.is_late));
-        // Both tables are sorted by name, so the search usually ends at once.
-        let mut next = 0;
+        let keeps_values = self.saving(cx.parameters, |saving| saving.keeps_values(now, page.is_first, page.is_retry));
+        // The rows and the parameters are sorted by name, so the search for a parameter usually ends at its first step.
+        let mut search_from = 0;
         let rows: &[Row] = page.bytes.as_chunks().0.as_chunks().0;
         for row in rows {
-            next = load_row::<F>(self, cx, next, row, keeps_values);
+            search_from = load_row::<F>(self, cx, search_from, row, keeps_values);
         }
-        true
+        Ok(())
     }
 
-    fn loaded(&mut self, cx: &mut Cx<'_, F>, result: LoadResult, is_late: bool) {
+    fn loaded(&mut self, cx: &mut Cx<'_, F>, result: LoadResult, is_retry: bool) {
         let now = cx.now;
         self.saving(cx.parameters, |saving| {
-            if is_late && !saving.is_reload_requested {
-                saving.reread(now, result != LoadResult::Failed(RestoreError::Unreadable));
+            if is_retry && !saving.is_reload_requested {
+                let is_read = result != LoadResult::Failed(RestoreError::Unreadable);
+                saving.reread(now, is_read);
             } else {
                 saving.loaded(result == LoadResult::Loaded);
             }
-            saving.schedule.stored_differs |= result == LoadResult::Failed(RestoreError::Damaged);
+            let is_damaged = result == LoadResult::Failed(RestoreError::Damaged);
+            saving.schedule.stored_differs |= is_damaged;
         });
     }
 
-    /// A request for the stored values fails, and a write is deferred: a sleeping loop is not woken for it.
+    /// Ends a request for the stored values, and defers a pending write, so that a sleeping loop is not woken for the write.
     fn on_blocked<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>)
     where
         Self::Link: 'l,
@@ -102,8 +108,9 @@ where
         self.save_again(cx.parameters);
     }
 
-    fn may_load(&self, cx: &Cx<'_, F>, is_late: bool) -> bool {
-        !is_late || is_disarmed(cx.vehicle)
+    /// A second attempt waits until the vehicle is disarmed: in flight, only the operator changes parameters.
+    fn may_load(&self, cx: &Cx<'_, F>, is_retry: bool) -> bool {
+        !is_retry || is_disarmed(cx.vehicle)
     }
 
     fn pending_write(&mut self, cx: &mut Cx<'_, F>) -> Option<PendingWrite> {
@@ -111,6 +118,7 @@ where
         Some(PendingWrite { record: 0, version, is_secret: false })
     }
 
+    /// Fills a page with rows. Returns `None` if no row is left for it. An empty table has one empty page.
     fn fill(&mut self, cx: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<FilledPage> {
         let table = cx.parameters.table_mut();
         let first = Saturating(page) * ROWS;
@@ -122,9 +130,9 @@ where
             *row = [key.to_le_bytes(), bits.to_le_bytes()];
             len += 8;
         }
-        // An empty table has an empty page.
         let is_last = (first + ROWS).0 >= table.count();
-        (len.0 > 0 || page == 0).then_some(FilledPage { len: len.0, is_last })
+        let exists = len.0 > 0 || page == 0;
+        exists.then_some(FilledPage { len: len.0, is_last })
     }
 
     fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>, is_saved: bool)
@@ -139,22 +147,27 @@ where
     }
 }
 
-/// Loads the parameter of a row, if there is one; looks for it from index `from` on. Returns the index after it.
-fn load_row<F>(params: &mut ParamService, cx: &mut Cx<'_, F>, from: u16, row: &Row, keeps_value: bool) -> u16
+/// Loads the value in a row, if the table has the row's parameter. The search for the parameter begins at index `search_from`
+/// and wraps around at the end of the table. Returns the index after the parameter, or `search_from` if there is none.
+///
+/// `keeps_value`: a parameter without its default keeps its value.
+fn load_row<F>(params: &mut ParamService, cx: &mut Cx<'_, F>, search_from: u16, row: &Row, keeps_value: bool) -> u16
 where
     F: Firmware<Parameters: ParamTable, Vehicle: Parameters<Table = F::Parameters>>,
 {
     let [stored_key, bits] = *row;
     let (stored_key, bits) = (u32::from_le_bytes(stored_key), u32::from_le_bytes(bits));
     let table = cx.parameters.table_mut();
-    let mut next = Saturating(from);
+    let mut next = Saturating(search_from);
     for _ in 0..table.count() {
         let index = if next.0 < table.count() { next.0 } else { 0 };
         next = Saturating(index) + Saturating(1);
-        if table.get(index).is_some_and(|(info, _)| key(info) == stored_key & !DEFAULT) {
-            params.load(cx, index, &Stored { bits, is_default: stored_key & DEFAULT != 0 }, keeps_value);
+        let is_of_row = table.get(index).is_some_and(|(info, _)| key(info) == stored_key & !DEFAULT);
+        if is_of_row {
+            let stored = Stored { bits, is_default: stored_key & DEFAULT != 0 };
+            params.load(cx, index, &stored, keeps_value);
             return next.0;
         }
     }
-    from
+    search_from
 }

@@ -39,8 +39,8 @@ pub struct LoadedPage<'a> {
     pub(crate) bytes: &'a [u8],
     pub(crate) is_first: bool,
     pub(crate) is_last: bool,
-    /// Whether an earlier attempt to read it failed, so that content that has changed since is newer.
-    pub(crate) is_late: bool,
+    /// Whether an earlier attempt to read the content failed. Then content that has changed since is newer.
+    pub(crate) is_retry: bool,
     /// The state that the service needs with the next page.
     pub(crate) progress: &'a mut LoadProgress,
 }
@@ -58,9 +58,13 @@ pub struct LoadProgress {
     pub(super) digest: Digest,
     /// Why the plan is not used, or [`NO_FAULT`]. An `Option` would not be all zero bits.
     pub(super) fault: PlanFault,
-    /// Whether a plan was not used.
-    pub(super) differs: bool,
+    /// Whether a plan of the record was refused, so that the live plans are not the stored ones.
+    pub(super) has_refused_plan: bool,
 }
+
+/// The content of a record is not in its format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DamagedContent;
 
 /// Stands for no fault of a plan.
 pub(super) const NO_FAULT: PlanFault = PlanFault { seq: None, result: MavMissionResult::ACCEPTED };
@@ -73,7 +77,7 @@ impl LoadProgress {
         items: Saturating(0),
         digest: Digest::VACANT,
         fault: NO_FAULT,
-        differs: false,
+        has_refused_plan: false,
     };
 }
 
@@ -127,15 +131,19 @@ pub trait Persistent<F: Firmware>: Service<F> {
         let _ = cx;
     }
 
-    /// Takes the next page of a record. Returns whether the content is valid so far.
-    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> bool {
+    /// Takes the next page of a record.
+    ///
+    /// # Errors
+    ///
+    /// [`DamagedContent`] if the page cannot be used. Then the record's next pages are not read.
+    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> Result<(), DamagedContent> {
         let _ = (cx, page);
-        true
+        Ok(())
     }
 
-    /// Called after the last page, or if there is nothing to load.
-    fn loaded(&mut self, cx: &mut Cx<'_, F>, result: LoadResult, is_late: bool) {
-        let _ = (cx, result, is_late);
+    /// Called after the last page, or if there is nothing to load. `is_retry`: an earlier attempt to read failed.
+    fn loaded(&mut self, cx: &mut Cx<'_, F>, result: LoadResult, is_retry: bool) {
+        let _ = (cx, result, is_retry);
     }
 
     /// Whether to load the stored content again now.
@@ -144,9 +152,9 @@ pub trait Persistent<F: Firmware>: Service<F> {
         false
     }
 
-    /// Whether stored content may be loaded now.
-    fn may_load(&self, cx: &Cx<'_, F>, is_late: bool) -> bool {
-        let _ = (cx, is_late);
+    /// Whether stored content may be loaded now. `is_retry`: an earlier attempt to read failed.
+    fn may_load(&self, cx: &Cx<'_, F>, is_retry: bool) -> bool {
+        let _ = (cx, is_retry);
         true
     }
 
@@ -208,7 +216,8 @@ impl<F: Firmware> Persistent<F> for WithoutSigning {}
 /// The backend stores its parameters itself.
 impl<F: Firmware> Persistent<F> for ExternalService where Self: Service<F> {}
 
-/// Whether the vehicle is known to be disarmed. Otherwise stored content must not replace the content with which it flies.
+/// Whether the vehicle is known to be disarmed. While it may be armed, stored content must not replace the content with which
+/// it flies.
 pub(super) fn is_disarmed(vehicle: &impl Vehicle) -> bool {
     vehicle.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED))
 }
@@ -221,12 +230,12 @@ pub(crate) fn report<F: Firmware>(cx: &mut Cx<'_, F>, severity: MavSeverity, tex
 
 impl RestoreTexts {
     /// Reports the result of loading content.
-    pub(crate) fn report<F: Firmware>(&self, cx: &mut Cx<'_, F>, result: LoadResult, is_late: bool) {
+    pub(crate) fn report<F: Firmware>(&self, cx: &mut Cx<'_, F>, result: LoadResult, is_retry: bool) {
         match result {
-            LoadResult::Loaded | LoadResult::Empty if is_late => report(cx, MavSeverity::INFO, self.readable),
+            LoadResult::Loaded | LoadResult::Empty if is_retry => report(cx, MavSeverity::INFO, self.readable),
             LoadResult::Loaded | LoadResult::Empty => {}
-            // It was reported when reading failed first.
-            LoadResult::Failed(RestoreError::Unreadable) if is_late => {}
+            // The first failure to read was reported.
+            LoadResult::Failed(RestoreError::Unreadable) if is_retry => {}
             LoadResult::Failed(RestoreError::Unreadable) => report(cx, MavSeverity::ERROR, self.unreadable),
             LoadResult::Failed(_) => report(cx, MavSeverity::ERROR, self.damaged),
         }

@@ -1,12 +1,14 @@
 //! Storage of the three plans: one record, so that they are replaced together (M-5, SEC-11).
 //!
-//! `format.md` in this folder documents the format: a head, and a row for each item. If you change it, increment the schema version, and keep reading the old one.
+//! `format.md` in this folder documents the format: a head, and a row for each item. If you change it, increment the schema
+//! version, and keep reading the old one.
 
 use core::num::Saturating;
 
 use super::page::PAYLOAD;
 use super::persistent::{
-    FilledPage, LoadProgress, LoadResult, LoadedPage, NO_FAULT, PendingWrite, Persistent, RestoreTexts, is_disarmed,
+    DamagedContent, FilledPage, LoadProgress, LoadResult, LoadedPage, NO_FAULT, PendingWrite, Persistent, RestoreTexts,
+    is_disarmed,
 };
 use crate::dialect::{MavCmd, MavFrame};
 use crate::message::{Digest, Item};
@@ -43,15 +45,15 @@ fn item_of(row: &Row) -> Item {
     }
 }
 
-/// Returns the rows in a page.
+/// Returns the rows in a page, without an incomplete one at its end.
 fn rows(bytes: &[u8]) -> &[Row] {
     bytes.as_chunks().0.as_chunks().0
 }
 
-/// Returns a row of the content; `None` if it has fewer rows.
+/// Returns a row of the content: the head has index 0, and the items follow. Returns `None` after the last item.
 fn row_at(content: &[PlanView<'_>; 3], index: usize) -> Option<Row> {
-    if let Some(item) = index.checked_sub(1) {
-        return content.iter().flat_map(PlanView::items).nth(item).map(row_of);
+    if let Some(item_index) = index.checked_sub(1) {
+        return content.iter().flat_map(PlanView::items).nth(item_index).map(row_of);
     }
     let [mission, fence, rally] = content;
     let count = |plan: &PlanView<'_>| u32::try_from(plan.items().len()).unwrap_or(u32::MAX).to_le_bytes();
@@ -59,7 +61,7 @@ fn row_at(content: &[PlanView<'_>; 3], index: usize) -> Option<Row> {
     Some([count(mission), count(fence), count(rally), id(mission), id(fence), id(rally), [0; 4], [0; 4]])
 }
 
-/// Fills a page with rows.
+/// Fills a page with rows. Returns `None` if no row is left for it.
 pub(super) fn fill(content: &[PlanView<'_>; 3], page: u16, bytes: &mut [u8]) -> Option<FilledPage> {
     let first = Saturating(usize::from(page)) * Saturating(ROWS);
     let mut len = Saturating(0u8);
@@ -72,43 +74,35 @@ pub(super) fn fill(content: &[PlanView<'_>; 3], page: u16, bytes: &mut [u8]) -> 
     (len.0 > 0).then_some(FilledPage { len: len.0, is_last })
 }
 
+/// A plan of the record, as the head describes it.
+struct StoredPlan {
+    plan: PlanType,
+    count: u32,
+    id: u32,
+}
+
 impl LoadProgress {
-    /// Takes the first row.
-    fn begin(&mut self, row: &Row) {
-        let [a, b, c, d, e, f, ..] = row.map(u32::from_le_bytes);
-        *self = Self { counts: [a, b, c], ids: [d, e, f], digest: Digest::new(), ..Self::NEW };
+    /// Begins a record with its head.
+    fn begin(&mut self, head: &Row) {
+        let [mission, fence, rally, mission_id, fence_id, rally_id, ..] = head.map(u32::from_le_bytes);
+        let (counts, ids) = ([mission, fence, rally], [mission_id, fence_id, rally_id]);
+        *self = Self { counts, ids, digest: Digest::new(), ..Self::NEW };
     }
 
-    fn plan(&self) -> Option<(PlanType, u32, u32)> {
+    /// Returns the plan whose items are next; `None` after the last plan.
+    fn current_plan(&self) -> Option<StoredPlan> {
         let index = usize::from(self.plan.0);
-        Some((*PlanType::ALL.get(index)?, *self.counts.get(index)?, *self.ids.get(index)?))
+        let plan = *PlanType::ALL.get(index)?;
+        Some(StoredPlan { plan, count: *self.counts.get(index)?, id: *self.ids.get(index)? })
     }
 
-    /// Makes each plan live whose items are complete.
-    fn finish<F: Firmware<Vehicle: Plans>>(&mut self, missions: &mut Missions, cx: &mut Cx<'_, F>, is_late: bool) {
-        while let Some((plan, _, id)) = self.plan().filter(|(_, count, _)| *count == u32::from(self.items.0)) {
-            // A plan that was uploaded in the meantime is newer.
-            if !(is_late && cx.plans.count(plan) > 0) {
-                let result = if self.fault == NO_FAULT {
-                    missions.make_loaded(cx, plan, Some((self.items.0, id)), self.digest)
-                } else {
-                    Err(self.fault)
-                };
-                if let Err(fault) = result {
-                    self.differs = true;
-                    Missions::report_refused(cx, plan, fault);
-                }
-            }
-            cx.plans.clear_staging();
-            self.plan += 1;
-            self.items.0 = 0;
-            (self.digest, self.fault) = (Digest::new(), NO_FAULT);
-        }
-    }
-
-    /// Takes the row of an item. Returns false if there is no plan for it.
-    fn item<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, row: &Row) -> bool {
-        let Some((plan, ..)) = self.plan() else { return false };
+    /// Stages the item in a row. An item that cannot be flown makes its plan unusable.
+    ///
+    /// # Errors
+    ///
+    /// [`DamagedContent`] if all plans of the head are complete.
+    fn stage_item<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, row: &Row) -> Result<(), DamagedContent> {
+        let StoredPlan { plan, .. } = self.current_plan().ok_or(DamagedContent)?;
         if self.fault == NO_FAULT {
             let item = item_of(row);
             self.digest.add(&item);
@@ -117,7 +111,37 @@ impl LoadProgress {
             }
         }
         self.items += 1;
-        true
+        Ok(())
+    }
+
+    /// Makes the current plan live if all its items are staged, and the empty plans after it. Reports a plan that is refused.
+    fn end_complete_plans<F: Firmware<Vehicle: Plans>>(
+        &mut self,
+        missions: &mut Missions,
+        cx: &mut Cx<'_, F>,
+        is_retry: bool,
+    ) {
+        while let Some(StoredPlan { plan, count, id }) = self.current_plan()
+            && count == u32::from(self.items.0)
+        {
+            // Since the first attempt failed, a client may have uploaded a plan, which is newer.
+            let is_outdated = is_retry && cx.plans.count(plan) > 0;
+            if !is_outdated {
+                let result = if self.fault == NO_FAULT {
+                    missions.make_loaded(cx, plan, Some((self.items.0, id)), self.digest)
+                } else {
+                    Err(self.fault)
+                };
+                if let Err(fault) = result {
+                    self.has_refused_plan = true;
+                    Missions::report_refused(cx, plan, fault);
+                }
+            }
+            cx.plans.clear_staging();
+            self.plan += 1;
+            self.items.0 = 0;
+            (self.digest, self.fault) = (Digest::new(), NO_FAULT);
+        }
     }
 }
 
@@ -143,42 +167,55 @@ where
     fn attach(&mut self, cx: &mut Cx<'_, F>) {
         self.attach_storage(cx.shared.config.durability);
         self.set_refill(cx.shared.config.storage_refill);
-        // Until they are loaded, the stored plans are unknown, and clients are not answered.
+        // Until the stored plans are loaded, they may differ from the live ones, and no client can upload a plan.
         self.set_stored_differs(true);
-        self.set_loading(&mut cx.plans, true);
+        self.begin_loading(&mut cx.plans);
     }
 
+    /// Loads the rows of a page: the head, which is the first row of the record, and the items of the plans in order. A plan
+    /// goes live with its last item.
+    ///
+    /// # Errors
+    ///
+    /// [`DamagedContent`] if the head is missing, or if there are more or fewer items than it says.
     #[inline(never)]
-    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> bool {
-        let LoadedPage { bytes, is_first, is_last, is_late, progress, .. } = page;
-        let mut is_head = is_first;
-        for row in rows(bytes) {
-            if core::mem::replace(&mut is_head, false) {
-                progress.begin(row);
-                self.set_loading(&mut cx.plans, true);
-            } else if !progress.item(cx, row) {
-                return false;
-            }
-            progress.finish(self, cx, is_late);
+    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> Result<(), DamagedContent> {
+        let LoadedPage { bytes, is_first, is_last, is_retry, progress, .. } = page;
+        let mut items = rows(bytes).iter();
+        if is_first {
+            let head = items.next().ok_or(DamagedContent)?;
+            progress.begin(head);
+            self.begin_loading(&mut cx.plans);
+            progress.end_complete_plans(self, cx, is_retry);
+        }
+        for item in items {
+            progress.stage_item(cx, item)?;
+            progress.end_complete_plans(self, cx, is_retry);
         }
         if is_last {
-            self.set_stored_differs(progress.differs);
+            self.set_stored_differs(progress.has_refused_plan);
+            if progress.current_plan().is_some() {
+                return Err(DamagedContent);
+            }
         }
-        !is_head && (!is_last || progress.plan().is_none())
+        Ok(())
     }
 
     fn loaded(&mut self, cx: &mut Cx<'_, F>, result: LoadResult, _: bool) {
-        self.set_loading(&mut cx.plans, false);
+        self.end_loading(&mut cx.plans);
         match result {
             LoadResult::Empty => self.set_stored_differs(false),
+            // `load` has recorded whether a plan was refused.
             LoadResult::Loaded => {}
             LoadResult::Failed(_) => self.set_stored_differs(true),
         }
     }
 
-    /// A running upload uses the memory that loading needs. In flight, only the operator changes plans.
-    fn may_load(&self, cx: &Cx<'_, F>, is_late: bool) -> bool {
-        (!is_late || is_disarmed(cx.vehicle)) && !self.is_receiving()
+    /// Not during an upload, which uses the staging area. A second attempt also waits until the vehicle is disarmed: in flight,
+    /// only the operator changes plans.
+    fn may_load(&self, cx: &Cx<'_, F>, is_retry: bool) -> bool {
+        let is_permitted_by_vehicle = !is_retry || is_disarmed(cx.vehicle);
+        is_permitted_by_vehicle && !self.is_receiving()
     }
 
     fn cancel_if_refused<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>)
@@ -212,7 +249,7 @@ where
         Missions::save_again(self);
     }
 
-    /// Stored content comes first: a client that waits gets ERROR, and tries again.
+    /// Stored content is loaded before anything is written. So a client that waits for a write gets ERROR, and tries again.
     fn on_blocked<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>)
     where
         Self::Link: 'l,

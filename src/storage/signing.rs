@@ -2,7 +2,7 @@
 //!
 //! `format.md` in this folder documents the format.
 
-use super::persistent::{FilledPage, LoadResult, LoadedPage, PendingWrite, Persistent, RestoreTexts};
+use super::persistent::{DamagedContent, FilledPage, LoadResult, LoadedPage, PendingWrite, Persistent, RestoreTexts};
 use super::restore_error::RestoreError;
 use crate::frame::SigningKey;
 use crate::service::Cx;
@@ -31,9 +31,12 @@ impl<F: Firmware<Vehicle: Vehicle>, const STREAMS: usize> Persistent<F> for Sign
         self.attach_storage(cx.shared.config.storage_refill);
     }
 
-    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> bool {
-        // A key that was set while this one was read takes precedence.
-        !self.is_lost() || load(self, cx.now, page.bytes).is_some()
+    fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> Result<(), DamagedContent> {
+        if !self.is_lost() {
+            // A key that was set while the stored one was read takes precedence.
+            return Ok(());
+        }
+        load(self, cx.now, page.bytes).ok_or(DamagedContent)
     }
 
     fn loaded(&mut self, _: &mut Cx<'_, F>, result: LoadResult, _: bool) {

@@ -142,7 +142,7 @@ pub struct Storage {
     /// The content whose turn to be written it is.
     pub(crate) turn: Content,
     /// Whether the first attempt to read has failed.
-    pub(crate) is_late: bool,
+    pub(crate) is_retry: bool,
     /// The records that are still to be loaded, in the order of [`Content::ALL`].
     pending_loads: [RecordSet; 4],
     pub(crate) errors: RestoreErrors,
@@ -158,7 +158,7 @@ impl Storage {
         record: 0,
         version: 0,
         turn: Content::SigningKey,
-        is_late: false,
+        is_retry: false,
         pending_loads: [RecordSet::EMPTY; 4],
         errors: RestoreErrors::NONE,
         journal: Journal::NEW,
@@ -193,6 +193,6 @@ impl Storage {
 
     /// Whether the content is being read for the first time.
     pub(crate) fn is_restoring(&self) -> bool {
-        self.journal.is_starting() || self.journal.is_loading() || (self.must_load() && !self.is_late)
+        self.journal.is_starting() || self.journal.is_loading() || (self.must_load() && !self.is_retry)
     }
 }

@@ -39,8 +39,12 @@ const FENCE: &[CommandRule] = &[
 /// The commands of rally points (M-84).
 const RALLY: &[CommandRule] = &[NAV_RALLY_POINT];
 
-/// Returns the rule of a command in this plan. `mission` has the rules of the vehicle's missions; fences and rally
-/// points have fixed ones.
+/// Returns the rule of a command in this plan. `mission` has the rules of the vehicle's missions; the rules of fences and
+/// rally points are fixed.
+///
+/// # Errors
+///
+/// UNSUPPORTED if no rule is for the command.
 pub(super) fn rule(
     plan: PlanType,
     mission: &'static [CommandRule],
@@ -54,7 +58,12 @@ pub(super) fn rule(
     rules.iter().find(|rule| rule.command() == command).ok_or(MavMissionResult::UNSUPPORTED)
 }
 
-/// Checks item `seq` of a plan. If it `is_float`, it was received as a MISSION_ITEM, and is converted (M-37).
+/// Checks item `seq` of a plan by the rule of its command, then by the vehicle. An item that `is_float` was received as a
+/// MISSION_ITEM, and is converted first (M-37).
+///
+/// # Errors
+///
+/// The first fault of the item.
 pub(super) fn check_item<F: Firmware<Vehicle: Plans>>(
     cx: &mut Cx<'_, F>,
     plan: PlanType,
@@ -62,21 +71,21 @@ pub(super) fn check_item<F: Firmware<Vehicle: Plans>>(
     item: &mut Item,
     is_float: bool,
 ) -> Result<(), Problem> {
-    // The command is checked first, as M-38 orders the checks: without a rule the frame cannot be judged.
+    // The command is checked first (M-38), because the other checks depend on its rule.
     let rule = rule(plan, F::Vehicle::MISSION_COMMANDS, item.command);
-    // 0 in an integer and in a float have the same bits.
-    let is_unset = (item.x, item.y) == (0, 0);
+    // Before the conversion: 0 in an integer and 0 in a float have the same bits.
+    let has_no_position = (item.x, item.y) == (0, 0);
     let checked = rule.and_then(|rule| {
         if is_float {
             *item = Item::from_float(*item, rule)?;
         }
-        // An altitude above terrain needs a model of it (M-49).
+        // An altitude above terrain needs a model of the terrain (M-49).
         rule.check_for(item, F::Vehicle::HAS_TERRAIN_MODEL)?;
         let (vehicle, mut context) = cx.hook();
         vehicle.check_item(&mut context, plan, seq, item)
     });
     checked.map_err(|result| match rule {
-        Ok(rule) if is_unset && result == MavMissionResult::INVALID_PARAM5_X && rule.is_located() => {
+        Ok(rule) if has_no_position && result == MavMissionResult::INVALID_PARAM5_X && rule.is_located() => {
             Problem::NoPosition(plan, seq)
         }
         _ => Problem::Refused(plan, PlanFault { seq: Some(seq), result }),
@@ -84,6 +93,10 @@ pub(super) fn check_item<F: Firmware<Vehicle: Plans>>(
 }
 
 /// Checks the next item of a plan that is loaded, and adds it to the staging area.
+///
+/// # Errors
+///
+/// The fault of the item; NO_SPACE if the plan is full.
 pub(super) fn stage_item<F: Firmware<Vehicle: Plans>>(
     cx: &mut Cx<'_, F>,
     plan: PlanType,
@@ -98,7 +111,12 @@ pub(super) fn stage_item<F: Firmware<Vehicle: Plans>>(
     Ok(())
 }
 
-/// Checks the staged plan as a whole.
+/// Checks the staged plan as a whole: its structure, the distance of a mission's first waypoint, then the vehicle's own
+/// check.
+///
+/// # Errors
+///
+/// The first fault of the plan.
 pub(super) fn check_staged_plan<F: Firmware<Vehicle: Plans>>(
     cx: &mut Cx<'_, F>,
     plan: PlanType,
@@ -117,7 +135,8 @@ pub(super) fn check_staged_plan<F: Firmware<Vehicle: Plans>>(
     vehicle.check_plan(&mut context, plan, items).map_err(refused)
 }
 
-/// Refuses jumps to missing items, and fences with incomplete polygons. The items have passed [`check_item`].
+/// Refuses jumps to missing items, and fences with incomplete polygons. The items have passed [`check_item`]. The error is
+/// the faulty item's sequence number, and the result for it.
 fn check_plan(plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
     let checked = match plan {
         PlanType::Mission => check_jumps(items),
@@ -137,73 +156,89 @@ struct ItemFault<'a> {
     result: MavMissionResult,
 }
 
-/// M-72: a jump leads to another item; its repeat count is −1 (forever), 0, 1, …
+/// Checks the jumps of a mission: a jump leads to another item, and its repeat count is −1 (forever), 0, 1, … (M-72).
 fn check_jumps(items: &[Item]) -> Result<(), ItemFault<'_>> {
     for item in items.iter().filter(|item| item.command == MavCmd::DO_JUMP) {
         let [target, repeat, ..] = item.params;
         let target = num::integer::<u16>(target).and_then(|target| items.get(usize::from(target)));
-        if target.is_none_or(|target| core::ptr::eq(target, item)) {
+        let leads_to_other_item = target.is_some_and(|target| !core::ptr::eq(target, item));
+        if !leads_to_other_item {
             return Err(ItemFault { item, result: MavMissionResult::INVALID_PARAM1 });
         }
-        if num::integer::<i32>(repeat).is_none_or(|repeat| repeat < -1) {
+        let is_repeat_count = num::integer::<i32>(repeat).is_some_and(|repeat| repeat >= -1);
+        if !is_repeat_count {
             return Err(ItemFault { item, result: MavMissionResult::INVALID_PARAM2 });
         }
     }
     Ok(())
 }
 
-/// Checks a fence (M-80, M-81): each polygon is a run of vertices that all state its length, and there is at most one return
-/// point.
+/// Checks a fence: its polygons are complete (M-81), and it has at most one return point.
 fn check_fence(items: &[Item]) -> Result<(), ItemFault<'_>> {
-    let mut has_return = false;
-    let mut rest = items;
-    while let [item, others @ ..] = rest {
-        rest = match item.command {
+    let mut has_return_point = false;
+    let mut unchecked = items;
+    while let [item, others @ ..] = unchecked {
+        unchecked = match item.command {
             MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION | MavCmd::NAV_FENCE_POLYGON_VERTEX_EXCLUSION => {
-                check_polygon(item, rest)?
+                check_polygon(item, unchecked)?
             }
-            MavCmd::NAV_FENCE_RETURN_POINT if has_return => {
+            MavCmd::NAV_FENCE_RETURN_POINT if has_return_point => {
                 return Err(ItemFault { item, result: MavMissionResult::INVALID });
             }
-            command => {
-                has_return |= command == MavCmd::NAV_FENCE_RETURN_POINT;
+            MavCmd::NAV_FENCE_RETURN_POINT => {
+                has_return_point = true;
                 others
             }
+            _ => others,
         };
     }
     Ok(())
 }
 
-/// Checks the polygon at the beginning of `items`. Returns the items after it.
+/// Checks the polygon at the beginning of `items`. Returns the items after the polygon. `first` is the first of `items`.
+///
+/// The polygon has 3 or more vertices, which follow each other. All have the same command, and each states the number of
+/// vertices. Those of an inclusion polygon are in one group. The polygon encloses an area.
+///
+/// # Errors
+///
+/// The first vertex that breaks this, or the first vertex of all if the plan ends within the polygon or if the polygon has no
+/// area.
 fn check_polygon<'a>(first: &'a Item, items: &'a [Item]) -> Result<&'a [Item], ItemFault<'a>> {
     let [count, group, ..] = first.params;
-    let Some(len) = num::integer::<u16>(count).filter(|len| *len >= 3) else {
+    let Some(stated_len) = num::integer::<u16>(count).filter(|len| *len >= 3) else {
         return Err(ItemFault { item: first, result: MavMissionResult::INVALID_PARAM1 });
     };
-    let len = usize::from(len);
-    let (vertices, others) = items.split_at_checked(len).unwrap_or((items, &[]));
-    // Twice the signed area (shoelace formula, relative to the first vertex), modulo 2^64. That is more than twice the
-    // area of the globe, so 0 means that the vertices are collinear or the parts cancel out.
-    let mut area = Wrapping(0);
+    let (vertices, others) = match items.split_at_checked(stated_len.into()) {
+        Some(polygon_and_others) => polygon_and_others,
+        // The plan ends within the polygon. A fault of its vertices is reported first.
+        None => (items, &[][..]),
+    };
+    // Twice the signed area by the shoelace formula. With the first vertex as the origin, the edges at that vertex add 0.
+    // The sum is modulo 2^64, which is more than the double area of the globe (1.3e19, in squares of 1e-7 degrees). So a
+    // sum of 0 means that the vertices are collinear, or that parts of the area cancel each other.
+    let mut double_area = Wrapping(0);
     let (mut last_x, mut last_y) = (Wrapping(0), Wrapping(0));
-    for item in vertices {
-        let [own_count, own_group, ..] = item.params;
-        if item.command != first.command {
-            return Err(ItemFault { item, result: MavMissionResult::INVALID });
+    for vertex in vertices {
+        let [own_count, own_group, ..] = vertex.params;
+        if vertex.command != first.command {
+            return Err(ItemFault { item: vertex, result: MavMissionResult::INVALID });
         }
         if own_count != count {
-            return Err(ItemFault { item, result: MavMissionResult::INVALID_PARAM1 });
+            return Err(ItemFault { item: vertex, result: MavMissionResult::INVALID_PARAM1 });
         }
-        if item.command == MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION && own_group != group {
-            return Err(ItemFault { item, result: MavMissionResult::INVALID_PARAM2 });
+        // Exclusion polygons have no groups: their parameter 2 is reserved.
+        let has_group = vertex.command == MavCmd::NAV_FENCE_POLYGON_VERTEX_INCLUSION;
+        if has_group && own_group != group {
+            return Err(ItemFault { item: vertex, result: MavMissionResult::INVALID_PARAM2 });
         }
-        let x = Wrapping(i64::from(item.x)) - Wrapping(i64::from(first.x));
-        let y = Wrapping(i64::from(item.y)) - Wrapping(i64::from(first.y));
-        area += last_x * y - last_y * x;
+        let x = Wrapping(i64::from(vertex.x)) - Wrapping(i64::from(first.x));
+        let y = Wrapping(i64::from(vertex.y)) - Wrapping(i64::from(first.y));
+        double_area += last_x * y - last_y * x;
         (last_x, last_y) = (x, y);
     }
-    // Truncated by the end of the plan, or without an area.
-    if vertices.len() < len || area.0 == 0 {
+    let is_truncated = vertices.len() < usize::from(stated_len);
+    if is_truncated || double_area.0 == 0 {
         return Err(ItemFault { item: first, result: MavMissionResult::INVALID });
     }
     Ok(others)

@@ -33,8 +33,12 @@ const SECOND_ACK: Duration = Duration::from_millis(400);
 
 /// Admission: the checks before a change.
 impl Missions {
-    /// Asks the vehicle for permission, and whether it permits the write that a durable change needs unless it
-    /// [is stored already](Self::changes_nothing) (M-27, M-44).
+    /// Asks the vehicle for permission to change a plan. A durable change also needs permission to write, unless it
+    /// [is stored already](Self::changes_nothing) (M-44).
+    ///
+    /// # Errors
+    ///
+    /// The result with which the vehicle refuses the change, or DENIED if it does not permit the write.
     pub(super) fn permission<F: Firmware<Vehicle: Plans>>(
         &self,
         cx: &mut Cx<'_, F>,
@@ -49,7 +53,7 @@ impl Missions {
         vehicle.may_change(&mut context, plan, from)
     }
 
-    /// Asks for [permission](Self::permission), and reports a refusal (M-27, M-44).
+    /// Asks for [permission](Self::permission) for a change that must be written, and reports a refusal (M-27).
     pub(super) fn ask_permission<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -66,8 +70,12 @@ impl Missions {
         permission
     }
 
-    /// Refuses a change to `count` items, and reports it, if the token bucket has too few tokens for the write (C-15).
-    pub(super) fn limit_rate<F: Firmware>(
+    /// Checks whether the token bucket has enough tokens to write a plan of `count` items. It is not spent yet.
+    ///
+    /// # Errors
+    ///
+    /// DENIED if peers have caused too many writes (C-15). The refusal is reported.
+    pub(super) fn check_write_rate<F: Firmware>(
         &mut self,
         cx: &mut Cx<'_, F>,
         plan: PlanType,
@@ -84,36 +92,34 @@ impl Missions {
         Err(MavMissionResult::DENIED)
     }
 
-    /// Counts a request that must be dropped, because it is for a durable change and there is no free slot for the
-    /// result. Returns false if there is one.
-    pub(super) fn drop_without_result_slot(&mut self, replies: &Replies) -> bool {
-        let is_dropped = self.is_durable() && replies.has_result();
-        if is_dropped {
-            increment(&mut self.counters.no_answer_slot);
-        }
-        is_dropped
+    /// Whether the link with these `replies` has a slot for the result of a change. Only the result of a durable change
+    /// needs one: other changes are answered at once.
+    pub(super) fn has_result_slot(&self, replies: &Replies) -> bool {
+        !self.is_durable() || !replies.has_result()
     }
 
-    /// Whether a clear would change nothing, in RAM or in storage (M-52).
-    pub(super) fn is_clear(&self, plans: &PlansMut<'_>, only: Option<PlanType>) -> bool {
-        let is_empty = |plan| !Change::Clear(only).affects(plan) || plans.count(plan) == 0;
-        PlanType::ALL.into_iter().all(is_empty) && self.is_saved()
+    /// Whether `plan` is clear, in RAM and in storage, or all plans are if it is `None`.
+    pub(super) fn is_already_clear(&self, plans: &PlansMut<'_>, plan: Option<PlanType>) -> bool {
+        let clear = Change::Clear(plan);
+        let has_items = PlanType::ALL.into_iter().any(|plan| clear.affects(plan) && plans.count(plan) > 0);
+        !has_items && self.is_saved()
     }
 
-    /// Whether `change` would change nothing, in RAM or in storage.
+    /// Whether `change` would change nothing, in RAM or in storage. Such a change does not wear the flash (SEC-11).
     pub(super) fn changes_nothing(&self, plans: &PlansMut<'_>, change: &Change) -> bool {
         match *change {
-            // M-39, SEC-11: even while the plan is being flown, and without wearing the flash.
+            // An equal plan is accepted even while it is being flown (M-39).
             Change::Upload { plan, id, .. } => plans.is_live(plan, id) && self.is_saved(),
-            Change::Clear(only) => self.is_clear(plans, only),
+            Change::Clear(plan) => self.is_already_clear(plans, plan),
         }
     }
 }
 
 /// The change itself.
 impl Missions {
-    /// Makes `change` live and answers, or starts to write it first.
-    pub(super) fn change<F: Firmware<Vehicle: Plans>>(
+    /// Starts an admitted change. A durable change is written first, and answered when the write ends. Any other change goes
+    /// live and is answered at once.
+    pub(super) fn start_change<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
         client: &mut Client<'_>,
@@ -142,7 +148,7 @@ impl Missions {
     /// Makes `change` live in one step.
     fn make_live<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, change: &Change) {
         match *change {
-            // Live already; only storage lacked it.
+            // The plan is live already; only storage lacked it.
             Change::Upload { plan, id, .. } if cx.plans.is_live(plan, id) => {}
             Change::Upload { plan, id, first, .. } => self.replace(cx, plan, id, first),
             Change::Clear(_) => {
@@ -199,7 +205,7 @@ impl Missions {
         ReplyContent::of_result(result, id)
     }
 
-    /// The same for a change that was being written.
+    /// Ends a change that was being written, like [`end_change`](Self::end_change). Returns the answer and its link.
     fn end_commit<F: Firmware>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -232,7 +238,7 @@ impl Missions {
         self.finished = Some(finished);
     }
 
-    /// Returns the second final answer when it is due (M-31).
+    /// Takes the second final answer if it is due (M-31).
     pub(super) fn poll_second_answer(&mut self, now: Instant) -> Option<FinalAnswer> {
         self.second_answer.take_if(|second| now >= second.at).map(|second| second.answer())
     }
@@ -255,6 +261,10 @@ impl Missions {
 /// Plans from the firmware or from storage, which are checked like an upload.
 impl Missions {
     /// Loads a plan from the firmware. `items` returns the items in order. The plan goes live at once.
+    ///
+    /// # Errors
+    ///
+    /// The faulty item and the result for it; DENIED while another transfer uses the staging area.
     pub(crate) fn load_plan<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -284,8 +294,12 @@ impl Missions {
         check::stage_item(cx, plan, item).map_err(Problem::fault)
     }
 
-    /// Checks the staged plan as a whole, and makes it live. A plan from storage has an `expected` count and id. One
-    /// from the firmware is stored.
+    /// Checks the staged plan as a whole, and makes it live. `expected` is the count and the id of a plan from storage. A
+    /// plan from the firmware has none, and is stored.
+    ///
+    /// # Errors
+    ///
+    /// The fault of the plan; INVALID if it is not the expected one.
     pub(crate) fn make_loaded<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -306,8 +320,9 @@ impl Missions {
             self.replace(cx, plan, id, 0);
             self.current.announce(cx.shared.normal);
         }
-        // Damaged content is replaced, even if the live plan is the same.
-        if expected.is_none() && (is_new || self.schedule.stored_differs) {
+        let is_from_firmware = expected.is_none();
+        // Damaged content in storage is replaced, even if the live plan is the same.
+        if is_from_firmware && (is_new || self.schedule.stored_differs) {
             self.request_save();
         }
         Ok(())
@@ -362,10 +377,12 @@ impl Missions {
 
     /// Whether storage holds the live plans, or is not attached.
     const fn is_saved(&self) -> bool {
-        !self.is_attached() || !(self.schedule.is_dirty() || self.schedule.stored_differs)
+        let is_outdated = self.schedule.is_dirty() || self.schedule.stored_differs;
+        !self.is_attached() || !is_outdated
     }
 
-    /// Abandons the change that is being written if it takes too long.
+    /// Abandons the change that is being written if it takes too long. Returns the answer to its client; `None` if there
+    /// is no such change, or it still has time.
     pub(super) fn poll_commit<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         if cx.now < self.commit_deadline() { None } else { self.on_save_failed(cx) }
     }
@@ -395,18 +412,24 @@ impl Missions {
         self.schedule.bucket.set_refill(refill);
     }
 
-    /// Records whether storage differs from the live plans, because it could not be read or cannot be flown. That alone
-    /// causes no write. But a change that changes nothing in RAM is not reported as durable before it is written.
+    /// Records whether storage differs from the live plans, because it could not be read or its plans cannot be flown. The
+    /// difference alone causes no write. But a change that changes nothing in RAM is then written before it is accepted.
     pub(crate) const fn set_stored_differs(&mut self, differs: bool) {
         self.schedule.stored_differs = differs;
     }
 
-    /// Begins to load stored plans in the staging area, or ends it. Meanwhile no upload may begin.
-    pub(crate) fn set_loading(&mut self, plans: &mut PlansMut<'_>, is_loading: bool) {
-        if self.is_loading || is_loading {
+    /// Reserves the staging area for stored plans. Until [`end_loading`](Self::end_loading) no upload may begin.
+    pub(crate) fn begin_loading(&mut self, plans: &mut PlansMut<'_>) {
+        plans.clear_staging();
+        self.is_loading = true;
+    }
+
+    /// Frees the staging area after stored plans were loaded in it.
+    pub(crate) fn end_loading(&mut self, plans: &mut PlansMut<'_>) {
+        if self.is_loading {
             plans.clear_staging();
         }
-        self.is_loading = is_loading;
+        self.is_loading = false;
     }
 
     /// Requests a write of the live plans, because storage has others.
@@ -414,9 +437,9 @@ impl Missions {
         self.request_save();
     }
 
-    /// Whether an upload uses the staging area.
+    /// Whether a confirmed upload uses the staging area.
     pub(crate) fn is_receiving(&self) -> bool {
-        matches!(&self.transfer, Transfer::Upload(upload) if upload.is_exclusive())
+        matches!(&self.transfer, Transfer::Upload(upload) if upload.is_confirmed)
     }
 
     /// Whether a client waits for storage.
@@ -424,10 +447,11 @@ impl Missions {
         self.committing().is_some()
     }
 
-    /// Returns the number of the version to write now, if any. The same number means the same content. Writing pauses
-    /// after a write or a failure, but never while a client waits for an answer.
+    /// Returns the version to write now; `None` if no write is due. The same version means the same content.
     pub(crate) fn pending_write(&self, now: Instant) -> Option<u16> {
-        let is_due = self.is_committing() || self.schedule.is_dirty() && !self.schedule.is_resting(now);
+        // Writing pauses after a write or a failure, but never while a client waits for an answer.
+        let is_live_plan_due = self.schedule.is_dirty() && !self.schedule.is_resting(now);
+        let is_due = self.is_committing() || is_live_plan_due;
         is_due.then_some(self.schedule.version())
     }
 
@@ -442,13 +466,16 @@ impl Missions {
         })
     }
 
-    /// Returns the first plan of the commit that the vehicle no longer permits to change, and its refusal.
+    /// Asks the vehicle again whether each plan of the commit may change. Returns the first refusal; `None` if all are
+    /// permitted.
     fn find_refusal<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, commit: &Commit) -> Option<Problem> {
         let Commit { client, change, .. } = commit;
         let (vehicle, mut context) = cx.hook();
         PlanType::ALL.into_iter().find_map(|plan| {
-            let is_upload = matches!(change, Change::Upload { .. });
-            if !change.affects(plan) || !is_upload && context.plans.count(plan) == 0 {
+            // A clear changes only the plans that have items.
+            let is_clear = matches!(change, Change::Clear(_));
+            let is_unchanged = is_clear && context.plans.count(plan) == 0;
+            if !change.affects(plan) || is_unchanged {
                 return None;
             }
             let result = vehicle.may_change(&mut context, plan, *client).err()?;
@@ -456,7 +483,8 @@ impl Missions {
         })
     }
 
-    /// Handles a completed write of [`content`](Self::content): the change goes live. Returns the answer.
+    /// Handles a completed write of [`content`](Self::content). The change goes live, unless the vehicle now refuses it.
+    /// Returns the answer to the change's client; `None` if the live plans were written.
     pub(crate) fn on_saved<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         self.schedule.on_saved(cx.now, GRACE);
         let commit = self.take_commit()?;
@@ -466,8 +494,7 @@ impl Missions {
                 MavMissionResult::ACCEPTED
             }
             Some(problem) => {
-                // The vehicle now refuses the change, for example because it armed. The old plan stays live and is
-                // written again (M-45).
+                // The vehicle may have armed. The old plan stays live and is written again.
                 problem.report(cx);
                 self.request_save();
                 problem.fault().result
@@ -477,8 +504,8 @@ impl Missions {
     }
 
     /// Ends the change that is being written if the vehicle no longer permits it (M-45). Called before each step of
-    /// writing, so that the record is never completed, and the part that was written does not count. Returns the
-    /// answer.
+    /// writing, so that the record is never completed, and the part that was written does not count. Returns the answer to
+    /// the change's client; `None` if the write continues, or if there is none.
     pub(crate) fn refuse_commit<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         let problem = Self::find_refusal(cx, self.committing()?)?;
         let commit = self.take_commit()?;
@@ -487,14 +514,14 @@ impl Missions {
         Some(self.end_commit(cx, &commit, problem.fault().result))
     }
 
-    /// Handles a failed write or erase. A durable change ends with ERROR; a write of live plans is retried later.
-    /// Returns the answer.
+    /// Handles a failed write or erase. A durable change ends with ERROR. Returns the answer to its client; `None` for a
+    /// write of the live plans, which is retried later.
     pub(crate) fn on_save_failed<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         increment(&mut self.counters.not_saved);
-        let is_new = self.schedule.note_failure();
+        let is_first_failure = self.schedule.note_failure();
         let Some(commit) = self.take_commit() else {
             self.schedule.pause(cx.now);
-            if is_new {
+            if is_first_failure {
                 Problem::StorageFailed.report(cx);
             }
             return None;
@@ -513,12 +540,15 @@ impl Missions {
 /// Returns the cost of a write of `count` items: a token for each quarter of plan memory, at least one (C-15).
 fn tokens(plans: &PlansMut<'_>, count: u16) -> u8 {
     let capacities = PlanType::ALL.into_iter().map(|plan| u32::from(plans.capacity(plan)));
-    let capacity = capacities.fold(0, u32::saturating_add);
-    let is_more_than = |quarters| Wrapping(u32::from(count)) * Wrapping(4) > Wrapping(capacity) * Wrapping(quarters);
-    match () {
-        () if is_more_than(3) => 4,
-        () if is_more_than(2) => 3,
-        () if is_more_than(1) => 2,
-        () => 1,
+    let capacity = Wrapping(capacities.fold(0, u32::saturating_add));
+    let quadruple = Wrapping(u32::from(count)) * Wrapping(4);
+    if quadruple > capacity * Wrapping(3) {
+        4
+    } else if quadruple > capacity * Wrapping(2) {
+        3
+    } else if quadruple > capacity {
+        2
+    } else {
+        1
     }
 }

@@ -61,9 +61,13 @@ use crate::message::Message;
 use crate::time::Instant;
 use crate::types::{Firmware, LinkMask, PlanMemory, PlanType, PlansMut, Vehicle};
 
-/// Returns the plan that a message names, if the vehicle has it (M-25). A link that sends v1 can only name the mission
-/// (V-7).
-fn served(plans: &PlansMut<'_>, port: &Port, mission_type: MavMissionType) -> Result<PlanType, MavMissionResult> {
+/// Returns the plan that a message names, if the vehicle has it.
+///
+/// # Errors
+///
+/// INVALID if the message names no plan. UNSUPPORTED if the vehicle does not have the plan, or if the answers cannot name
+/// it: a link that sends v1 can only name the mission (V-7).
+fn served_plan(plans: &PlansMut<'_>, port: &Port, mission_type: MavMissionType) -> Result<PlanType, MavMissionResult> {
     let plan = PlanType::from_mission_type(mission_type).ok_or(MavMissionResult::INVALID)?;
     if can_name(port.outbox.version(), mission_type) && plans.capacity(plan) > 0 {
         Ok(plan)
@@ -98,18 +102,19 @@ impl Missions {
     ) {
         let (frame, from, id) = (received.frame, received.from, received.frame.id());
         let mission_type = mission_type(frame);
-        let is_named = can_name(frame.header().version, mission_type);
-        let is_full = replies.is_full();
+        let names_plan = can_name(frame.header().version, mission_type);
+        // The staging area is in use while stored plans are loaded.
+        let is_busy = replies.is_full() || (names_plan && self.is_loading());
         let mut client = Client { peer: from, mission_type, replies };
         match id {
             MissionSetCurrent::ID => return self.on_set_current(cx, MissionSetCurrent::decode(frame.payload()).seq),
-            _ if !is_named && !is_request(id) => return self.drop_out_of_place(),
+            // Only a request is refused with an answer.
+            _ if !names_plan && !is_request(id) => return self.count_dropped_frame(),
             MissionAck::ID => {
                 return self.on_ack(cx, from, mission_type, MissionAck::decode(frame.payload()).r#type);
             }
-            // The memory for an upload is in use while stored plans are loaded.
-            _ if is_full || is_named && self.is_loading() => return increment(&mut self.counters.no_answer_slot),
-            _ if !is_named => return client.refuse(MavMissionResult::UNSUPPORTED),
+            _ if is_busy => return increment(&mut self.counters.no_answer_slot),
+            _ if !names_plan => return client.refuse(MavMissionResult::UNSUPPORTED),
             MissionItemInt::ID | MissionItem::ID => return self.on_item(cx, &mut client, frame),
             MissionClearAll::ID if mission_type == MavMissionType::ALL => return self.on_clear(cx, &mut client, None),
             // Not part of the standard protocol (M-68).
@@ -118,7 +123,7 @@ impl Missions {
             }
             _ => {}
         }
-        let plan = match served(&cx.plans, port, mission_type) {
+        let plan = match served_plan(&cx.plans, port, mission_type) {
             Ok(plan) => plan,
             Err(result) => return client.refuse(result),
         };

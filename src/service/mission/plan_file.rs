@@ -278,7 +278,7 @@ impl Missions {
             UploadStep::Permitted if is_lent => return,
             UploadStep::Permitted => UploadStep::Refused,
             UploadStep::Nothing => {
-                self.abandon(&mut cx.plans);
+                self.abandon_upload(&mut cx.plans);
                 UploadStep::Nothing
             }
             UploadStep::Refused => {
@@ -289,10 +289,10 @@ impl Missions {
             }
             UploadStep::Asked => {
                 if is_lent {
-                    self.abandon(&mut cx.plans);
+                    self.abandon_upload(&mut cx.plans);
                 }
-                if self.admits_file(cx, upload.plan, upload.client) {
-                    self.abandon(&mut cx.plans);
+                if self.admit_file(cx, upload.plan, upload.client) {
+                    self.abandon_upload(&mut cx.plans);
                     self.finished = None;
                     event!("{} upload as a file by {}: started", upload.plan, upload.client);
                     self.transfer = Transfer::Upload(Upload::of_file(upload.plan));
@@ -314,10 +314,10 @@ impl Missions {
         }
     }
 
-    /// Whether an upload as a file may begin. Reports a refusal.
-    fn admits_file<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, plan: PlanType, client: Peer) -> bool {
+    /// Returns whether an upload as a file may begin. A refusal is reported.
+    fn admit_file<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, plan: PlanType, client: Peer) -> bool {
         let is_free = !self.is_receiving() && self.committing().is_none() && !self.is_loading();
-        is_free && self.ask_permission(cx, plan, client).is_ok() && self.limit_rate(cx, plan, client, 0).is_ok()
+        is_free && self.ask_permission(cx, plan, client).is_ok() && self.check_write_rate(cx, plan, client, 0).is_ok()
     }
 
     /// Completes an upload as a file, as the last item completes one by messages.
@@ -330,14 +330,15 @@ impl Missions {
     ) {
         let count = cx.plans.staged();
         let last_seq = count.saturating_sub(1);
-        let may_clear = count > 0 || self.is_clear(&cx.plans, Some(plan));
-        let is_permitted = may_clear || self.ask_permission(cx, plan, client.peer).is_ok();
-        if !is_permitted || self.limit_rate(cx, plan, client.peer, count).is_err() {
+        // For items, the vehicle was asked when the upload began.
+        let needs_permission = count == 0 && !self.is_already_clear(&cx.plans, Some(plan));
+        let is_permitted = !needs_permission || self.ask_permission(cx, plan, client.peer).is_ok();
+        if !is_permitted || self.check_write_rate(cx, plan, client.peer, count).is_err() {
             return self.refuse_upload(cx, client, last_seq, MavMissionResult::DENIED);
         }
         if count == 0 {
             self.transfer = Transfer::Idle;
-            return self.change(cx, client, Change::Clear(Some(plan)));
+            return self.start_change(cx, client, Change::Clear(Some(plan)));
         }
         if let Transfer::Upload(upload) = &mut self.transfer {
             cx.plans.staged_items().iter().for_each(|item| upload.digest.add(item));

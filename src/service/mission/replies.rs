@@ -122,8 +122,8 @@ impl Client<'_> {
         self.answer(ReplyContent::Refused(result));
     }
 
-    /// Answers DENIED, because another client is changing plans (M-23, M-33, M-51).
-    pub(super) fn deny(&mut self) {
+    /// Refuses a request with DENIED, because another client is changing plans.
+    pub(super) fn refuse_as_busy(&mut self) {
         self.refuse(MavMissionResult::DENIED);
     }
 }
@@ -193,7 +193,7 @@ impl Replies {
         self.result = reply;
     }
 
-    /// Whether such a final answer is pending.
+    /// Whether a final answer is pending.
     pub(super) fn has_result(&self) -> bool {
         self.result.is_ack()
     }
@@ -210,7 +210,8 @@ impl Replies {
         self.result = Reply::NONE;
     }
 
-    /// Takes the permission to answer a stray item, unless another one was answered within the last second.
+    /// Begins the answer to a stray item. Returns false if another stray item was answered within the last second: then
+    /// this one gets no answer.
     pub(super) fn begin_stray_answer(&mut self, now: Instant) -> bool {
         let now = Wrapping(now.coarse());
         let ahead = self.strays_from - now;

@@ -116,13 +116,13 @@ impl RetryTimer {
     }
 
     /// Counts a repeated request, whether or not the link accepts it.
-    pub(super) fn retry(&mut self, now: Instant) {
+    pub(super) fn count_retry(&mut self, now: Instant) {
         self.retries += 1;
         self.wait_from(now);
     }
 
     /// Returns the number of repeated requests for the item.
-    pub(super) fn count(&self) -> u8 {
+    pub(super) fn retries(&self) -> u8 {
         self.retries.0
     }
 }
@@ -166,7 +166,7 @@ mod tests {
             for wait in &mut waits {
                 timer.on_request(at(0));
                 *wait = (timer.deadline() - at(0)).as_millis();
-                timer.retry(at(0));
+                timer.count_retry(at(0));
             }
             assert_eq!(waits, [250, 500, 1_000, 1_000, 1_000]);
             timer.on_item(at(1_600));
@@ -183,13 +183,13 @@ mod tests {
         // A lost request.
         let mut timer = RetryTimer::new(at(0));
         timer.on_request(at(0));
-        timer.retry(at(250));
+        timer.count_retry(at(250));
         timer.on_request(at(250));
         timer.on_item(at(260));
         assert_eq!(timer.interval(), Duration::from_millis(250));
         // A slow request: its item is received a second time.
         timer.on_request(at(300));
-        timer.retry(at(550));
+        timer.count_retry(at(550));
         timer.on_request(at(550));
         timer.on_item(at(700));
         assert_eq!(timer.interval(), Duration::from_millis(250));
@@ -208,13 +208,13 @@ mod tests {
             let now = answer(&mut timer, 0, 40, round_trip);
             // The retries of one item do not count for the next one.
             timer.on_request(at(now));
-            (0..4).for_each(|_| timer.retry(at(now)));
+            (0..4).for_each(|_| timer.count_retry(at(now)));
             timer.on_item(at(now));
             timer.on_request(at(now));
             let mut retries = 0;
             while !timer.has_timed_out(timer.deadline()) {
                 retries += 1;
-                timer.retry(timer.deadline());
+                timer.count_retry(timer.deadline());
             }
             let waited = (timer.deadline() - at(now)).as_millis();
             assert!(retries >= 5 && (end - 100..end + 250).contains(&waited), "{retries} retries, {waited} ms");

@@ -37,15 +37,16 @@ pub(super) struct Upload {
     pub(super) retry: RetryTimer,
     /// Whether the request for the next item is pending.
     pub(super) is_request_pending: bool,
-    pub(super) form: RequestForm,
-    /// Whether the upload began with a COUNT that may be a delayed duplicate of the previous upload's COUNT.
+    pub(super) request_form: RequestForm,
+    /// Whether a client certainly sends this plan. False if the upload began with a COUNT that may be a delayed duplicate
+    /// of the previous upload's COUNT, until item 0 is received.
     ///
-    /// Item 0 is then requested once for each such COUNT, and not by the timer: after a duplicate, the answer might be
-    /// item 0 of the client's next plan. Until item 0 is received, other clients may start uploads, a timeout is not
-    /// reported, and the state and pending answers of the previous upload are kept.
-    pub(super) may_be_duplicate: bool,
-    /// The last expected item's frame. While the COUNT may be a duplicate, that of the previous upload: a COUNT sent
-    /// after it is not a duplicate (M-22).
+    /// In an unconfirmed upload, item 0 is requested once for each COUNT, and not by the timer: after a duplicate, the
+    /// answer might be item 0 of the client's next plan. Other clients may start uploads, a timeout is not reported, and
+    /// the state and the pending answers of the previous upload are kept.
+    pub(super) is_confirmed: bool,
+    /// The last expected item's frame. In an unconfirmed upload, that of the previous upload: a COUNT sent after it is
+    /// not a duplicate (M-22).
     pub(super) last: FrameNumber,
     pub(super) counts: CountRange,
 }
@@ -63,8 +64,8 @@ impl Upload {
             digest: Digest::new(),
             retry: RetryTimer::new(now),
             is_request_pending: true,
-            form: RequestForm::default(),
-            may_be_duplicate: false,
+            request_form: RequestForm::default(),
+            is_confirmed: true,
             last: number,
             counts: CountRange::new(number),
         }
@@ -86,12 +87,7 @@ impl Upload {
         self.client.address == address
     }
 
-    /// Whether other clients must wait until this upload has ended.
-    pub(super) fn is_exclusive(&self) -> bool {
-        !self.may_be_duplicate
-    }
-
-    /// Sends the request for item `seq`.
+    /// Sends the request for item `seq`. Returns false if the link cannot send it.
     pub(super) fn send_request(&mut self, now: Instant, seq: u16, tx: &mut Outbox) -> bool {
         self.is_request_pending = false;
         self.retry.on_request(now);
@@ -101,7 +97,7 @@ impl Upload {
             target_component: self.client.address.component.wire(),
             mission_type: self.plan.mission_type(),
         };
-        tx.send_like(&request, self.form.record_request())
+        tx.send_like(&request, self.request_form.record_request())
     }
 }
 
@@ -111,11 +107,13 @@ pub(super) struct Commit {
     /// The client that waits for the result, and its link.
     pub(super) client: Peer,
     pub(super) change: Change,
+    /// When the write began.
     pub(super) since: Instant,
 }
 
 impl Commit {
-    /// Has the result sent on the link on which the client was heard now (M-11), if the result slot there is free.
+    /// Moves the client to the link on which it was heard now, so that the result is sent there (M-11). Changes nothing
+    /// if the result slot of that link, in `replies`, is taken.
     pub(super) fn move_client(&mut self, link: LinkId, replies: &Replies) {
         if !replies.has_result() {
             self.client.link = link;
@@ -148,33 +146,37 @@ impl Change {
         }
     }
 
-    /// Whether it changes `plan`.
+    /// Whether the change replaces or clears `plan`.
     pub(super) fn affects(&self, plan: PlanType) -> bool {
         match *self {
-            Self::Upload { plan: only, .. } => only == plan,
-            Self::Clear(only) => only.is_none_or(|only| only == plan),
+            Self::Upload { plan: uploaded, .. } => uploaded == plan,
+            Self::Clear(Some(cleared)) => cleared == plan,
+            Self::Clear(None) => true,
         }
     }
 }
 
 /// The result of the previous upload, so that a lost final ACK can be sent again (M-31).
 ///
-/// No field has a niche, so an `Option` of it has a tag, which is 0 for `None`.
+/// No field has a niche, so an `Option` of this type has a tag, which is 0 for `None`.
 #[derive(Clone, Debug)]
 pub(super) struct FinishedUpload {
     pub(super) client: Address,
     pub(super) mission_type: MavMissionType,
     pub(super) last_seq: u16,
     pub(super) result: MavMissionResult,
+    /// The plan's id; 0 if the upload was refused.
     pub(super) id: u32,
     /// The last item's frame.
     pub(super) last: FrameNumber,
+    /// When the upload ended.
     pub(super) at: Instant,
 }
 
-/// The second final answer of an accepted upload (M-31). An `Option` of it is all zero bits for `None`, as above.
+/// The second final answer of an accepted upload (M-31). As [`FinishedUpload`], `None` is all zero bits.
 #[derive(Clone, Debug)]
 pub(super) struct SecondAnswer {
+    /// When the answer is sent.
     pub(super) at: Instant,
     pub(super) client: Peer,
     pub(super) mission_type: MavMissionType,
@@ -203,10 +205,11 @@ impl FrameNumber {
         Self { link: from.link, seq: Wrapping(frame.header().seq) }
     }
 
-    /// Whether this frame was certainly sent after `other`. Each link has its own sequence numbers, and some senders do
-    /// not increment them.
+    /// Whether this frame was certainly sent after `other`. False for frames of two links, because each link has its own
+    /// sequence numbers, and for equal numbers, because some senders do not increment them.
     pub(super) fn is_after(self, other: Self) -> bool {
-        self.link == other.link && matches!((self.seq - other.seq).0, 1..=127)
+        let is_ahead = matches!((self.seq - other.seq).0, 1..=127);
+        self.link == other.link && is_ahead
     }
 }
 

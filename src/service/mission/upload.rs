@@ -8,7 +8,7 @@ use super::check::{check_item, check_staged_plan};
 use super::engine::Missions;
 use super::problem::Problem;
 use super::replies::{Client, FinalAnswer, ReplyContent};
-use super::transfer::{Change, Commit, FinishedUpload, FrameNumber, Transfer, Upload};
+use super::transfer::{Change, FinishedUpload, FrameNumber, Transfer, Upload};
 use super::vehicle::Plans;
 use crate::dialect::{MavMissionResult, MavMissionType, MissionItem, MissionItemInt};
 use crate::frame::Frame;
@@ -46,42 +46,45 @@ impl Missions {
         let Count { plan, count, number } = received;
         let (from, staged) = (client.peer, cx.plans.staged());
         if self.is_on_other_link(cx.now, from) {
-            // A refusal would end the upload of a client that sends everything on two links.
-            let is_duplicate = self.is_duplicate_from_other_link(staged, received);
-            return if is_duplicate { self.drop_out_of_place() } else { client.deny() };
+            if self.is_duplicate_from_other_link(staged, received) {
+                // A refusal would end the upload of a client that sends every frame on two links.
+                return self.count_dropped_frame();
+            }
+            return client.refuse_as_busy();
         }
-        // A restarted client repeats its COUNT (M-23).
-        if self.answer_during_commit(client) {
-            return;
+        if self.committing().is_some() {
+            // A restarted client repeats its COUNT.
+            return self.on_frame_during_commit(client);
         }
-        if self.is_locked(from) {
-            // M-23
-            return client.deny();
+        if self.is_other_uploading(from) {
+            // The other client's upload continues (M-23).
+            return client.refuse_as_busy();
         }
         if let Transfer::Upload(upload) = &mut self.transfer
             && upload.is_by(from.address)
             && (upload.plan, upload.count) == (plan, count)
-            && !(upload.may_be_duplicate && number.is_after(upload.last))
         {
-            if staged == 0 {
-                // The pending request, or the one that the retry timer will send, answers this COUNT (M-22 a).
+            let is_of_new_upload = !upload.is_confirmed && number.is_after(upload.last);
+            if staged == 0 && !is_of_new_upload {
+                // A repeated COUNT: the pending request, or the one that the retry timer will send, answers it.
                 upload.client = from;
                 upload.counts.extend(number);
-                upload.is_request_pending |= upload.may_be_duplicate;
+                upload.is_request_pending |= !upload.is_confirmed;
                 self.heard_at = cx.now;
                 return;
             }
-            let is_answering = upload.retry.count() == 0;
-            if is_answering && number.link == upload.client.link && upload.counts.contains(number.seq) {
-                // A delayed duplicate (M-22 b). After a silence it may come from a restarted client, whose sequence
-                // numbers start from 0 again.
-                return self.drop_out_of_place();
+            // After a silence, the COUNT may be from a restarted client, whose sequence numbers start from 0 again.
+            let is_client_answering = upload.retry.retries() == 0;
+            let is_same_link = number.link == upload.client.link;
+            if staged > 0 && is_client_answering && is_same_link && upload.counts.contains(number.seq) {
+                // A delayed duplicate of the COUNT that began the upload.
+                return self.count_dropped_frame();
             }
         }
         self.start_upload(cx, client, received);
     }
 
-    /// Starts an upload, if it is admitted.
+    /// Starts an upload, or clears the plan if the count is 0. Answers with a refusal if the change is not admitted.
     fn start_upload<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -89,19 +92,20 @@ impl Missions {
         Count { plan, count, number }: Count,
     ) {
         let (from, mission_type) = (client.peer, client.mission_type);
-        let is_duplicate = |previous: &&FinishedUpload| {
+        let may_repeat_count_of = |previous: &&FinishedUpload| {
             (previous.client, previous.mission_type) == (from.address, mission_type)
                 && previous.last_seq.checked_add(1) == Some(count)
                 && cx.now - previous.at < DUPLICATE_WINDOW
                 && !number.is_after(previous.last)
         };
-        let duplicate_of = self.finished.as_ref().filter(is_duplicate).map(|previous| previous.last);
-        if duplicate_of.is_none() {
+        let last_of_previous = self.finished.as_ref().filter(may_repeat_count_of).map(|previous| previous.last);
+        let is_confirmed = last_of_previous.is_none();
+        if is_confirmed {
             // This ends an earlier upload of the same client and cancels its pending answer (M-22, M-24). It also ends
             // an upload that a delayed duplicate began. A COUNT after the first item may be a delayed duplicate too;
             // then items are requested twice. But it may also start another plan: if the old request stayed pending,
             // the new plan's items would complete the old plan.
-            self.end_previous(client, &mut cx.plans);
+            self.end_previous_request(client, &mut cx.plans);
         }
         if count > cx.plans.capacity(plan) {
             if let Some(refused) = self.refused.count(cx.now) {
@@ -110,51 +114,54 @@ impl Missions {
             Problem::Refused(plan, MavMissionResult::NO_SPACE.into()).report(cx);
             return client.refuse(MavMissionResult::NO_SPACE);
         }
-        // M-52: an empty plan may always be cleared.
-        if count > 0 || !self.is_clear(&cx.plans, Some(plan)) {
-            let permission = self.ask_permission(cx, plan, from).and_then(|()| self.limit_rate(cx, plan, from, count));
+        // A clear that changes nothing needs no permission (M-52).
+        if count > 0 || !self.is_already_clear(&cx.plans, Some(plan)) {
+            let permission =
+                self.ask_permission(cx, plan, from).and_then(|()| self.check_write_rate(cx, plan, from, count));
             if let Err(result) = permission {
                 return client.refuse(result);
             }
-            if self.drop_without_result_slot(client.replies) {
-                return;
+            if !self.has_result_slot(client.replies) {
+                return self.count_missing_slot();
             }
         }
-        if duplicate_of.is_none() || count == 1 {
+        if is_confirmed || count == 1 {
             // The next item 0 answers the new request; it does not repeat the last item of the previous upload.
             self.finished = None;
         }
         if count == 0 {
-            return self.change(cx, client, Change::Clear(Some(plan)));
+            return self.start_change(cx, client, Change::Clear(Some(plan)));
         }
         event!("{} upload of {=u16} items by {}: started", plan, count, from);
         self.transfer = Transfer::Upload(Upload {
-            may_be_duplicate: duplicate_of.is_some(),
-            last: duplicate_of.unwrap_or(number),
+            is_confirmed,
+            last: last_of_previous.unwrap_or(number),
             ..Upload::new(from, plan, count, number, cx.now)
         });
         self.heard_at = cx.now;
     }
 
-    /// Whether a COUNT from another link is a duplicate of one of this upload's COUNTs, or repeats it before the first
-    /// item.
+    /// Whether a COUNT from another link belongs to the upload in progress or to the plan that is being written. That is
+    /// a COUNT of the same size that is repeated before the first item, or has the sequence number of an earlier one. While
+    /// the plan is being written, it is a COUNT that was sent before the plan's last item.
     fn is_duplicate_from_other_link(&self, staged: u16, Count { plan, count, number }: Count) -> bool {
         if let Transfer::Upload(upload) = &self.transfer {
-            return (upload.plan, upload.count) == (plan, count) && (staged == 0 || upload.counts.contains(number.seq));
+            let is_same_size = (upload.plan, upload.count) == (plan, count);
+            return is_same_size && (staged == 0 || upload.counts.contains(number.seq));
         }
-        match self.committing() {
-            // It was sent before the last item of the plan that is being written.
-            Some(Commit { change: Change::Upload { plan: own, last, .. }, .. }) => {
-                *own == plan && (last.seq - number.seq).0 <= 127
-            }
-            _ => false,
+        if let Some(commit) = self.committing()
+            && let Change::Upload { plan: written, last, .. } = commit.change
+        {
+            let is_before_last_item = (last.seq - number.seq).0 <= 127;
+            return written == plan && is_before_last_item;
         }
+        false
     }
 }
 
 /// MISSION_ITEM_INT and MISSION_ITEM.
 impl Missions {
-    /// Handles an item.
+    /// Handles an item. Only the next item of the sender's own upload is staged.
     pub(super) fn on_item<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -168,44 +175,50 @@ impl Missions {
             return self.refuse_guided(cx, client);
         }
         if self.is_on_other_link(cx.now, from) {
-            // Not denied: most likely it is a duplicate, and a denial would end the client's upload (M-45).
-            return self.drop_out_of_place();
+            // Not refused: the item is most likely a duplicate, and a refusal would end the client's upload (M-45).
+            return self.count_dropped_frame();
         }
-        if self.answer_during_commit(client) {
-            return;
+        if self.committing().is_some() {
+            return self.on_frame_during_commit(client);
         }
         let next = cx.plans.staged();
         let upload = match &mut self.transfer {
-            Transfer::Upload(upload) if !upload.may_be_duplicate || seq == 0 => upload,
+            // Only item 0 confirms an upload. Later items may repeat those of the previous one.
+            Transfer::Upload(upload) if upload.is_confirmed || seq == 0 => upload,
             _ => return self.on_stray_item(cx.now, client, seq),
         };
         if !upload.is_by(from.address) {
-            // M-33
-            return client.deny();
+            // The other client's upload continues (M-33).
+            return client.refuse_as_busy();
         }
         self.heard_at = cx.now;
         // Even if it is not the expected item, the client is on this link now (M-11).
         upload.client = from;
-        if client.mission_type != upload.plan.mission_type() || seq != next {
-            // M-30, M-32: neither is an error. The timer requests the missing item, at most once per period.
-            if seq.checked_add(1) == Some(next) {
+        let is_expected = client.mission_type == upload.plan.mission_type() && seq == next;
+        if !is_expected {
+            // Not an error: the timer requests the missing item, at most once per period (M-32).
+            let is_last_received = seq.checked_add(1) == Some(next);
+            if is_last_received {
                 upload.retry.on_duplicate();
             }
-            return self.drop_out_of_place();
+            return self.count_dropped_frame();
         }
         upload.last = number;
-        upload.form.choose_after_item();
+        upload.request_form.choose_after_item();
         if next == 0 {
             upload.counts.end(number);
         }
-        if core::mem::take(&mut upload.may_be_duplicate) {
+        if !upload.is_confirmed {
+            upload.is_confirmed = true;
+            // The client sends another plan, so it no longer waits for the answer to the previous one.
             self.finished = None;
-            self.forget_answer(client);
+            self.cancel_pending_result(client);
         }
         self.on_expected_item(cx, client, frame);
     }
 
-    /// Checks and stages the item that was requested. The last one completes the upload.
+    /// Checks and stages the item that was requested. The last item completes the upload; a faulty item ends it with a
+    /// refusal.
     fn on_expected_item<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -216,16 +229,16 @@ impl Missions {
         let message = MissionItemInt::decode(frame.payload());
         let (plan, seq) = (upload.plan, message.seq);
         let is_last = seq.checked_add(1).is_none_or(|received| received >= upload.count);
-        if is_last && self.drop_without_result_slot(client.replies) {
-            // The timer requests it again, until there is a slot for the final answer.
-            return;
+        if is_last && !self.has_result_slot(client.replies) {
+            // The timer requests the item again, until there is a slot for the final answer.
+            return self.count_missing_slot();
         }
         let mut item = Item::from_int(&message);
         if let Err(problem) = check_item(cx, plan, seq, &mut item, frame.id() == MissionItem::ID) {
             problem.report(cx);
             return self.refuse_upload(cx, client, seq, problem.fault().result);
         }
-        // There is room: the count was checked before the first item (M-21).
+        // The staging area has room, because the count was checked before the first item.
         cx.plans.stage(item);
         let Transfer::Upload(upload) = &mut self.transfer else { return };
         upload.digest.add(&item);
@@ -239,8 +252,8 @@ impl Missions {
         }
     }
 
-    /// Completes the upload after its last item: the plan goes live, or is stored first, unless it is refused as a
-    /// whole (M-39).
+    /// Completes the upload after its last item. The plan goes live, or is stored first, unless it is refused as a whole
+    /// (M-39).
     pub(super) fn complete<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -250,7 +263,7 @@ impl Missions {
         let Transfer::Upload(Upload { plan, digest, first, last, .. }) = &self.transfer else { return };
         let (plan, id, first, last) = (*plan, digest.id(), first.unwrap_or(0), *last);
         let change = Change::Upload { plan, id, first, last_seq, last };
-        // The vehicle may have armed since COUNT (M-45).
+        // The vehicle may have armed since COUNT, so it is asked for permission again.
         let is_stored = self.changes_nothing(&cx.plans, &change);
         let checked = check_staged_plan(cx, plan).and_then(|()| {
             let permission = self.permission(cx, plan, client.peer, is_stored);
@@ -261,7 +274,7 @@ impl Missions {
             return self.refuse_upload(cx, client, last_seq, problem.fault().result);
         }
         self.transfer = Transfer::Idle;
-        self.change(cx, client, change);
+        self.start_change(cx, client, change);
     }
 
     /// Ends the upload at item `last_seq` with a refusal.
@@ -284,28 +297,28 @@ impl Missions {
     /// Refuses an item that is not part of a plan, but means "go there now" or "change the altitude"; commands have
     /// replaced these (M-34). Sends at most one answer a second, as for stray items (M-36).
     fn refuse_guided<F: Firmware>(&mut self, cx: &mut Cx<'_, F>, client: &mut Client<'_>) {
-        self.drop_out_of_place();
+        self.count_dropped_frame();
         if client.replies.begin_stray_answer(cx.now) {
             Problem::Guided.report(cx);
             client.refuse(MavMissionResult::UNSUPPORTED);
         }
     }
 
-    /// Handles an item that is not part of an upload: either the final ACK of the previous upload was lost (M-31), or
-    /// the item is stray (M-36).
+    /// Handles an item that is not part of an upload. The last item of the previous upload is answered again, because its
+    /// final ACK was lost (M-31). Any other item is stray (M-36).
     fn on_stray_item(&mut self, now: Instant, client: &mut Client<'_>, seq: u16) {
         let (address, mission_type) = (client.peer.address, client.mission_type);
-        let is_last = |previous: &&FinishedUpload| {
+        let is_last_item_of = |previous: &&FinishedUpload| {
             (previous.client, previous.mission_type, previous.last_seq) == (address, mission_type, seq)
                 && now - previous.at < ANSWER_REPEAT
         };
-        if let Some(previous) = self.finished.as_ref().filter(is_last) {
+        if let Some(previous) = self.finished.as_ref().filter(is_last_item_of) {
             if let Some(repeated) = self.repeated.count(now) {
                 event!("{} upload by {}: final answer sent again; {=u32} so far", mission_type, client.peer, repeated);
             }
             return client.answer(ReplyContent::of_result(previous.result, previous.id));
         }
-        self.drop_out_of_place();
+        self.count_dropped_frame();
         if matches!(self.transfer, Transfer::Idle) && client.replies.begin_stray_answer(now) {
             client.refuse(MavMissionResult::ERROR);
         }
@@ -325,8 +338,8 @@ impl Missions {
         let Some(plan) = PlanType::from_mission_type(mission_type) else { return };
         self.sessions.close(from, plan);
         if self.is_on_other_link(cx.now, from) {
-            // It ends another station's download, or is a duplicate (M-45).
-            return self.drop_out_of_place();
+            // The ACK ended another station's download, or is a duplicate (M-45).
+            return self.count_dropped_frame();
         }
         let upload = match &mut self.transfer {
             Transfer::Upload(upload) if upload.is_by(from.address) && upload.plan == plan => upload,
@@ -336,61 +349,71 @@ impl Missions {
         self.heard_at = cx.now;
         match result {
             MavMissionResult::ACCEPTED => {}
-            MavMissionResult::UNSUPPORTED if upload.form.explains_unsupported(cx.plans.staged() > 0) => {
-                // M-47: this does not cancel the upload. If the client knows neither form, the timer ends it.
+            MavMissionResult::UNSUPPORTED if upload.request_form.explains_unsupported(cx.plans.staged() > 0) => {
+                // The client refuses the form of the request, not the upload (M-47). If it knows neither form, the timer
+                // ends the upload.
                 event!("upload by {}: trying the other request form", from);
-                upload.is_request_pending |= upload.form.choose_after_refusal();
+                let sends_at_once = upload.request_form.choose_after_refusal();
+                upload.is_request_pending |= sends_at_once;
             }
             _ => {
                 event!("{} upload by {}: cancelled by the client", plan, from);
-                self.abandon(&mut cx.plans);
+                self.abandon_upload(&mut cx.plans);
             }
         }
     }
 
-    /// Handles MISSION_CLEAR_ALL for `only` one plan, or for all (M-50 to M-53).
+    /// Handles MISSION_CLEAR_ALL: clears `plan`, or all plans if it is `None` (M-50 to M-53).
+    ///
+    /// Answers ACCEPTED once the plans are clear, also in storage. Refuses with DENIED while another client changes plans,
+    /// and with the vehicle's result if it permits no changes.
     pub(super) fn on_clear<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
         client: &mut Client<'_>,
-        only: Option<PlanType>,
+        plan: Option<PlanType>,
     ) {
         let from = client.peer;
+        let change = Change::Clear(plan);
         let is_on_other_link = self.is_on_other_link(cx.now, from);
         if let Some(commit) = self.committing_mut() {
-            let is_own = commit.client.address == from.address;
-            if !is_own || !matches!(commit.change, Change::Clear(own) if own == only) {
-                return client.deny();
+            let is_same_client = commit.client.address == from.address;
+            let is_same_clear = matches!(commit.change, Change::Clear(cleared) if cleared == plan);
+            if !(is_same_client && is_same_clear) {
+                return client.refuse_as_busy();
             }
-            // A repeated clear is answered when the first one ends (M-52).
+            // A repeated clear: the result of the first one answers both. A frame on another link may be a duplicate, so
+            // it does not move the client there.
             if !is_on_other_link {
                 commit.move_client(from.link, client.replies);
             }
-            return self.drop_out_of_place();
+            return self.count_dropped_frame();
         }
-        if is_on_other_link || self.is_locked(from) {
-            // M-51
-            return client.deny();
+        if is_on_other_link || self.is_other_uploading(from) {
+            // The upload continues (M-51).
+            return client.refuse_as_busy();
         }
-        self.end_previous(client, &mut cx.plans);
-        let change = Change::Clear(only);
-        // M-52: a clear that changes nothing is accepted even if the vehicle permits no changes.
-        if !self.is_clear(&cx.plans, only) {
-            // All or nothing: permission for every plan first, then the change.
+        self.end_previous_request(client, &mut cx.plans);
+        // A clear that changes nothing is accepted even if the vehicle permits no changes (M-52).
+        if !self.is_already_clear(&cx.plans, plan) {
+            // All or nothing: the vehicle must permit the change of every plan before one is cleared.
             let permission = PlanType::ALL.into_iter().try_for_each(|plan| {
                 let is_affected = change.affects(plan) && cx.plans.capacity(plan) > 0;
                 if is_affected { self.ask_permission(cx, plan, from) } else { Ok(()) }
             });
-            let named = only.unwrap_or(PlanType::Mission);
-            if let Err(result) = permission.and_then(|()| self.limit_rate(cx, named, from, 0)) {
+            // The text about a refusal names one plan; for a clear of all plans it names the mission.
+            let named_plan = plan.unwrap_or(PlanType::Mission);
+            // The write of a clear has no items.
+            if let Err(result) = permission.and_then(|()| self.check_write_rate(cx, named_plan, from, 0)) {
                 return client.refuse(result);
             }
-            if self.drop_without_result_slot(client.replies) {
-                return;
+            if !self.has_result_slot(client.replies) {
+                return self.count_missing_slot();
             }
+            // The last item of the previous upload is stray from now on: its plan is no longer live.
             self.finished = None;
         }
-        self.change(cx, client, change);
+        self.start_change(cx, client, change);
     }
 
     /// When [`poll_upload`](Self::poll_upload) is due.
@@ -401,50 +424,51 @@ impl Missions {
         }
     }
 
-    /// Runs the retry timer (M-40) and the timeout (M-41). Returns the final answer after a timeout.
+    /// Repeats the request for the missing item when that is due, or ends an upload that has timed out (M-41). Returns the
+    /// final answer of the upload that has ended; `None` if none has ended, or if no client waits for its answer.
     pub(super) fn poll_upload<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         let Transfer::Upload(upload) = &mut self.transfer else { return None };
         if cx.now < upload.retry.deadline() {
             return None;
         }
+        let Upload { client, plan, is_confirmed, .. } = *upload;
         if !upload.retry.has_timed_out(cx.now) {
-            upload.is_request_pending = !upload.may_be_duplicate;
-            upload.retry.retry(cx.now);
-            upload.form.choose_for_retry(upload.retry.count());
+            // In an unconfirmed upload, only a COUNT causes a request.
+            upload.is_request_pending = is_confirmed;
+            upload.retry.count_retry(cx.now);
+            upload.request_form.choose_for_retry(upload.retry.retries());
             return None;
         }
-        let (client, plan, is_reported) = (upload.client, upload.plan, upload.is_exclusive());
         event!("{} upload by {}: timed out", plan, client);
-        if is_reported {
-            Problem::TimedOut(plan, cx.plans.staged()).report(cx);
+        let missing_item = cx.plans.staged();
+        self.abandon_upload(&mut cx.plans);
+        if !is_confirmed {
+            // No client waits for an answer: a waiting client would have repeated its COUNT.
+            return None;
         }
-        self.abandon(&mut cx.plans);
-        // Otherwise no client is waiting: it would have repeated its COUNT, or has given up.
-        is_reported.then(|| {
-            let content = ReplyContent::Refused(MavMissionResult::OPERATION_CANCELLED);
-            FinalAnswer::new(client, plan.mission_type(), content)
-        })
+        Problem::TimedOut(plan, missing_item).report(cx);
+        let content = ReplyContent::Refused(MavMissionResult::OPERATION_CANCELLED);
+        Some(FinalAnswer::new(client, plan.mission_type(), content))
     }
 }
 
 /// Which client changes plans.
 impl Missions {
-    /// While a change is being written, drops a message of its client, which gets the result when the write ends, and
-    /// denies those of others. Returns false if no change is being written.
-    fn answer_during_commit(&mut self, client: &mut Client<'_>) -> bool {
-        let Some(commit) = self.committing_mut() else { return false };
+    /// Handles a COUNT or an item while a change is being written. A frame of the change's client is dropped, because the
+    /// client gets the result when the write ends. Frames of other clients are refused.
+    fn on_frame_during_commit(&mut self, client: &mut Client<'_>) {
+        let Some(commit) = self.committing_mut() else { return };
         if commit.client.address == client.peer.address {
             commit.move_client(client.peer.link, client.replies);
-            self.drop_out_of_place();
+            self.count_dropped_frame();
         } else {
-            client.deny();
+            client.refuse_as_busy();
         }
-        true
     }
 
-    /// Whether another client's upload is in progress. An upload that a delayed duplicate may have begun does not count.
-    fn is_locked(&self, from: Peer) -> bool {
-        matches!(&self.transfer, Transfer::Upload(upload) if upload.is_exclusive() && !upload.is_by(from.address))
+    /// Whether a client other than `from` uploads a plan. An unconfirmed upload does not count.
+    fn is_other_uploading(&self, from: Peer) -> bool {
+        matches!(&self.transfer, Transfer::Upload(upload) if upload.is_confirmed && !upload.is_by(from.address))
     }
 
     /// Records that a frame from `from` was received. The client that changes plans stays on its link while it is heard
@@ -455,10 +479,10 @@ impl Missions {
         }
     }
 
-    /// Returns the client whose upload is in progress or whose change is being written, with its link.
+    /// Returns the client whose confirmed upload is in progress or whose change is being written, with its link.
     fn client(&self) -> Option<Peer> {
         match &self.transfer {
-            Transfer::Upload(upload) => upload.is_exclusive().then_some(upload.client),
+            Transfer::Upload(upload) => upload.is_confirmed.then_some(upload.client),
             _ => self.committing().map(|commit| commit.client),
         }
     }
@@ -470,20 +494,20 @@ impl Missions {
             && now - self.heard_at < LINK_HOLD
     }
 
-    /// Cancels the pending result of the client's previous request.
-    fn forget_answer(&mut self, client: &mut Client<'_>) {
+    /// Cancels the pending result of the client's previous request, which the client would take for that of a new one.
+    fn cancel_pending_result(&mut self, client: &mut Client<'_>) {
         client.replies.forget_result(client.peer.address);
         self.second_answer = None;
     }
 
     /// Ends the client's previous request: its upload, or its pending result.
-    fn end_previous(&mut self, client: &mut Client<'_>, plans: &mut PlansMut<'_>) {
-        self.forget_answer(client);
-        self.abandon(plans);
+    fn end_previous_request(&mut self, client: &mut Client<'_>, plans: &mut PlansMut<'_>) {
+        self.cancel_pending_result(client);
+        self.abandon_upload(plans);
     }
 
-    /// Drops the upload in progress.
-    pub(super) fn abandon(&mut self, plans: &mut PlansMut<'_>) {
+    /// Drops the upload in progress, if any, and its items.
+    pub(super) fn abandon_upload(&mut self, plans: &mut PlansMut<'_>) {
         if matches!(self.transfer, Transfer::Upload(_)) {
             self.transfer = Transfer::Idle;
             increment(&mut self.counters.abandoned);
@@ -491,8 +515,13 @@ impl Missions {
         plans.clear_staging();
     }
 
-    /// Counts a frame that is dropped because it does not fit the state.
-    pub(super) fn drop_out_of_place(&mut self) {
+    /// Counts a frame that the caller drops because it does not fit the state of the transfer.
+    pub(super) fn count_dropped_frame(&mut self) {
         increment(&mut self.counters.out_of_place);
+    }
+
+    /// Counts a frame that the caller drops because there is no slot for the result. The client repeats it.
+    fn count_missing_slot(&mut self) {
+        increment(&mut self.counters.no_answer_slot);
     }
 }

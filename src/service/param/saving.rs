@@ -37,8 +37,8 @@ impl Saving {
 
     /// Returns whether a page keeps values that are no defaults: after an earlier attempt failed, or if a value was set
     /// since storage was attached. If the operator requests the stored values, they replace values that were set before
-    /// the first page. That is still written if they cannot be read.
-    pub(crate) fn keeps_values(&mut self, now: Instant, is_first: bool, is_late: bool) -> bool {
+    /// the first page. Those are still written if the stored values cannot be read.
+    pub(crate) fn keeps_values(&mut self, now: Instant, is_first: bool, is_retry: bool) -> bool {
         if self.is_reload_requested {
             if is_first {
                 self.notice(now);
@@ -46,7 +46,7 @@ impl Saving {
             }
             return false;
         }
-        is_late || self.is_unloaded && self.has_changed
+        is_retry || self.is_unloaded && self.has_changed
     }
 
     /// Records that the table has other values than storage.

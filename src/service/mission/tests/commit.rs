@@ -198,7 +198,7 @@ impl Bench {
     /// Loads a plan from storage.
     fn restore(&mut self, plan: PlanType, expected: (u16, u32), items: &[Item]) -> Result<(), PlanFault> {
         self.with(|missions, cx, _, _| {
-            missions.set_loading(&mut cx.plans, true);
+            missions.begin_loading(&mut cx.plans);
             let mut digest = Digest::new();
             let mut items = items.iter();
             let staged = items.try_for_each(|item| {
@@ -206,7 +206,7 @@ impl Bench {
                 Missions::stage_item(cx, plan, *item)
             });
             let loaded = staged.and_then(|()| missions.make_loaded(cx, plan, Some(expected), digest));
-            missions.set_loading(&mut cx.plans, false);
+            missions.end_loading(&mut cx.plans);
             loaded
         })
     }
@@ -465,13 +465,13 @@ fn nothing_is_loaded_during_an_upload() {
 #[test]
 fn no_upload_begins_while_plans_are_loaded() {
     let mut bench = durable();
-    bench.with(|missions, cx, _, _| missions.set_loading(&mut cx.plans, true));
+    bench.with(|missions, cx, _, _| missions.begin_loading(&mut cx.plans));
     let dropped = bench.missions.counters().no_answer_slot;
     assert_eq!(bench.ask(A, &count(MISSION, 2)), []);
     assert_eq!(bench.missions.counters().no_answer_slot, dropped + 1);
     let loaded = bench.with(|missions, cx, _, _| missions.load_plan(cx, PlanType::Mission, [].into_iter()));
     assert_eq!(loaded, Err(PlanFault { seq: None, result: DENIED }));
-    bench.with(|missions, cx, _, _| missions.set_loading(&mut cx.plans, false));
+    bench.with(|missions, cx, _, _| missions.end_loading(&mut cx.plans));
     assert_eq!(bench.ask(A, &count(MISSION, 2)), [to_a(Ask(0))]);
 }
 
