@@ -9,9 +9,9 @@ mod decode;
 mod events;
 mod faults;
 mod firmware;
-mod flight;
 mod identity;
 mod link;
+mod observed;
 mod plans;
 mod requests;
 #[cfg(feature = "signing")]
@@ -32,10 +32,10 @@ pub use control::{
 pub use events::{EventEntry, EventLog, EventSequence, MAX_EVENT_ARGUMENTS};
 pub use faults::HookFaults;
 pub use firmware::{Firmware, Values};
-pub(crate) use flight::Flight;
 pub use identity::Identity;
 pub use link::{LinkClass, LinkConfig, LinkId, MAX_LINKS, Peer, StreamProfile, TxVersion};
 pub(crate) use link::{LinkFacts, LinkMask};
+pub(crate) use observed::ObservedVehicle;
 pub use plans::{MAX_ITEMS, NoPlans, PlanBuffers, PlanMemory, PlanMemoryOf, PlanType, PlanView, PlansMut, largest};
 pub(crate) use plans::{NO_ITEM, UploadStep};
 pub(crate) use requests::{Cancellation, MAX_PENDING, Pending};

@@ -25,10 +25,10 @@
 //! |---:|---:|---:|---:|---|
 //! | 57,600 | 4 ms | 24 | 64 | the default |
 //! | 115,200 | 4 ms | 47 | 128 | the default |
-//! | 115,200 | 20 ms | 231 | 512 | [`for_line`](crate::config::PollBudget::for_line) |
-//! | 921,600 | 1 ms | 93 | 256 | the default for a ground station, else `for_line` |
-//! | 921,600 | 4 ms | 369 | 1,024 | `for_line` |
-//! | 921,600 | 20 ms | 1,844 | 4,096 | `for_line` |
+//! | 115,200 | 20 ms | 231 | 512 | [`for_link`](crate::config::PollBudget::for_link) |
+//! | 921,600 | 1 ms | 93 | 256 | the default for a ground station, else `for_link` |
+//! | 921,600 | 4 ms | 369 | 1,024 | `for_link` |
+//! | 921,600 | 20 ms | 1,844 | 4,096 | `for_link` |
 //!
 //! The default budget handles three frames per poll. That suffices for long frames on any link, but not for short
 //! frames on a fast link. Excess frames stay in the queue until it overflows.

@@ -372,11 +372,11 @@ impl QueuesView<'_> {
         let is_addressed = !target.system.is_all();
         let mut links = LinkMask::NONE;
         for lane in self.lanes.iter_mut() {
-            let is_route = routes.to.contains(lane.link) && lane.link != LinkMask::of(from);
+            let is_route = routes.to.intersects(lane.link) && lane.link != LinkMask::of(from);
             if !is_route || !lane.takes(frame.id(), target) {
                 continue;
             }
-            if !is_addressed && routes.seen.contains(lane.link) {
+            if !is_addressed && routes.seen.intersects(lane.link) {
                 increment(&mut lane.counters.source_heard);
             } else if new.is_refused() && lane.withholds(frame.id(), has_key) {
                 increment(&mut lane.counters.not_accepted);
@@ -403,7 +403,7 @@ impl QueuesView<'_> {
         for lane in self.lanes.iter_mut() {
             let Some((bytes, others)) = core::mem::take(&mut rest).split_at_mut_checked(self.size) else { break };
             rest = others;
-            if !links.contains(lane.link) {
+            if !links.intersects(lane.link) {
                 continue;
             }
             if frame.header().version == Version::V2 && lane.version == Version::V1 {

@@ -50,10 +50,10 @@ pub(crate) fn routes(
             let is_free = |other: &&PeerInfo| {
                 other.peer.address == address
                     && other.is_route
-                    && free.contains(LinkMask::of(other.peer.link))
+                    && free.contains(other.peer.link)
                     && (other.is_alive || is_heard(other))
             };
-            if free.contains(link) || !peers.iter().any(|other| is_free(&other)) {
+            if free.intersects(link) || !peers.iter().any(|other| is_free(&other)) {
                 routes.to = routes.to.with(link);
             }
         }

@@ -6,7 +6,9 @@ use crate::link::Port;
 use crate::message::{Address, ComponentId};
 use crate::network::{PeerInfo, Peers};
 use crate::time::{Clock, Duration, Instant};
-use crate::types::{Config, Context, EventLog, Flight, HookFaults, LinkMask, PlansMut, Requests, StatusTexts, Values};
+use crate::types::{
+    Config, Context, EventLog, HookFaults, LinkMask, ObservedVehicle, PlansMut, Requests, StatusTexts, Values,
+};
 
 /// The data that all services share.
 #[derive(Debug)]
@@ -16,7 +18,7 @@ pub struct Shared {
     pub(crate) normal: LinkMask,
     /// The high-latency links.
     pub(crate) satellites: LinkMask,
-    pub(crate) flight: Flight,
+    pub(crate) observed: ObservedVehicle,
     /// The stack's time, which is never set back. All other instants inside the stack are its.
     pub(crate) clock: Clock,
     /// How often the firmware's clock was set back. Wraps.
@@ -32,7 +34,7 @@ pub struct Shared {
     /// The firmware runs without its other components.
     pub(crate) is_alone: bool,
     /// Changes when the numbers of the flight logs may have changed. It wraps.
-    pub(crate) log_numbers: u16,
+    pub(crate) log_numbering: u16,
     /// Until when a client is reading the file of a flight log.
     pub(crate) logs_read_until: Instant,
     pub(crate) faults: HookFaults,
@@ -44,7 +46,7 @@ impl Shared {
         config: Config::VACANT,
         normal: LinkMask::NONE,
         satellites: LinkMask::NONE,
-        flight: Flight::new(),
+        observed: ObservedVehicle::new(),
         clock: Clock::NEW,
         clock_steps: 0,
         polled: Instant::ZERO,
@@ -52,7 +54,7 @@ impl Shared {
         is_storage_busy: false,
         answerer: ComponentId::ALL,
         is_alone: false,
-        log_numbers: 0,
+        log_numbering: 0,
         logs_read_until: Instant::ZERO,
         faults: HookFaults::ZERO,
     };
@@ -75,7 +77,7 @@ impl Shared {
     /// Whether frames of a link wait for a HEARTBEAT (H-17). Nothing waits for one that cannot come: before the first poll, and
     /// while the vehicle is in a fault.
     pub(crate) fn holds(&self, port: &Port) -> bool {
-        port.is_held() && self.flight.has_state
+        port.is_held() && self.observed.has_state
     }
 
     /// Ends a link's wait for a HEARTBEAT that has not come (H-17). Unless frames still wait, makes the frame that was cut off when
@@ -92,20 +94,20 @@ impl Shared {
 
     /// Whether the vehicle has a state, and the stack was polled within `max_loop_gap`, so that the peers' timeouts and the failsafe run (H-18).
     fn is_polled(&self, now: Instant) -> bool {
-        self.flight.has_state && now - self.polled <= self.config.max_loop_gap
+        self.observed.has_state && now - self.polled <= self.config.max_loop_gap
     }
 
     /// Samples the pulse of the flight loop.
     pub(crate) fn sample_pulse(&mut self, now: Instant) {
-        let Self { config, flight, .. } = self;
+        let Self { config, observed, .. } = self;
         if let Some(pulse) = config.pulse {
-            flight.credit.sample(now, pulse, config.max_loop_gap);
+            observed.pulse.sample(now, pulse, config.max_loop_gap);
         }
     }
 
     /// Whether heartbeats may be sent, as of the last sample of the pulse (H-5, H-18).
     pub(crate) fn is_beating(&self, now: Instant) -> bool {
-        self.flight.credit.is_good(now, self.config.max_loop_gap) && self.is_polled(now)
+        self.observed.pulse.is_good(now, self.config.max_loop_gap) && self.is_polled(now)
     }
 
     /// Returns when the stack must be polled again at the latest, so that heartbeats may be sent (H-18).
@@ -116,10 +118,10 @@ impl Shared {
     /// Returns when a message that is due at `due` can be sent, if it must not be sent while the flight loop is stopped or the
     /// vehicle is in a fault.
     pub(crate) fn when_beating(&self, now: Instant, due: Instant) -> Instant {
-        let (credit, gap) = (&self.flight.credit, self.config.max_loop_gap);
+        let (monitor, gap) = (&self.observed.pulse, self.config.max_loop_gap);
         match due {
             Instant::NEVER => Instant::NEVER,
-            due if due > now => credit.look_for(due, gap),
+            due if due > now => monitor.look_for(due, gap),
             due if self.is_beating(now) => due,
             // It waits for the flight loop or the vehicle. Only polling shows that they recovered.
             _ => now + RETRY,

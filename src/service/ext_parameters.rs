@@ -282,8 +282,7 @@ impl ExtParamServer {
 
     /// Returns the first answer that is pending on a link.
     fn answer_on(&self, port: &Port) -> Option<usize> {
-        let mask = LinkMask::of(port.id);
-        self.answers.iter().position(|answer| answer.links.contains(mask))
+        self.answers.iter().position(|answer| answer.links.contains(port.id))
     }
 
     /// Drops the answers that are pending on a link.
@@ -302,7 +301,7 @@ fn slot(answers: &[Answer], link: LinkMask, index: u16) -> Option<usize> {
         let rank = match answer.links {
             links if links.is_empty() => 1,
             _ if answer.index == index && index != UNKNOWN => 0,
-            links if !links.contains(link) => 2,
+            links if !links.intersects(link) => 2,
             _ => 3,
         };
         if rank < least {
@@ -412,7 +411,7 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
     /// Answers for links that carry none are not pending.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ExtParamLink>) {
         for answer in &mut self.answers {
-            if !answer.links.contains(cx.shared.normal) {
+            if !answer.links.intersects(cx.shared.normal) {
                 answer.links = LinkMask::NONE;
             }
         }

@@ -33,7 +33,7 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
             Turn::ForwardedFirst => port.facts.own_was_last,
             _ => true,
         };
-        (is_turn && self.queued.contains(LinkMask::of(port.id))).then_some((view.now, ()))
+        (is_turn && self.queued.contains(port.id)).then_some((view.now, ()))
     }
 
     /// Sends the next frame of the link's queue, and drops those that have waited for too long.

@@ -59,10 +59,10 @@ impl Heartbeats {
 
     /// Schedules an extra heartbeat on each normal link when the reported state has changed (H-16).
     fn notice<F: Firmware>(&mut self, cx: &mut Cx<'_, F>, state: Option<VehicleState>) {
-        let flight = &mut cx.shared.flight;
-        flight.has_state = state.is_some();
-        if let Some(state) = state.filter(|state| *state != flight.state) {
-            flight.state = state;
+        let observed = &mut cx.shared.observed;
+        observed.has_state = state.is_some();
+        if let Some(state) = state.filter(|state| *state != observed.state) {
+            observed.state = state;
             self.extra = cx.shared.normal;
         }
     }
@@ -112,7 +112,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
     fn pending(&self, view: &View<'_>, port: &Port, link: &Schedule, turn: Turn) -> Option<(Instant, Beat)> {
         match turn {
             Turn::ExtraHeartbeat => {
-                let is_pending = view.shared.flight.has_state && self.extra.contains(LinkMask::of(port.id));
+                let is_pending = view.shared.observed.has_state && self.extra.contains(port.id);
                 is_pending.then_some((link.extra, Beat::Extra))
             }
             _ if port.facts.is_sign_of_life_due => Some((view.now, Beat::Scheduled)),
@@ -123,7 +123,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Heartbeats {
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Schedule, beat: Beat) -> bool {
         let now = cx.now;
         let Some(state) = cx.vehicle.state() else {
-            cx.shared.flight.has_state = false;
+            cx.shared.observed.has_state = false;
             if beat == Beat::Scheduled {
                 link.postpone(now + RETRY);
             }

@@ -19,7 +19,7 @@ use crate::message::{ComponentId, Message, Text};
 use crate::num;
 use crate::time::{Duration, Instant};
 use crate::types::{
-    Command, CommandPosition, Context, Firmware, Flight, LinkClass, ModeFault, Origin, Outcome, Peer, Refusal,
+    Command, CommandPosition, Context, Firmware, LinkClass, ModeFault, ObservedVehicle, Origin, Outcome, Peer, Refusal,
     RefusalReason, Vehicle, VehicleState,
 };
 
@@ -273,7 +273,7 @@ impl ModeService {
     /// Whether CURRENT_MODE is pending on a link.
     fn owes_current(&self, shared: &Shared, port: &Port, link: &ModeLink) -> bool {
         let is_pending = link.current || link.changes != self.changes || link.pairs != pairs(port);
-        is_pending && shared.flight.has_state && can_send(port)
+        is_pending && shared.observed.has_state && can_send(port)
     }
 
     /// Records that CURRENT_MODE is no longer pending on a link.
@@ -314,7 +314,7 @@ impl<F: Firmware<Vehicle: Modes>> Service<F> for ModeService {
 
     /// Sends CURRENT_MODE when the mode differs from the last reported one.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ModeLink>) {
-        let Flight { has_state, state: VehicleState { custom_mode, .. }, .. } = cx.shared.flight;
+        let ObservedVehicle { has_state, state: VehicleState { custom_mode, .. }, .. } = cx.shared.observed;
         if self.report_until != Instant::ZERO {
             let is_reported = has_state && custom_mode == self.accepted;
             if is_reported || cx.now >= self.report_until {

@@ -317,7 +317,7 @@ impl OperatorControl {
 /// Returns a ground station of a system that is alive on one of the links.
 fn station(peers: &Peers, system: SystemId, links: LinkMask) -> Option<Peer> {
     let mut stations = peers.iter().filter(|info| info.is_living_station()).map(|info| info.peer);
-    stations.find(|peer| peer.address.system == system && links.contains(LinkMask::of(peer.link)))
+    stations.find(|peer| peer.address.system == system && links.contains(peer.link))
 }
 
 /// Whether everyone may send this command: it requests control, or information.

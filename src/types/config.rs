@@ -40,7 +40,7 @@ impl PollBudget {
     ///
     /// It is enough for the traffic of a ground station at 1 Mbit/s with a poll every millisecond, or at 57,600 bit/s
     /// with a poll every 20 ms. More frames than that are not handled, however short they are: 150 a second with a poll
-    /// every 20 ms. For a link that others keep fully loaded, use [`for_line`](Self::for_line).
+    /// every 20 ms. For a link that others keep fully loaded, use [`for_link`](Self::for_link).
     pub const DEFAULT: Self = Self { rx_bytes: 128, work: 1_700, frames: 8, tx_bytes: 280 };
 
     /// Returns a budget for a link of `baud` bit/s, ten bits for each byte, that is polled every `period`. It is enough for
@@ -52,9 +52,9 @@ impl PollBudget {
     /// ```
     /// use mavstack::Duration;
     /// use mavstack::config::PollBudget;
-    /// const BUDGET: PollBudget = PollBudget::for_line(115_200, Duration::from_millis(20));
+    /// const BUDGET: PollBudget = PollBudget::for_link(115_200, Duration::from_millis(20));
     /// assert_eq!(BUDGET.rx_bytes, 288);
-    /// const USB: PollBudget = PollBudget::for_line(12_000_000, Duration::from_millis(1));
+    /// const USB: PollBudget = PollBudget::for_link(12_000_000, Duration::from_millis(1));
     /// assert_eq!(USB.rx_bytes, 1_500);
     /// ```
     ///
@@ -64,7 +64,7 @@ impl PollBudget {
     /// error.
     #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; each value fits its narrower type")]
     #[must_use]
-    pub const fn for_line(baud: u32, period: Duration) -> Self {
+    pub const fn for_link(baud: u32, period: Duration) -> Self {
         /// The length of the shortest frame: MAVLink 1 without a payload. No other has a higher cost for each byte.
         const SHORTEST: u64 = 8;
         /// The cost of the shortest frame, with some slack.
@@ -368,22 +368,22 @@ mod tests {
             (12_000_000, 20, 30_000, 3_750, 2_100_000),
             (12_000_000, 100, 150_000, 18_750, 10_500_000),
         ] {
-            let budget = PollBudget::for_line(baud, Duration::from_millis(millis));
+            let budget = PollBudget::for_link(baud, Duration::from_millis(millis));
             let expected = PollBudget { rx_bytes: bytes, work, frames, tx_bytes: bytes.max(280) };
             assert_eq!(budget, expected, "{baud} baud every {millis} ms");
         }
         // Nothing to receive.
-        assert_eq!(PollBudget::for_line(0, Duration::from_secs(1)), PollBudget::DEFAULT);
-        assert_eq!(PollBudget::for_line(u32::MAX, Duration::ZERO), PollBudget::DEFAULT);
+        assert_eq!(PollBudget::for_link(0, Duration::from_secs(1)), PollBudget::DEFAULT);
+        assert_eq!(PollBudget::for_link(u32::MAX, Duration::ZERO), PollBudget::DEFAULT);
     }
 
     /// D-2: no budget is cut off: one is the largest, and there is none beyond it.
     #[test]
     fn budgets_are_exact_up_to_the_last() {
-        let largest = PollBudget::for_line(8_000, Duration::from_millis(61_356_672));
+        let largest = PollBudget::for_link(8_000, Duration::from_millis(61_356_672));
         assert_eq!((largest.rx_bytes, largest.frames), (61_356_672, 7_669_584));
         assert_eq!(largest.work, 4_294_967_040);
-        let beyond = || PollBudget::for_line(8_000, Duration::from_millis(61_356_673));
+        let beyond = || PollBudget::for_link(8_000, Duration::from_millis(61_356_673));
         assert!(std::panic::catch_unwind(beyond).is_err());
     }
 }

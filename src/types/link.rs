@@ -275,7 +275,11 @@ impl LinkMask {
         self.0 == 0
     }
 
-    pub(crate) const fn contains(self, other: Self) -> bool {
+    pub(crate) fn contains(self, link: LinkId) -> bool {
+        self.intersects(Self::of(link))
+    }
+
+    pub(crate) const fn intersects(self, other: Self) -> bool {
         self.0 & other.0 != 0
     }
 

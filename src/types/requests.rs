@@ -185,7 +185,7 @@ impl Requests {
         let message = Pending::Message { id: MessageId::new(id), index, target };
         let mut is_pending = false;
         for (link, queue) in (0..self.links).map(|link| LinkMask::of(LinkId(link))).zip(&mut self.queues) {
-            if links.contains(link) && normal.contains(link) {
+            if links.intersects(link) && normal.intersects(link) {
                 is_pending |= queue.push(message);
             }
         }

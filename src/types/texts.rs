@@ -172,7 +172,7 @@ impl StatusTexts {
     pub(crate) fn oldest_pending(&mut self, link: LinkMask) -> Option<&mut TextEntry> {
         let newest = self.newest;
         let (mut oldest, mut highest) = (None, 0);
-        for entry in self.entries.iter_mut().filter(|entry| entry.pending.contains(link)) {
+        for entry in self.entries.iter_mut().filter(|entry| entry.pending.intersects(link)) {
             let age = entry.number.age(newest);
             if age >= highest {
                 highest = age;
@@ -184,6 +184,6 @@ impl StatusTexts {
 
     /// Whether a text is pending on the link of this mask.
     pub(crate) fn is_pending(&self, link: LinkMask) -> bool {
-        self.entries.iter().any(|entry| entry.pending.contains(link))
+        self.entries.iter().any(|entry| entry.pending.intersects(link))
     }
 }

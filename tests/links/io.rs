@@ -411,7 +411,7 @@ fn saturated_lines_are_read_completely() {
         let period = Duration::from_millis(millis);
         for (index, frame) in frames.iter().enumerate() {
             let mut setup = Setup { links: [LinkConfig::uart(baud)], ..Setup::<1>::new() };
-            setup.config.budget = PollBudget::for_line(baud, period);
+            setup.config.budget = PollBudget::for_link(baud, period);
             let mut stack: Box<Stack<Tested, 1>> = begun(setup.config, setup.links);
             let mut vehicle = TestVehicle::default();
             let mut queue = Queue { bytes: VecDeque::new(), len: queue_len(baud, period), lost: 0 };

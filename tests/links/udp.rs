@@ -440,7 +440,7 @@ fn datagrams_with_many_frames_are_handled_within_the_budget() {
 /// if the socket accepts few datagrams at a time.
 #[test]
 fn a_burst_of_requests_is_answered() {
-    let mut lab = Lab::with(|config| config.budget = PollBudget::for_line(10_000_000, millis(1)));
+    let mut lab = Lab::with(|config| config.budget = PollBudget::for_link(10_000_000, millis(1)));
     lab.heartbeat(A);
     lab.step();
     for _ in 0..100 {

@@ -102,7 +102,7 @@ const CONFIG: Config = Config { identity: IDENTITY, budget: BUDGET, ..Config::ne
 
 /// The budget of each link per poll. A network brings frames faster than the UARTs: up to 4 Mbit/s, at a poll each millisecond.
 const BUDGET: PollBudget = if cfg!(feature = "network") {
-    PollBudget::for_line(4_000_000, Duration::from_millis(1))
+    PollBudget::for_link(4_000_000, Duration::from_millis(1))
 } else {
     PollBudget::DEFAULT
 };

@@ -9,7 +9,7 @@ use crate::message::{Address, ComponentId, Message, Text};
 use crate::network::{PeerInfo, Peers};
 use crate::service::Shared;
 use crate::time::{Duration, Instant};
-use crate::types::{Command, CommandPosition, Component, LinkClass, LinkId, LinkMask, Peer, Recipient};
+use crate::types::{Command, CommandPosition, Component, LinkClass, LinkId, Peer, Recipient};
 
 /// How long to wait for an answer before the request is sent again.
 const TIMEOUT: Duration = Duration::from_millis(700);
@@ -153,7 +153,7 @@ impl Slot {
         }
         let is_living = |info: &&PeerInfo| {
             let Peer { address, link } = info.peer;
-            info.is_alive && address.system == system && shared.normal.contains(LinkMask::of(link))
+            info.is_alive && address.system == system && shared.normal.contains(link)
         };
         let turns = peers.iter().filter(is_living).cycle().take(usize::from(self.attempts.0));
         if let Some(info) = turns.last() {
@@ -280,7 +280,7 @@ pub(super) fn find(peers: &Peers, shared: &Shared, to: Recipient) -> Option<Peer
     };
     let is_it = |info: &&PeerInfo| {
         let is_wanted = overlap(wanted, info.peer.address) && r#type.is_none_or(|r#type| r#type == info.r#type);
-        is_wanted && info.is_alive && shared.normal.contains(LinkMask::of(info.peer.link))
+        is_wanted && info.is_alive && shared.normal.contains(info.peer.link)
     };
     let distance = |info: &&PeerInfo| match first_link {
         Some(first) => (Wrapping(info.peer.link.0) - Wrapping(first.0)).0,

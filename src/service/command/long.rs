@@ -231,7 +231,7 @@ impl CommandSlot {
             return None;
         }
         // A command that may be new must not be answered ACCEPTED.
-        let is_retransmission = !lacks && self.links.contains(LinkMask::of(command.from.link));
+        let is_retransmission = !lacks && self.links.contains(command.from.link);
         let is_sure = age < SOON || (signed.is_some() && !is_later && !is_earlier) || is_retransmission;
         Some(if is_sure { self.outcome } else { MavResult::TEMPORARILY_REJECTED.into() })
     }
@@ -243,7 +243,7 @@ impl CommandSlot {
 
     /// Whether an ACK is pending on `link` in this state.
     fn is_pending(&self, state: CommandState, link: LinkId) -> bool {
-        self.state == state && self.pending.contains(LinkMask::of(link))
+        self.state == state && self.pending.contains(link)
     }
 
     fn ack(&self, outcome: Outcome, progress: u8) -> CommandAck {

@@ -273,7 +273,7 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
                 link.requested = [None; 2];
                 self.opened = self.opened.with(LinkMask::of(port.id));
             }
-            StackEvent::Heard { from, .. } if self.opened.contains(LinkMask::of(from.link)) => {
+            StackEvent::Heard { from, .. } if self.opened.contains(from.link) => {
                 self.opened = self.opened.without(LinkMask::of(from.link));
                 self.checks.repeat();
             }

@@ -324,7 +324,7 @@ impl HighLatency {
 
     /// Returns when a link sends its next message.
     fn due_on(&self, port: &Port, due: Instant) -> Instant {
-        if self.rescheduled.contains(LinkMask::of(port.id)) { self.next } else { due }
+        if self.rescheduled.contains(port.id) { self.next } else { due }
     }
 
     /// Adopts the service's time of the next message on a link.
@@ -395,7 +395,7 @@ impl HighLatency {
     /// Returns the message for a link now.
     fn report(&mut self, now: Instant, link: LinkMask, config: &Config, custom_mode: u32) -> HighLatency2 {
         // A link that has sent the closed window gets a new one; the other links get the same content.
-        if self.reported.contains(link) || self.reported.is_empty() {
+        if self.reported.intersects(link) || self.reported.is_empty() {
             self.closed = core::mem::replace(&mut self.open, Window::new(now));
             self.reported = LinkMask::NONE;
         }
@@ -489,7 +489,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
 
     #[inline(always)]
     fn pending(&self, _: &View<'_>, port: &Port, link: &Instant, _: Turn) -> Option<(Instant, ())> {
-        let is_sent = self.is_on() || self.announcing.contains(LinkMask::of(port.id));
+        let is_sent = self.is_on() || self.announcing.contains(port.id);
         is_sent.then(|| (self.due_on(port, *link), ()))
     }
 

@@ -64,7 +64,7 @@ impl Order {
         // Only a satellite delivers a duplicate late.
         let is_from_satellite = command.class == LinkClass::HighLatency;
         let is_recent = age < if is_from_satellite { LATE } else { SOON };
-        if is_recent && command.confirmation > self.confirmation && self.links.contains(LinkMask::of(link)) {
+        if is_recent && command.confirmation > self.confirmation && self.links.contains(link) {
             return true;
         }
         let may_be_duplicate = match self.signed_at.zip(signed_at) {

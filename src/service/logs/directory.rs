@@ -27,7 +27,8 @@ impl HasFiles for LogServer {
 #[derive(Clone, Copy, Debug)]
 pub struct LogFile {
     id: u16,
-    numbers: u16,
+    /// `Shared::log_numbering` when it was opened.
+    numbering: u16,
     info: LogInfo,
 }
 
@@ -35,7 +36,7 @@ impl LogFile {
     /// Whether the log may be read, and its number still belongs to it.
     fn is_valid<F: Firmware<Vehicle: Logs>>(&self, cx: &Cx<'_, F>) -> bool {
         may_read(cx)
-            && cx.shared.log_numbers == self.numbers
+            && cx.shared.log_numbering == self.numbering
             && cx.vehicle.log_info(self.id).is_some_and(|info| info.time_utc == self.info.time_utc)
     }
 }
@@ -51,7 +52,7 @@ impl<F: Firmware<Vehicle: Logs>> VirtualFile<F> for LogFile {
         match info {
             None => Err(MavFtpErr::FILENOTFOUND),
             Some(_) if !may_read(cx) => Err(MavFtpErr::FAIL),
-            Some((id, info)) => Ok(Self { id, numbers: cx.shared.log_numbers, info }),
+            Some((id, info)) => Ok(Self { id, numbering: cx.shared.log_numbering, info }),
         }
     }
 

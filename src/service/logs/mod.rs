@@ -118,7 +118,7 @@ impl LogServer {
 
     /// Records that the numbers of the logs may have changed (LOG-16).
     fn forget_lists(&mut self, shared: &mut Shared) {
-        shared.log_numbers = shared.log_numbers.wrapping_add(1);
+        shared.log_numbering = shared.log_numbering.wrapping_add(1);
         self.listed = Some([NO_CLIENT; LISTED]);
         self.is_reported = false;
     }
@@ -203,7 +203,7 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
 
 /// Whether logs may be read now.
 fn may_read<F: Firmware<Vehicle: Logs>>(cx: &Cx<'_, F>) -> bool {
-    cx.vehicle.may_read_logs(cx.shared.flight.state.is_armed())
+    cx.vehicle.may_read_logs(cx.shared.observed.state.is_armed())
 }
 
 /// Updates whether logs may be read, and returns it. Their numbers may change when this becomes false: a vehicle begins
@@ -224,7 +224,7 @@ fn update_permission<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mu
 /// answer.
 fn erase<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, from: Peer) {
     update_permission(server, cx);
-    if cx.shared.flight.state.is_armed() {
+    if cx.shared.observed.state.is_armed() {
         increment(&mut server.counters.armed);
         return cx.text(MavSeverity::NOTICE, b"Logs not erased: disarm first");
     }

@@ -54,7 +54,7 @@ impl Missions {
     fn request_current(&mut self, links: LinkMask, command: &Command) -> Option<MavResult> {
         let [id, ..] = command.params;
         let link = LinkMask::of(command.from.link);
-        if num::integer(id) != Some(MissionCurrent::ID) || !links.contains(link) || !command.has_response_target() {
+        if num::integer(id) != Some(MissionCurrent::ID) || !links.intersects(link) || !command.has_response_target() {
             return None;
         }
         self.current.announce(link);

@@ -71,7 +71,7 @@ impl Current {
     }
 
     pub(super) fn is_pending(&self, link: LinkId) -> bool {
-        self.pending.contains(LinkMask::of(link))
+        self.pending.contains(link)
     }
 
     /// Sends MISSION_CURRENT.
@@ -153,13 +153,13 @@ impl Reached {
     }
 
     pub(super) fn is_pending(&self, link: LinkMask) -> bool {
-        self.0.iter().any(|item| item.pending.contains(link))
+        self.0.iter().any(|item| item.pending.intersects(link))
     }
 
     /// Sends the oldest report that is pending on this link.
     pub(super) fn send(&mut self, tx: &mut Outbox) -> bool {
         let link = LinkMask::of(tx.link());
-        let Some(item) = self.0.iter_mut().find(|item| item.pending.contains(link)) else { return false };
+        let Some(item) = self.0.iter_mut().find(|item| item.pending.intersects(link)) else { return false };
         item.pending = item.pending.without(link);
         let seq = item.seq;
         while self.remove_first(|item| item.pending == LinkMask::NONE && item.repeats.0 == 0) {}

@@ -247,7 +247,7 @@ where
             _ if self.links.is_list_held(port.id) => None,
             Turn::LateParamList => Some((list.late_at(), ExternalReply::Listed)),
             _ if list.is_active() => Some((list.due(), ExternalReply::Listed)),
-            _ if self.relisted.contains(LinkMask::of(port.id)) => Some((list.begins_at(), ExternalReply::First)),
+            _ if self.relisted.contains(port.id) => Some((list.begins_at(), ExternalReply::First)),
             _ => None,
         }
     }

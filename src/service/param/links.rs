@@ -53,13 +53,13 @@ impl ParamLinks {
     }
 
     /// Whether an answer is pending on a link.
-    pub(super) const fn is_pending(&self, link: LinkId) -> bool {
-        self.pending.contains(LinkMask::of(link))
+    pub(super) fn is_pending(&self, link: LinkId) -> bool {
+        self.pending.contains(link)
     }
 
     /// Whether the list of a link waits for the hash, which is sent first.
-    pub(super) const fn is_list_held(&self, link: LinkId) -> bool {
-        self.hash_pending.contains(LinkMask::of(link))
+    pub(super) fn is_list_held(&self, link: LinkId) -> bool {
+        self.hash_pending.contains(link)
     }
 
     /// Drops the pending answers of a link that was reopened.

@@ -37,7 +37,7 @@ impl ParamRefusals {
     /// Returns the slot for another refusal on a link: a free one, or if the link has none yet, the last one, which then belongs to
     /// another link.
     fn slot_for(&mut self, link: LinkId) -> Option<&mut Option<ParamRefusal>> {
-        let may_evict = !self.links().contains(LinkMask::of(link));
+        let may_evict = !self.links().contains(link);
         let place = self.0.iter().position(Option::is_none);
         match place {
             Some(place) => self.0.get_mut(place),
@@ -73,7 +73,7 @@ impl ParamRefusals {
     /// Drops the refusals of these links.
     pub(super) fn forget(&mut self, links: LinkMask) {
         for slot in &mut self.0 {
-            if slot.is_some_and(|refusal| links.contains(LinkMask::of(refusal.to.link))) {
+            if slot.is_some_and(|refusal| links.contains(refusal.to.link)) {
                 *slot = None;
             }
         }

@@ -34,7 +34,7 @@ impl<R: Rows> Table<'_, R> {
         if options.has_errors && state.refusals.next(tx) {
             return true;
         }
-        let has_hash = options.hash != ParamHash::Never && state.hash_pending.contains(link);
+        let has_hash = options.hash != ParamHash::Never && state.hash_pending.intersects(link);
         if has_hash && state.hash.is_ready(&self.rows) {
             state.hash_pending = state.hash_pending.without(link);
             let sum = f32::from_bits(state.hash.sum(&self.rows));
@@ -53,12 +53,12 @@ impl<R: Rows> Table<'_, R> {
 
     /// Returns the next value that is pending on a link: from `start` on, then from the beginning.
     fn next_pending(&self, link: LinkMask, start: u16) -> Option<u16> {
-        if !self.state.pending.contains(link) {
+        if !self.state.pending.intersects(link) {
             return None;
         }
         let (before, after) = self.marks.split_at_checked(usize::from(start))?;
         let mut rows = (start..).zip(after).chain((0..).zip(before));
-        rows.find(|(_, marks)| marks.contains(link)).map(|(index, _)| index)
+        rows.find(|(_, marks)| marks.intersects(link)).map(|(index, _)| index)
     }
 
     /// Sends the next value of the list (P-11).

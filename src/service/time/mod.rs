@@ -216,7 +216,7 @@ impl<F: Firmware> Service<F> for Time {
     fn pending(&self, view: &View<'_>, port: &Port, link: &TimeLink, _: Turn) -> Option<(Instant, TimeReply)> {
         let reply = if link.has_request() {
             TimeReply::Answer
-        } else if self.asks.contains(LinkMask::of(port.id)) {
+        } else if self.asks.contains(port.id) {
             TimeReply::Request
         } else {
             return None;

@@ -34,7 +34,7 @@ pub fn cases() -> Vec<Case> {
         ("rate_0", constant("const LINK: LinkConfig = LinkConfig::limited(0);"), "a limited link has a rate"),
         (
             "budget",
-            constant("const BUDGET: PollBudget = PollBudget::for_line(3_000_000, Duration::from_secs(600));"),
+            constant("const BUDGET: PollBudget = PollBudget::for_link(3_000_000, Duration::from_secs(600));"),
             "poll the link more often",
         ),
         (

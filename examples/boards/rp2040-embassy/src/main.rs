@@ -39,7 +39,7 @@ const USB_PORT: LinkId = LinkId(1);
 /// USB has no baud rate: backpressure limits the stack.
 const LINKS: [LinkConfig; 2] = [LinkConfig::uart(BAUD), LinkConfig::unlimited()];
 /// All bytes that USB full speed carries in a millisecond.
-const BUDGET: PollBudget = PollBudget::for_line(12_000_000, Duration::from_millis(1));
+const BUDGET: PollBudget = PollBudget::for_link(12_000_000, Duration::from_millis(1));
 
 const FLASH_LEN: usize = 2 * 1024 * 1024;
 type Sectors = Flash<'static, FLASH, Blocking, FLASH_LEN>;

@@ -1,28 +1,28 @@
-//! The health of the flight loop, and the state that the vehicle reported last.
+//! Observations of the vehicle: the pulse of its flight loop, and the state that it reported last.
 
 use super::vehicle::VehicleState;
 use crate::pulse::Pulse;
 use crate::time::{Duration, Instant};
 
-/// The flight loop and the vehicle, as last observed.
+/// The pulse of the flight loop and the state of the vehicle, as last observed.
 #[derive(Debug)]
-pub(crate) struct Flight {
-    pub(crate) credit: Credit,
+pub(crate) struct ObservedVehicle {
+    pub(crate) pulse: PulseMonitor,
     /// The state that was reported last.
     pub(crate) state: VehicleState,
     /// Whether the vehicle had a state when it was last asked. It has none in a fault.
     pub(crate) has_state: bool,
 }
 
-impl Flight {
+impl ObservedVehicle {
     pub(crate) const fn new() -> Self {
-        Self { credit: Credit::new(), state: VehicleState::ZERO, has_state: false }
+        Self { pulse: PulseMonitor::new(), state: VehicleState::ZERO, has_state: false }
     }
 }
 
-/// The observations of the pulse.
+/// Judges by samples of the pulse whether the flight loop runs.
 #[derive(Clone, Debug)]
-pub(crate) struct Credit {
+pub(crate) struct PulseMonitor {
     ticks: u32,
     observed: Option<Instant>,
     /// The last observed tick came after this moment.
@@ -31,7 +31,7 @@ pub(crate) struct Credit {
     was_good: bool,
 }
 
-impl Credit {
+impl PulseMonitor {
     pub(crate) const fn new() -> Self {
         Self { ticks: 0, observed: None, renewed: None, is_faulted: false, was_good: false }
     }
@@ -78,17 +78,17 @@ mod tests {
     fn heartbeats_follow_the_pulse() {
         // H-5
         let pulse = Pulse::new();
-        let mut credit = Credit::new();
+        let mut monitor = PulseMonitor::new();
         let at = Instant::from_millis;
-        assert!(!credit.sample(at(0), &pulse, GAP), "no tick yet");
+        assert!(!monitor.sample(at(0), &pulse, GAP), "no tick yet");
         pulse.tick();
-        assert!(credit.sample(at(10), &pulse, GAP));
-        assert!(credit.sample(at(500), &pulse, GAP), "the tick came after the sample at 0 ms");
-        assert!(!credit.sample(at(501), &pulse, GAP), "the loop is late");
+        assert!(monitor.sample(at(10), &pulse, GAP));
+        assert!(monitor.sample(at(500), &pulse, GAP), "the tick came after the sample at 0 ms");
+        assert!(!monitor.sample(at(501), &pulse, GAP), "the loop is late");
         pulse.tick();
-        assert!(credit.sample(at(900), &pulse, GAP), "the loop ticks again");
+        assert!(monitor.sample(at(900), &pulse, GAP), "the loop ticks again");
         pulse.fault();
         pulse.tick();
-        assert!(!credit.sample(at(901), &pulse, GAP), "a fault is permanent");
+        assert!(!monitor.sample(at(901), &pulse, GAP), "a fault is permanent");
     }
 }
