@@ -44,7 +44,8 @@ pub(super) fn explain<F: Firmware>(
         _ if F::HAS_MODES && request.set_mode.is_some() => Subject::SetMode,
         _ => Subject::Command(request.command.id),
     };
-    if let Some(text) = explanation(cx.shared.config.address.get().system, subject, refusal) {
+    let mut text = Text::<ONE_FRAME>::EMPTY;
+    if write(&mut text, cx.shared.config.address.get().system, subject, refusal) {
         link.explained_in = period;
         cx.texts.push(cx.now, LinkMask::of(port.id), MavSeverity::WARNING, text.as_bytes());
     }
@@ -59,46 +60,45 @@ enum Subject {
     Mode(i32, ModeFault),
 }
 
-/// Returns the text for a refusal. `own` is our system id.
-fn explanation(own: SystemId, subject: Subject, Refusal { result, reason }: Refusal) -> Option<Text<ONE_FRAME>> {
+/// Writes the text for a refusal; returns false if it has none. `own` is our system id.
+fn write(text: &mut Text<ONE_FRAME>, own: SystemId, subject: Subject, Refusal { result, reason }: Refusal) -> bool {
     let (what, number) = match subject {
-        Subject::Command(MavCmd::REQUEST_MESSAGE) => return None,
+        Subject::Command(MavCmd::REQUEST_MESSAGE) => return false,
         Subject::Command(command) => ("Command ", Some(command.0.into())),
         Subject::SetMode => ("SET_MODE ", None),
         Subject::Mode(number, _) => ("Mode ", Some(number).filter(|number| *number >= 0)),
     };
-    let mode_fault = if let Subject::Mode(_, fault) = subject { Some(fault) } else { None };
-    let explanation = match (mode_fault, result, reason) {
-        (Some(ModeFault::NotCustom), ..) => "set CUSTOM_MODE_ENABLED",
-        (Some(ModeFault::NotSelectable), ..) => "not selectable",
-        (Some(ModeFault::Unknown), ..) => "not in AVAILABLE_MODES",
-        (_, MavResult::DENIED, RefusalReason::Broadcast) => "sent to 0; use system ",
-        (_, MavResult::DENIED, RefusalReason::Param(_)) => "parameter ",
-        (_, MavResult::DENIED, RefusalReason::NoStorage) => "there is no storage",
-        (_, MavResult::NOT_IN_CONTROL, _) | (_, _, RefusalReason::Taken) => "another station has control",
-        (_, MavResult::DENIED, _) => "a parameter is out of range",
-        (_, MavResult::TEMPORARILY_REJECTED, _) => "not now; try again later",
-        (_, MavResult::FAILED, _) => "there is no such item",
-        (_, MavResult::COMMAND_UNSUPPORTED_MAV_FRAME, _) => "frame not supported",
-        _ => return None,
-    };
-    let mut text = Text::EMPTY;
     text.push_str(what);
     if let Some(number) = number {
         text.push_signed(number);
         text.push_str(" ");
     }
     text.push_str("refused: ");
-    text.push_str(explanation);
-    match (result, reason) {
-        (MavResult::DENIED, RefusalReason::Broadcast) => text.push_signed(own.wire().into()),
-        (MavResult::DENIED, RefusalReason::Param(index)) => {
-            text.push_signed(index.into());
-            text.push_str(" out of range");
+    let mode_fault = if let Subject::Mode(_, fault) = subject { Some(fault) } else { None };
+    let explanation = match (mode_fault, result, reason) {
+        (Some(ModeFault::NotCustom), ..) => "set CUSTOM_MODE_ENABLED",
+        (Some(ModeFault::NotSelectable), ..) => "not selectable",
+        (Some(ModeFault::Unknown), ..) => "not in AVAILABLE_MODES",
+        (_, MavResult::DENIED, RefusalReason::Broadcast) => {
+            text.push_str("sent to 0; use system ");
+            text.push_signed(own.wire().into());
+            ""
         }
-        _ => {}
-    }
-    Some(text)
+        (_, MavResult::DENIED, RefusalReason::Param(index)) => {
+            text.push_str("parameter ");
+            text.push_signed(index.into());
+            " out of range"
+        }
+        (_, MavResult::DENIED, RefusalReason::NoStorage) => "there is no storage",
+        (_, MavResult::NOT_IN_CONTROL, _) | (_, _, RefusalReason::Taken) => "another station has control",
+        (_, MavResult::DENIED, _) => "a parameter is out of range",
+        (_, MavResult::TEMPORARILY_REJECTED, _) => "not now; try again later",
+        (_, MavResult::FAILED, _) => "there is no such item",
+        (_, MavResult::COMMAND_UNSUPPORTED_MAV_FRAME, _) => "frame not supported",
+        _ => return false,
+    };
+    text.push_str(explanation);
+    true
 }
 
 #[cfg(all(test, feature = "plan-texts"))]
@@ -115,7 +115,8 @@ mod tests {
         let mut entries = StatusTexts::<[TextEntry; 2]>::new();
         let (texts, now): (&mut StatusTexts, _) = (&mut entries, Instant::from_millis(5_000));
         let subject = id.map_or(Subject::SetMode, |id| Subject::Command(MavCmd(id)));
-        if let Some(text) = explanation(SystemId::new(254), subject, refusal) {
+        let mut text = Text::EMPTY;
+        if write(&mut text, SystemId::new(254), subject, refusal) {
             texts.push(now, LinkMask::of(LinkId(0)), MavSeverity::WARNING, text.as_bytes());
         }
         let (mut cursor, mut tx) = (TextCursor::at(TextNumber::NONE), Outbox::VACANT);

@@ -121,9 +121,9 @@ pub(super) const fn size(r#type: MavParamType) -> usize {
 
 /// Returns the number of unused high bits of this type.
 const fn unused_bits(r#type: MavParamType) -> u32 {
-    match size(r#type) {
-        1 => 24,
-        2 => 16,
+    match r#type {
+        MavParamType::UINT8 | MavParamType::INT8 => 24,
+        MavParamType::UINT16 | MavParamType::INT16 => 16,
         _ => 0,
     }
 }
@@ -157,14 +157,8 @@ pub(super) const fn is_within(r#type: MavParamType, bits: u32, [min, max]: [u32;
         let value = f32::from_bits(bits);
         return f32::from_bits(min) <= value && value <= f32::from_bits(max);
     }
-    let rank = rank(r#type, bits);
-    is_value(r#type, bits) && self::rank(r#type, min) <= rank && rank <= self::rank(r#type, max)
-}
-
-/// Maps an integer to one that has the same order, whatever the type: the sign of a signed one is inverted.
-const fn rank(r#type: MavParamType, bits: u32) -> u32 {
-    let sign = if is_signed(r#type) { 1 << 31 } else { 0 };
-    bits.wrapping_shl(unused_bits(r#type)) ^ sign
+    let integer = self::integer(r#type, bits);
+    is_value(r#type, bits) && self::integer(r#type, min) <= integer && integer <= self::integer(r#type, max)
 }
 
 /// Returns the value as encoded in PARAM_VALUE.
