@@ -129,7 +129,12 @@ fn start<F: Firmware<Vehicle: Plans>>(
         return Err(MavResult::FAILED);
     }
     let [first, last, ..] = command.params;
-    let (first, last) = (item(first, count)?, item(last, count)?.filter(|&seq| seq > 0));
+    let is_given = [first, last].map(|param| !param.is_nan());
+    let [first, last] = [first, last].map(|param| num::integer(param).filter(|seq: &u16| *seq < count));
+    if is_given != [first.is_some(), last.is_some()] {
+        return Err(MavResult::DENIED);
+    }
+    let last = last.filter(|seq| *seq > 0);
     if let (Some(first), Some(last)) = (first, last)
         && first > last
     {
@@ -144,10 +149,4 @@ fn start<F: Firmware<Vehicle: Plans>>(
         return Ok(result);
     }
     Ok(vehicle.start_mission(&mut context, command, first, last))
-}
-
-/// Returns the item that a parameter names; `None` for NaN.
-fn item(param: f32, count: u16) -> Result<Option<u16>, MavResult> {
-    let item = num::integer::<u16>(param).filter(|&seq| seq < count);
-    if item.is_none() && !param.is_nan() { Err(MavResult::DENIED) } else { Ok(item) }
 }

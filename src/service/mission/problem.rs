@@ -96,59 +96,53 @@ impl Problem {
 
     /// Writes the text into `text`, which is empty, so that only one text is on the stack.
     fn write(self, text: &mut Text<ONE_FRAME>) {
-        match self {
-            Self::Refused(plan, PlanFault { seq, result }) => {
-                match seq {
-                    Some(seq) => push_item(text, plan, seq),
-                    None => push_plan(text, Some(plan), " refused"),
+        let (plan, seq) = match self {
+            Self::Refused(plan, PlanFault { seq, .. }) => (Some(plan), seq),
+            Self::NoPosition(plan, seq) => (Some(plan), Some(seq)),
+            Self::TooFar { seq, .. } | Self::NotCurrent(seq) => (Some(PlanType::Mission), Some(seq)),
+            Self::NotChecked => (Some(PlanType::Mission), None),
+            Self::RateLimited(plan) | Self::TimedOut(plan, _) | Self::NotStored(plan) => (Some(plan), None),
+            Self::NotCleared(plan) => (plan, None),
+            Self::StorageFailed => return text.push_str("Plan storage failed"),
+            Self::Guided => return text.push_str("Guided items not supported: send DO_REPOSITION"),
+        };
+        text.push_str(match plan {
+            Some(PlanType::Mission) => "Mission",
+            Some(PlanType::Fence) => "Fence",
+            Some(PlanType::Rally) => "Rally",
+            None => "Plans",
+        });
+        if let Some(seq) = seq {
+            text.push_str(" item ");
+            text.push_number(seq.into());
+        }
+        let (front, number, rest) = match self {
+            Self::Refused(_, PlanFault { seq, result }) => {
+                if seq.is_none() {
+                    text.push_str(" refused");
                 }
-                push_reason(text, result);
+                reason(result)
             }
-            Self::NoPosition(plan, seq) => {
-                push_item(text, plan, seq);
-                text.push_str(": no position (0, 0)");
-            }
-            Self::TooFar { seq, limit } => {
-                push_item(text, PlanType::Mission, seq);
-                text.push_str(": more than ");
-                text.push_number(limit);
-                text.push_str(" m away");
-            }
-            Self::NotCurrent(seq) => {
-                push_item(text, PlanType::Mission, seq);
-                text.push_str(" cannot be made current");
-            }
-            Self::TimedOut(plan, seq) => {
-                push_plan(text, Some(plan), " upload timed out at item ");
-                text.push_number(seq.into());
-            }
-            Self::NotChecked => push_plan(text, Some(PlanType::Mission), " refused: no position yet"),
-            Self::RateLimited(plan) => push_plan(text, Some(plan), " refused: stored too often, try later"),
-            Self::NotStored(plan) => push_plan(text, Some(plan), " not stored: the old one stays"),
-            Self::NotCleared(plan) => push_plan(text, plan, " not cleared: storage failed"),
-            Self::StorageFailed => text.push_str("Plan storage failed"),
-            Self::Guided => text.push_str("Guided items not supported: send DO_REPOSITION"),
+            Self::NoPosition(..) => (": no position (0, 0)", None, ""),
+            Self::TooFar { limit, .. } => (": more than ", Some(limit), " m away"),
+            Self::NotCurrent(_) => (" cannot be made current", None, ""),
+            Self::NotChecked => (" refused: no position yet", None, ""),
+            Self::RateLimited(_) => (" refused: stored too often, try later", None, ""),
+            Self::TimedOut(_, seq) => (" upload timed out at item ", Some(seq.into()), ""),
+            Self::NotStored(_) => (" not stored: the old one stays", None, ""),
+            Self::NotCleared(_) => (" not cleared: storage failed", None, ""),
+            Self::StorageFailed | Self::Guided => return,
+        };
+        text.push_str(front);
+        if let Some(number) = number {
+            text.push_number(number);
+            text.push_str(rest);
         }
     }
 }
 
-/// Appends the name of a plan, or of all plans, and a predicate.
-fn push_plan(text: &mut Text<ONE_FRAME>, plan: Option<PlanType>, predicate: &str) {
-    text.push_str(match plan {
-        Some(PlanType::Mission) => "Mission",
-        Some(PlanType::Fence) => "Fence",
-        Some(PlanType::Rally) => "Rally",
-        None => "Plans",
-    });
-    text.push_str(predicate);
-}
-
-fn push_item(text: &mut Text<ONE_FRAME>, plan: PlanType, seq: u16) {
-    push_plan(text, Some(plan), " item ");
-    text.push_number(seq.into());
-}
-
-fn push_reason(text: &mut Text<ONE_FRAME>, result: MavMissionResult) {
+/// Returns the text for a result: what is before a number, the number, and what is after it.
+fn reason(result: MavMissionResult) -> (&'static str, Option<u32>, &'static str) {
     let reason = match result {
         MavMissionResult::UNSUPPORTED_FRAME => ": frame not supported",
         MavMissionResult::UNSUPPORTED => ": command not supported",
@@ -157,13 +151,11 @@ fn push_reason(text: &mut Text<ONE_FRAME>, result: MavMissionResult) {
         MavMissionResult::DENIED => ": not allowed now",
         // INVALID_PARAM1 to INVALID_PARAM7.
         MavMissionResult(code @ 6..=12) => {
-            text.push_str(": parameter ");
-            text.push_number(code.saturating_sub(5).into());
-            " out of range"
+            return (": parameter ", Some(code.saturating_sub(5).into()), " out of range");
         }
         _ => ": refused by the vehicle",
     };
-    text.push_str(reason);
+    (reason, None, "")
 }
 
 #[cfg(test)]

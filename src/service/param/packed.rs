@@ -24,7 +24,7 @@ use core::num::{NonZeroU32, Saturating};
 use core::task::Poll;
 
 use super::info::{ParamInfo, Rows};
-use super::value;
+use super::value::{self, IntegerBits};
 use crate::dialect::{MavFtpErr, MavParamType};
 use crate::message::Text;
 use crate::num;
@@ -360,9 +360,11 @@ impl Uploaded {
     pub(super) fn value_of(&self, ours: MavParamType) -> Option<u32> {
         match (self.r#type, ours) {
             (MavParamType::REAL32, MavParamType::REAL32) => Some(self.bits),
-            (MavParamType::REAL32, _) => value::integer_bits(ours, value::whole(f32::from_bits(self.bits))?),
-            (sent, MavParamType::REAL32) => Some(num::f32_from_i32(value::extended(sent, self.bits)).to_bits()),
-            (sent, _) => value::integer_bits(ours, value::integer(sent, self.bits)),
+            (MavParamType::REAL32, _) => IntegerBits::of(ours).of_integer(value::whole(f32::from_bits(self.bits))?),
+            (sent, MavParamType::REAL32) => {
+                Some(num::f32_from_i32(IntegerBits::of(sent).extended(self.bits)).to_bits())
+            }
+            (sent, _) => IntegerBits::of(ours).of_integer(IntegerBits::of(sent).integer(self.bits)),
         }
     }
 }

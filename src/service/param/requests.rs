@@ -7,7 +7,7 @@ use super::info::{ParamInfo, Rows};
 use super::list::ParamList;
 use super::refusals::ParamRefusal;
 use super::table::Table;
-use super::value::{self, ParamEncoding};
+use super::value::{self, IntegerBits, ParamEncoding};
 use super::vehicle::{ParamHash, ParamOptions};
 use crate::dialect::{MavParamError, MavParamType, MavSeverity, ParamRequestList, ParamRequestRead, ParamSet};
 use crate::message::{Message, Text};
@@ -232,7 +232,7 @@ fn requested_bits(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> 
             request = RefusedRequest::SetUnclear;
         }
         // A client may know the parameter from another autopilot, as an integer of another size.
-        integer.and_then(|integer| value::integer_bits(ours, integer))
+        integer.and_then(|integer| IntegerBits::of(ours).of_integer(integer))
     };
     // Not clamped: a client that reads back a different value sets it again, and fails (P-14).
     let error = MavParamError::VALUE_OUT_OF_RANGE;

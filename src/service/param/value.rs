@@ -119,17 +119,47 @@ pub(super) const fn size(r#type: MavParamType) -> usize {
     }
 }
 
-/// Returns the number of unused high bits of this type.
-const fn unused_bits(r#type: MavParamType) -> u32 {
-    match r#type {
-        MavParamType::UINT8 | MavParamType::INT8 => 24,
-        MavParamType::UINT16 | MavParamType::INT16 => 16,
-        _ => 0,
-    }
+/// How an integer type uses the 32 bits of a value.
+#[derive(Clone, Copy)]
+pub(super) struct IntegerBits {
+    /// The number of high bits that are zeros.
+    unused: u32,
+    is_signed: bool,
 }
 
-const fn is_signed(r#type: MavParamType) -> bool {
-    matches!(r#type, MavParamType::INT8 | MavParamType::INT16 | MavParamType::INT32)
+impl IntegerBits {
+    pub(super) const fn of(r#type: MavParamType) -> Self {
+        let unused = match r#type {
+            MavParamType::UINT8 | MavParamType::INT8 => 24,
+            MavParamType::UINT16 | MavParamType::INT16 => 16,
+            _ => 0,
+        };
+        let is_signed = matches!(r#type, MavParamType::INT8 | MavParamType::INT16 | MavParamType::INT32);
+        Self { unused, is_signed }
+    }
+
+    /// Returns the bits that this type uses; the others are zeros.
+    const fn low(self, bits: u32) -> u32 {
+        bits.wrapping_shl(self.unused).wrapping_shr(self.unused)
+    }
+
+    /// Returns the sign-extended integer.
+    pub(super) const fn extended(self, bits: u32) -> i32 {
+        bits.wrapping_shl(self.unused).cast_signed().wrapping_shr(self.unused)
+    }
+
+    /// Returns the value of an integer. Unused bits are ignored.
+    #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; nothing is cut off")]
+    pub(super) const fn integer(self, bits: u32) -> i64 {
+        if self.is_signed { self.extended(bits) as i64 } else { self.low(bits) as i64 }
+    }
+
+    /// Returns the bits of an integer in this type; `None` if it does not fit.
+    pub(super) fn of_integer(self, value: i64) -> Option<u32> {
+        let [a, b, c, d, ..] = value.to_le_bytes();
+        let bits = u32::from_le_bytes([a, b, c, d]);
+        (self.integer(bits) == value).then_some(self.low(bits))
+    }
 }
 
 /// Whether a parameter can have this type (P-3).
@@ -148,7 +178,11 @@ pub(super) const fn is_supported(r#type: MavParamType) -> bool {
 
 /// Whether these bits are a value of this type: a finite float, or an integer that is padded with zeros.
 pub(super) const fn is_value(r#type: MavParamType, bits: u32) -> bool {
-    if matches!(r#type, MavParamType::REAL32) { f32::from_bits(bits).is_finite() } else { low(r#type, bits) == bits }
+    if matches!(r#type, MavParamType::REAL32) {
+        f32::from_bits(bits).is_finite()
+    } else {
+        IntegerBits::of(r#type).low(bits) == bits
+    }
 }
 
 /// Whether these bits are a value of this type within a range of values.
@@ -157,8 +191,9 @@ pub(super) const fn is_within(r#type: MavParamType, bits: u32, [min, max]: [u32;
         let value = f32::from_bits(bits);
         return f32::from_bits(min) <= value && value <= f32::from_bits(max);
     }
-    let integer = self::integer(r#type, bits);
-    is_value(r#type, bits) && self::integer(r#type, min) <= integer && integer <= self::integer(r#type, max)
+    let r#type = IntegerBits::of(r#type);
+    let integer = r#type.integer(bits);
+    r#type.low(bits) == bits && r#type.integer(min) <= integer && integer <= r#type.integer(max)
 }
 
 /// Returns the value as encoded in PARAM_VALUE.
@@ -166,7 +201,8 @@ pub(super) fn to_wire(encoding: ParamEncoding, r#type: MavParamType, bits: u32) 
     if encoding == ParamEncoding::Bytewise || r#type == MavParamType::REAL32 {
         return f32::from_bits(bits);
     }
-    if is_signed(r#type) { num::f32_from_i32(extended(r#type, bits)) } else { num::f32_from_u32(bits) }
+    let r#type = IntegerBits::of(r#type);
+    if r#type.is_signed { num::f32_from_i32(r#type.extended(bits)) } else { num::f32_from_u32(bits) }
 }
 
 /// Returns the integer that is encoded in a PARAM_SET with this type; `None` if it is none (P-19).
@@ -175,8 +211,9 @@ pub(super) fn to_wire(encoding: ParamEncoding, r#type: MavParamType, bits: u32) 
 /// and other clients send a float: its low bytes are no value.
 pub(super) fn from_wire(encoding: ParamEncoding, r#type: MavParamType, value: f32) -> Option<i64> {
     let bits = value.to_bits();
-    let is_extended = low(r#type, bits) == bits || extended(r#type, bits).cast_unsigned() == bits;
-    if encoding == ParamEncoding::Bytewise && is_extended { Some(integer(r#type, bits)) } else { whole(value) }
+    let r#type = IntegerBits::of(r#type);
+    let is_extended = r#type.low(bits) == bits || r#type.extended(bits).cast_unsigned() == bits;
+    if encoding == ParamEncoding::Bytewise && is_extended { Some(r#type.integer(bits)) } else { whole(value) }
 }
 
 /// Returns a float as an integer of up to 32 bits; `None` if it is not a whole number.
@@ -185,31 +222,6 @@ pub(super) fn whole(value: f32) -> Option<i64> {
         Some(integer) => Some(i64::from(integer)),
         None => num::integer(value).map(|integer: i32| i64::from(integer)),
     }
-}
-
-/// Returns the bytes that this type uses; the others are zeros.
-const fn low(r#type: MavParamType, bits: u32) -> u32 {
-    let unused = unused_bits(r#type);
-    bits.wrapping_shl(unused).wrapping_shr(unused)
-}
-
-/// Returns the bits of an integer in this type; `None` if it does not fit.
-pub(super) fn integer_bits(r#type: MavParamType, value: i64) -> Option<u32> {
-    let [a, b, c, d, ..] = value.to_le_bytes();
-    let bits = low(r#type, u32::from_le_bytes([a, b, c, d]));
-    (integer(r#type, bits) == value).then_some(bits)
-}
-
-/// Returns the value of an integer. Unused bits are ignored.
-#[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; nothing is cut off")]
-pub(super) const fn integer(r#type: MavParamType, bits: u32) -> i64 {
-    if is_signed(r#type) { extended(r#type, bits) as i64 } else { low(r#type, bits) as i64 }
-}
-
-/// Returns the sign-extended integer.
-pub(super) const fn extended(r#type: MavParamType, bits: u32) -> i32 {
-    let unused = unused_bits(r#type);
-    bits.wrapping_shl(unused).cast_signed().wrapping_shr(unused)
 }
 
 #[cfg(test)]
@@ -223,12 +235,12 @@ mod tests {
         if r#type == MavParamType::REAL32 {
             return Some(value.to_bits());
         }
-        super::from_wire(encoding, r#type, value).and_then(|integer| integer_bits(r#type, integer))
+        super::from_wire(encoding, r#type, value).and_then(|integer| IntegerBits::of(r#type).of_integer(integer))
     }
 
     /// Returns a value of one integer type in another.
     fn converted(from: MavParamType, to: MavParamType, bits: u32) -> Option<u32> {
-        integer_bits(to, integer(from, bits))
+        IntegerBits::of(to).of_integer(IntegerBits::of(from).integer(bits))
     }
 
     /// P-2: both encodings at the limits of the types, and of small negative integers.
@@ -343,7 +355,7 @@ mod tests {
 
     /// Returns the bits of an integer in `type`, padded with zeros.
     fn bits_of(r#type: MavParamType, value: i64) -> u32 {
-        value as u32 & (u32::MAX >> unused_bits(r#type))
+        value as u32 & (u32::MAX >> IntegerBits::of(r#type).unused)
     }
 
     /// P-14, P-2: integers convert between all types if the value fits, checked at the limits of each type.
@@ -368,7 +380,8 @@ mod tests {
         fn conversions_keep_the_value(bits: u32, from in 0usize..6, to in 0usize..6) {
             let ((from, ..), (to, min, max)) = (INTEGERS[from], INTEGERS[to]);
             let bits = bits_of(from, i64::from(bits));
-            let value = if is_signed(from) { i64::from(extended(from, bits)) } else { i64::from(bits) };
+            let is_signed = IntegerBits::of(from).is_signed;
+            let value = if is_signed { i64::from(IntegerBits::of(from).extended(bits)) } else { i64::from(bits) };
             prop_assert_eq!(converted(from, to, bits), (min..=max).contains(&value).then(|| bits_of(to, value)));
         }
 
@@ -377,7 +390,7 @@ mod tests {
         fn a_small_integer_is_extended_or_a_whole_float(bits: u32, r#type in 0usize..4) {
             let (r#type, min, max) = INTEGERS[r#type];
             let value = f32::from_bits(bits);
-            let mask = u32::MAX >> unused_bits(r#type);
+            let mask = u32::MAX >> IntegerBits::of(r#type).unused;
             let top = bits & (mask ^ (mask >> 1)) != 0;
             let is_extended = bits & !mask == 0 || (top && bits | mask == u32::MAX);
             let is_whole = (f64::from(value).trunc() == f64::from(value)) && (min as f64..=max as f64).contains(&value.into());
@@ -412,7 +425,7 @@ mod tests {
                 (MavParamType::INT32, bits),
             ] {
                 prop_assert_eq!(from_wire(Bytewise, r#type, to_wire(Bytewise, r#type, bits)), Some(bits));
-                if extended(r#type, bits).unsigned_abs() <= 1 << 24 && bits <= 1 << 24 {
+                if IntegerBits::of(r#type).extended(bits).unsigned_abs() <= 1 << 24 && bits <= 1 << 24 {
                     prop_assert_eq!(from_wire(CCast, r#type, to_wire(CCast, r#type, bits)), Some(bits));
                 }
             }

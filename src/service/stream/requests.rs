@@ -68,13 +68,13 @@ pub(super) fn handle_command<F: Firmware<Vehicle: Telemetry>>(
     if port.config.class == LinkClass::HighLatency || !request.is_valid {
         return Some(MavResult::DENIED);
     }
-    match command.id {
-        MavCmd::SET_MESSAGE_INTERVAL => return Some(set_interval(fixed, port, link, (table, of), command)),
-        MavCmd::GET_MESSAGE_INTERVAL => return Some(request_interval(link, table, of, request.id)),
-        _ if request.id == Some(MessageInterval::ID) => {
-            return Some(request_interval(link, table, of, request.index.map(u32::from)));
-        }
-        _ => {}
+    if command.id == MavCmd::SET_MESSAGE_INTERVAL {
+        return Some(set_interval(fixed, port, link, (table, of), command));
+    }
+    let asks_interval = command.id == MavCmd::GET_MESSAGE_INTERVAL;
+    if asks_interval || request.id == Some(MessageInterval::ID) {
+        let id = if asks_interval { request.id } else { request.index.map(u32::from) };
+        return Some(request_interval(link, table, of, id));
     }
     let id = request.id?;
     let first = Rows::of(table, of, id, 0).first()?;
