@@ -59,15 +59,22 @@ impl ParamRefusals {
     /// Sends a refusal of the link. Returns false if none is pending.
     pub(super) fn next(&mut self, tx: &mut Outbox) -> bool {
         let link = tx.link();
-        let slot = self.0.iter_mut().find(|slot| slot.is_some_and(|refusal| refusal.to.link == link));
-        let Some(refusal) = slot.and_then(Option::take) else { return false };
-        tx.send(&ParamError {
-            param_index: refusal.index,
-            target_system: refusal.to.address.system.wire(),
-            target_component: refusal.to.address.component.wire(),
-            param_id: Text::from_wire(refusal.name),
-            error: refusal.error,
-        })
+        for slot in &mut self.0 {
+            if let Some(refusal) = slot
+                && refusal.to.link == link
+            {
+                let message = ParamError {
+                    param_index: refusal.index,
+                    target_system: refusal.to.address.system.wire(),
+                    target_component: refusal.to.address.component.wire(),
+                    param_id: Text::from_wire(refusal.name),
+                    error: refusal.error,
+                };
+                *slot = None;
+                return tx.send(&message);
+            }
+        }
+        false
     }
 
     /// Drops the refusals of these links.
