@@ -87,7 +87,7 @@ impl<const N: usize> Text<N> {
 
     /// Appends a number in decimal.
     pub fn push_number(&mut self, number: u32) {
-        Digits::new(number, 10).append_to(false, &mut self.0);
+        append_number(&mut self.0, false, number, 10, 0, 0);
     }
 
     /// Appends a number in decimal, with a minus sign if it is negative.
@@ -100,16 +100,12 @@ impl<const N: usize> Text<N> {
     ///
     /// `push_decimal(millivolts, 3)` shows a voltage in volts, `push_decimal(latitude, 7)` a latitude in degrees.
     pub fn push_decimal(&mut self, number: i32, places: u8) {
-        let mut digits = Digits::new(number.unsigned_abs(), 10);
-        digits.places = places.min(9);
-        digits.append_to(number < 0, &mut self.0);
+        append_number(&mut self.0, number < 0, number.unsigned_abs(), 10, places.min(9), 0);
     }
 
     /// Appends a number in hexadecimal, padded with zeros to `digits` digits, 0 to 8; more count as 8.
     pub fn push_hex(&mut self, number: u32, digits: u8) {
-        let mut hex = Digits::new(number, 16);
-        hex.min_digits = digits.min(8);
-        hex.append_to(false, &mut self.0);
+        append_number(&mut self.0, false, number, 16, 0, digits.min(8));
     }
 
     /// Returns as much of the text as fits in a field of `M` bytes, cut between code points if it is UTF-8.
@@ -161,44 +157,29 @@ pub(crate) fn cut(text: &[u8], max: usize) -> usize {
     (min..=max).rev().find(is_start).unwrap_or(max)
 }
 
-/// The digits of a number, to be appended to a text.
-struct Digits {
-    rest: u32,
-    radix: u32,
-    /// Digits after the point; 0 means no point.
-    places: u8,
-    /// Minimum number of digits; shorter numbers are padded with zeros.
-    min_digits: u8,
-}
-
-impl Digits {
-    fn new(number: u32, radix: u32) -> Self {
-        Self { rest: number, radix, places: 0, min_digits: 0 }
-    }
-
-    /// Appends the number to the text in `field`.
-    fn append_to(mut self, is_negative: bool, field: &mut [u8]) {
-        // A sign, ten digits and a point, written from the end.
-        let mut text = [0; 12];
-        let mut free = text.iter_mut().rev();
-        let mut put = |byte: u8| free.next().map_or((), |place| *place = byte);
-        let mut count = 0u8;
-        while count == 0 || self.rest != 0 || count <= self.places || count < self.min_digits {
-            if count == self.places && count > 0 {
-                put(b'.');
-            }
-            let digit = self.rest.checked_rem(self.radix).unwrap_or(0);
-            self.rest = self.rest.checked_div(self.radix).unwrap_or(0);
-            let digit = u8::try_from(digit).unwrap_or(0);
-            put(digit.wrapping_add(if digit < 10 { b'0' } else { b'A'.wrapping_sub(10) }));
-            count = count.saturating_add(1);
+/// Appends a number to the text in `field`: with `places` digits after a point, and at least `min_digits` digits. Not generic, so
+/// it is compiled once.
+fn append_number(field: &mut [u8], is_negative: bool, number: u32, radix: u32, places: u8, min_digits: u8) {
+    // A sign, ten digits and a point, written from the end.
+    let mut text = [0; 12];
+    let mut free = text.iter_mut().rev();
+    let mut put = |byte: u8| free.next().map_or((), |place| *place = byte);
+    let (mut rest, mut count) = (number, 0u8);
+    while count == 0 || rest != 0 || count <= places || count < min_digits {
+        if count == places && count > 0 {
+            put(b'.');
         }
-        if is_negative {
-            put(b'-');
-        }
-        let start = text.iter().position(|&byte| byte != 0).unwrap_or(0);
-        append(field, text.get(start..).unwrap_or_default());
+        let digit = rest.checked_rem(radix).unwrap_or(0);
+        rest = rest.checked_div(radix).unwrap_or(0);
+        let digit = u8::try_from(digit).unwrap_or(0);
+        put(digit.wrapping_add(if digit < 10 { b'0' } else { b'A'.wrapping_sub(10) }));
+        count = count.saturating_add(1);
     }
+    if is_negative {
+        put(b'-');
+    }
+    let start = text.iter().position(|&byte| byte != 0).unwrap_or(0);
+    append(field, text.get(start..).unwrap_or_default());
 }
 
 /// For functions that accept any text, such as [`Stack::text`](crate::Stack::text).
