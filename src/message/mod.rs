@@ -25,7 +25,7 @@ pub(crate) use rules::{Value, has_position, is_above_terrain, is_scaled, is_zero
 pub use secret::Secret;
 pub use table::{Dialect, FieldInfo, MessageInfo, MessageTable};
 pub use text::Text;
-pub(crate) use text::{cut, front};
+pub(crate) use text::front;
 pub use typed::{CommandParam, CommandParams, Location, TypedCommand};
 
 /// A MAVLink message: its id, name and lengths, and how it is encoded.

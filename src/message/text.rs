@@ -118,12 +118,11 @@ impl<const N: usize> Text<N> {
 /// Appends as much of `text` as fits, up to a NUL, to the text in `field`. Returns whether all of it was appended. Not
 /// generic, so it is compiled once.
 fn append(field: &mut [u8], text: &[u8]) -> bool {
-    let text = up_to_nul(text);
     let room = match field.iter().position(|&byte| byte == 0) {
         Some(end) => field.get_mut(end..).unwrap_or_default(),
         None => &mut [],
     };
-    let front = text.get(..cut(text, room.len())).unwrap_or_default();
+    let front = front(text, room.len());
     for (to, from) in room.iter_mut().zip(front) {
         *to = *from;
     }
@@ -133,7 +132,7 @@ fn append(field: &mut [u8], text: &[u8]) -> bool {
             *to = 0;
         }
     }
-    front.len() == text.len()
+    front.len() == up_to_nul(text).len()
 }
 
 fn up_to_nul(text: &[u8]) -> &[u8] {
@@ -147,7 +146,7 @@ pub(crate) fn front(text: &[u8], max: usize) -> &[u8] {
 }
 
 /// Returns how many of the first `max` bytes of a text are whole code points; `max` if it is not UTF-8.
-pub(crate) fn cut(text: &[u8], max: usize) -> usize {
+fn cut(text: &[u8], max: usize) -> usize {
     if text.len() <= max {
         return text.len();
     }

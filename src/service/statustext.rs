@@ -11,7 +11,7 @@ use super::{About, Cx, Service, Turn, View};
 use crate::dialect::Statustext;
 use crate::frame::Version;
 use crate::link::{Outbox, Port};
-use crate::message::{Text, cut, zero_extend};
+use crate::message::{Text, front, zero_extend};
 use crate::time::Instant;
 use crate::types::{Firmware, LinkMask, ONE_FRAME, StatusTexts, TextNumber};
 use core::num::Saturating;
@@ -67,7 +67,7 @@ impl StatusTexts {
         let is_whole = tx.version() == Version::V1 || bytes.len() <= ONE_FRAME;
         let sent = if is_whole { 0 } else { cursor.sent.0 };
         let rest = bytes.get(usize::from(sent)..).unwrap_or_default();
-        let front = rest.get(..cut(rest, ONE_FRAME)).unwrap_or_default();
+        let front = front(rest, ONE_FRAME);
         // A chunk without a NUL announces another one, so the last chunk may be empty.
         let is_last = is_whole || rest.len() < ONE_FRAME;
         let mut chunk = [0; ONE_FRAME];
