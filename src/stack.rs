@@ -171,7 +171,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let shared = &mut self.shared;
         shared.config = Config { budget: config.budget.at_least_a_frame(), ..config };
         shared.config.identity.capabilities |= Services::<D>::CAPABILITIES;
-        for (id, (link, config)) in (0..=u8::MAX).map(LinkId).zip(self.links.iter_mut().zip(&links)) {
+        for (id, (link, config)) in (0..).map(LinkId).zip(self.links.iter_mut().zip(&links)) {
             link.configure(id, *config, &shared.config);
             let mask = LinkMask::of(id);
             if config.class.is_high_latency() {

@@ -124,7 +124,7 @@ impl<F: Firmware<Vehicle: Telemetry>, const N: usize> Service<F> for StreamServi
     /// Takes up the messages that hooks have announced, and pauses the streams that no peer hears.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>) {
         let announced = table::Rows(core::mem::take(&mut cx.requests.announced));
-        for (id, link) in (0..=u8::MAX).map(LinkId).zip(links) {
+        for (id, link) in (0..).map(LinkId).zip(links) {
             let link: &mut StreamLink = link;
             link.request(announced);
             if !is_heard(cx.shared, cx.peers, id) {
