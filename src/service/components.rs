@@ -91,9 +91,9 @@ pub trait Components {
 /// The heartbeats of a link that are pending.
 #[derive(Debug)]
 pub struct ComponentLink {
-    /// The autopilot's period in which the components last sent.
+    /// The number of the autopilot's heartbeat after which the components last sent.
     period: u8,
-    /// The number of components, from the end of the list, that are still to send in this period.
+    /// The number of components, from the end of the list, that are still to send.
     left: u8,
 }
 
@@ -125,20 +125,20 @@ impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
         request: &Request,
     ) -> Option<Verdict> {
         let command = &request.command;
-        if !F::is_component(command.component) {
-            return None;
-        }
         let [id, ..] = command.params;
-        if command.id != MavCmd::REQUEST_MESSAGE || num::integer(id) != Some(Heartbeat::ID) {
+        if !F::is_component(command.component)
+            || command.id != MavCmd::REQUEST_MESSAGE
+            || num::integer(id) != Some(Heartbeat::ID)
+        {
             return None;
         }
         let is_alive = cx.vehicle.component_state(command.component).is_some() && cx.shared.is_beating(cx.now);
-        let may_send = is_alive && command.has_response_target() && !port.config.class.is_high_latency();
-        if may_send {
-            // Those of all components: each is as current as the requested one.
-            link.left = count::<F>();
+        if !is_alive || !command.has_response_target() || port.config.class.is_high_latency() {
+            return Some(Verdict::done(MavResult::DENIED));
         }
-        Some(Verdict::done(if may_send { MavResult::ACCEPTED } else { MavResult::DENIED }))
+        // All components send: it is simpler, and each heartbeat is current.
+        link.left = count::<F>();
+        Some(Verdict::done(MavResult::ACCEPTED))
     }
 
     #[inline(always)]
@@ -151,8 +151,9 @@ impl<F: Firmware<Vehicle: Components>> Service<F> for ComponentService {
         if link.period != port.facts.periods {
             (link.period, link.left) = (port.facts.periods, count::<F>());
         }
-        while let Some(component) = F::COMPONENTS.iter().nth_back(usize::from(link.left.wrapping_sub(1))) {
-            link.left = link.left.wrapping_sub(1);
+        while let Some(left) = link.left.checked_sub(1) {
+            link.left = left;
+            let Some(component) = F::COMPONENTS.iter().nth_back(left.into()) else { continue };
             let Some(system_status) = cx.vehicle.component_state(component.id) else { continue };
             return port.outbox.send_from::<F, _>(
                 Some(component.id),

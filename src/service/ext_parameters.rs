@@ -232,30 +232,30 @@ pub enum ExtParamReply {
 #[derive(Debug)]
 pub struct ExtParamLink {
     /// Parameters that were requested, one by one or as a list: a bit for each.
-    asked: [u8; BYTES],
+    requested: [u8; BYTES],
     limit: RateLimit,
 }
 
 impl ExtParamLink {
-    const VACANT: Self = Self { asked: [0; BYTES], limit: RateLimit::NEW };
+    const VACANT: Self = Self { requested: [0; BYTES], limit: RateLimit::NEW };
 
     /// Marks a parameter as requested.
-    fn ask(&mut self, index: u16) {
-        if let Some(byte) = self.asked.get_mut(usize::from(index >> 3)) {
+    fn request(&mut self, index: u16) {
+        if let Some(byte) = self.requested.get_mut(usize::from(index >> 3)) {
             *byte |= 1u8.wrapping_shl(u32::from(index));
         }
     }
 
     /// Removes the mark.
     fn forget(&mut self, index: u16) {
-        if let Some(byte) = self.asked.get_mut(usize::from(index >> 3)) {
+        if let Some(byte) = self.requested.get_mut(usize::from(index >> 3)) {
             *byte &= !1u8.wrapping_shl(u32::from(index));
         }
     }
 
     /// Returns the first parameter that was requested.
-    fn first_asked(&self) -> Option<u16> {
-        let (base, byte) = (0u16..).zip(&self.asked).find(|(_, byte)| **byte != 0)?;
+    fn first_requested(&self) -> Option<u16> {
+        let (base, byte) = (0u16..).zip(&self.requested).find(|(_, byte)| **byte != 0)?;
         let bit = u16::try_from(byte.trailing_zeros()).unwrap_or(0);
         Some(base.wrapping_shl(3) | bit)
     }
@@ -264,20 +264,19 @@ impl ExtParamLink {
 impl ExtParamServer {
     /// Ends a change that was IN_PROGRESS: another PARAM_EXT_ACK has the result and the parameter's value now.
     pub fn finish(&mut self, index: u16, result: ParamAck) {
-        let place = self.slot(LinkMask::NONE, index);
-        self.put(place, Answer { links: LinkMask::ALL, index, result, ..Answer::NONE });
-    }
-
-    /// Returns the slot for an answer to a request on this link: see [`slot`].
-    fn slot(&self, link: LinkMask, index: u16) -> Option<usize> {
-        slot(&self.answers, link, index)
-    }
-
-    /// Queues an answer.
-    fn put(&mut self, place: Option<usize>, answer: Answer) {
-        if let Some(slot) = place.and_then(|place| self.answers.get_mut(place)) {
-            *slot = answer;
+        if let Some(slot) = self.slot_for(LinkMask::NONE, index) {
+            *slot = Answer { links: LinkMask::ALL, index, result, ..Answer::NONE };
         }
+    }
+
+    /// Returns the slot for an answer to a request on this link: that of a pending answer about the same parameter, or a free one, or
+    /// one that is not pending on this link. `None` if there is none.
+    fn slot_for(&mut self, link: LinkMask, index: u16) -> Option<&mut Answer> {
+        let is_same = |answer: &Answer| answer.index == index && index != UNKNOWN && !answer.links.is_empty();
+        let place = self.answers.iter().position(is_same);
+        let place = place.or_else(|| self.answers.iter().position(|answer| answer.links.is_empty()));
+        let place = place.or_else(|| self.answers.iter().position(|answer| !answer.links.intersects(link)));
+        self.answers.get_mut(place?)
     }
 
     /// Returns the first answer that is pending on a link.
@@ -291,24 +290,6 @@ impl ExtParamServer {
             answer.links = answer.links.without(LinkMask::of(port.id));
         }
     }
-}
-
-/// Returns the slot for an answer to a request on this link: that of an answer about the same parameter, a free one, or one that is
-/// not pending on this link. `None` if there is none.
-fn slot(answers: &[Answer], link: LinkMask, index: u16) -> Option<usize> {
-    let (mut found, mut least) = (None, 3u8);
-    for (place, answer) in answers.iter().enumerate() {
-        let rank = match answer.links {
-            links if links.is_empty() => 1,
-            _ if answer.index == index && index != UNKNOWN => 0,
-            links if !links.intersects(link) => 2,
-            _ => 3,
-        };
-        if rank < least {
-            (found, least) = (Some(place), rank);
-        }
-    }
-    found
 }
 
 /// Returns the number of parameters.
@@ -350,24 +331,19 @@ fn set<F: Firmware<Vehicle: ExtParameters>>(
     let payload = received.frame.payload();
     let name = name_of(payload.get(2..18).unwrap_or_default());
     let kind = MavParamExtType(received.frame.byte(146));
-    let found = find(cx.vehicle, &name);
-    let from = received.from();
-    let (index, link) = (found.unwrap_or(UNKNOWN), LinkMask::of(port.id));
-    let place = server.slot(link, index);
-    if place.is_none() {
-        return Handled::NoRoom;
-    }
+    let index = find(cx.vehicle, &name).unwrap_or(UNKNOWN);
+    let Some(slot) = server.slot_for(LinkMask::of(port.id), index) else { return Handled::NoRoom };
     let is_of_type = cx.vehicle.ext_param(index).is_some_and(|(_, now)| now.kind() == kind);
     let value = payload.get(18..146).filter(|_| is_of_type).and_then(|bytes| ExtValue::read(kind, bytes));
     let result = match value {
         Some(value) => {
             let (vehicle, mut context) = cx.hook();
-            vehicle.set_ext_param(&mut context, index, value, from)
+            vehicle.set_ext_param(&mut context, index, value, received.from())
         }
         None => ParamAck::VALUE_UNSUPPORTED,
     };
     event!("extended parameter {=u16}: {=u8}", index, result.0);
-    server.put(place, Answer { links: cx.shared.normal, index, name, kind, result });
+    *slot = Answer { links: cx.shared.normal, index, name, kind, result };
     cx.shared.has_acted = true;
     Handled::Yes
 }
@@ -408,7 +384,7 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
     const VACANT: ExtParamLink = ExtParamLink::VACANT;
     type Reply = ExtParamReply;
 
-    /// Answers for links that carry none are not pending.
+    /// Frees the slots of answers that no link can take.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ExtParamLink>) {
         for answer in &mut self.answers {
             if !answer.links.intersects(cx.shared.normal) {
@@ -425,28 +401,24 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
         received: &Received<'_>,
     ) -> Handled {
         let frame = received.frame;
+        let can_answer = port.outbox.takes(ParamExtValue::ID);
         match frame.id() {
-            ParamExtRequestRead::ID | ParamExtRequestList::ID | ParamExtSet::ID => {}
+            ParamExtRequestRead::ID | ParamExtRequestList::ID | ParamExtSet::ID if !can_answer => {
+                return Handled::OutOfPlace;
+            }
+            ParamExtRequestRead::ID => {
+                // A negative index means by name.
+                let index = i16::from_le_bytes([frame.byte(0), frame.byte(1)]);
+                let found = match u16::try_from(index) {
+                    Ok(index) => Some(index).filter(|index| *index < count(cx.vehicle)),
+                    Err(_) => find(cx.vehicle, &name_of(frame.payload().get(4..).unwrap_or_default())),
+                };
+                found.into_iter().for_each(|index| link.request(index));
+            }
+            ParamExtRequestList::ID => (0..count(cx.vehicle)).for_each(|index| link.request(index)),
+            ParamExtSet::ID => return set(self, cx, port, received),
             _ => return Handled::No,
         }
-        if !port.outbox.takes(ParamExtValue::ID) {
-            return Handled::OutOfPlace;
-        }
-        if frame.id() == ParamExtRequestRead::ID {
-            let index = i16::from_le_bytes([frame.byte(0), frame.byte(1)]);
-            let found = match u16::try_from(index) {
-                Ok(index) => Some(index).filter(|index| *index < count(cx.vehicle)),
-                Err(_) => find(cx.vehicle, &name_of(frame.payload().get(4..).unwrap_or_default())),
-            };
-            if let Some(index) = found {
-                link.ask(index);
-            }
-            return Handled::Yes;
-        }
-        if frame.id() == ParamExtSet::ID {
-            return set(self, cx, port, received);
-        }
-        (0..count(cx.vehicle)).for_each(|index| link.ask(index));
         Handled::Yes
     }
 
@@ -457,7 +429,7 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
         }
         match self.answer_on(port) {
             Some(place) => Some((view.now, ExtParamReply::Answer(place))),
-            None => link.first_asked().map(|index| (link.limit.due(), ExtParamReply::Value(index))),
+            None => link.first_requested().map(|index| (link.limit.due(), ExtParamReply::Value(index))),
         }
     }
 

@@ -9,9 +9,9 @@ use crate::num;
 use crate::time::Instant;
 use crate::types::Firmware;
 
-/// Pending answers on a link. Each is a flag, so no request is refused for lack of room.
+/// The answers that are pending on a link. Each is a flag, so no request is refused for lack of room.
 #[derive(Clone, Copy, Debug)]
-pub struct Asked {
+pub struct IdentityLink {
     autopilot_version: bool,
     protocol_version: bool,
 }
@@ -29,30 +29,30 @@ pub struct Identification;
 
 impl<F: Firmware> Service<F> for Identification {
     const NEW: Self = Self;
-    type Link = Asked;
-    const VACANT: Asked = Asked { autopilot_version: false, protocol_version: false };
+    type Link = IdentityLink;
+    const VACANT: IdentityLink = IdentityLink { autopilot_version: false, protocol_version: false };
     type Reply = IdentityReply;
     const ABOUT: About =
         About { turns: &[Turn::Identity], capabilities: MavProtocolCapability::MAVLINK2, ..About::AUTOPILOT };
 
-    /// MAV_CMD_REQUEST_MESSAGE for one of the two, and the commands that it replaced.
+    /// Handles MAV_CMD_REQUEST_MESSAGE for one of the two, and the commands that it replaced.
     fn on_command(
         &mut self,
         _: &mut Cx<'_, F>,
         port: &mut Port,
-        link: &mut Asked,
+        link: &mut IdentityLink,
         request: &Request,
     ) -> Option<Verdict> {
         let command = &request.command;
         let [first, ..] = command.params;
-        let (id, is_valid) = match command.id {
+        let (message, is_valid) = match command.id {
             MavCmd::REQUEST_MESSAGE => (num::integer(first)?, command.has_response_target()),
             // The commands that REQUEST_MESSAGE replaced: parameter 1 must be 1.
             MavCmd::REQUEST_AUTOPILOT_CAPABILITIES => (AutopilotVersion::ID, first == 1.0),
             MavCmd::REQUEST_PROTOCOL_VERSION => (ProtocolVersion::ID, first == 1.0),
             _ => return None,
         };
-        let asked = match id {
+        let is_pending = match message {
             AutopilotVersion::ID => &mut link.autopilot_version,
             ProtocolVersion::ID => &mut link.protocol_version,
             _ => return None,
@@ -60,21 +60,21 @@ impl<F: Firmware> Service<F> for Identification {
         if !is_valid || port.config.class.is_high_latency() {
             return Some(Verdict::done(MavResult::DENIED));
         }
-        *asked = true;
+        *is_pending = true;
         Some(Verdict::done(MavResult::ACCEPTED))
     }
 
     #[inline(always)]
-    fn pending(&self, view: &View<'_>, _: &Port, link: &Asked, _: Turn) -> Option<(Instant, IdentityReply)> {
+    fn pending(&self, view: &View<'_>, _: &Port, link: &IdentityLink, _: Turn) -> Option<(Instant, IdentityReply)> {
         let reply = match *link {
-            Asked { autopilot_version: true, .. } => IdentityReply::AutopilotVersion,
-            Asked { protocol_version: true, .. } => IdentityReply::ProtocolVersion,
+            IdentityLink { autopilot_version: true, .. } => IdentityReply::AutopilotVersion,
+            IdentityLink { protocol_version: true, .. } => IdentityReply::ProtocolVersion,
             _ => return None,
         };
         Some((view.now, reply))
     }
 
-    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut Asked, reply: IdentityReply) -> bool {
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut IdentityLink, reply: IdentityReply) -> bool {
         match reply {
             IdentityReply::AutopilotVersion => {
                 link.autopilot_version = false;

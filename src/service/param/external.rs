@@ -4,7 +4,7 @@
 
 use super::backend::{ParamBackend, ParamUpdate, ParamWrite};
 use super::info::{MAX_PARAMS, ParamInfo, Rows};
-use super::links::ParamLinks;
+use super::links::{ParamLinks, ParamReply};
 use super::list::ParamList;
 use super::requests::{ParamClient, ParamRequest, handles};
 use super::state::ParamState;
@@ -130,17 +130,6 @@ impl ExternalService {
     }
 }
 
-/// A frame that the service sends.
-#[derive(Clone, Copy, Debug)]
-pub enum ExternalReply {
-    /// A refusal, the hash, or a value that was requested or has changed.
-    Answer,
-    /// The next value of the list.
-    Listed,
-    /// The first value of a list that no client has requested: all values may have changed.
-    First,
-}
-
 const fn options<B: ParamBackend>() -> ParamOptions {
     let hash = if B::SORTED { B::PARAM_HASH } else { ParamHash::Never };
     ParamOptions::new(B::PARAM_ENCODING, hash, B::PARAM_ERROR)
@@ -153,7 +142,7 @@ where
     const NEW: Self = Self { links: ParamLinks::NEW, relisted: LinkMask::NONE, bucket: TokenBucket::NONE };
     type Link = ParamList;
     const VACANT: ParamList = ParamList::NEW;
-    type Reply = ExternalReply;
+    type Reply = ParamReply;
     const ABOUT: About = About {
         turns: &[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList],
         capabilities: F::Vehicle::PARAM_ENCODING.capability(),
@@ -241,26 +230,23 @@ where
     }
 
     #[inline(always)]
-    fn pending(&self, view: &View<'_>, port: &Port, list: &ParamList, turn: Turn) -> Option<(Instant, ExternalReply)> {
-        match turn {
-            Turn::ParamAnswer => self.links.is_pending(port.id).then_some((view.now, ExternalReply::Answer)),
-            _ if self.links.is_list_held(port.id) => None,
-            Turn::LateParamList => Some((list.late_at(), ExternalReply::Listed)),
-            _ if list.is_active() => Some((list.due(), ExternalReply::Listed)),
-            _ if self.relisted.contains(port.id) => Some((list.begins_at(), ExternalReply::First)),
-            _ => None,
+    fn pending(&self, view: &View<'_>, port: &Port, list: &ParamList, turn: Turn) -> Option<(Instant, ParamReply)> {
+        let may_begin = !list.is_active() && !self.links.is_list_held(port.id);
+        if turn == Turn::ParamList && may_begin && self.relisted.contains(port.id) {
+            return Some((list.begins_at(), ParamReply::Unrequested));
         }
+        self.links.pending_in(turn, view.now, port.id, list)
     }
 
-    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut ParamList, reply: ExternalReply) -> bool {
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut ParamList, reply: ParamReply) -> bool {
         let options = options::<F::Vehicle>();
-        if let ExternalReply::First = reply {
+        if let ParamReply::Unrequested = reply {
             self.relisted = self.relisted.without(LinkMask::of(port.id));
             list.begin(cx.now);
         }
         self.with_table(cx.parameters, cx.vehicle, |table| match reply {
-            ExternalReply::Answer => table.send_answer(options, list, &mut port.outbox),
-            ExternalReply::First | ExternalReply::Listed => table.send_listed(options, cx.now, list, port),
+            ParamReply::Answer => table.send_answer(options, list, &mut port.outbox),
+            ParamReply::Listed | ParamReply::Unrequested => table.send_listed(options, cx.now, list, port),
         })
     }
 
@@ -268,8 +254,7 @@ where
         match event {
             StackEvent::Begun(config) => self.bucket.set_refill(config.storage_refill),
             StackEvent::Opened(port, list) => {
-                list.end();
-                self.links.reopen(port.id);
+                self.links.reopen(port.id, list);
                 self.relisted = self.relisted.without(LinkMask::of(port.id));
             }
             _ => {}

@@ -1,10 +1,23 @@
 //! A cache of facts about the links, for code without access to the table.
 
 use super::info::Rows;
+use super::list::ParamList;
 use super::state::ParamState;
 use super::table::Table;
+use crate::service::Turn;
 use crate::time::Instant;
 use crate::types::{LinkId, LinkMask};
+
+/// A frame that the service sends.
+#[derive(Clone, Copy, Debug)]
+pub enum ParamReply {
+    /// A refusal, the hash, or a value that was requested or has changed.
+    Answer,
+    /// The next value of the list.
+    Listed,
+    /// The first value of a list that no client has requested: all values of a backend may have changed.
+    Unrequested,
+}
 
 /// The links on which something is pending.
 #[derive(Debug)]
@@ -52,18 +65,31 @@ impl ParamLinks {
         if self.is_hashing { Instant::ZERO } else { Instant::NEVER }
     }
 
-    /// Whether an answer is pending on a link.
-    pub(super) fn is_pending(&self, link: LinkId) -> bool {
-        self.pending.contains(link)
-    }
-
     /// Whether the list of a link waits for the hash, which is sent first.
     pub(super) fn is_list_held(&self, link: LinkId) -> bool {
         self.hash_pending.contains(link)
     }
 
-    /// Drops the pending answers of a link that was reopened.
-    pub(super) fn reopen(&mut self, link: LinkId) {
+    /// Returns the pending frame of a link in a turn, and when it is due.
+    #[inline(always)]
+    pub(super) fn pending_in(
+        &self,
+        turn: Turn,
+        now: Instant,
+        link: LinkId,
+        list: &ParamList,
+    ) -> Option<(Instant, ParamReply)> {
+        match turn {
+            Turn::ParamAnswer => self.pending.contains(link).then_some((now, ParamReply::Answer)),
+            _ if self.is_list_held(link) => None,
+            Turn::LateParamList => Some((list.late_at(), ParamReply::Listed)),
+            _ => Some((list.due(), ParamReply::Listed)),
+        }
+    }
+
+    /// Ends the list and drops the pending answers of a link that was reopened.
+    pub(super) fn reopen(&mut self, link: LinkId, list: &mut ParamList) {
+        list.end();
         let link = LinkMask::of(link);
         self.reopened = self.reopened.with(link);
         self.pending = self.pending.without(link);

@@ -2,7 +2,7 @@
 
 use core::marker::PhantomData;
 
-use super::links::ParamLinks;
+use super::links::{ParamLinks, ParamReply};
 use super::list::ParamList;
 use super::requests::{ParamClient, ParamRequest, handles};
 use super::saving::Saving;
@@ -14,15 +14,6 @@ use crate::link::Port;
 use crate::service::{About, Cx, Handled, Received, Request, Service, StackEvent, Turn, Verdict, View};
 use crate::time::{Duration, Instant};
 use crate::types::{Firmware, Peer, Vehicle};
-
-/// A frame that the service sends.
-#[derive(Clone, Copy, Debug)]
-pub enum ParamReply {
-    /// A refusal, the hash, or a value that was requested or has changed.
-    Answer,
-    /// The next value of the list.
-    Listed,
-}
 
 /// Lists, reads and sets parameters. Its state for all links is in the table, next to the values. This type caches
 /// facts for calls without access to the table.
@@ -169,29 +160,21 @@ where
 
     #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, list: &ParamList, turn: Turn) -> Option<(Instant, ParamReply)> {
-        match turn {
-            Turn::ParamAnswer => self.links.is_pending(port.id).then_some((view.now, ParamReply::Answer)),
-            _ if self.links.is_list_held(port.id) => None,
-            Turn::LateParamList => Some((list.late_at(), ParamReply::Listed)),
-            _ => Some((list.due(), ParamReply::Listed)),
-        }
+        self.links.pending_in(turn, view.now, port.id, list)
     }
 
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut ParamList, reply: ParamReply) -> bool {
         let options = options::<F::Vehicle>();
         self.with_table(cx.parameters, |table| match reply {
             ParamReply::Answer => table.send_answer(options, list, &mut port.outbox),
-            ParamReply::Listed => table.send_listed(options, cx.now, list, port),
+            ParamReply::Listed | ParamReply::Unrequested => table.send_listed(options, cx.now, list, port),
         })
     }
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         match event {
             StackEvent::Begun(_) => self.write_due = Instant::NEVER,
-            StackEvent::Opened(port, list) => {
-                list.end();
-                self.links.reopen(port.id);
-            }
+            StackEvent::Opened(port, list) => self.links.reopen(port.id, list),
             _ => {}
         }
     }
