@@ -65,6 +65,11 @@ impl ParamLinks {
         if self.is_hashing { Instant::ZERO } else { Instant::NEVER }
     }
 
+    /// Whether an answer is pending on a link.
+    pub(super) fn has_answer(&self, link: LinkId) -> bool {
+        self.pending.contains(link)
+    }
+
     /// Whether the list of a link waits for the hash, which is sent first.
     pub(super) fn is_list_held(&self, link: LinkId) -> bool {
         self.hash_pending.contains(link)
@@ -80,7 +85,7 @@ impl ParamLinks {
         list: &ParamList,
     ) -> Option<(Instant, ParamReply)> {
         match turn {
-            Turn::ParamAnswer => self.pending.contains(link).then_some((now, ParamReply::Answer)),
+            Turn::ParamAnswer => self.has_answer(link).then_some((now, ParamReply::Answer)),
             _ if self.is_list_held(link) => None,
             Turn::LateParamList => Some((list.late_at(), ParamReply::Listed)),
             _ => Some((list.due(), ParamReply::Listed)),

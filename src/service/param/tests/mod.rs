@@ -175,7 +175,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
         loop {
             sent.extend(self.next(link));
             // The hash takes some polls.
-            match self.params.links.is_pending(LinkId(link as u8)) {
+            match self.params.links.has_answer(LinkId(link as u8)) {
                 true => {}
                 false if self.params.links.is_hashing => self.poll(),
                 false => break,
