@@ -146,7 +146,7 @@ macro_rules! events {
                 $($(#[doc = $mode_doc])* $mode),+
             }
             $crate::__check_bits! {
-                "Causes of failures." $vis $parts
+                "What can fail." $vis $parts
                 /// None
                 NONE
                 $(, $(#[doc = $part_doc])* $part)+

@@ -105,7 +105,7 @@ pub fn cases() -> Vec<Case> {
         (
             "queue_memory",
             declares("links: 2, forwarding: { seen: 0 }"),
-            "what was forwarded must be remembered: `forwarding: { seen: 256 }`",
+            "forwarded frames must be remembered: `forwarding: { seen: 256 }`",
         ),
         (
             "slots_0",
