@@ -94,8 +94,8 @@ impl Motion {
         Attitude { time_boot_ms: now.time_boot_ms(), roll, pitch, yaw, rollspeed, pitchspeed, yawspeed }
     }
 
-    /// Returns GLOBAL_POSITION_INT; `None` if the position is unknown, which the message cannot say. An unknown altitude or
-    /// velocity is sent as 0.
+    /// Returns GLOBAL_POSITION_INT. Returns `None` if the position is unknown, because the message has no value for that.
+    /// An unknown altitude or velocity is sent as 0, and an unknown yaw as `hdg` 65,535.
     pub fn global_position_int(&self, now: Instant) -> Option<GlobalPositionInt> {
         let position = self.position?;
         let [vx, vy, vz] = self.velocity.map(centimetres);

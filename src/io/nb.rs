@@ -14,16 +14,22 @@ use super::HalError;
 #[derive(Debug)]
 pub struct NbSerial<S: serial::ErrorType> {
     serial: S,
-    /// A byte or error that `read_ready` has read ahead.
+    /// A byte or error that was read from the UART, but not yet returned by `read`.
     received: Option<Result<u8, S::Error>>,
-    /// A byte to be sent when the UART has room.
-    held: Option<u8>,
+    /// A byte that counts as written, but for which the UART had no room. The next `write_ready` sends it.
+    unsent: Option<u8>,
+}
+
+/// Whether the UART took a byte.
+enum Sent {
+    Taken,
+    NoRoom,
 }
 
 impl<S: serial::Read + serial::Write> NbSerial<S> {
     /// Returns an adapter for `serial`.
     pub const fn new(serial: S) -> Self {
-        Self { serial, received: None, held: None }
+        Self { serial, received: None, unsent: None }
     }
 
     /// Returns the UART, for other functions of the HAL, such as enabling an interrupt. Bytes that are read from it do
@@ -32,7 +38,7 @@ impl<S: serial::Read + serial::Write> NbSerial<S> {
         &mut self.serial
     }
 
-    /// Returns the next received byte or error, if any.
+    /// Returns the next received byte or error; `None` if there is none.
     fn next(&mut self) -> Option<Result<u8, S::Error>> {
         if self.received.is_some() {
             return self.received.take();
@@ -44,11 +50,11 @@ impl<S: serial::Read + serial::Write> NbSerial<S> {
         }
     }
 
-    /// Returns whether the UART took `byte`.
-    fn send(&mut self, byte: u8) -> Result<bool, HalError<S::Error>> {
+    /// Offers a byte to the UART.
+    fn send(&mut self, byte: u8) -> Result<Sent, HalError<S::Error>> {
         match self.serial.write(byte) {
-            Ok(()) => Ok(true),
-            Err(nb::Error::WouldBlock) => Ok(false),
+            Ok(()) => Ok(Sent::Taken),
+            Err(nb::Error::WouldBlock) => Ok(Sent::NoRoom),
             Err(nb::Error::Other(error)) => Err(HalError::Hal(error)),
         }
     }
@@ -59,6 +65,7 @@ impl<S: serial::ErrorType> ErrorType for NbSerial<S> {
 }
 
 impl<S: serial::Read + serial::Write> ReadReady for NbSerial<S> {
+    /// Returns whether there is a byte or an error to read. The adapter keeps it for the next `read`.
     fn read_ready(&mut self) -> Result<bool, Self::Error> {
         self.received = self.next();
         Ok(self.received.is_some())
@@ -66,13 +73,18 @@ impl<S: serial::Read + serial::Write> ReadReady for NbSerial<S> {
 }
 
 impl<S: serial::Read + serial::Write> Read for NbSerial<S> {
+    /// Reads the bytes that the UART has, and returns their number.
+    ///
+    /// # Errors
+    ///
+    /// [`HalError::WouldBlock`] if there is no byte, or the UART's error if it comes before the first byte. An error after the
+    /// first byte is returned by the next call.
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Self::Error> {
         let mut len = 0usize;
         for byte in buffer.iter_mut() {
             match self.next() {
                 Some(Ok(received)) => *byte = received,
                 Some(Err(error)) if len == 0 => return Err(HalError::Hal(error)),
-                // Return the bytes before the error first.
                 Some(Err(error)) => {
                     self.received = Some(Err(error));
                     break;
@@ -86,39 +98,52 @@ impl<S: serial::Read + serial::Write> Read for NbSerial<S> {
 }
 
 impl<S: serial::Read + serial::Write> WriteReady for NbSerial<S> {
+    /// Sends the byte that is still unsent, if any. Returns whether the adapter can take another byte.
+    ///
+    /// # Errors
+    ///
+    /// The UART's error. The unsent byte is then dropped, because sending it again could fail forever.
     fn write_ready(&mut self) -> Result<bool, Self::Error> {
-        // Drop the byte on an error: retrying it could fail forever.
-        if let Some(byte) = self.held.take()
-            && !self.send(byte)?
+        if let Some(byte) = self.unsent.take()
+            && let Sent::NoRoom = self.send(byte)?
         {
-            self.held = Some(byte);
+            self.unsent = Some(byte);
         }
-        Ok(self.held.is_none())
+        Ok(self.unsent.is_none())
     }
 }
 
 impl<S: serial::Read + serial::Write> Write for NbSerial<S> {
+    /// Writes bytes until the UART has no room, and returns their number. The last of them may still be unsent: the adapter
+    /// keeps it until the UART has room.
+    ///
+    /// # Errors
+    ///
+    /// [`HalError::WouldBlock`] if an earlier byte is still unsent, or the UART's error if it refuses the first byte.
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
         if !self.write_ready()? {
             return Err(HalError::WouldBlock);
         }
-        let mut len = 0usize;
-        for &byte in bytes {
-            // An error after the first byte is returned by the next call, which sends the byte again.
-            let is_sent = match self.send(byte) {
+        for (len, &byte) in bytes.iter().enumerate() {
+            match self.send(byte) {
+                Ok(Sent::Taken) => {}
+                Ok(Sent::NoRoom) => {
+                    self.unsent = Some(byte);
+                    return Ok(len.saturating_add(1));
+                }
                 Err(error) if len == 0 => return Err(error),
-                Err(_) => break,
-                Ok(is_sent) => is_sent,
-            };
-            len = len.saturating_add(1);
-            if !is_sent {
-                self.held = Some(byte);
-                break;
+                // The bytes before this one are written. The caller writes this one again, and then gets a lasting error.
+                Err(_) => return Ok(len),
             }
         }
-        Ok(len)
+        Ok(bytes.len())
     }
 
+    /// Sends the unsent byte, and succeeds when the UART has sent all bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`HalError::WouldBlock`] until all bytes are sent, or the UART's error.
     fn flush(&mut self) -> Result<(), Self::Error> {
         if !self.write_ready()? {
             return Err(HalError::WouldBlock);

@@ -153,9 +153,12 @@ enum SetpointKind {
     Attitude,
 }
 
-/// Why a setpoint is refused.
+/// Why a setpoint is refused. Each has a counter in [`SetpointCounters`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SetpointFault {
+    Broadcast,
+    NotAllowed,
+    NotOwner,
     NotFinite,
     OutOfRange,
 }
@@ -181,7 +184,8 @@ impl RawSetpoint {
         if let Some(m) = frame.decode::<SetPositionTargetLocalNed>() {
             let position = [m.x.to_bits(), m.y.to_bits(), m.z.to_bits()];
             let motion = [m.vx, m.vy, m.vz, m.afx, m.afy, m.afz, m.yaw, m.yaw_rate];
-            let setpoint = Self { time_boot_ms: m.time_boot_ms, frame: m.coordinate_frame, ..Self::VACANT };
+            let (time_boot_ms, frame, kind) = (m.time_boot_ms, m.coordinate_frame, SetpointKind::Local);
+            let setpoint = Self { time_boot_ms, frame, kind, ..Self::VACANT };
             return Some(setpoint.with_position(m.type_mask, position, motion));
         }
         if let Some(m) = frame.decode::<SetPositionTargetGlobalInt>() {
@@ -192,7 +196,7 @@ impl RawSetpoint {
             return Some(setpoint.with_position(m.type_mask, position, motion));
         }
         let m = frame.decode::<SetAttitudeTarget>()?;
-        // The lowest bits of the mask ignore a rate each.
+        // A set bit of the mask means "ignore": each of the three lowest bits ignores a rate.
         let mut given = (!u16::from(m.type_mask.0) << RATES.trailing_zeros()) & RATES;
         if !m.type_mask.contains(AttitudeTargetTypemask::ATTITUDE_IGNORE) {
             given |= QUATERNION;
@@ -208,35 +212,46 @@ impl RawSetpoint {
         Some(Self { time_boot_ms, numbers, given, kind: SetpointKind::Attitude, ..Self::VACANT })
     }
 
-    fn with_position(self, mask: PositionTargetTypemask, [x, y, z]: [u32; 3], motion: [f32; 8]) -> Self {
-        let [a, b, c, d, e, f, g, h] = motion.map(f32::to_bits);
-        // The bits of the mask ignore a number each. Bit 9 says that the acceleration is a force; those above it are of
-        // yaw and yaw rate.
+    /// Adds the numbers of a position. `motion` is velocity, acceleration, yaw and yaw rate.
+    fn with_position(self, mask: PositionTargetTypemask, position: [u32; 3], motion: [f32; 8]) -> Self {
+        let [x, y, z] = position;
+        let [vx, vy, vz, ax, ay, az, yaw, yaw_rate] = motion.map(f32::to_bits);
+        // A set bit of the mask means "ignore". Bits 0 to 8 are for position, velocity and acceleration. Bit 9 says that
+        // the acceleration is a force. Bits 10 and 11 are for yaw and yaw rate, which are numbers 9 and 10.
         let ignored = (mask.0 & 0x1FF) | ((mask.0 >> 1) & 0x600);
         let is_force = mask.contains(PositionTargetTypemask::FORCE_SET);
-        Self { numbers: [x, y, z, a, b, c, d, e, f, g, h], given: !ignored, is_force, ..self }
+        let numbers = [x, y, z, vx, vy, vz, ax, ay, az, yaw, yaw_rate];
+        Self { numbers, given: !ignored, is_force, ..self }
     }
 
-    /// Returns the bits of a number, if it is given.
-    fn number(&self, index: usize) -> Option<u32> {
+    /// Returns the bits of the number at this index of the message; `None` if the message ignores it.
+    fn given_bits(&self, index: usize) -> Option<u32> {
         let bit = 1u16.unbounded_shl(u32::try_from(index).ok()?);
-        self.numbers.get(index).copied().filter(|_| self.given & bit != 0)
+        let is_given = self.given & bit != 0;
+        self.numbers.get(index).copied().filter(|_| is_given)
     }
 
-    /// Checks the given numbers (J-8).
+    /// Checks the given numbers: integers and floats are in range, floats are finite, and a quaternion is normalised.
+    ///
+    /// # Errors
+    ///
+    /// The fault of the first number that fails (J-8).
     fn check(&self) -> Result<(), SetpointFault> {
-        let mut square = 0.0;
+        let mut square_of_length = 0.0;
         for index in 0..NUMBERS {
-            let Some(bits) = self.number(index) else { continue };
+            let Some(bits) = self.given_bits(index) else { continue };
             let (number, integer) = (f32::from_bits(bits), bits.cast_signed());
             let is_in_range = match (self.kind, index) {
+                // Latitude and longitude are integers.
                 (SetpointKind::Global, 0) => integer.unsigned_abs() <= RIGHT_ANGLE,
                 (SetpointKind::Global, 1) => integer.unsigned_abs() <= 2 * RIGHT_ANGLE,
                 _ if !number.is_finite() => return Err(SetpointFault::NotFinite),
+                // The quaternion's length is complete with its last number.
                 (SetpointKind::Attitude, 0..4) => {
-                    square += number * number;
-                    index < 3 || NORMALISED.contains(&square)
+                    square_of_length += number * number;
+                    index < 3 || NORMALISED.contains(&square_of_length)
                 }
+                // Thrust, and thrust in the body frame.
                 (SetpointKind::Attitude, 7..) => (-1.0..=1.0).contains(&number),
                 _ => true,
             };
@@ -247,37 +262,41 @@ impl RawSetpoint {
         Ok(())
     }
 
+    /// Returns the setpoint for the vehicle. Numbers that are not given are `None`.
     fn target(&self) -> Target {
-        let [a, b, c, d, e, f, g, h, i, j, k] = core::array::from_fn(|index| self.number(index).map(f32::from_bits));
-        let place = match self.kind {
-            SetpointKind::Attitude => {
-                return Target::Attitude(AttitudeSetpoint {
-                    attitude: all([a, b, c, d]),
-                    rates: [e, f, g],
-                    thrust: h,
-                    thrust_body: all([i, j, k]),
-                });
-            }
-            SetpointKind::Local => Place::Local([a, b, c]),
-            SetpointKind::Global => {
-                let [latitude, longitude] = [0, 1].map(|index| self.number(index).map(u32::cast_signed));
-                Place::Global { latitude, longitude, altitude: c }
-            }
+        let numbers = core::array::from_fn(|index| self.given_bits(index).map(f32::from_bits));
+        if self.kind == SetpointKind::Attitude {
+            let [w, x, y, z, roll_rate, pitch_rate, yaw_rate, thrust, thrust_x, thrust_y, thrust_z] = numbers;
+            return Target::Attitude(AttitudeSetpoint {
+                attitude: all_given([w, x, y, z]),
+                rates: [roll_rate, pitch_rate, yaw_rate],
+                thrust,
+                thrust_body: all_given([thrust_x, thrust_y, thrust_z]),
+            });
+        }
+        let [x, y, z, vx, vy, vz, ax, ay, az, yaw, yaw_rate] = numbers;
+        let place = if self.kind == SetpointKind::Global {
+            // Latitude and longitude are integers, in the place of x and y.
+            let latitude = self.given_bits(0).map(u32::cast_signed);
+            let longitude = self.given_bits(1).map(u32::cast_signed);
+            Place::Global { latitude, longitude, altitude: z }
+        } else {
+            Place::Local([x, y, z])
         };
         Target::Position(PositionSetpoint {
             frame: self.frame,
             place,
-            velocity: [d, e, f],
-            acceleration: [g, h, i],
+            velocity: [vx, vy, vz],
+            acceleration: [ax, ay, az],
             is_force: self.is_force,
-            yaw: j,
-            yaw_rate: k,
+            yaw,
+            yaw_rate,
         })
     }
 }
 
-/// Returns all numbers, or `None` if one is not given.
-fn all<const N: usize>(numbers: [Option<f32>; N]) -> Option<[f32; N]> {
+/// Returns the numbers if all are given; `None` if one is not.
+fn all_given<const N: usize>(numbers: [Option<f32>; N]) -> Option<[f32; N]> {
     let are_given = numbers.iter().all(Option::is_some);
     are_given.then(|| numbers.map(Option::unwrap_or_default))
 }
@@ -323,32 +342,43 @@ impl Setpoints {
         self.counters
     }
 
-    /// Handles one of the three messages. Returns whether it is accepted.
-    fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) -> bool {
-        let counters = &mut self.counters;
-        let counter = if is_broadcast {
-            &mut counters.broadcast
+    /// Checks whether the sender's setpoint may replace the present one.
+    ///
+    /// # Errors
+    ///
+    /// The first reason against it: the setpoint is for every vehicle, the sender is not authorised, or another sender
+    /// owns the setpoints.
+    fn check_sender(&self, now: Instant, from: Peer, is_broadcast: bool, peers: &Peers) -> Result<(), SetpointFault> {
+        if is_broadcast {
+            Err(SetpointFault::Broadcast)
         } else if !self.holder.source.allows(from, peers) {
-            &mut counters.not_allowed
-        } else if self.holder.sender(now).is_some_and(|owner| owner != from) {
-            &mut counters.not_owner
-        } else if let Some(setpoint) = RawSetpoint::read(frame) {
-            match setpoint.check() {
-                Err(SetpointFault::NotFinite) => &mut counters.not_finite,
-                Err(SetpointFault::OutOfRange) => &mut counters.out_of_range,
-                Ok(()) => {
-                    self.holder.hold(now, from);
-                    self.at = now;
-                    self.setpoint = setpoint;
-                    increment(&mut counters.taken);
-                    return true;
-                }
-            }
+            Err(SetpointFault::NotAllowed)
+        } else if self.owner(now).is_some_and(|owner| owner != from) {
+            Err(SetpointFault::NotOwner)
         } else {
-            return false;
-        };
-        increment(counter);
-        false
+            Ok(())
+        }
+    }
+
+    /// Handles one of the three messages, and counts it. Returns whether its setpoint is the current one from now on.
+    fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) -> bool {
+        let Some(setpoint) = RawSetpoint::read(frame) else { return false };
+        let checked = self.check_sender(now, from, is_broadcast, peers).and_then(|()| setpoint.check());
+        if checked.is_ok() {
+            self.holder.hold(now, from);
+            self.at = now;
+            self.setpoint = setpoint;
+        }
+        let counters = &mut self.counters;
+        increment(match checked {
+            Ok(()) => &mut counters.taken,
+            Err(SetpointFault::Broadcast) => &mut counters.broadcast,
+            Err(SetpointFault::NotAllowed) => &mut counters.not_allowed,
+            Err(SetpointFault::NotOwner) => &mut counters.not_owner,
+            Err(SetpointFault::NotFinite) => &mut counters.not_finite,
+            Err(SetpointFault::OutOfRange) => &mut counters.out_of_range,
+        });
+        checked.is_ok()
     }
 }
 
@@ -372,9 +402,9 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Setpoints {
         match frame.id() {
             SetPositionTargetLocalNed::ID | SetPositionTargetGlobalInt::ID | SetAttitudeTarget::ID => {
                 let now = cx.shared.clock.shown(cx.now);
-                if self.receive(now, *from, frame, target.system.is_all(), cx.peers)
-                    && let Some(setpoint) = self.current(now)
-                {
+                let is_broadcast = target.system.is_all();
+                let is_accepted = self.receive(now, *from, frame, is_broadcast, cx.peers);
+                if is_accepted && let Some(setpoint) = self.current(now) {
                     let (vehicle, mut context) = cx.hook();
                     vehicle.control_input(&mut context, &ControlInput::Setpoint(setpoint));
                 }
@@ -388,8 +418,11 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Setpoints {
         match event {
             StackEvent::Begun(_) => self.holder.timeout = Self::TIMEOUT,
             StackEvent::NewOwner { own, owner } => {
-                let is_allowed = |sender: Peer| [own, owner].contains(&sender.address.system);
-                if !self.holder.last_sender().is_none_or(is_allowed) {
+                // A sender of a system that is no longer in control loses the setpoints.
+                let may_continue = |sender: Peer| [own, owner].contains(&sender.address.system);
+                if let Some(sender) = self.holder.last_sender()
+                    && !may_continue(sender)
+                {
                     self.holder.release();
                 }
             }

@@ -57,20 +57,21 @@ impl<D: Declares> Services<D> {
             allowance.handle();
             allowance.spend(self.signing.cost(frame));
             let id = frame.id();
-            let is_ours = is_ours(cx, frame.source());
-            if is_ours {
-                own_frame = self.own_frame(cx, port, frame).or(own_frame);
+            let is_from_us = is_our_address(cx, frame.source());
+            if is_from_us {
+                own_frame = self.count_own_frame(cx, port, frame).or(own_frame);
             }
-            let is_served = !is_ours && {
+            let is_for_services = !is_from_us && {
                 let is_accepted = self.signing.admits(cx.now, port, &mut state.signing, frame);
-                self.learn(cx, port, frame, is_accepted, allowance)
+                self.learn_and_forward(cx, port, frame, is_accepted, allowance)
             };
-            if is_served && let Some(target) = filter(cx, port, frame) {
-                // Another press of a button has its text again (C-16).
+            if is_for_services && let Some(target) = target_if_for_us(cx, port, frame) {
+                // The text of a refusal is sent again if the operator repeats the request (C-16).
                 if D::HAS_TEXTS {
                     cx.texts.is_answering = true;
                 }
-                if !self.command(cx, port, state, frame, target) && !self.is_out_of_control(cx, port, frame) {
+                let is_command = self.execute_if_command(cx, port, state, frame, target);
+                if !is_command && self.is_sender_in_control(cx, port, frame) {
                     self.serve(cx, port, state, frame, target);
                 }
                 if D::HAS_TEXTS {
@@ -82,14 +83,15 @@ impl<D: Declares> Services<D> {
         own_frame
     }
 
-    /// Whether a frame that is no command is dropped, because its sender is not in control (O-5).
-    fn is_out_of_control(&mut self, cx: &Cx<'_, D>, port: &Port, frame: &Frame<'_>) -> bool {
+    /// Returns whether the sender may cause the effect of a frame that is no command. A frame from a sender that is not in
+    /// control of the vehicle is counted, and the caller drops it (O-5).
+    fn is_sender_in_control(&mut self, cx: &Cx<'_, D>, port: &Port, frame: &Frame<'_>) -> bool {
         let from = Peer { address: frame.source(), link: port.id };
         let is_receiver = self.manual_control.is_receiver(from);
-        self.operator_control.drops(cx.shared.config.address.get().system, is_receiver, frame)
+        !self.operator_control.drops(cx.shared.config.address.get().system, is_receiver, frame)
     }
 
-    /// Returns the next frame that the decoder finds.
+    /// Returns the next frame that the decoder finds; `None` if it needs more bytes.
     fn next_frame<'a>(&self, cx: &Cx<'_, D>, decoder: &'a mut Decoder, allowance: &mut Allowance) -> Option<Frame<'a>> {
         let is_known = |address| network::is_known(cx.peers, address);
         let vouches = |raw: &[u8], work: &mut u32| self.signing.vouches_for(raw, work);
@@ -97,10 +99,11 @@ impl<D: Declares> Services<D> {
         decoder.next_vouched(cx.now, messages, &mut allowance.work, is_known, vouches)
     }
 
-    /// Learns from a received frame, and forwards it. Returns true if the services get it.
+    /// Learns the sender and its route from a received frame, and forwards the frame. Returns true if the services get the
+    /// frame: it was accepted, its checksum was verified, and it is no duplicate.
     // Its locals stay off the call stack of services.
     #[inline(never)]
-    fn learn(
+    fn learn_and_forward(
         &mut self,
         cx: &mut Cx<'_, D>,
         port: &mut Port,
@@ -152,9 +155,11 @@ impl<D: Declares> Services<D> {
 
     /// Counts a frame from one of our own addresses, which is neither used nor forwarded (S-15, R-8). Returns its
     /// number and checksum, which may identify it as an echo.
-    fn own_frame(&self, cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<OwnFrame> {
+    fn count_own_frame(&self, cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<OwnFrame> {
         increment(&mut port.counters.own_address);
-        if frame.source() != cx.address() || !frame.is_checked() || !self.signing.accepts_unsigned(port, frame.id()) {
+        let is_from_autopilot = frame.source() == cx.address();
+        let may_be_echo = is_from_autopilot && frame.is_checked() && self.signing.accepts_unsigned(port, frame.id());
+        if !may_be_echo {
             return None;
         }
         let [checksum, _] = frame.checksum()?;
@@ -182,7 +187,8 @@ impl<D: Declares> Services<D> {
                 let (vehicle, mut context) = cx.hook();
                 let is_handled = vehicle.message(&mut context, frame, port.id);
                 // Broadcasts are not counted: no component has to handle them.
-                if !is_handled && target.system == cx.shared.config.address.get().system {
+                let is_broadcast = target.system != cx.shared.config.address.get().system;
+                if !is_handled && !is_broadcast {
                     increment(&mut port.counters.unhandled);
                 }
             }
@@ -195,7 +201,7 @@ impl<D: Declares> Services<D> {
         Received { frame, from, target, age: self.signing.age(now, frame) }
     }
 
-    /// Returns the command in a frame.
+    /// Returns the command in a frame; `None` if the frame contains none.
     fn request(&self, now: Instant, port: &Port, frame: &Frame<'_>, target: Address) -> Option<Request> {
         let received = self.received(now, port, frame, target);
         let in_mode = || if D::HAS_MODES { mode::command_in(port, &received) } else { None };
@@ -204,11 +210,13 @@ impl<D: Declares> Services<D> {
         Some(request)
     }
 
-    /// Executes the command in a frame, and queues its answer: one, on the link on which it was received (C-3). Returns false if
-    /// the frame contains no command. A COMMAND_ACK contains none, so it is not answered (C-13).
+    /// Executes the command in a frame, and queues one answer, on the link on which the command was received (C-3). Without
+    /// room for the answer, the command is dropped and counted.
+    ///
+    /// Returns false if the frame contains no command. A COMMAND_ACK contains none, so it is not answered (C-13).
     // Its locals stay off the call stack of other frames.
     #[inline(never)]
-    fn command(
+    fn execute_if_command(
         &mut self,
         cx: &mut Cx<'_, D>,
         port: &mut Port,
@@ -219,31 +227,30 @@ impl<D: Declares> Services<D> {
         let mut request = self.request(cx.now, port, frame, target);
         // By reference: it is large.
         let Some(request) = &mut request else { return false };
-        if CommandService::<D::Commands>::has_room(&state.command) {
-            // Before every hook, `is_in_control` included (O-5).
-            let own = cx.shared.config.address.get().system;
-            let mut verdict = match self.operator_control.refuses(own, &request.command) {
-                true => Some(Verdict::Refused(MavResult::NOT_IN_CONTROL.into())),
-                false => self.command.admit(cx, request),
-            };
-            let is_admitted = verdict.is_none();
-            if is_admitted {
-                verdict = self.on_command(cx, port, state, request);
-            }
-            if let Some(owner) = self.operator_control.take_new_owner() {
-                self.on_owner(own, owner);
-            }
-            self.command.answer(cx, port, &mut state.command, request, verdict, is_admitted);
-        } else {
+        if !CommandService::<D::Commands>::has_room(&state.command) {
             increment(&mut port.counters.no_answer_slot);
+            return true;
         }
+        // The sender's control is checked before any hook of the vehicle is called (O-5).
+        let own = cx.shared.config.address.get().system;
+        let refusal = if self.operator_control.refuses(own, &request.command) {
+            Some(Verdict::Refused(MavResult::NOT_IN_CONTROL.into()))
+        } else {
+            self.command.admit(cx, request)
+        };
+        let is_admitted = refusal.is_none();
+        let verdict = if is_admitted { self.on_command(cx, port, state, request) } else { refusal };
+        if let Some(owner) = self.operator_control.take_new_owner() {
+            self.on_owner(own, owner);
+        }
+        self.command.answer(cx, port, &mut state.command, request, verdict, is_admitted);
         true
     }
 }
 
 impl<D: Declares> Services<D> {
-    /// Carries out the commands of the firmware itself to its other components (K-11): as if they were received, but the answer
-    /// stays inside. `port` and `state` are those of any link.
+    /// Carries out the commands of the firmware itself to its other components (K-11). They are handled as if they were received,
+    /// but their answers are not sent. `port` and `state` are those of any link.
     pub(super) fn carry_out_own(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) {
         let own = cx.shared.config.address.get();
         let mut number = 0usize;
@@ -268,14 +275,16 @@ impl<D: Declares> Services<D> {
             };
             let from = Address { component: command.component, ..own };
             let request = Request::from(command);
-            let mut verdict = self.command.admit(cx, &request);
-            let is_admitted = verdict.is_none();
-            if asks_for_message(request.command.id) {
-                // It would be sent on a link.
-                verdict = Some(Verdict::done(MavResult::DENIED));
+            let refusal = self.command.admit(cx, &request);
+            let is_admitted = refusal.is_none();
+            let verdict = if asks_for_message(request.command.id) {
+                // The message would be sent on a link.
+                Some(Verdict::done(MavResult::DENIED))
             } else if is_admitted {
-                verdict = self.on_own_command(cx, port, state, &request);
-            }
+                self.on_own_command(cx, port, state, &request)
+            } else {
+                refusal
+            };
             let outcome = self.command.conclude(cx, &request, verdict, is_admitted);
             let answer = CommandAnswer { command: request.command.id, outcome, progress: u8::MAX };
             self.client.answered_own(cx, from, answer);
@@ -300,28 +309,33 @@ const fn asks_for_message(command: MavCmd) -> bool {
     )
 }
 
-/// Returns the address to which the frame is sent, if it is ours or everybody's and the link may carry the message (C-2, L-4, R-1,
-/// S-11, SEC-9).
-fn filter<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<Address> {
+/// Returns the address to which a frame is sent. Returns `None`, and counts the frame, if the services must not get it: it is
+/// for another system or component, or its message is not handled on a link of this class.
+fn target_if_for_us<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<Address> {
     let own = cx.shared.config.address.get();
     let target = network::target_of(frame);
-    let is_our_component = target.component.is_all()
+    // Id 0 stands for every system, and for every component (S-11).
+    let is_for_our_system = target.system.is_all() || target.system == own.system;
+    // A command for another component gets no answer from us (C-2).
+    let is_for_our_component = target.component.is_all()
         || target.component == own.component
         || cx.shared.has_component::<D>(target.component)
         || mission::is_for_planner(target.component, frame.id());
-    if (!target.system.is_all() && target.system != own.system) || !is_our_component {
+    if !(is_for_our_system && is_for_our_component) {
+        // Others' frames are forwarded, but no service sees them.
         increment(&mut port.counters.not_ours);
         return None;
     }
-    if !port.config.class.may_handle(frame.id()) {
+    if !port.config.class.handles_message(frame.id()) {
+        // On a high-latency link, only heartbeats and commands are handled (L-4).
         increment(&mut port.counters.out_of_place);
         return None;
     }
     Some(target)
 }
 
-/// Whether an address is that of one of the firmware's components.
-fn is_ours<D: Declares>(cx: &Cx<'_, D>, source: Address) -> bool {
+/// Whether an address is that of one of the firmware's components (SEC-9, S-15).
+fn is_our_address<D: Declares>(cx: &Cx<'_, D>, source: Address) -> bool {
     let own = cx.shared.config.address.get();
     source.system == own.system && (source.component == own.component || cx.shared.has_component::<D>(source.component))
 }

@@ -53,7 +53,7 @@ impl LinkClass {
 
     /// Whether a message is handled that was received on a link of this class. On a high-latency link these are
     /// HEARTBEAT, commands and COMMAND_CANCEL (L-4), but no messages about plans (M-13), no sticks (J-5) and no setpoints (J-6).
-    pub(crate) const fn may_handle(self, id: u32) -> bool {
+    pub(crate) const fn handles_message(self, id: u32) -> bool {
         match id {
             Heartbeat::ID | CommandLong::ID | CommandInt::ID | CommandCancel::ID => true,
             _ => !self.is_high_latency(),

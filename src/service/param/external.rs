@@ -157,7 +157,7 @@ where
                 ParamUpdate::All => self.relisted = cx.shared.normal,
                 ParamUpdate::One(index) => self.with_table(cx.parameters, cx.vehicle, |table| {
                     if index < table.count() {
-                        table.mark_pending(index, cx.shared.normal);
+                        table.queue_value(index, cx.shared.normal);
                     }
                 }),
             }
@@ -180,7 +180,7 @@ where
             return Handled::No;
         }
         let options = options::<F::Vehicle>().on(port);
-        let client = ParamClient { now: cx.now, from: received.from, options, normal: cx.shared.normal };
+        let client = ParamClient { now: cx.now, from: received.from, options, normal_links: cx.shared.normal };
         let request =
             self.with_table(cx.parameters, cx.vehicle, |table| table.on_request(cx.texts, client, list, received));
         match request {

@@ -29,11 +29,11 @@ impl ParamList {
     pub(crate) const NEW: Self =
         Self { limit: RateLimit::NEW, next: Saturating(0), is_active: false, search_from: Saturating(0) };
 
-    /// Starts or restarts the list (P-10). Returns true if no list was active.
-    pub(super) fn begin(&mut self, now: Instant) -> bool {
+    /// Starts or restarts the list (P-10).
+    pub(super) fn begin(&mut self, now: Instant) {
         self.next = Saturating(0);
         self.limit.begin(now);
-        !core::mem::replace(&mut self.is_active, true)
+        self.is_active = true;
     }
 
     /// Ends the list.

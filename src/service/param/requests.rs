@@ -30,8 +30,8 @@ pub(super) struct ParamClient {
     pub(super) from: Peer,
     /// The options on its link.
     pub(super) options: ParamOptions,
-    /// All normal links.
-    pub(super) normal: LinkMask,
+    /// All normal links: a value that changes is sent on each of them.
+    pub(super) normal_links: LinkMask,
 }
 
 /// The result of a checked request.
@@ -55,12 +55,13 @@ impl<R: Rows> Table<'_, R> {
         let handled = match received.frame.id() {
             ParamSet::ID => return self.on_set(texts, client, list, received),
             ParamRequestRead::ID => self.on_read(texts, client, received),
-            // It has nothing to list (P-18).
+            // PARAM_REQUEST_LIST: without parameters there is nothing to list (P-18).
             _ if self.count() == 0 => Handled::Yes,
             _ => {
-                let is_first = list.begin(client.now);
-                // A client that restarts the list did not use the hash (P-10).
-                if is_first && client.options.hash == ParamHash::InList {
+                // A client that restarts a list has ignored the hash, so it gets none (P-10).
+                let is_restart = list.is_active();
+                list.begin(client.now);
+                if !is_restart && client.options.hash == ParamHash::InList {
                     self.queue_hash(client.from.link);
                 }
                 Handled::Yes
@@ -69,13 +70,14 @@ impl<R: Rows> Table<'_, R> {
         ParamRequest::Handled(handled)
     }
 
-    /// Handles PARAM_REQUEST_READ (P-13).
+    /// Handles PARAM_REQUEST_READ: queues the value, the hash, or a refusal if there is no such parameter (P-13).
     fn on_read(&mut self, texts: &mut StatusTexts, client: ParamClient, received: &Received<'_>) -> Handled {
         let read = ParamRequestRead::decode(received.frame.payload());
         let name = wire_name(&read.param_id);
         let found = match u16::try_from(read.param_index) {
             Ok(index) => Some(index).filter(|index| *index < self.count()),
-            Err(_) if client.options.is_hash(&name) => {
+            // A negative index: the parameter is requested by name.
+            Err(_) if client.options.is_name_of_hash(&name) => {
                 self.queue_hash(client.from.link);
                 return Handled::Yes;
             }
@@ -85,11 +87,12 @@ impl<R: Rows> Table<'_, R> {
             let request = RefusedRequest::Read { index: read.param_index.max(-1) };
             return self.refuse(texts, client, request, MavParamError::DOES_NOT_EXIST, &name);
         };
-        self.mark_pending(index, LinkMask::of(client.from.link));
+        self.queue_value(index, LinkMask::of(client.from.link));
         Handled::Yes
     }
 
-    /// Handles PARAM_SET up to the decision (P-14).
+    /// Handles PARAM_SET (P-14). Returns [`ParamRequest::Set`] for a valid value that differs from the present one: the caller
+    /// decides whether it is set. A refusal, or a value that is set already, is answered here.
     fn on_set(
         &mut self,
         texts: &mut StatusTexts,
@@ -99,37 +102,40 @@ impl<R: Rows> Table<'_, R> {
     ) -> ParamRequest {
         let set = ParamSet::decode(received.frame.payload());
         if set.target_system == 0 {
-            // It would set the parameter on every vehicle in range.
+            // A broadcast would set the parameter on every vehicle in range.
             return ParamRequest::Handled(Handled::OutOfPlace);
         }
         let name = wire_name(&set.param_id);
-        if client.options.is_hash(&name) {
-            // A client that has all values needs no list. No answer: QGroundControl would take it for a new hash, and set it
-            // again.
+        if client.options.is_name_of_hash(&name) {
+            // The client sets the hash to say that it has all values. So the list and the hash are no longer needed. They are
+            // not answered with the hash: QGroundControl would take the answer for a new hash, and set the hash again.
             list.end();
-            self.state.hash_pending = self.state.hash_pending.without(LinkMask::of(client.from.link));
+            self.cancel_hash(client.from.link);
             return ParamRequest::Handled(Handled::Yes);
         }
         if !self.state.refusals.has_room(client.from.link) {
+            // Nothing is set if a refusal, also one by the caller, could not be answered. The client repeats the request.
             return ParamRequest::Handled(Handled::NoRoom);
         }
-        let Some((index, (info, old))) = self.rows.find(&name).and_then(|index| Some((index, self.get(index)?))) else {
+        let found = self.rows.find(&name).and_then(|index| Some((index, self.get(index)?)));
+        let Some((index, (info, present_bits))) = found else {
             let handled = self.refuse(texts, client, RefusedRequest::Set, MavParamError::DOES_NOT_EXIST, &name);
             return ParamRequest::Handled(handled);
         };
         match requested_bits(info.borrow(), client.options.encoding, &set) {
-            Ok(bits) if bits != old => return ParamRequest::Set { index, bits },
+            Ok(bits) if bits != present_bits => return ParamRequest::Set { index, bits },
             Ok(_) => {}
             Err(SetRefusal { request, error }) => {
                 self.refuse(texts, client, request, error, &name);
             }
         }
-        self.mark_pending(index, client.normal);
+        // The unchanged value is the answer. After a refusal, it follows the PARAM_ERROR.
+        self.queue_value(index, client.normal_links);
         ParamRequest::Handled(Handled::Yes)
     }
 
-    /// Handles the decision about a PARAM_SET: makes the value pending on all normal links, whatever it is, and queues the refusal
-    /// (P-14).
+    /// Handles the caller's decision about a PARAM_SET: queues the value on all normal links, whether or not it has changed, and
+    /// a refusal.
     pub(super) fn on_decision(
         &mut self,
         texts: &mut StatusTexts,
@@ -144,21 +150,29 @@ impl<R: Rows> Table<'_, R> {
             }
             _ => event!("parameter {=u16} set by {}", index, client.from),
         }
-        self.mark_pending(index, client.normal);
+        self.queue_value(index, client.normal_links);
     }
 
-    /// Marks the hash as pending on a client's link. Computes it again, unless a link waits for a computation: a hash from before
-    /// may still be pending on a link that takes nothing.
+    /// Queues the hash on a client's link. Computes the hash again, unless its computation is in progress for a link. A hash
+    /// that was computed earlier may be outdated, and may still be pending on a stalled link.
     fn queue_hash(&mut self, link: LinkId) {
         let state = &mut *self.state;
-        if state.hash_pending.is_empty() || state.hash.is_ready(&self.rows) {
+        let is_in_progress = !state.hash_pending.is_empty() && !state.hash.is_ready(&self.rows);
+        if !is_in_progress {
             state.hash = Hash::NEW;
         }
         state.hash_pending = state.hash_pending.with(LinkMask::of(link));
     }
 
-    /// Queues a PARAM_ERROR. Clients that do not know it get a text too: after a PARAM_SET, and where PARAM_ERROR is not
-    /// available, as in MAVLink 1 (P-31, P-32).
+    /// Cancels the pending hash of a client's link.
+    fn cancel_hash(&mut self, link: LinkId) {
+        self.state.hash_pending = self.state.hash_pending.without(LinkMask::of(link));
+    }
+
+    /// Queues a PARAM_ERROR. Returns [`Handled::NoRoom`] if there is no slot for it: then the request has no effect.
+    ///
+    /// Clients that do not know PARAM_ERROR get a text too: after a PARAM_SET, and where PARAM_ERROR is not available, as in
+    /// MAVLink 1 (P-32).
     fn refuse(
         &mut self,
         texts: &mut StatusTexts,
@@ -178,8 +192,9 @@ impl<R: Rows> Table<'_, R> {
         if let Some(refused) = state.refusal_log.count(now) {
             event!("parameter of {} refused: {=u8}; {=u32} refused so far", from, error.0, refused);
         }
-        let has_text = cfg!(feature = "plan-texts") && !(options.has_errors && is_read);
-        if has_text && now >= state.texts_from {
+        // PARAM_ERROR is enough for a read: it sets nothing, so the operator need not know.
+        let needs_text = !options.has_errors || !is_read;
+        if cfg!(feature = "plan-texts") && needs_text && now >= state.texts_from {
             state.texts_from = now + TEXT_PAUSE;
             let text = match request {
                 RefusedRequest::SetUnclear => ": firmware should declare it i32",
@@ -208,19 +223,25 @@ struct SetRefusal {
     error: MavParamError,
 }
 
-/// Returns the value that a PARAM_SET requests, or the reason to refuse it.
+/// Returns the value that a PARAM_SET requests.
+///
+/// # Errors
+///
+/// The first reason to refuse it: the type of the value, a read-only parameter, or a value that is no number of the parameter's
+/// type and range.
 fn requested_bits(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u32, SetRefusal> {
     let refused = |error| Err(SetRefusal { request: RefusedRequest::Set, error });
     let (sent, ours) = (set.param_type, info.param_type());
     if !value::is_supported(sent) {
         return refused(MavParamError::TYPE_UNSUPPORTED);
     }
-    // With casts, a client need not know the type. Neither does MAVProxy after `param ftp`, and sends REAL32 (P-19).
+    // With casts, a client need not know the type. MAVProxy does not know it after `param ftp`, and sends REAL32 (P-19).
     let is_cast = encoding == ParamEncoding::CCast || sent == MavParamType::REAL32;
     let (encoding, named) = if is_cast { (ParamEncoding::CCast, ours) } else { (encoding, sent) };
     if ours == MavParamType::REAL32 && named != ours {
         return refused(MavParamError::TYPE_MISMATCH);
-    } else if info.is_read_only() {
+    }
+    if info.is_read_only() {
         return refused(MavParamError::READ_ONLY);
     }
     let mut request = RefusedRequest::Set;
@@ -228,13 +249,14 @@ fn requested_bits(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> 
         Some(set.param_value.to_bits())
     } else {
         let integer = value::from_wire(encoding, named, set.param_value);
-        if integer.is_none() && !is_cast && value::size(ours) < 4 {
+        let is_small_type = value::size(ours) < 4;
+        if integer.is_none() && !is_cast && is_small_type {
             request = RefusedRequest::SetUnclear;
         }
         // A client may know the parameter from another autopilot, as an integer of another size.
         integer.and_then(|integer| IntegerBits::of(ours).of_integer(integer))
     };
-    // Not clamped: a client that reads back a different value sets it again, and fails (P-14).
+    // The value is not clamped: a client that reads back another value sets its own again, and fails.
     let error = MavParamError::VALUE_OUT_OF_RANGE;
     bits.filter(|bits| info.is_valid(*bits)).ok_or(SetRefusal { request, error })
 }

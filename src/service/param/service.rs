@@ -113,7 +113,7 @@ where
             return Handled::No;
         }
         let options = options::<F::Vehicle>().on(port);
-        let client = ParamClient { now: cx.now, from: received.from, options, normal: cx.shared.normal };
+        let client = ParamClient { now: cx.now, from: received.from, options, normal_links: cx.shared.normal };
         let request = self.with_table(cx.parameters, |table| table.on_request(cx.texts, client, list, received));
         match request {
             ParamRequest::Handled(handled) => handled,

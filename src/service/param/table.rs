@@ -181,8 +181,8 @@ impl<R: Rows> Table<'_, R> {
         self.rows.get(index)
     }
 
-    /// Marks a value as pending on these links.
-    pub(super) fn mark_pending(&mut self, index: u16, links: LinkMask) {
+    /// Queues a value on these links.
+    pub(super) fn queue_value(&mut self, index: u16, links: LinkMask) {
         if let Some(marks) = self.marks.get_mut(usize::from(index)) {
             *marks = marks.with(links);
             self.state.pending = self.state.pending.with(links);
@@ -220,7 +220,7 @@ impl TableMut<'_> {
         let value = self.rows.values.get_mut(usize::from(index)).filter(|value| **value != bits);
         let Some(value) = value else { return false };
         *value = bits;
-        self.mark_pending(index, links);
+        self.queue_value(index, links);
         true
     }
 

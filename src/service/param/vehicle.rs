@@ -127,7 +127,7 @@ impl ParamOptions {
     }
 
     /// Whether this is the name of the hash, and the hash is enabled.
-    pub(super) fn is_hash(self, name: &[u8; 16]) -> bool {
+    pub(super) fn is_name_of_hash(self, name: &[u8; 16]) -> bool {
         self.hash != ParamHash::Never && *name == HASH_NAME
     }
 }
