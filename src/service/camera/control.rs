@@ -55,15 +55,15 @@ counters! {
 /// MAV_CMD_SET_MESSAGE_INTERVAL or MAV_CMD_VIDEO_START_CAPTURE; CAMERA_SETTINGS after each change.
 #[derive(Debug)]
 pub struct CameraControl<I: ?Sized = [Image]> {
-    /// When the next image of the interval is due.
-    next_at: Instant,
-    /// How many images of it are left; [`UNLIMITED`] for no end.
-    left: Saturating<u32>,
+    /// When the next image at an interval is due.
+    next_image_at: Instant,
+    /// How many images at an interval are left; [`UNLIMITED`] for no end, 0 if none are being taken.
+    images_left: Saturating<u32>,
     /// The interval (ms).
     pub(super) interval: u32,
-    /// A single image waits for the camera.
-    pub(super) is_ordered: bool,
-    /// An image is being taken, until this time.
+    /// Whether a single image, apart from those at an interval, waits for the camera.
+    pub(super) is_single_waiting: bool,
+    /// Whether an image is being taken. It has failed if it is not complete at `busy_until`.
     pub(super) is_busy: bool,
     pub(super) busy_until: Instant,
     /// The last accepted command to take images, and when it was received.
@@ -100,10 +100,10 @@ impl CaptureCommand {
 impl<const N: usize> CameraControl<[Image; N]> {
     /// All zero bits.
     pub(super) const NEW: Self = Self {
-        next_at: Instant::ZERO,
-        left: Saturating(0),
+        next_image_at: Instant::ZERO,
+        images_left: Saturating(0),
         interval: 0,
-        is_ordered: false,
+        is_single_waiting: false,
         is_busy: false,
         busy_until: Instant::ZERO,
         command: CaptureCommand::NONE,
@@ -137,11 +137,12 @@ impl CameraControl {
     /// Takes one image in the next [`poll`](crate::Stack::poll), or when the camera is no longer busy. Returns false if
     /// one is already waiting for that; then nothing more is taken.
     pub fn take_image(&mut self) -> bool {
-        let is_first = !core::mem::replace(&mut self.is_ordered, true);
-        if !is_first {
+        if self.is_single_waiting {
             increment(&mut self.counters.ignored);
+            return false;
         }
-        is_first
+        self.is_single_waiting = true;
+        true
     }
 
     /// Takes images at this interval from the next [`poll`](crate::Stack::poll) on: `count` of them, or until
@@ -153,12 +154,12 @@ impl CameraControl {
 
     /// Ends captures and videos. An image that is being taken is completed.
     pub fn stop_capture(&mut self) {
-        if self.is_at_interval() || self.is_ordered {
-            self.left.0 = 0;
-            self.is_ordered = false;
+        if self.is_at_interval() || self.is_single_waiting {
+            self.images_left.0 = 0;
+            self.is_single_waiting = false;
             self.changes += 1;
         }
-        // The same command starts again.
+        // If the command to take images is repeated, it is no retransmission: it takes images again.
         self.command = CaptureCommand::NONE;
     }
 
@@ -192,7 +193,7 @@ impl CameraControl {
 
     /// Returns whether an image is being taken or waits for the camera, or images are taken at an interval.
     pub const fn is_capturing(&self) -> bool {
-        self.is_busy || self.is_ordered || self.is_at_interval()
+        self.is_busy || self.is_single_waiting || self.is_at_interval()
     }
 
     /// Returns whether video is being recorded.
@@ -207,26 +208,30 @@ impl CameraControl {
 
     /// Whether images are being taken at an interval.
     pub(super) const fn is_at_interval(&self) -> bool {
-        self.left.0 > 0
+        self.images_left.0 > 0
     }
 
     /// Starts to take images at an interval (ms).
     fn start_interval(&mut self, now: Instant, interval: u32, count: u32) {
-        self.left.0 = if count == 0 { UNLIMITED } else { count };
-        self.next_at = now;
+        self.images_left.0 = if count == 0 { UNLIMITED } else { count };
+        self.next_image_at = now;
         self.interval = interval.max(1);
         self.changes += 1;
     }
 
-    /// Whether a command to take images is a retransmission of the one that was accepted last.
-    pub(super) fn is_repeated(&self, now: Instant, command: &CaptureCommand) -> bool {
-        *command == self.command
-            && match (command.count, command.sequence) {
-                // Without a sequence number, a second press of the button is a second image.
-                (1, 0) => false,
-                (_, 0) => self.is_at_interval(),
-                _ => self.is_at_interval() || now < self.command_at + REPEATED,
-            }
+    /// Whether a command to take images is a retransmission of the one that was accepted last. An equal command is one while
+    /// its images are being taken, and also soon after it was accepted if it has a sequence number.
+    pub(super) fn is_retransmission(&self, now: Instant, command: &CaptureCommand) -> bool {
+        if *command != self.command {
+            return false;
+        }
+        let (is_single, has_sequence) = (command.count == 1, command.sequence != 0);
+        if is_single && !has_sequence {
+            // A second press of a button takes a second image.
+            return false;
+        }
+        let is_recent = has_sequence && now < self.command_at + REPEATED;
+        self.is_at_interval() || is_recent
     }
 
     /// Starts the capture that an accepted command requests. `min_interval`: in ms.
@@ -234,7 +239,7 @@ impl CameraControl {
         self.command = command;
         self.command_at = now;
         if command.count == 1 {
-            self.is_ordered = true;
+            self.is_single_waiting = true;
             self.changes += 1;
         } else {
             self.start_interval(now, command.interval.max(min_interval), command.count);
@@ -242,39 +247,48 @@ impl CameraControl {
     }
 
     /// Returns when [`poll`](super::Service::poll) has something to do.
-    pub(super) fn next_deadline(&self) -> Instant {
+    pub(super) fn poll_deadline(&self) -> Instant {
         if self.is_busy {
             self.busy_until
-        } else if self.is_ordered {
+        } else if self.is_single_waiting {
             Instant::ZERO
         } else if self.is_at_interval() {
-            self.next_at
+            self.next_image_at
         } else {
             Instant::NEVER
         }
     }
 
-    /// Takes the next image off the schedule if it is due. Returns whether one was.
-    pub(super) fn take_scheduled(&mut self, now: Instant) -> bool {
-        if self.is_busy || self.next_deadline() > now {
+    /// Removes an image that is due from the schedule: a single one, or the next one at an interval. Returns whether the camera
+    /// must take an image now.
+    pub(super) fn take_due_image(&mut self, now: Instant) -> bool {
+        if self.is_busy {
             return false;
         }
-        if self.is_ordered {
-            self.is_ordered = false;
+        if self.is_single_waiting {
+            self.is_single_waiting = false;
             return true;
         }
-        if self.left.0 != UNLIMITED {
-            self.left -= 1;
+        if !self.is_at_interval() || now < self.next_image_at {
+            return false;
         }
-        // A late poll does not shift the images after it. Missed ones are not made up.
+        let is_unlimited = self.images_left.0 == UNLIMITED;
+        if !is_unlimited {
+            self.images_left -= 1;
+        }
+        // After a poll that is late by less than an interval, the next image is on time. After a longer delay the interval
+        // starts from now: missed images are not made up.
         let interval = Duration::from_millis(self.interval.into());
-        let next = self.next_at + interval;
-        self.next_at = if next > now { next } else { now + interval };
+        let on_time = self.next_image_at + interval;
+        self.next_image_at = if on_time > now { on_time } else { now + interval };
         true
     }
 
-    /// Handles a request for an image by its index. MAVSDK sends MAV_CMD_REQUEST_MESSAGE without it; DENIED makes it
-    /// use MAV_CMD_REQUEST_CAMERA_IMAGE_CAPTURE, which has it (`mavlink_request_message.cpp`).
+    /// Handles a request for an image by its index. Returns DENIED if there is no such image, FAILED if it is no longer in
+    /// the log, and TEMPORARILY_REJECTED if too many images are pending on the link.
+    ///
+    /// MAVSDK sends MAV_CMD_REQUEST_MESSAGE without the index. DENIED makes it send MAV_CMD_REQUEST_CAMERA_IMAGE_CAPTURE,
+    /// which has the index (`mavlink_request_message.cpp`).
     pub(super) fn request_image(&self, link: &mut CameraLink, index: f32) -> MavResult {
         let Some(index) = num::integer(index).filter(|index| *index < self.image_count()) else {
             return MavResult::DENIED;
@@ -283,15 +297,17 @@ impl CameraControl {
         if !self.images.contains(image) {
             return MavResult::FAILED;
         }
-        let is_free = |entry: &&mut ImageNumber| **entry == image || !self.images.contains(**entry);
-        let Some(entry) = link.requested_images.iter_mut().find(is_free) else {
+        // The entry of an earlier request for this image, or one without an image that can be sent.
+        let is_usable = |entry: &&mut ImageNumber| **entry == image || !self.images.contains(**entry);
+        let Some(entry) = link.requested_images.iter_mut().find(is_usable) else {
             return MavResult::TEMPORARILY_REJECTED;
         };
         *entry = image;
         MavResult::ACCEPTED
     }
 
-    /// Returns the message that is pending on a link, and when it is due.
+    /// Returns the message that is pending on a link, and when it is due: requested messages first, then changed settings,
+    /// images, and CAMERA_CAPTURE_STATUS.
     pub(super) fn next_message(&self, now: Instant, link: &CameraLink) -> (Instant, CameraReply) {
         for (message, requested) in REQUESTABLE.iter().zip(link.requested) {
             if let Some(instance) = requested.first() {

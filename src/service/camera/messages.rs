@@ -146,6 +146,7 @@ fn send_image<F: Firmware<Vehicle: Camera>>(
 
 fn send_status<F: Firmware<Vehicle: Camera>>(control: &CameraControl, cx: &Cx<'_, F>, port: &mut Port) -> bool {
     let is_at_interval = control.is_at_interval();
+    let is_single = control.is_busy || control.is_single_waiting;
     let recording = if control.is_recording { cx.now - control.recording_since } else { Duration::ZERO };
     let message = CameraCaptureStatus {
         time_boot_ms: cx.now.time_boot_ms(),
@@ -153,7 +154,7 @@ fn send_status<F: Firmware<Vehicle: Camera>>(control: &CameraControl, cx: &Cx<'_
         recording_time_ms: millis(recording),
         available_capacity: if F::Vehicle::STORAGES > 0 { storage(cx, 1).available_capacity } else { 0.0 },
         // 1: an image is being taken; 2: images are taken at an interval.
-        image_status: u8::from(control.is_busy || control.is_ordered) | (u8::from(is_at_interval) << 1),
+        image_status: u8::from(is_single) | (u8::from(is_at_interval) << 1),
         video_status: u8::from(control.is_recording),
         image_count: control.image_count().cast_signed(),
         camera_device_id: device_id::<F::Vehicle>(),

@@ -28,6 +28,9 @@ use link::{CameraLink, CameraReply};
 /// The number of orders of the vehicle that a poll takes.
 const ORDERS: u8 = 4;
 
+/// The stream id that stands for all video streams.
+const ALL_STREAMS: u8 = 0;
+
 impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<[Image; N]> {
     const ABOUT: About = About::of(F::Vehicle::COMPONENT).in_turns(&[Turn::Camera]);
     const CHECK: () = {
@@ -49,7 +52,7 @@ impl<F: Firmware<Vehicle: Camera>, const N: usize> Service<F> for CameraControl<
 
     fn deadline(&self) -> Instant {
         let control: &CameraControl = self;
-        control.next_deadline()
+        control.poll_deadline()
     }
 
     fn on_command(
@@ -107,14 +110,16 @@ fn run_schedule<F: Firmware<Vehicle: Camera>>(control: &mut CameraControl, cx: &
             }
             CameraOrder::StopCapture => control.stop_capture(),
             CameraOrder::StartVideo | CameraOrder::StopVideo => {
-                // The vehicle knows the result of its own order.
-                let _ = commands::record(control, cx, 0, order == CameraOrder::StartVideo);
+                let starts = order == CameraOrder::StartVideo;
+                let recording = if starts { commands::Recording::Start } else { commands::Recording::Stop };
+                // The result is not reported: the vehicle's hook has returned it.
+                let _ = commands::record_video(control, cx, ALL_STREAMS, recording);
             }
         }
     }
-    // A single image and one of an interval may be due.
+    // A single image and one at an interval may be due.
     for _ in 0..2 {
-        if !control.take_scheduled(cx.now) {
+        if !control.take_due_image(cx.now) {
             return;
         }
         let index = control.image_count();
