@@ -103,8 +103,7 @@ impl Missions {
         let (frame, from, id) = (received.frame, received.from, received.frame.id());
         let mission_type = mission_type(frame);
         let names_plan = can_name(frame.header().version, mission_type);
-        // The staging area is in use while stored plans are loaded.
-        let is_busy = replies.is_full() || (names_plan && self.is_loading());
+        let is_full = replies.is_full();
         let mut client = Client { peer: from, mission_type, replies };
         match id {
             MissionSetCurrent::ID => return self.on_set_current(cx, MissionSetCurrent::decode(frame.payload()).seq),
@@ -113,7 +112,8 @@ impl Missions {
             MissionAck::ID => {
                 return self.on_ack(cx, from, mission_type, MissionAck::decode(frame.payload()).r#type);
             }
-            _ if is_busy => return increment(&mut self.counters.no_answer_slot),
+            // The staging area is in use while stored plans are loaded.
+            _ if is_full || (names_plan && self.is_loading()) => return increment(&mut self.counters.no_answer_slot),
             _ if !names_plan => return client.refuse(MavMissionResult::UNSUPPORTED),
             MissionItemInt::ID | MissionItem::ID => return self.on_item(cx, &mut client, frame),
             MissionClearAll::ID if mission_type == MavMissionType::ALL => return self.on_clear(cx, &mut client, None),

@@ -64,21 +64,24 @@ impl Missions {
             && upload.is_by(from.address)
             && (upload.plan, upload.count) == (plan, count)
         {
-            let is_of_new_upload = !upload.is_confirmed && number.is_after(upload.last);
-            if staged == 0 && !is_of_new_upload {
-                // A repeated COUNT: the pending request, or the one that the retry timer will send, answers it.
-                upload.client = from;
-                upload.counts.extend(number);
-                upload.is_request_pending |= !upload.is_confirmed;
-                self.heard_at = cx.now;
-                return;
-            }
-            // After a silence, the COUNT may be from a restarted client, whose sequence numbers start from 0 again.
-            let is_client_answering = upload.retry.retries() == 0;
-            let is_same_link = number.link == upload.client.link;
-            if staged > 0 && is_client_answering && is_same_link && upload.counts.contains(number.seq) {
-                // A delayed duplicate of the COUNT that began the upload.
-                return self.count_dropped_frame();
+            if staged == 0 {
+                let is_of_new_upload = !upload.is_confirmed && number.is_after(upload.last);
+                if !is_of_new_upload {
+                    // A repeated COUNT: the pending request, or the one that the retry timer will send, answers it.
+                    upload.client = from;
+                    upload.counts.extend(number);
+                    upload.is_request_pending |= !upload.is_confirmed;
+                    self.heard_at = cx.now;
+                    return;
+                }
+            } else {
+                // After a silence, the COUNT may be from a restarted client, whose sequence numbers start from 0 again.
+                let is_client_answering = upload.retry.retries() == 0;
+                let is_same_link = number.link == upload.client.link;
+                if is_client_answering && is_same_link && upload.counts.contains(number.seq) {
+                    // A delayed duplicate of the COUNT that began the upload.
+                    return self.count_dropped_frame();
+                }
             }
         }
         self.start_upload(cx, client, received);
