@@ -33,8 +33,8 @@
 //! assert_eq!((status.load, status.voltage_battery, status.current_battery), (200, 11_100, 1_234));
 //! ```
 //!
-//! This module stands alone: it needs no [`Stack`](struct@crate::Stack). Left out: messages whose fields are SI values already, such as
-//! LOCAL_POSITION_NED.
+//! This module stands alone: it needs no [`Stack`](struct@crate::Stack). Left out: messages whose fields are SI values
+//! already, such as LOCAL_POSITION_NED.
 
 use core::f32::consts::{PI, TAU};
 
@@ -94,8 +94,8 @@ impl Motion {
         Attitude { time_boot_ms: now.time_boot_ms(), roll, pitch, yaw, rollspeed, pitchspeed, yawspeed }
     }
 
-    /// Returns GLOBAL_POSITION_INT. Returns `None` if the position is unknown, because the message has no value for that.
-    /// An unknown altitude or velocity is sent as 0, and an unknown yaw as `hdg` 65,535.
+    /// Returns GLOBAL_POSITION_INT. Returns `None` if the position is unknown, because the message has no value for
+    /// that. An unknown altitude or velocity is sent as 0, and an unknown yaw as `hdg` 65,535.
     pub fn global_position_int(&self, now: Instant) -> Option<GlobalPositionInt> {
         let position = self.position?;
         let [vx, vy, vz] = self.velocity.map(centimetres);
@@ -252,11 +252,12 @@ impl Battery<'_> {
     pub fn battery_status(&self) -> BatteryStatus {
         let BatteryStatus { mut voltages, mut voltages_ext, .. } = BatteryStatus::UNKNOWN;
         if self.cells.is_empty() {
-            let mut left = self.voltage;
+            let mut remaining_voltage = self.voltage;
             for entry in &mut voltages {
-                *entry = unsigned(left, 1e3);
-                left -= 65.534;
-                if left < 0.000_5 {
+                *entry = unsigned(remaining_voltage, 1e3);
+                remaining_voltage -= 65.534;
+                // Less than half a millivolt is sent as 0: no further cell is used.
+                if remaining_voltage < 0.000_5 {
                     break;
                 }
             }
@@ -281,8 +282,8 @@ impl Battery<'_> {
         }
     }
 
-    /// Returns SYS_STATUS with this battery's voltage, current and remaining charge. `load` is the share of time for which the
-    /// main loop is busy (%), 0 to 100; unknown is sent as 0. The sensors and the errors are those of
+    /// Returns SYS_STATUS with this battery's voltage, current and remaining charge. `load` is the share of time for
+    /// which the main loop is busy (%), 0 to 100; unknown is sent as 0. The sensors and the errors are those of
     /// [`SysStatus::UNKNOWN`].
     pub fn sys_status(&self, load: f32) -> SysStatus {
         SysStatus {
@@ -300,7 +301,8 @@ impl Battery<'_> {
         if self.voltage.is_finite() || self.cells.is_empty() { self.voltage } else { self.cells.iter().sum() }
     }
 
-    /// Returns the current in hundredths of an ampere. −1 means "unknown", so a current that is nearest to it becomes 0.
+    /// Returns the current in hundredths of an ampere. −1 means "unknown", so a current that is nearest to it becomes
+    /// 0.
     fn current(&self) -> i16 {
         match field(self.current, 1e2, -32_767, 32_767, i32::MIN) {
             i32::MIN => -1,
@@ -309,6 +311,7 @@ impl Battery<'_> {
         }
     }
 
+    /// Returns the remaining charge (%); −1 if it is unknown.
     fn remaining(&self) -> i8 {
         let [percent, ..] = field(self.remaining, 1.0, 0, 100, -1).to_le_bytes();
         percent.cast_signed()
@@ -349,8 +352,8 @@ pub const fn extended_sys_state(landed_state: MavLandedState) -> ExtendedSysStat
     ExtendedSysState { landed_state, ..ExtendedSysState::UNKNOWN }
 }
 
-/// Converts a value to the unit of a field, rounds it, and saturates it at `min` and `max`; `unknown` for NaN and infinities.
-/// This function and those below are not inlined, because they have many callers.
+/// Converts a value to the unit of a field, rounds it, and saturates it at `min` and `max`. Returns `unknown` for NaN
+/// and infinities. This function and those below are not inlined, because they have many callers.
 #[inline(never)]
 fn field(value: f32, scale: f32, min: i32, max: i32, unknown: i32) -> i32 {
     num::nearest(finite(value) * scale, min, max).unwrap_or(unknown)
@@ -401,7 +404,7 @@ fn half_turn(angle: f32) -> f32 {
     finite(angle) - num::f32_from_i32(field(angle, 1.0 / TAU, i32::MIN, i32::MAX, 0)) * TAU
 }
 
-/// Returns a finite value unchanged, and NaN for an infinity: its product with 0 is NaN.
+/// Returns a finite value unchanged, and NaN for an infinity, whose product with 0 is NaN.
 fn finite(value: f32) -> f32 {
     value + 0.0 * value
 }

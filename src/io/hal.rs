@@ -35,8 +35,8 @@ pub(super) mod tests {
     use embedded_io::{ErrorType, Write, WriteReady};
     use std::vec::Vec;
 
-    /// Offers these numbers of bytes, and drains as many after each: written bytes are sent once and in order, whatever the
-    /// pace of the link, and a ready UART takes at least one.
+    /// Offers these numbers of bytes, and drains as many after each: written bytes are sent once and in order, whatever
+    /// the pace of the link, and a ready UART takes at least one.
     pub(crate) fn check_order<U, E>(mut uart: U, drain: impl Fn(&mut U, usize) -> Vec<u8>, steps: Vec<(usize, usize)>)
     where
         U: Write + WriteReady + ErrorType<Error = HalError<E>>,

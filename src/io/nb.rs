@@ -77,8 +77,8 @@ impl<S: serial::Read + serial::Write> Read for NbSerial<S> {
     ///
     /// # Errors
     ///
-    /// [`HalError::WouldBlock`] if there is no byte, or the UART's error if it comes before the first byte. An error after the
-    /// first byte is returned by the next call.
+    /// [`HalError::WouldBlock`] if there is no byte, or the UART's error if it comes before the first byte. An error
+    /// after the first byte is returned by the next call.
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Self::Error> {
         let mut len = 0usize;
         for byte in buffer.iter_mut() {
@@ -114,8 +114,8 @@ impl<S: serial::Read + serial::Write> WriteReady for NbSerial<S> {
 }
 
 impl<S: serial::Read + serial::Write> Write for NbSerial<S> {
-    /// Writes bytes until the UART has no room, and returns their number. The last of them may still be unsent: the adapter
-    /// keeps it until the UART has room.
+    /// Writes bytes until the UART has no room, and returns their number. The last of them may still be unsent: the
+    /// adapter keeps it until the UART has room.
     ///
     /// # Errors
     ///
@@ -132,7 +132,8 @@ impl<S: serial::Read + serial::Write> Write for NbSerial<S> {
                     return Ok(len.saturating_add(1));
                 }
                 Err(error) if len == 0 => return Err(error),
-                // The bytes before this one are written. The caller writes this one again, and then gets a lasting error.
+                // The bytes before this one are written. The caller writes this one again, and then gets a lasting
+                // error.
                 Err(_) => return Ok(len),
             }
         }

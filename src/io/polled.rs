@@ -21,8 +21,9 @@ use super::HalError;
 #[derive(Debug)]
 pub struct Polled<S> {
     serial: S,
-    /// Bytes for which there was no room, `held[begin..end]`. They are sent first.
-    held: [u8; PIECE],
+    /// Bytes that count as written, but for which the UART had no room: `unsent[begin..end]`. The next `write_ready`
+    /// sends them.
+    unsent: [u8; PIECE],
     begin: usize,
     end: usize,
 }
@@ -41,7 +42,7 @@ fn poll_once<T>(future: impl Future<Output = T>) -> Option<T> {
 impl<S> Polled<S> {
     /// Returns an adapter for `serial`.
     pub const fn new(serial: S) -> Self {
-        Self { serial, held: [0; PIECE], begin: 0, end: 0 }
+        Self { serial, unsent: [0; PIECE], begin: 0, end: 0 }
     }
 
     /// Returns the UART, for example to wait for received bytes with `fill_buf`.
@@ -67,12 +68,16 @@ impl<S: embedded_io_async::Read> Read for Polled<S> {
 }
 
 impl<S: embedded_io_async::Write> WriteReady for Polled<S> {
+    /// Sends the bytes that are still unsent, if any. Returns whether the adapter can take other bytes.
+    ///
+    /// # Errors
+    ///
+    /// The UART's error. The unsent bytes are then dropped, because sending them again could fail forever.
     fn write_ready(&mut self) -> Result<bool, Self::Error> {
-        let held = self.held.get(self.begin..self.end).unwrap_or_default();
-        if !held.is_empty() {
-            match poll_once(self.serial.write(held)) {
+        let unsent = self.unsent.get(self.begin..self.end).unwrap_or_default();
+        if !unsent.is_empty() {
+            match poll_once(self.serial.write(unsent)) {
                 Some(Ok(len)) => self.begin = self.begin.saturating_add(len),
-                // Drop the bytes: retrying them could fail forever.
                 Some(Err(error)) => {
                     self.begin = self.end;
                     return Err(HalError::Hal(error));
@@ -85,6 +90,12 @@ impl<S: embedded_io_async::Write> WriteReady for Polled<S> {
 }
 
 impl<S: embedded_io_async::Write> Write for Polled<S> {
+    /// Writes up to 32 bytes, and returns their number. If the UART has no room for them, the adapter keeps them until
+    /// it has, and counts them as written.
+    ///
+    /// # Errors
+    ///
+    /// [`HalError::WouldBlock`] if earlier bytes are still unsent, or the UART's error.
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Self::Error> {
         if !self.write_ready()? {
             return Err(HalError::WouldBlock);
@@ -93,7 +104,7 @@ impl<S: embedded_io_async::Write> Write for Polled<S> {
         if let Some(result) = poll_once(self.serial.write(piece)) {
             return result.map_err(HalError::Hal);
         }
-        for (cell, byte) in self.held.iter_mut().zip(piece) {
+        for (cell, byte) in self.unsent.iter_mut().zip(piece) {
             *cell = *byte;
         }
         (self.begin, self.end) = (0, piece.len());

@@ -84,7 +84,7 @@ struct Faults {
     /// Stored by the loop only.
     reported_overrun_bytes: AtomicU32,
     reported_line_errors: AtomicU32,
-    /// Whether the last read returned an error. Then queued bytes are returned before the next error; otherwise a link
+    /// Whether the last read returned an error. Then queued bytes are returned before the next error, because a link
     /// with permanent errors would never be read.
     must_return_data: AtomicBool,
 }
@@ -232,10 +232,10 @@ impl LoopEnd<'_> {
         }
     }
 
-    /// Returns the error that the next read reports, if any.
-    fn due(&self) -> Option<SerialError> {
-        let is_deferred = self.faults.must_return_data.load(Ordering::Relaxed) && !self.rx.is_empty();
-        if is_deferred { None } else { self.faults.unreported() }
+    /// Returns the error that the next read reports; `None` if it returns bytes.
+    fn error_to_report(&self) -> Option<SerialError> {
+        let must_return_bytes = self.faults.must_return_data.load(Ordering::Relaxed) && !self.rx.is_empty();
+        if must_return_bytes { None } else { self.faults.unreported() }
     }
 }
 
@@ -255,14 +255,14 @@ impl Read for LoopEnd<'_> {
     ///
     /// # Errors
     ///
-    /// [`SerialError::Overrun`] or [`SerialError::Line`], once, if errors occurred since the last report. While bytes are
-    /// queued, an error is never followed immediately by another. [`SerialError::WouldBlock`] if there is nothing to
-    /// read.
+    /// [`SerialError::Overrun`] or [`SerialError::Line`], once, if errors occurred since the last report. While bytes
+    /// are queued, an error is never followed immediately by another. [`SerialError::WouldBlock`] if there is nothing
+    /// to read.
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, SerialError> {
         if buffer.is_empty() {
             return Ok(0);
         }
-        if let Some(error) = self.due() {
+        if let Some(error) = self.error_to_report() {
             self.faults.mark_reported();
             self.faults.must_return_data.store(true, Ordering::Relaxed);
             return Err(error);

@@ -216,8 +216,8 @@ impl RawSetpoint {
     fn with_position(self, mask: PositionTargetTypemask, position: [u32; 3], motion: [f32; 8]) -> Self {
         let [x, y, z] = position;
         let [vx, vy, vz, ax, ay, az, yaw, yaw_rate] = motion.map(f32::to_bits);
-        // A set bit of the mask means "ignore". Bits 0 to 8 are for position, velocity and acceleration. Bit 9 says that
-        // the acceleration is a force. Bits 10 and 11 are for yaw and yaw rate, which are numbers 9 and 10.
+        // A set bit of the mask means "ignore". Bits 0 to 8 are for position, velocity and acceleration. Bit 9 says
+        // that the acceleration is a force. Bits 10 and 11 are for yaw and yaw rate, which are numbers 9 and 10.
         let ignored = (mask.0 & 0x1FF) | ((mask.0 >> 1) & 0x600);
         let is_force = mask.contains(PositionTargetTypemask::FORCE_SET);
         let numbers = [x, y, z, vx, vy, vz, ax, ay, az, yaw, yaw_rate];

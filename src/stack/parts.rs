@@ -122,7 +122,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `commands: { slots: N }`.
+/// Available if `#[stack]` has the entry `commands: { slots: N }`.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the long-running commands.
     pub fn long_commands(&self) -> &LongCommands
@@ -141,7 +141,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `parameters: T`.
+/// Available if `#[stack]` has the entry `parameters: T`.
 impl<D: Declares<Parameters: ParamTable>, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the parameters.
     pub fn parameters(&self) -> &D::Parameters {
@@ -154,7 +154,7 @@ impl<D: Declares<Parameters: ParamTable>, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `manual_control`.
+/// Available if `#[stack]` has the entry `manual_control`.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns manual control: the sticks and channels of a pilot on the ground.
     pub fn manual_input(&self) -> &ManualInput
@@ -173,7 +173,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `operator_control`.
+/// Available if `#[stack]` has the entry `operator_control`.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the system in control at `now`; `None` if nobody is. An owner whose ground stations have all timed out is not in
     /// control, unless [control is kept](OperatorControl::set_release_on_loss). The answer does not depend on the last
@@ -201,7 +201,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.services.operator_control.part()
     }
 
-    /// Returns the service of operator control, to configure it, and to release control.
+    /// Returns the service of operator control, to configure it or to release control.
     pub fn operator_control_mut(&mut self) -> &mut OperatorControl
     where
         D::OperatorControl: HasOperatorControl<Part = OperatorControl>,
@@ -210,9 +210,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `files: { sessions: N, upload: N }`.
+/// Available if `#[stack]` has the entry `files: { sessions: N, upload: N }`.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
-    /// Returns the counters of the file service.
+    /// Returns the status of the file service, which has its counters.
     pub fn files(&self) -> &FileStatus
     where
         D::Files: HasFiles<Part = FileStatus>,
@@ -221,7 +221,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `logs`.
+/// Available if `#[stack]` has the entry `logs`.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the service of log downloads, which has its counters.
     pub fn logs(&self) -> &LogServer
@@ -232,7 +232,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `forwarding`.
+/// Available if `#[stack]` has the entry `forwarding`.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the counters of forwarding on a link; `None` if there is no such link.
     pub fn forward_counters(&self, link: LinkId) -> Option<ForwardCounters>
@@ -243,7 +243,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `signing`.
+/// Available if `#[stack]` has the entry `signing`.
 #[cfg(feature = "signing")]
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Returns the state of signing: the key, the time, and the counters.
@@ -263,7 +263,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `streams`.
+/// Available if `#[stack]` has the entry `streams`.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Sends message `M`, all its instances, once on every normal link, whatever its interval there: for content that has
     /// changed and must not wait for its turn, such as HOME_POSITION when home is set (O-6). The next [`poll`](Self::poll)
@@ -312,7 +312,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `messages`.
+/// Available if `#[stack]` has the entry `messages`.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Sends message `M` when a link of `to` has room: see [`Context::send`](crate::Context::send).
     #[must_use = "it is not sent if the link has no room"]
@@ -334,7 +334,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `events: { history: N }`.
+/// Available if `#[stack]` has the entry `events: { history: N }`.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Records an event that [`events!`](crate::events!) has declared, and sends it on every normal link: see
     /// [`Context::event`](crate::Context::event).
@@ -354,7 +354,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `command_client: { slots: N }`.
+/// Available if `#[stack]` has the entry `command_client: { slots: N }`.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Sends a command to another component: see [`Context::send_command`](crate::Context::send_command).
     #[must_use = "it is not sent if too many commands wait"]

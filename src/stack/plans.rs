@@ -32,7 +32,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `plans`.
+/// Available if `#[stack]` has the entry `plans`.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Reports that the vehicle has reached a mission item. MISSION_ITEM_REACHED is sent on every normal link, before
     /// the next item becomes current there (M-91). Call it after the flight loop's step and before

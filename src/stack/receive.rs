@@ -27,8 +27,8 @@ pub(super) struct OwnFrame {
 }
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
-    /// Whether the link has accepted a frame since it was restarted: a checked one, signed if the link requires it, and not the heartbeat of
-    /// another vehicle, which is a broadcast.
+    /// Whether the link has accepted a frame since it was restarted: a checked one, signed if the link requires it, and
+    /// not the heartbeat of another vehicle, which is a broadcast.
     pub(crate) fn has_accepted(&self, link: LinkId) -> bool {
         self.links.get(usize::from(link.0)).is_some_and(|link| link.port.has_accepted)
     }
@@ -83,8 +83,8 @@ impl<D: Declares> Services<D> {
         own_frame
     }
 
-    /// Returns whether the sender may cause the effect of a frame that is no command. A frame from a sender that is not in
-    /// control of the vehicle is counted, and the caller drops it (O-5).
+    /// Returns whether the sender may cause the effect of a frame that is no command. A frame from a sender that is not
+    /// in control of the vehicle is counted, and the caller drops it (O-5).
     fn is_sender_in_control(&mut self, cx: &Cx<'_, D>, port: &Port, frame: &Frame<'_>) -> bool {
         let from = Peer { address: frame.source(), link: port.id };
         let is_receiver = self.manual_control.is_receiver(from);
@@ -99,8 +99,8 @@ impl<D: Declares> Services<D> {
         decoder.next_vouched(cx.now, messages, &mut allowance.work, is_known, vouches)
     }
 
-    /// Learns the sender and its route from a received frame, and forwards the frame. Returns true if the services get the
-    /// frame: it was accepted, its checksum was verified, and it is no duplicate.
+    /// Learns the sender and its route from a received frame, and forwards the frame. Returns true if the services get
+    /// the frame: it was accepted, its checksum was verified, and it is no duplicate.
     // Its locals stay off the call stack of services.
     #[inline(never)]
     fn learn_and_forward(
@@ -210,8 +210,8 @@ impl<D: Declares> Services<D> {
         Some(request)
     }
 
-    /// Executes the command in a frame, and queues one answer, on the link on which the command was received (C-3). Without
-    /// room for the answer, the command is dropped and counted.
+    /// Executes the command in a frame, and queues one answer, on the link on which the command was received (C-3).
+    /// Without room for the answer, the command is dropped and counted.
     ///
     /// Returns false if the frame contains no command. A COMMAND_ACK contains none, so it is not answered (C-13).
     // Its locals stay off the call stack of other frames.
@@ -249,8 +249,8 @@ impl<D: Declares> Services<D> {
 }
 
 impl<D: Declares> Services<D> {
-    /// Carries out the commands of the firmware itself to its other components (K-11). They are handled as if they were received,
-    /// but their answers are not sent. `port` and `state` are those of any link.
+    /// Carries out the commands of the firmware itself to its other components (K-11). They are handled as if they were
+    /// received, but their answers are not sent. `port` and `state` are those of any link.
     pub(super) fn carry_out_own(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) {
         let own = cx.shared.config.address.get();
         let mut number = 0usize;
@@ -309,8 +309,8 @@ const fn asks_for_message(command: MavCmd) -> bool {
     )
 }
 
-/// Returns the address to which a frame is sent. Returns `None`, and counts the frame, if the services must not get it: it is
-/// for another system or component, or its message is not handled on a link of this class.
+/// Returns the address to which a frame is sent. Returns `None`, and counts the frame, if the services must not get it:
+/// it is for another system or component, or its message is not handled on a link of this class.
 fn target_if_for_us<D: Declares>(cx: &Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<Address> {
     let own = cx.shared.config.address.get();
     let target = network::target_of(frame);

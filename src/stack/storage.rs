@@ -30,7 +30,7 @@ impl<F: embedded_storage_async::nor_flash::NorFlash> crate::storage::AsyncStore<
     }
 }
 
-/// Available if the stack declares `storage`.
+/// Available if `#[stack]` has the entry `storage`.
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Attaches a region of storage: from now on, [`storage_job`](Self::storage_job) reads the stored content, and then
     /// writes changes. Call it once, before the loop. [`restore`](Self::restore) does it for a blocking driver.
@@ -276,7 +276,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 }
 
-/// Available if the stack declares `storage: { records: N }`.
+/// Available if `#[stack]` has the entry `storage: { records: N }`.
 impl<D: Declares<Records = RecordService<N>>, const LINKS: usize, const N: usize> Stack<D, LINKS> {
     /// Has one of the firmware's own [records](crate::storage::Records) written, as soon as storage is free and the
     /// vehicle permits it. Does nothing if there is no record of this number.

@@ -91,9 +91,9 @@ use super::store::store;
 /// # Cancellation
 ///
 /// The future of [`run`](Self::run) may be dropped at any time. The next [`exchange_job`](crate::Stack::exchange_job)
-/// counts its job as failed, like an error of the driver: a durable upload ends with ERROR, other content is written again
-/// at another place, and a read is repeated. Nothing that was stored is lost. The driver must cope with its own dropped
-/// futures: its next call must wait until the flash has finished.
+/// counts its job as failed, like an error of the driver: a durable upload ends with ERROR, other content is written
+/// again at another place, and a read is repeated. Nothing that was stored is lost. The driver must cope with its own
+/// dropped futures: its next call must wait until the flash has finished.
 ///
 /// A task that was aborted may go on with the same store. If the store was dropped too, restore a new one.
 pub struct AsyncStore<F> {

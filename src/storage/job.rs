@@ -9,16 +9,16 @@ use super::page::Page;
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Job {
-    /// Read this range of the [`Page`](super::Page) from `offset` on, in bytes from the start of the storage. Its length is 32 or 256
-    /// bytes, and `offset` is a multiple of 32.
+    /// Read this range of the [`Page`](super::Page) from `offset` on, in bytes from the start of the storage. Its
+    /// length is 32 or 256 bytes, and `offset` is a multiple of 32.
     Read {
         /// The address of the first byte.
         offset: u32,
         /// The part of the page to fill.
         range: Range<usize>,
     },
-    /// Write this range of the [`Page`](super::Page) at `offset`: a multiple of the write unit, at a multiple of it. The place is
-    /// erased, and is written once.
+    /// Write this range of the [`Page`](super::Page) at `offset`: a multiple of the write unit, at a multiple of it.
+    /// The place is erased, and is written once.
     Write {
         /// The address of the first byte.
         offset: u32,
@@ -47,9 +47,9 @@ enum State {
 
 /// The place for one [`Job`], its page and its result. The stack and the code that runs the jobs exchange it.
 ///
-/// [`Stack::exchange_job`](crate::Stack::exchange_job) puts a job in and reads the result of the one before. In between,
-/// the job runs, and nothing of the stack is borrowed. [`Store`](super::Store) and `AsyncStore` have a slot. A firmware
-/// that runs the jobs itself makes its own, and uses [`take`](Self::take) and [`finish`](Self::finish).
+/// [`Stack::exchange_job`](crate::Stack::exchange_job) puts a job in and reads the result of the one before. In
+/// between, the job runs, and nothing of the stack is borrowed. [`Store`](super::Store) and `AsyncStore` have a slot. A
+/// firmware that runs the jobs itself makes its own, and uses [`take`](Self::take) and [`finish`](Self::finish).
 ///
 /// A job is taken once. If it is taken and never finished, because a future was dropped or a task was restarted, it
 /// counts as failed.

@@ -1,8 +1,8 @@
 //! Persistent storage of plans, parameters, the signing key and a firmware's own small records: in the flash of a
 //! microcontroller, in NOR flash or FRAM on SPI, in EEPROM.
 //!
-//! The stack calls no driver. It hands out [jobs](Job) and gets their results, so an erase can run in another task,
-//! by DMA, or in a chip, while the stack keeps working. [`Store`] runs the jobs on a blocking driver, `AsyncStore` on an
+//! The stack calls no driver. It hands out [jobs](Job) and gets their results, so an erase can run in another task, by
+//! DMA, or in a chip, while the stack keeps working. [`Store`] runs the jobs on a blocking driver, `AsyncStore` on an
 //! async one.
 #![doc = ""]
 #![doc = include_str!("format.md")]

@@ -16,8 +16,8 @@ pub const MAX_RECORD_LEN: usize = PAYLOAD;
 /// The hooks for a firmware's own records, declared by `storage: { records: N }`.
 ///
 /// `Stack::save_record` requests a write. The record is written when storage is free and the vehicle
-/// [permits](crate::Vehicle::may_persist) it; then [`save_record`](Self::save_record) is asked for the content. Records are
-/// not rate-limited: each takes 256 bytes of the journal, so do not save one more often than the storage endures.
+/// [permits](crate::Vehicle::may_persist) it; then [`save_record`](Self::save_record) is asked for the content. Records
+/// are not rate-limited: each takes 256 bytes of the journal, so do not save one more often than the storage endures.
 ///
 /// ```
 /// # use mavstack::prelude::*;

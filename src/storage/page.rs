@@ -32,10 +32,11 @@ pub(crate) mod flag {
     pub(crate) const SECRET: u8 = 8;
 }
 
-/// The buffer for one page: the only large buffer that storage needs. The code that runs the [jobs](super::Job) owns it.
+/// The buffer for one page: the only large buffer that storage needs. The code that runs the [jobs](super::Job) owns
+/// it.
 ///
-/// It is word-aligned, and so is the part that a job reads or writes. A driver that needs words or DMA can thus use it directly:
-/// esp-storage would otherwise copy through a buffer of 4 KiB on the call stack.
+/// It is word-aligned, and so is the part that a job reads or writes. A driver that needs words or DMA can thus use it
+/// directly: esp-storage would otherwise copy through a buffer of 4 KiB on the call stack.
 #[derive(Clone)]
 #[repr(align(4))]
 pub struct Page([u8; PAGE]);
@@ -252,8 +253,8 @@ impl Page {
         self.0.first_chunk() == Some(&[m0, m1, VERSION])
     }
 
-    /// Returns the footer of a page in which one bit of the footer is wrong. A write that was cut off does not leave such
-    /// a page.
+    /// Returns the footer of a page in which one bit of the footer is wrong. A write that was cut off does not leave
+    /// such a page.
     fn repaired_footer(&self) -> Option<Footer> {
         let mut tail = *self.tail();
         // If the write was cut off within the last checksum, that is right up to there, and blank from there on.

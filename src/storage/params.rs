@@ -63,8 +63,8 @@ where
 
     /// Loads the rows of a page. No page is damaged: a row without a parameter, or with an invalid value, is skipped.
     ///
-    /// A value that was set since storage was attached, or since an earlier attempt to read failed, is newer than the stored
-    /// one. So only parameters that still have their defaults are loaded then.
+    /// A value that was set since storage was attached, or since an earlier attempt to read failed, is newer than the
+    /// stored one. So only parameters that still have their defaults are loaded then.
     #[inline(never)]
     fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> Result<(), DamagedContent> {
         let now = cx.now;
@@ -92,7 +92,8 @@ where
         });
     }
 
-    /// Ends a request for the stored values, and defers a pending write, so that a sleeping loop is not woken for the write.
+    /// Ends a request for the stored values, and defers a pending write, so that a sleeping loop is not woken for the
+    /// write.
     fn on_blocked<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Self::Link>)
     where
         Self::Link: 'l,
@@ -147,8 +148,9 @@ where
     }
 }
 
-/// Loads the value in a row, if the table has the row's parameter. The search for the parameter begins at index `search_from`
-/// and wraps around at the end of the table. Returns the index after the parameter, or `search_from` if there is none.
+/// Loads the value in a row, if the table has the row's parameter. The search for the parameter begins at index
+/// `search_from` and wraps around at the end of the table. Returns the index after the parameter, or `search_from` if
+/// there is none.
 ///
 /// `keeps_value`: a parameter without its default keeps its value.
 fn load_row<F>(params: &mut ParamService, cx: &mut Cx<'_, F>, search_from: u16, row: &Row, keeps_value: bool) -> u16

@@ -4,8 +4,8 @@ use core::cell::RefCell;
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 
-/// A part of a flash that has other users too: the firmware's own log, a bootloader, another store. It is a flash of its
-/// own, whose addresses begin at 0.
+/// A part of a flash that has other users too: the firmware's own log, a bootloader, another store. It is a flash of
+/// its own, whose addresses begin at 0.
 ///
 /// HALs lend the flash of a microcontroller once. Put the driver into a [`RefCell`], and give each user its partition:
 ///
@@ -38,8 +38,8 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashEr
 /// A [`RefCell`] is for users in one context: one loop, or the tasks of one executor. Each call borrows the flash and
 /// gives it back. If an interrupt uses the flash too, share it by the means of the HAL or of `embassy-sync`.
 ///
-/// A firmware that runs the [jobs](super::Job) itself needs no partition: their addresses are those of the whole flash, so
-/// the owner of the driver runs them between its other calls.
+/// A firmware that runs the [jobs](super::Job) itself needs no partition: their addresses are those of the whole flash,
+/// so the owner of the driver runs them between its other calls.
 #[derive(Debug)]
 pub struct Partition<'a, F> {
     flash: &'a RefCell<F>,

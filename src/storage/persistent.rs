@@ -45,8 +45,8 @@ pub struct LoadedPage<'a> {
     pub(crate) progress: &'a mut LoadProgress,
 }
 
-/// The state of a service between two pages of a record that is loaded. Only the plans need it: their items are checked one
-/// by one.
+/// The state of a service between two pages of a record that is loaded. Only the plans need it: their items are checked
+/// one by one.
 #[derive(Clone, Copy, Debug)]
 pub struct LoadProgress {
     /// The number of items of each plan, and the id of each.
@@ -186,8 +186,8 @@ pub trait Persistent<F: Firmware>: Service<F> {
         let _ = (cx, links, is_saved);
     }
 
-    /// Called when storage may have other content than the service. A write that was no longer wanted is complete; or one that
-    /// failed may be found after a restart; or stored content was lost. Requests a write.
+    /// Called when storage may have other content than the service. A write that was no longer wanted is complete; or
+    /// one that failed may be found after a restart; or stored content was lost. Requests a write.
     fn save_again(&mut self, cx: &mut Cx<'_, F>) {
         let _ = cx;
     }
@@ -216,8 +216,8 @@ impl<F: Firmware> Persistent<F> for WithoutSigning {}
 /// The backend stores its parameters itself.
 impl<F: Firmware> Persistent<F> for ExternalService where Self: Service<F> {}
 
-/// Whether the vehicle is known to be disarmed. While it may be armed, stored content must not replace the content with which
-/// it flies.
+/// Whether the vehicle is known to be disarmed. While it may be armed, stored content must not replace the content with
+/// which it flies.
 pub(super) fn is_disarmed(vehicle: &impl Vehicle) -> bool {
     vehicle.state().is_some_and(|state| !state.base_mode.contains(MavModeFlag::SAFETY_ARMED))
 }

@@ -1,7 +1,7 @@
 //! Storage of the three plans: one record, so that they are replaced together (M-5, SEC-11).
 //!
-//! `format.md` in this folder documents the format: a head, and a row for each item. If you change it, increment the schema
-//! version, and keep reading the old one.
+//! `format.md` in this folder documents the format: a head, and a row for each item. If you change it, increment the
+//! schema version, and keep reading the old one.
 
 use core::num::Saturating;
 
@@ -114,7 +114,8 @@ impl LoadProgress {
         Ok(())
     }
 
-    /// Makes the current plan live if all its items are staged, and the empty plans after it. Reports a plan that is refused.
+    /// Makes the current plan live if all its items are staged, and the empty plans after it. Reports a plan that is
+    /// refused.
     fn end_complete_plans<F: Firmware<Vehicle: Plans>>(
         &mut self,
         missions: &mut Missions,
@@ -172,8 +173,8 @@ where
         self.begin_loading(&mut cx.plans);
     }
 
-    /// Loads the rows of a page: the head, which is the first row of the record, and the items of the plans in order. A plan
-    /// goes live with its last item.
+    /// Loads the rows of a page: the head, which is the first row of the record, and the items of the plans in order. A
+    /// plan goes live with its last item.
     ///
     /// # Errors
     ///
@@ -211,8 +212,8 @@ where
         }
     }
 
-    /// Not during an upload, which uses the staging area. A second attempt also waits until the vehicle is disarmed: in flight,
-    /// only the operator changes plans.
+    /// Not during an upload, which uses the staging area. A second attempt also waits until the vehicle is disarmed: in
+    /// flight, only the operator changes plans.
     fn may_load(&self, cx: &Cx<'_, F>, is_retry: bool) -> bool {
         let is_permitted_by_vehicle = !is_retry || is_disarmed(cx.vehicle);
         is_permitted_by_vehicle && !self.is_receiving()
@@ -249,7 +250,8 @@ where
         Missions::save_again(self);
     }
 
-    /// Stored content is loaded before anything is written. So a client that waits for a write gets ERROR, and tries again.
+    /// Stored content is loaded before anything is written. So a client that waits for a write gets ERROR, and tries
+    /// again.
     fn on_blocked<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>)
     where
         Self::Link: 'l,

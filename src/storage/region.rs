@@ -14,7 +14,8 @@ pub(super) type Address = Wrapping<u32>;
 /// A number of pages in a segment, or a position there. No operation wraps, because a segment has at most 65,535 pages.
 pub(super) type Pages = Wrapping<u16>;
 
-/// A number of pages in the region, or a position there. No operation wraps, because the region has at most 131,070 pages.
+/// A number of pages in the region, or a position there. No operation wraps, because the region has at most 131,070
+/// pages.
 pub(super) type RegionPages = Wrapping<u32>;
 
 /// The part of a storage that the journal uses: some number of erase units of equal size, two at least.

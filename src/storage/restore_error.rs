@@ -56,8 +56,8 @@ pub struct RestoreErrors {
 impl RestoreErrors {
     pub(crate) const NONE: Self = Self { signing: None, parameters: None, plans: None, records: None, region: None };
 
-    /// Returns whether everything was restored. Call it in each pass of the loop, because content that cannot be read at
-    /// first may be restored later:
+    /// Returns whether everything was restored. Call it in each pass of the loop, because content that cannot be read
+    /// at first may be restored later:
     ///
     /// ```
     /// # use mavstack::StackOf;

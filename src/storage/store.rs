@@ -9,9 +9,9 @@ use super::region::Region;
 /// A region of a storage with a blocking driver, for everything that a firmware stores.
 ///
 /// The driver is a [`NorFlash`]: of the microcontroller's flash, of a chip, of an FRAM or EEPROM (the package
-/// `mavstack-fram`), or a part of one that others use too. `WRITE_SIZE` must divide 256, `READ_SIZE` 32, and `ERASE_SIZE` must divide 256 or be a
-/// multiple of it. [`Stack::restore`](crate::Stack::restore) reads all of the region, and
-/// [`Stack::persist`](crate::Stack::persist) writes to it in steps.
+/// `mavstack-fram`), or a part of one that others use too. `WRITE_SIZE` must divide 256, `READ_SIZE` 32, and
+/// `ERASE_SIZE` must divide 256 or be a multiple of it. [`Stack::restore`](crate::Stack::restore) reads all of the
+/// region, and [`Stack::persist`](crate::Stack::persist) writes to it in steps.
 ///
 /// ```
 /// # use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
@@ -90,8 +90,9 @@ macro_rules! store {
         impl<F: $NorFlash> $Store<F> {
             const UNITS: (u32, u32) = $crate::storage::store::units(F::READ_SIZE, F::WRITE_SIZE, F::ERASE_SIZE);
 
-            /// Returns a store in this region of the storage, in bytes. Bytes at its ends that do not fill an erase unit are
-            /// not used. Content that does not fit a region is not stored, which a text reports. Reads nothing yet.
+            /// Returns a store in this region of the storage, in bytes. Bytes at its ends that do not fill an erase
+            /// unit are not used. Content that does not fit a region is not stored, which a text reports. Reads nothing
+            /// yet.
             pub const fn new(flash: F, region: core::ops::Range<u32>) -> Self {
                 let (write_size, erase_size) = Self::UNITS;
                 Self { flash, region: Region::new(region, write_size, erase_size), slot: JobSlot::new() }
@@ -151,12 +152,12 @@ pub(super) use store;
 store!(Store, NorFlash);
 
 impl<F: NorFlash> Store<F> {
-    /// Runs the job in the [slot](Self::slot), and keeps its result there. Does nothing if there is none, or if it has run
-    /// before. Blocks for one operation of the driver.
+    /// Runs the job in the [slot](Self::slot), and keeps its result there. Does nothing if there is none, or if it has
+    /// run before. Blocks for one operation of the driver.
     ///
-    /// This is for a task of its own, which locks a shared stack only to
-    /// [exchange the job](crate::Stack::exchange_job). [`Stack::persist`](crate::Stack::persist) does both for a firmware
-    /// with one loop.
+    /// This is for a task of its own, which locks a shared stack only to [exchange the
+    /// job](crate::Stack::exchange_job). [`Stack::persist`](crate::Stack::persist) does both for a firmware with one
+    /// loop.
     pub fn run(&mut self) {
         let Self { flash, slot, .. } = self;
         if let Some((job, page)) = slot.take() {

@@ -69,8 +69,8 @@ pub(super) fn handle<F: Firmware<Vehicle: Camera>>(
     Some(Outcome { result, result_param2: i32::from(device_id::<F::Vehicle>()) }.into())
 }
 
-/// Handles a request for a message, in the present form and in the superseded one. Returns `None` if the command requests no
-/// message of the camera.
+/// Handles a request for a message, in the present form and in the superseded one. Returns `None` if the command
+/// requests no message of the camera.
 fn request_message<V: Camera>(
     control: &CameraControl,
     port: &Port,
@@ -124,8 +124,8 @@ fn set_interval(now: Instant, port: &Port, link: &mut CameraLink, command: &Comm
     Some(MavResult::ACCEPTED)
 }
 
-/// Returns the parameter with the camera id, or 0 for a command without a camera id. Returns `None` for a command that the
-/// camera does not have.
+/// Returns the parameter with the camera id, or 0 for a command without a camera id. Returns `None` for a command that
+/// the camera does not have.
 fn camera_id_param<V: Camera>(command: &Command) -> Option<f32> {
     let has = |flags: CameraCapFlags| V::FLAGS.contains(flags);
     let [first, second, third, _] = command.params;
@@ -145,8 +145,8 @@ fn camera_id_param<V: Camera>(command: &Command) -> Option<f32> {
     }
 }
 
-/// Whether a camera id means this camera: its own id, 0 for every camera, or NaN for none given. An item of a mission names
-/// the camera by its component.
+/// Whether a camera id means this camera: its own id, 0 for every camera, or NaN for none given. An item of a mission
+/// names the camera by its component.
 fn is_own_id(component: Option<ComponentId>, id: f32) -> bool {
     let own = component.map_or(1, |component| component.wire());
     id.is_nan() || num::integer::<u8>(id).is_some_and(|id| id == 0 || id == own)
@@ -198,8 +198,8 @@ fn execute<F: Firmware<Vehicle: Camera>>(
     }
 }
 
-/// Handles a command to take images (CAM-4). Returns ACCEPTED for a retransmission, which starts nothing, or the vehicle's
-/// result.
+/// Handles a command to take images (CAM-4). Returns ACCEPTED for a retransmission, which starts nothing, or the
+/// vehicle's result.
 ///
 /// # Errors
 ///
@@ -233,8 +233,8 @@ fn start_capture<F: Firmware<Vehicle: Camera>>(
     Ok(result)
 }
 
-/// Whether the camera must leave its mode first, because the mode `is_unsuitable`. False for a camera without modes, and for
-/// one that has the `capability` to do this in every mode.
+/// Whether the camera must leave its mode first, because the mode `is_unsuitable`. False for a camera without modes,
+/// and for one that has the `capability` to do this in every mode.
 fn must_leave_mode<F: Firmware<Vehicle: Camera>>(
     cx: &Cx<'_, F>,
     capability: CameraCapFlags,
@@ -249,7 +249,8 @@ fn must_leave_mode<F: Firmware<Vehicle: Camera>>(
     is_unsuitable(settings.mode_id)
 }
 
-/// Handles MAV_CMD_VIDEO_START_CAPTURE (CAM-6). `hertz`: the rate of CAMERA_CAPTURE_STATUS. Returns the vehicle's result.
+/// Handles MAV_CMD_VIDEO_START_CAPTURE (CAM-6). `hertz`: the rate of CAMERA_CAPTURE_STATUS. Returns the vehicle's
+/// result.
 ///
 /// # Errors
 ///
@@ -300,8 +301,8 @@ pub(super) fn record_video<F: Firmware<Vehicle: Camera>>(
     result
 }
 
-/// Handles MAV_CMD_STORAGE_FORMAT (CAM-8): the id of a storage, 1 to format it, and 1 to reset the image log. Returns the
-/// vehicle's result of the format, or ACCEPTED.
+/// Handles MAV_CMD_STORAGE_FORMAT (CAM-8): the id of a storage, 1 to format it, and 1 to reset the image log. Returns
+/// the vehicle's result of the format, or ACCEPTED.
 ///
 /// # Errors
 ///
@@ -335,7 +336,8 @@ fn format_storage<F: Firmware<Vehicle: Camera>>(
     Ok(MavResult::ACCEPTED)
 }
 
-/// Handles a command that changes mode, zoom, focus or source, or resets all settings (CAM-7). Returns the vehicle's result.
+/// Handles a command that changes mode, zoom, focus or source, or resets all settings (CAM-7). Returns the vehicle's
+/// result.
 ///
 /// # Errors
 ///

@@ -219,8 +219,8 @@ impl CameraControl {
         self.changes += 1;
     }
 
-    /// Whether a command to take images is a retransmission of the one that was accepted last. An equal command is one while
-    /// its images are being taken, and also soon after it was accepted if it has a sequence number.
+    /// Whether a command to take images is a retransmission of the one that was accepted last. An equal command is one
+    /// while its images are being taken, and also soon after it was accepted if it has a sequence number.
     pub(super) fn is_retransmission(&self, now: Instant, command: &CaptureCommand) -> bool {
         if *command != self.command {
             return false;
@@ -259,8 +259,8 @@ impl CameraControl {
         }
     }
 
-    /// Removes an image that is due from the schedule: a single one, or the next one at an interval. Returns whether the camera
-    /// must take an image now.
+    /// Removes an image that is due from the schedule: a single one, or the next one at an interval. Returns whether
+    /// the camera must take an image now.
     pub(super) fn take_due_image(&mut self, now: Instant) -> bool {
         if self.is_busy {
             return false;
@@ -276,19 +276,19 @@ impl CameraControl {
         if !is_unlimited {
             self.images_left -= 1;
         }
-        // After a poll that is late by less than an interval, the next image is on time. After a longer delay the interval
-        // starts from now: missed images are not made up.
+        // After a poll that is late by less than an interval, the next image is on time. After a longer delay the
+        // interval starts from now: missed images are not made up.
         let interval = Duration::from_millis(self.interval.into());
         let on_time = self.next_image_at + interval;
         self.next_image_at = if on_time > now { on_time } else { now + interval };
         true
     }
 
-    /// Handles a request for an image by its index. Returns DENIED if there is no such image, FAILED if it is no longer in
-    /// the log, and TEMPORARILY_REJECTED if too many images are pending on the link.
+    /// Handles a request for an image by its index. Returns DENIED if there is no such image, FAILED if it is no longer
+    /// in the log, and TEMPORARILY_REJECTED if too many images are pending on the link.
     ///
-    /// MAVSDK sends MAV_CMD_REQUEST_MESSAGE without the index. DENIED makes it send MAV_CMD_REQUEST_CAMERA_IMAGE_CAPTURE,
-    /// which has the index (`mavlink_request_message.cpp`).
+    /// MAVSDK sends MAV_CMD_REQUEST_MESSAGE without the index. DENIED makes it send
+    /// MAV_CMD_REQUEST_CAMERA_IMAGE_CAPTURE, which has the index (`mavlink_request_message.cpp`).
     pub(super) fn request_image(&self, link: &mut CameraLink, index: f32) -> MavResult {
         let Some(index) = num::integer(index).filter(|index| *index < self.image_count()) else {
             return MavResult::DENIED;
@@ -306,8 +306,8 @@ impl CameraControl {
         MavResult::ACCEPTED
     }
 
-    /// Returns the message that is pending on a link, and when it is due: requested messages first, then changed settings,
-    /// images, and CAMERA_CAPTURE_STATUS.
+    /// Returns the message that is pending on a link, and when it is due: requested messages first, then changed
+    /// settings, images, and CAMERA_CAPTURE_STATUS.
     pub(super) fn next_message(&self, now: Instant, link: &CameraLink) -> (Instant, CameraReply) {
         for (message, requested) in REQUESTABLE.iter().zip(link.requested) {
             if let Some(instance) = requested.first() {

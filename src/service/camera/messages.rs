@@ -21,7 +21,7 @@ pub(super) fn can_send(port: &Port) -> bool {
     port.outbox.takes(CameraInformation::ID)
 }
 
-/// Sends a message.
+/// Sends a message. Returns false if the image is no longer in the log, or if the link cannot send the message.
 pub(super) fn send<F: Firmware<Vehicle: Camera>>(
     control: &mut CameraControl,
     cx: &Cx<'_, F>,
@@ -47,7 +47,8 @@ pub(super) fn send<F: Firmware<Vehicle: Camera>>(
     }
 }
 
-// Each message has a function of its own, so that only one of them takes stack.
+// Each message has a function of its own, so that only one of them takes stack. All return false if the link cannot
+// send the message.
 
 fn send_information<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port) -> bool {
     // Unknown, without a table of its bytes in flash.

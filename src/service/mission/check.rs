@@ -39,8 +39,8 @@ const FENCE: &[CommandRule] = &[
 /// The commands of rally points (M-84).
 const RALLY: &[CommandRule] = &[NAV_RALLY_POINT];
 
-/// Returns the rule of a command in this plan. `mission` has the rules of the vehicle's missions; the rules of fences and
-/// rally points are fixed.
+/// Returns the rule of a command in this plan. `mission` has the rules of the vehicle's missions; the rules of fences
+/// and rally points are fixed.
 ///
 /// # Errors
 ///
@@ -58,8 +58,8 @@ pub(super) fn rule(
     rules.iter().find(|rule| rule.command() == command).ok_or(MavMissionResult::UNSUPPORTED)
 }
 
-/// Checks item `seq` of a plan by the rule of its command, then by the vehicle. An item that `is_float` was received as a
-/// MISSION_ITEM, and is converted first (M-37).
+/// Checks item `seq` of a plan by the rule of its command, then by the vehicle. An item that `is_float` was received as
+/// a MISSION_ITEM, and is converted first (M-37).
 ///
 /// # Errors
 ///
@@ -135,8 +135,8 @@ pub(super) fn check_staged_plan<F: Firmware<Vehicle: Plans>>(
     vehicle.check_plan(&mut context, plan, items).map_err(refused)
 }
 
-/// Refuses jumps to missing items, and fences with incomplete polygons. The items have passed [`check_item`]. The error is
-/// the faulty item's sequence number, and the result for it.
+/// Refuses jumps to missing items, and fences with incomplete polygons. The items have passed [`check_item`]. The error
+/// is the faulty item's sequence number, and the result for it.
 fn check_plan(plan: PlanType, items: &[Item]) -> Result<(), PlanFault> {
     let checked = match plan {
         PlanType::Mission => check_jumps(items),
@@ -157,6 +157,7 @@ struct ItemFault<'a> {
 }
 
 /// Checks the jumps of a mission: a jump leads to another item, and its repeat count is −1 (forever), 0, 1, … (M-72).
+/// The error is the first faulty jump.
 fn check_jumps(items: &[Item]) -> Result<(), ItemFault<'_>> {
     for item in items.iter().filter(|item| item.command == MavCmd::DO_JUMP) {
         let [target, repeat, ..] = item.params;
@@ -173,7 +174,8 @@ fn check_jumps(items: &[Item]) -> Result<(), ItemFault<'_>> {
     Ok(())
 }
 
-/// Checks a fence: its polygons are complete (M-81), and it has at most one return point.
+/// Checks a fence: its polygons are complete (M-81), and it has at most one return point. The error is the first faulty
+/// item.
 fn check_fence(items: &[Item]) -> Result<(), ItemFault<'_>> {
     let mut has_return_point = false;
     let mut unchecked = items;
@@ -195,15 +197,16 @@ fn check_fence(items: &[Item]) -> Result<(), ItemFault<'_>> {
     Ok(())
 }
 
-/// Checks the polygon at the beginning of `items`. Returns the items after the polygon. `first` is the first of `items`.
+/// Checks the polygon at the beginning of `items`. Returns the items after the polygon. `first` is the first of
+/// `items`.
 ///
-/// The polygon has 3 or more vertices, which follow each other. All have the same command, and each states the number of
-/// vertices. Those of an inclusion polygon are in one group. The polygon encloses an area.
+/// The polygon has 3 or more vertices, which follow each other. All have the same command, and each states the number
+/// of vertices. Those of an inclusion polygon are in one group. The polygon encloses an area.
 ///
 /// # Errors
 ///
-/// The first vertex that breaks this, or the first vertex of all if the plan ends within the polygon or if the polygon has no
-/// area.
+/// The first vertex that breaks this, or the first vertex of all if the plan ends within the polygon or if the polygon
+/// has no area.
 fn check_polygon<'a>(first: &'a Item, items: &'a [Item]) -> Result<&'a [Item], ItemFault<'a>> {
     let [count, group, ..] = first.params;
     let Some(stated_len) = num::integer::<u16>(count).filter(|len| *len >= 3) else {
@@ -214,9 +217,9 @@ fn check_polygon<'a>(first: &'a Item, items: &'a [Item]) -> Result<&'a [Item], I
         // The plan ends within the polygon. A fault of its vertices is reported first.
         None => (items, &[][..]),
     };
-    // Twice the signed area by the shoelace formula. With the first vertex as the origin, the edges at that vertex add 0.
-    // The sum is modulo 2^64, which is more than the double area of the globe (1.3e19, in squares of 1e-7 degrees). So a
-    // sum of 0 means that the vertices are collinear, or that parts of the area cancel each other.
+    // Twice the signed area by the shoelace formula. With the first vertex as the origin, the edges at that vertex add
+    // 0. The sum is modulo 2^64, which is more than the double area of the globe (1.3e19, in squares of 1e-7 degrees).
+    // So a sum of 0 means that the vertices are collinear, or that parts of the area cancel each other.
     let mut double_area = Wrapping(0);
     let (mut last_x, mut last_y) = (Wrapping(0), Wrapping(0));
     for vertex in vertices {
@@ -515,8 +518,8 @@ mod tests {
             assert_eq!(check_plan(PlanType::Rally, &items), Ok(()));
         }
 
-        /// Parses the shorthand for a fence: `i3` and `e3` are vertices of polygons of 3, `j3` one of another group; `r` is
-        /// the return point, `o` a circle. No three vertices are collinear.
+        /// Parses the shorthand for a fence: `i3` and `e3` are vertices of polygons of 3, `j3` one of another group;
+        /// `r` is the return point, `o` a circle. No three vertices are collinear.
         fn fence(text: &str) -> Vec<Item> {
             let parse = |(seq, word): (usize, &str)| {
                 let (kind, count) = word.split_at(1);

@@ -117,8 +117,8 @@ impl Missions {
 
 /// The change itself.
 impl Missions {
-    /// Starts an admitted change. A durable change is written first, and answered when the write ends. Any other change goes
-    /// live and is answered at once.
+    /// Starts an admitted change. A durable change is written first, and answered when the write ends. Any other change
+    /// goes live and is answered at once.
     pub(super) fn start_change<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -294,8 +294,8 @@ impl Missions {
         check::stage_item(cx, plan, item).map_err(Problem::fault)
     }
 
-    /// Checks the staged plan as a whole, and makes it live. `expected` is the count and the id of a plan from storage. A
-    /// plan from the firmware has none, and is stored.
+    /// Checks the staged plan as a whole, and makes it live. `expected` is the count and the id of a plan from storage.
+    /// A plan from the firmware has none, and is stored.
     ///
     /// # Errors
     ///
@@ -381,8 +381,8 @@ impl Missions {
         !self.is_attached() || !is_outdated
     }
 
-    /// Abandons the change that is being written if it takes too long. Returns the answer to its client; `None` if there
-    /// is no such change, or it still has time.
+    /// Abandons the change that is being written if it takes too long. Returns the answer to its client; `None` if
+    /// there is no such change, or it still has time.
     pub(super) fn poll_commit<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         if cx.now < self.commit_deadline() { None } else { self.on_save_failed(cx) }
     }
@@ -412,8 +412,9 @@ impl Missions {
         self.schedule.bucket.set_refill(refill);
     }
 
-    /// Records whether storage differs from the live plans, because it could not be read or its plans cannot be flown. The
-    /// difference alone causes no write. But a change that changes nothing in RAM is then written before it is accepted.
+    /// Records whether storage differs from the live plans, because it could not be read or its plans cannot be flown.
+    /// The difference alone causes no write. But a change that changes nothing in RAM is then written before it is
+    /// accepted.
     pub(crate) const fn set_stored_differs(&mut self, differs: bool) {
         self.schedule.stored_differs = differs;
     }
@@ -483,8 +484,8 @@ impl Missions {
         })
     }
 
-    /// Handles a completed write of [`content`](Self::content). The change goes live, unless the vehicle now refuses it.
-    /// Returns the answer to the change's client; `None` if the live plans were written.
+    /// Handles a completed write of [`content`](Self::content). The change goes live, unless the vehicle now refuses
+    /// it. Returns the answer to the change's client; `None` if the live plans were written.
     pub(crate) fn on_saved<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         self.schedule.on_saved(cx.now, GRACE);
         let commit = self.take_commit()?;
@@ -504,8 +505,8 @@ impl Missions {
     }
 
     /// Ends the change that is being written if the vehicle no longer permits it (M-45). Called before each step of
-    /// writing, so that the record is never completed, and the part that was written does not count. Returns the answer to
-    /// the change's client; `None` if the write continues, or if there is none.
+    /// writing, so that the record is never completed, and the part that was written does not count. Returns the answer
+    /// to the change's client; `None` if the write continues, or if there is none.
     pub(crate) fn refuse_commit<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         let problem = Self::find_refusal(cx, self.committing()?)?;
         let commit = self.take_commit()?;
@@ -514,8 +515,8 @@ impl Missions {
         Some(self.end_commit(cx, &commit, problem.fault().result))
     }
 
-    /// Handles a failed write or erase. A durable change ends with ERROR. Returns the answer to its client; `None` for a
-    /// write of the live plans, which is retried later.
+    /// Handles a failed write or erase. A durable change ends with ERROR. Returns the answer to its client; `None` for
+    /// a write of the live plans, which is retried later.
     pub(crate) fn on_save_failed<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         increment(&mut self.counters.not_saved);
         let is_first_failure = self.schedule.note_failure();

@@ -13,8 +13,8 @@ impl Missions {
     /// Handles MISSION_SET_CURRENT. It has no acknowledgement: MISSION_CURRENT shows success and failure, and a text
     /// reports a failure (M-93).
     pub(super) fn on_set_current<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, seq: u16) {
-        let is_there = seq < cx.plans.count(PlanType::Mission);
-        if is_there && go_to(cx, seq, false) == MavResult::ACCEPTED {
+        let exists = seq < cx.plans.count(PlanType::Mission);
+        if exists && go_to(cx, seq, false) == MavResult::ACCEPTED {
             self.current.announce_progress(cx.vehicle.progress(), cx.shared.normal);
         } else {
             self.refuse_current(cx, seq);
@@ -30,8 +30,8 @@ impl Missions {
         self.current.announce_progress(cx.vehicle.progress(), cx.shared.normal);
     }
 
-    /// Handles a command about the mission's progress; returns `None` for all other commands. `Err` is a refusal by the
-    /// stack, not by the vehicle.
+    /// Handles a command about the mission's progress. Returns the vehicle's result, or `Err` with that of a refusal by
+    /// the stack. Returns `None` for all other commands.
     pub(crate) fn command<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -50,7 +50,8 @@ impl Missions {
         Some(result)
     }
 
-    /// Handles REQUEST_MESSAGE for MISSION_CURRENT, on a link that may send it.
+    /// Handles REQUEST_MESSAGE for MISSION_CURRENT, on a link that may send it. Returns `None` for other requests
+    /// and on other links.
     fn request_current(&mut self, links: LinkMask, command: &Command) -> Option<MavResult> {
         let [id, ..] = command.params;
         let link = LinkMask::of(command.from.link);
@@ -79,7 +80,11 @@ pub(crate) fn from_set_current(message: &MissionSetCurrent, origin: Origin) -> C
 }
 
 /// Handles MAV_CMD_DO_SET_MISSION_CURRENT: parameter 1 is the item, or -1 for the current one; parameter 2 is 1 to
-/// restart the jump counters (M-92).
+/// restart the jump counters (M-92). Returns the vehicle's result.
+///
+/// # Errors
+///
+/// DENIED if a parameter is invalid, and FAILED if the mission has no such item.
 fn set_current<F: Firmware<Vehicle: Plans>>(
     cx: &mut Cx<'_, F>,
     command: &Command,
@@ -119,7 +124,11 @@ fn go_to<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, seq: u16, reset: bool)
 }
 
 /// Handles MAV_CMD_MISSION_START: parameters 1 and 2 are the first and the last item. NaN means "not given", and so
-/// does 0 for the last item, because clients that leave it out send 0 (M-95).
+/// does 0 for the last item, because clients that leave it out send 0 (M-95). Returns the vehicle's result.
+///
+/// # Errors
+///
+/// FAILED if there is no mission, and DENIED if a parameter names no item of it, or the first item is after the last.
 fn start<F: Firmware<Vehicle: Plans>>(
     cx: &mut Cx<'_, F>,
     command: &Command,

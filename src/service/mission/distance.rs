@@ -26,7 +26,8 @@ pub struct FirstWaypointLimit {
     pub distance: u32,
 }
 
-/// Returns the first waypoint of a mission if it is too far away. `rules` are the rules of the mission's commands. An item without a position, or at 0, 0 if its command takes that as "here", is not a waypoint.
+/// Returns the first waypoint of a mission if it is too far away. `rules` are the rules of the mission's commands. An
+/// item without a position, or at 0, 0 if its command takes that as "here", is not a waypoint.
 pub(super) fn first_too_far(items: &[Item], rules: &[CommandRule], limit: FirstWaypointLimit) -> Option<u16> {
     let is_flown_to = |item: &Item| {
         is_waypoint(item.command)

@@ -55,12 +55,13 @@ impl Sessions {
         Self { sessions: [free; SESSIONS], refused: RefusalLog::NEW }
     }
 
-    /// Returns the session of `client` on its link or, if `anywhere`, the first one of its ids on any link.
-    fn find(&mut self, now: Instant, client: Peer, plan: PlanType, anywhere: bool) -> Option<&mut Session> {
+    /// Returns the open session of `client` for this plan, on the client's link or, if `on_any_link`, the first one
+    /// with the client's ids; `None` if there is none.
+    fn find(&mut self, now: Instant, client: Peer, plan: PlanType, on_any_link: bool) -> Option<&mut Session> {
         self.sessions.iter_mut().find(|session| {
-            let Session { client: Peer { address, link }, plan: of, is_open, at, .. } = **session;
-            let is_client = address == client.address && (anywhere || link == client.link);
-            is_client && of == plan && is_open && now - at < EXPIRY
+            let Session { client: Peer { address, link }, plan: session_plan, is_open, at, .. } = **session;
+            let is_client = address == client.address && (on_any_link || link == client.link);
+            is_client && session_plan == plan && is_open && now - at < EXPIRY
         })
     }
 
@@ -74,11 +75,12 @@ impl Sessions {
         }
     }
 
-    /// Renews the session of `client`, which requests an item. Returns whether it expects a plan that has been
-    /// replaced. If the client has moved to this link, it may have requested the count on another one (M-11).
-    fn check_stale(&mut self, now: Instant, client: Peer, plan: PlanType) -> bool {
-        let is_elsewhere = self.find(now, client, plan, false).is_none();
-        self.find(now, client, plan, is_elsewhere).is_some_and(|session| {
+    /// Renews the session of `client`, which requests an item. Returns whether the client expects a plan that has been
+    /// replaced. A client without a session on this link may have requested the count on another link, and moved
+    /// (M-11).
+    fn renew_and_check_stale(&mut self, now: Instant, client: Peer, plan: PlanType) -> bool {
+        let may_have_moved = self.find(now, client, plan, false).is_none();
+        self.find(now, client, plan, may_have_moved).is_some_and(|session| {
             session.at = now;
             session.is_stale
         })
@@ -106,7 +108,7 @@ impl Sessions {
         }
     }
 
-    /// Sends the answer `reply`, which is no MISSION_ACK.
+    /// Sends the answer `reply`, which is no MISSION_ACK. Returns false if the link cannot send it.
     ///
     /// `floats`: the rules of the mission's commands, if MISSION_REQUEST is answered by MISSION_ITEM instead of
     /// MISSION_ITEM_INT (M-61).
@@ -134,7 +136,7 @@ impl Sessions {
             });
         };
         let seq = u16::from_le_bytes(seq);
-        if self.check_stale(now, client, plan) {
+        if self.renew_and_check_stale(now, client, plan) {
             if let Some(refused) = self.refused.count(now) {
                 event!("{} download by {}: the plan has changed; {=u32} refused so far", plan, to, refused);
             }

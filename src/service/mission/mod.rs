@@ -65,8 +65,8 @@ use crate::types::{Firmware, LinkMask, PlanMemory, PlanType, PlansMut, Vehicle};
 ///
 /// # Errors
 ///
-/// INVALID if the message names no plan. UNSUPPORTED if the vehicle does not have the plan, or if the answers cannot name
-/// it: a link that sends v1 can only name the mission (V-7).
+/// INVALID if the message names no plan. UNSUPPORTED if the vehicle does not have the plan, or if the answers cannot
+/// name it: a link that sends v1 can only name the mission (V-7).
 fn served_plan(plans: &PlansMut<'_>, port: &Port, mission_type: MavMissionType) -> Result<PlanType, MavMissionResult> {
     let plan = PlanType::from_mission_type(mission_type).ok_or(MavMissionResult::INVALID)?;
     if can_name(port.outbox.version(), mission_type) && plans.capacity(plan) > 0 {

@@ -48,7 +48,7 @@ impl Current {
         self.pending = self.pending.with(links);
     }
 
-    /// The same, because the progress may have changed.
+    /// Marks MISSION_CURRENT as pending on `links`, because the progress may have changed.
     pub(super) fn announce_progress(&mut self, progress: Progress, links: LinkMask) {
         self.reported = progress;
         self.announce(links);
@@ -74,7 +74,7 @@ impl Current {
         self.pending.contains(link)
     }
 
-    /// Sends MISSION_CURRENT.
+    /// Sends MISSION_CURRENT. Returns false if the link cannot send it.
     pub(super) fn send(&mut self, plans: &PlansMut<'_>, progress: &Progress, tx: &mut Outbox) -> bool {
         self.pending = self.pending.without(LinkMask::of(tx.link()));
         let count = plans.count(PlanType::Mission);

@@ -80,7 +80,7 @@ impl Reply {
         self.is_accepted() || matches!(self.content, ReplyContent::Refused(_))
     }
 
-    /// Sends the answer as a MISSION_ACK.
+    /// Sends the answer as a MISSION_ACK. Returns false if the answer is none, or if the link cannot send it.
     fn send_ack(&self, tx: &mut Outbox) -> bool {
         let (result, id) = match self.content {
             ReplyContent::Accepted { id } => (MavMissionResult::ACCEPTED, u32::from_le_bytes(id)),
@@ -172,18 +172,18 @@ impl Replies {
 
     /// Takes the oldest answer that is no MISSION_ACK.
     pub(super) fn take_part(&mut self) -> Option<Reply> {
-        self.take(false)
+        take_first(&mut self.slots, |reply| !reply.is_ack())
     }
 
-    /// Takes the oldest answer that is a MISSION_ACK, or is none.
-    fn take(&mut self, is_ack: bool) -> Option<Reply> {
-        take_first(&mut self.slots, |reply| reply.is_ack() == is_ack)
+    /// Takes the oldest answer that is a MISSION_ACK.
+    fn take_ack(&mut self) -> Option<Reply> {
+        take_first(&mut self.slots, Reply::is_ack)
     }
 
     /// Sends the oldest MISSION_ACK. Returns false if none is pending.
     pub(super) fn send_ack(&mut self, tx: &mut Outbox) -> bool {
         let result = core::mem::replace(&mut self.result, Reply::NONE);
-        let reply = if result.is_ack() { Some(result) } else { self.take(true) };
+        let reply = if result.is_ack() { Some(result) } else { self.take_ack() };
         reply.is_some_and(|reply| reply.send_ack(tx))
     }
 
@@ -264,7 +264,7 @@ mod tests {
         }
         assert!(replies.is_full() && replies.has_ack());
         assert_eq!([(); 3].map(|()| replies.take_part().unwrap()), [queued[3], queued[4], queued[5]]);
-        assert_eq!([(); 3].map(|()| replies.take(true).unwrap()), queued[..3]);
+        assert_eq!([(); 3].map(|()| replies.take_ack().unwrap()), queued[..3]);
         assert!(!replies.has_part() && !replies.has_ack());
     }
 }

@@ -38,12 +38,12 @@ pub(super) struct Upload {
     /// Whether the request for the next item is pending.
     pub(super) is_request_pending: bool,
     pub(super) request_form: RequestForm,
-    /// Whether a client certainly sends this plan. False if the upload began with a COUNT that may be a delayed duplicate
-    /// of the previous upload's COUNT, until item 0 is received.
+    /// Whether a client certainly sends this plan. False if the upload began with a COUNT that may be a delayed
+    /// duplicate of the previous upload's COUNT, until item 0 is received.
     ///
     /// In an unconfirmed upload, item 0 is requested once for each COUNT, and not by the timer: after a duplicate, the
-    /// answer might be item 0 of the client's next plan. Other clients may start uploads, a timeout is not reported, and
-    /// the state and the pending answers of the previous upload are kept.
+    /// answer might be item 0 of the client's next plan. Other clients may start uploads, a timeout is not reported,
+    /// and the state and the pending answers of the previous upload are kept.
     pub(super) is_confirmed: bool,
     /// The last expected item's frame. In an unconfirmed upload, that of the previous upload: a COUNT sent after it is
     /// not a duplicate (M-22).
@@ -205,8 +205,8 @@ impl FrameNumber {
         Self { link: from.link, seq: Wrapping(frame.header().seq) }
     }
 
-    /// Whether this frame was certainly sent after `other`. False for frames of two links, because each link has its own
-    /// sequence numbers, and for equal numbers, because some senders do not increment them.
+    /// Whether this frame was certainly sent after `other`. False for frames of two links, because each link has its
+    /// own sequence numbers, and for equal numbers, because some senders do not increment them.
     pub(super) fn is_after(self, other: Self) -> bool {
         let is_ahead = matches!((self.seq - other.seq).0, 1..=127);
         self.link == other.link && is_ahead

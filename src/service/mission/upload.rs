@@ -144,9 +144,9 @@ impl Missions {
         self.heard_at = cx.now;
     }
 
-    /// Whether a COUNT from another link belongs to the upload in progress or to the plan that is being written. That is
-    /// a COUNT of the same size that is repeated before the first item, or has the sequence number of an earlier one. While
-    /// the plan is being written, it is a COUNT that was sent before the plan's last item.
+    /// Whether a COUNT from another link belongs to the upload in progress or to the plan that is being written. That
+    /// is a COUNT of the same size that is repeated before the first item, or has the sequence number of an earlier
+    /// one. While the plan is being written, it is a COUNT that was sent before the plan's last item.
     fn is_duplicate_from_other_link(&self, staged: u16, Count { plan, count, number }: Count) -> bool {
         if let Transfer::Upload(upload) = &self.transfer {
             let is_same_size = (upload.plan, upload.count) == (plan, count);
@@ -255,8 +255,8 @@ impl Missions {
         }
     }
 
-    /// Completes the upload after its last item. The plan goes live, or is stored first, unless it is refused as a whole
-    /// (M-39).
+    /// Completes the upload after its last item. The plan goes live, or is stored first, unless it is refused as a
+    /// whole (M-39).
     pub(super) fn complete<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -307,8 +307,8 @@ impl Missions {
         }
     }
 
-    /// Handles an item that is not part of an upload. The last item of the previous upload is answered again, because its
-    /// final ACK was lost (M-31). Any other item is stray (M-36).
+    /// Handles an item that is not part of an upload. The last item of the previous upload is answered again, because
+    /// its final ACK was lost (M-31). Any other item is stray (M-36).
     fn on_stray_item(&mut self, now: Instant, client: &mut Client<'_>, seq: u16) {
         let (address, mission_type) = (client.peer.address, client.mission_type);
         let is_last_item_of = |previous: &&FinishedUpload| {
@@ -353,8 +353,8 @@ impl Missions {
         match result {
             MavMissionResult::ACCEPTED => {}
             MavMissionResult::UNSUPPORTED if upload.request_form.explains_unsupported(cx.plans.staged() > 0) => {
-                // The client refuses the form of the request, not the upload (M-47). If it knows neither form, the timer
-                // ends the upload.
+                // The client refuses the form of the request, not the upload (M-47). If it knows neither form, the
+                // timer ends the upload.
                 event!("upload by {}: trying the other request form", from);
                 let sends_at_once = upload.request_form.choose_after_refusal();
                 upload.is_request_pending |= sends_at_once;
@@ -368,8 +368,8 @@ impl Missions {
 
     /// Handles MISSION_CLEAR_ALL: clears `plan`, or all plans if it is `None` (M-50 to M-53).
     ///
-    /// Answers ACCEPTED once the plans are clear, also in storage. Refuses with DENIED while another client changes plans,
-    /// and with the vehicle's result if it permits no changes.
+    /// Answers ACCEPTED once the plans are clear, also in storage. Refuses with DENIED while another client changes
+    /// plans, and with the vehicle's result if it permits no changes.
     pub(super) fn on_clear<F: Firmware<Vehicle: Plans>>(
         &mut self,
         cx: &mut Cx<'_, F>,
@@ -385,8 +385,8 @@ impl Missions {
             if !(is_same_client && is_same_clear) {
                 return client.refuse_as_busy();
             }
-            // A repeated clear: the result of the first one answers both. A frame on another link may be a duplicate, so
-            // it does not move the client there.
+            // A repeated clear: the result of the first one answers both. A frame on another link may be a duplicate,
+            // so it does not move the client there.
             if !is_on_other_link {
                 commit.move_client(from.link, client.replies);
             }
@@ -427,8 +427,8 @@ impl Missions {
         }
     }
 
-    /// Repeats the request for the missing item when that is due, or ends an upload that has timed out (M-41). Returns the
-    /// final answer of the upload that has ended; `None` if none has ended, or if no client waits for its answer.
+    /// Repeats the request for the missing item when that is due, or ends an upload that has timed out (M-41). Returns
+    /// the final answer of the upload that has ended; `None` if none has ended, or if no client waits for its answer.
     pub(super) fn poll_upload<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         let Transfer::Upload(upload) = &mut self.transfer else { return None };
         if cx.now < upload.retry.deadline() {
@@ -457,8 +457,8 @@ impl Missions {
 
 /// Which client changes plans.
 impl Missions {
-    /// Handles a COUNT or an item while a change is being written. A frame of the change's client is dropped, because the
-    /// client gets the result when the write ends. Frames of other clients are refused.
+    /// Handles a COUNT or an item while a change is being written. A frame of the change's client is dropped, because
+    /// the client gets the result when the write ends. Frames of other clients are refused.
     fn on_frame_during_commit(&mut self, client: &mut Client<'_>) {
         let Some(commit) = self.committing_mut() else { return };
         if commit.client.address == client.peer.address {

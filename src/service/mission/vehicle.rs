@@ -105,9 +105,9 @@ pub trait Plans: Vehicle {
         Ok(())
     }
 
-    /// Returns how far the first waypoint of a mission may be away. A mission whose first waypoint is farther away is refused with
-    /// `INVALID_PARAM5_X` and a text, when it is uploaded, loaded, or restored from storage (M-48). The distance is
-    /// accurate to 3 % up to 100 km and below 80° of latitude.
+    /// Returns how far the first waypoint of a mission may be away. A mission whose first waypoint is farther away is
+    /// refused with `INVALID_PARAM5_X` and a text, when it is uploaded, loaded, or restored from storage (M-48). The
+    /// distance is accurate to 3 % up to 100 km and below 80° of latitude.
     ///
     /// `None`, the default, means no limit; return it also while the vehicle does not know its position. A vehicle with
     /// a limit then says so by [`limits_first_waypoint`](Self::limits_first_waypoint). A mission that went live

@@ -91,8 +91,8 @@ impl<R: Rows> Table<'_, R> {
         Handled::Yes
     }
 
-    /// Handles PARAM_SET (P-14). Returns [`ParamRequest::Set`] for a valid value that differs from the present one: the caller
-    /// decides whether it is set. A refusal, or a value that is set already, is answered here.
+    /// Handles PARAM_SET (P-14). Returns [`ParamRequest::Set`] for a valid value that differs from the present one: the
+    /// caller decides whether it is set. A refusal, or a value that is set already, is answered here.
     fn on_set(
         &mut self,
         texts: &mut StatusTexts,
@@ -107,14 +107,16 @@ impl<R: Rows> Table<'_, R> {
         }
         let name = wire_name(&set.param_id);
         if client.options.is_name_of_hash(&name) {
-            // The client sets the hash to say that it has all values. So the list and the hash are no longer needed. They are
-            // not answered with the hash: QGroundControl would take the answer for a new hash, and set the hash again.
+            // The client sets the hash to say that it has all values. So the list and the hash are no longer needed.
+            // They are not answered with the hash: QGroundControl would take the answer for a new hash, and set the
+            // hash again.
             list.end();
             self.cancel_hash(client.from.link);
             return ParamRequest::Handled(Handled::Yes);
         }
         if !self.state.refusals.has_room(client.from.link) {
-            // Nothing is set if a refusal, also one by the caller, could not be answered. The client repeats the request.
+            // Nothing is set if a refusal, also one by the caller, could not be answered. The client repeats the
+            // request.
             return ParamRequest::Handled(Handled::NoRoom);
         }
         let found = self.rows.find(&name).and_then(|index| Some((index, self.get(index)?)));
@@ -134,8 +136,8 @@ impl<R: Rows> Table<'_, R> {
         ParamRequest::Handled(Handled::Yes)
     }
 
-    /// Handles the caller's decision about a PARAM_SET: queues the value on all normal links, whether or not it has changed, and
-    /// a refusal.
+    /// Handles the caller's decision about a PARAM_SET: queues the value on all normal links, whether or not it has
+    /// changed, and a refusal.
     pub(super) fn on_decision(
         &mut self,
         texts: &mut StatusTexts,
@@ -153,8 +155,8 @@ impl<R: Rows> Table<'_, R> {
         self.queue_value(index, client.normal_links);
     }
 
-    /// Queues the hash on a client's link. Computes the hash again, unless its computation is in progress for a link. A hash
-    /// that was computed earlier may be outdated, and may still be pending on a stalled link.
+    /// Queues the hash on a client's link. Computes the hash again, unless its computation is in progress for a link. A
+    /// hash that was computed earlier may be outdated, and may still be pending on a stalled link.
     fn queue_hash(&mut self, link: LinkId) {
         let state = &mut *self.state;
         let is_in_progress = !state.hash_pending.is_empty() && !state.hash.is_ready(&self.rows);
@@ -171,8 +173,8 @@ impl<R: Rows> Table<'_, R> {
 
     /// Queues a PARAM_ERROR. Returns [`Handled::NoRoom`] if there is no slot for it: then the request has no effect.
     ///
-    /// Clients that do not know PARAM_ERROR get a text too: after a PARAM_SET, and where PARAM_ERROR is not available, as in
-    /// MAVLink 1 (P-32).
+    /// Clients that do not know PARAM_ERROR get a text too: after a PARAM_SET, and where PARAM_ERROR is not available,
+    /// as in MAVLink 1 (P-32).
     fn refuse(
         &mut self,
         texts: &mut StatusTexts,
@@ -227,15 +229,16 @@ struct SetRefusal {
 ///
 /// # Errors
 ///
-/// The first reason to refuse it: the type of the value, a read-only parameter, or a value that is no number of the parameter's
-/// type and range.
+/// The first reason to refuse it: the type of the value, a read-only parameter, or a value that is no number of the
+/// parameter's type and range.
 fn requested_bits(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u32, SetRefusal> {
     let refused = |error| Err(SetRefusal { request: RefusedRequest::Set, error });
     let (sent, ours) = (set.param_type, info.param_type());
     if !value::is_supported(sent) {
         return refused(MavParamError::TYPE_UNSUPPORTED);
     }
-    // With casts, a client need not know the type. MAVProxy does not know it after `param ftp`, and sends REAL32 (P-19).
+    // With casts, a client need not know the type. MAVProxy does not know it after `param ftp`, and sends REAL32
+    // (P-19).
     let is_cast = encoding == ParamEncoding::CCast || sent == MavParamType::REAL32;
     let (encoding, named) = if is_cast { (ParamEncoding::CCast, ours) } else { (encoding, sent) };
     if ours == MavParamType::REAL32 && named != ours {
