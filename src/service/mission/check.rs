@@ -58,8 +58,17 @@ pub(super) fn rule(
     rules.iter().find(|rule| rule.command() == command).ok_or(MavMissionResult::UNSUPPORTED)
 }
 
-/// Checks item `seq` of a plan by the rule of its command, then by the vehicle. An item that `is_float` was received as
-/// a MISSION_ITEM, and is converted first (M-37).
+/// The message in which an item was received.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum ItemForm {
+    /// MISSION_ITEM_INT, or no message: a plan that is loaded.
+    Int,
+    /// MISSION_ITEM: the position is in floats.
+    Float,
+}
+
+/// Checks item `seq` of a plan by the rule of its command, then by the vehicle. An item of a MISSION_ITEM is converted
+/// first (M-37).
 ///
 /// # Errors
 ///
@@ -69,14 +78,14 @@ pub(super) fn check_item<F: Firmware<Vehicle: Plans>>(
     plan: PlanType,
     seq: u16,
     item: &mut Item,
-    is_float: bool,
+    form: ItemForm,
 ) -> Result<(), Problem> {
     // The command is checked first (M-38), because the other checks depend on its rule.
     let rule = rule(plan, F::Vehicle::MISSION_COMMANDS, item.command);
     // Before the conversion: 0 in an integer and 0 in a float have the same bits.
     let has_no_position = (item.x, item.y) == (0, 0);
     let checked = rule.and_then(|rule| {
-        if is_float {
+        if form == ItemForm::Float {
             *item = Item::from_float(*item, rule)?;
         }
         // An altitude above terrain needs a model of the terrain (M-49).
@@ -106,7 +115,7 @@ pub(super) fn stage_item<F: Firmware<Vehicle: Plans>>(
     if seq >= cx.plans.capacity(plan) {
         return Err(Problem::Refused(plan, MavMissionResult::NO_SPACE.into()));
     }
-    check_item(cx, plan, seq, &mut item, false)?;
+    check_item(cx, plan, seq, &mut item, ItemForm::Int)?;
     cx.plans.stage(item);
     Ok(())
 }

@@ -31,6 +31,14 @@ const GRACE: Duration = Duration::from_millis(200);
 /// 1.5 s (M-31).
 const SECOND_ACK: Duration = Duration::from_millis(400);
 
+/// Whether a durable change must be written.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum StorageWrite {
+    Needed,
+    /// Storage has the content already.
+    NotNeeded,
+}
+
 /// Admission: the checks before a change.
 impl Missions {
     /// Asks the vehicle for permission to change a plan. A durable change also needs permission to write, unless it
@@ -44,10 +52,10 @@ impl Missions {
         cx: &mut Cx<'_, F>,
         plan: PlanType,
         from: Peer,
-        is_stored: bool,
+        write: StorageWrite,
     ) -> Result<(), MavMissionResult> {
         let (vehicle, mut context) = cx.hook();
-        if self.is_durable() && !is_stored && !vehicle.may_persist() {
+        if self.is_durable() && write == StorageWrite::Needed && !vehicle.may_persist() {
             return Err(MavMissionResult::DENIED);
         }
         vehicle.may_change(&mut context, plan, from)
@@ -60,7 +68,7 @@ impl Missions {
         plan: PlanType,
         from: Peer,
     ) -> Result<(), MavMissionResult> {
-        let permission = self.permission(cx, plan, from, false);
+        let permission = self.permission(cx, plan, from, StorageWrite::Needed);
         if let Err(result) = permission {
             if let Some(refused) = self.refused.count(cx.now) {
                 event!("{} change by {}: {=u8} by the vehicle; {=u32} refused so far", plan, from, result.0, refused);

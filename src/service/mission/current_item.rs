@@ -9,12 +9,19 @@ use crate::num;
 use crate::service::Cx;
 use crate::types::{Command, CommandPosition, Firmware, LinkMask, Origin, PlanType};
 
+/// Whether the counters of the mission's jumps start again.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum JumpCounters {
+    Keep,
+    Reset,
+}
+
 impl Missions {
     /// Handles MISSION_SET_CURRENT. It has no acknowledgement: MISSION_CURRENT shows success and failure, and a text
     /// reports a failure (M-93).
     pub(super) fn on_set_current<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, seq: u16) {
         let exists = seq < cx.plans.count(PlanType::Mission);
-        if exists && go_to(cx, seq, false) == MavResult::ACCEPTED {
+        if exists && go_to(cx, seq, JumpCounters::Keep) == MavResult::ACCEPTED {
             self.current.announce_progress(cx.vehicle.progress(), cx.shared.normal);
         } else {
             self.refuse_current(cx, seq);
@@ -91,10 +98,10 @@ fn set_current<F: Firmware<Vehicle: Plans>>(
     count: u16,
 ) -> Result<MavResult, MavResult> {
     let [item, reset, ..] = command.params;
-    let reset = match num::integer::<i32>(reset) {
-        Some(0) => false,
-        Some(1) => true,
-        None if reset.is_nan() => false,
+    let jump_counters = match num::integer::<i32>(reset) {
+        Some(0) => JumpCounters::Keep,
+        Some(1) => JumpCounters::Reset,
+        None if reset.is_nan() => JumpCounters::Keep,
         _ => return Err(MavResult::DENIED),
     };
     let seq = match num::integer::<i32>(item) {
@@ -105,14 +112,14 @@ fn set_current<F: Firmware<Vehicle: Plans>>(
         _ => return Err(MavResult::DENIED),
     };
     match seq.filter(|&seq| seq < count) {
-        Some(seq) => Ok(go_to(cx, seq, reset)),
+        Some(seq) => Ok(go_to(cx, seq, jump_counters)),
         None => Err(MavResult::FAILED),
     }
 }
 
 /// Makes item `seq` the current one. While the vehicle flies its mission, item 0 restarts it, and is checked like a
 /// start (M-48).
-fn go_to<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, seq: u16, reset: bool) -> MavResult {
+fn go_to<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, seq: u16, jump_counters: JumpCounters) -> MavResult {
     let (vehicle, mut context) = cx.hook();
     if seq == 0
         && vehicle.progress().in_mission_mode
@@ -120,7 +127,7 @@ fn go_to<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, seq: u16, reset: bool)
     {
         return result;
     }
-    vehicle.set_current(&mut context, seq, reset)
+    vehicle.set_current(&mut context, seq, jump_counters == JumpCounters::Reset)
 }
 
 /// Handles MAV_CMD_MISSION_START: parameters 1 and 2 are the first and the last item. NaN means "not given", and so

@@ -43,7 +43,8 @@ impl RequestForm {
 
     /// Chooses the form of repetition number `retries`.
     pub(super) fn choose_for_retry(&mut self, retries: u8) {
-        if !self.is_fixed && (retries >= REPETITIONS || self.has_sent_old) {
+        let do_forms_alternate = !self.is_fixed && (retries >= REPETITIONS || self.has_sent_old);
+        if do_forms_alternate {
             self.next_is_old = !self.last_was_old && !self.client_refuses_old;
         }
     }
@@ -51,20 +52,23 @@ impl RequestForm {
     /// Chooses the form for the next item when the missing one is received: that of the last request.
     pub(super) fn choose_after_item(&mut self) {
         self.next_is_old = self.last_was_old && !self.client_refuses_old;
-        if self.has_int_request != self.has_old_request || !self.has_sent_old {
+        // An item that was requested in both forms may answer the earlier request: then it proves no form.
+        let was_one_form_requested = self.has_int_request != self.has_old_request || !self.has_sent_old;
+        if was_one_form_requested {
             self.is_fixed = true;
         }
         (self.has_int_request, self.has_old_request) = (false, false);
     }
 
-    /// Whether UNSUPPORTED refuses the form of a request, rather than cancelling the upload.
-    pub(super) fn explains_unsupported(&self, has_items: bool) -> bool {
+    /// Whether UNSUPPORTED from the client may refuse the form of a request. If not, it cancels the upload: the client
+    /// has sent items (`has_items`), and was sent no request in the other form.
+    pub(super) fn may_be_refused(&self, has_items: bool) -> bool {
         self.has_sent_old || !has_items
     }
 
-    /// Chooses the other form after the client answered UNSUPPORTED. Returns whether to send a request at once. Several
-    /// requests in transit may each be refused, and a client that knows neither form must not set the pace of the
-    /// requests.
+    /// Chooses the other form after the client answered UNSUPPORTED. Returns whether to send a request at once: only
+    /// after the first refusal of the form of the last request. Several requests in transit may each be refused, and a
+    /// client that knows neither form must not set the pace of the requests.
     pub(super) fn choose_after_refusal(&mut self) -> bool {
         if !self.has_sent_old {
             (self.client_refuses_int, self.next_is_old) = (true, true);
@@ -72,8 +76,8 @@ impl RequestForm {
         }
         // A client that refuses MISSION_REQUEST_INT may have refused several.
         self.next_is_old = self.client_refuses_int;
-        let is_new = !self.client_refuses_int && !self.client_refuses_old;
-        self.client_refuses_old |= is_new;
-        is_new && self.last_was_old
+        let is_first_refusal = !self.client_refuses_int && !self.client_refuses_old;
+        self.client_refuses_old |= is_first_refusal;
+        is_first_refusal && self.last_was_old
     }
 }

@@ -22,12 +22,12 @@ const MIN_RETRIES: u8 = 5;
 pub(super) struct RetryTimer {
     /// Smoothed time from a request to its item (µs); 0 until the first measurement.
     round_trip: Saturating<u32>,
-    /// Time from the first request to the last item, if that took more than one request (µs): an upper bound, because
-    /// the item may answer any of them. Otherwise 0.
+    /// Time from the first request to the last item, if the item was requested more than once (µs): an upper bound of
+    /// the round trip, because the item may answer any of the requests. 0 if the item was requested once.
     ambiguous: Saturating<u32>,
     /// When the missing item was first requested.
     requested_at: Option<Instant>,
-    /// Number of repeated requests for it.
+    /// Number of repeated requests for the missing item.
     retries: Saturating<u8>,
     retry_at: Instant,
     /// When the last item was received, or the upload began.
@@ -74,7 +74,8 @@ impl RetryTimer {
             let elapsed = now - at;
             u32::try_from(elapsed.as_micros()).unwrap_or(u32::MAX)
         });
-        if self.retries.0 == 0 {
+        let was_requested_once = self.retries.0 == 0;
+        if was_requested_once {
             self.add_sample(elapsed);
             self.ambiguous = Saturating(0);
         } else {
@@ -85,8 +86,8 @@ impl RetryTimer {
         self.wait_from(now);
     }
 
-    /// Records that the last item was received a second time. So its repeated request was premature, and the round trip
-    /// is the whole time since the first request. The pending request waits that long too.
+    /// Records that the last item was received a second time. So the repeated request for it was premature, and the
+    /// round trip is the whole time from the first request. The pending request waits for a round trip, too.
     pub(super) fn on_duplicate(&mut self) {
         if self.ambiguous > self.round_trip {
             self.add_sample(self.ambiguous.0);
@@ -110,7 +111,7 @@ impl RetryTimer {
         self.retry_at
     }
 
-    /// Whether the upload has timed out.
+    /// Whether the upload has timed out: no item was received for a while, in spite of enough repeated requests.
     pub(super) fn has_timed_out(&self, now: Instant) -> bool {
         self.retries.0 >= MIN_RETRIES && now - self.progress_at >= TIMEOUT
     }

@@ -4,7 +4,8 @@
 //! This module handles the messages of the state diagram at [`Plans`]. It decides which client may start, restart or
 //! cancel an upload, or clear a plan. [`RetryTimer`](super::retry::RetryTimer) decides when a request is repeated.
 
-use super::check::{check_item, check_staged_plan};
+use super::check::{ItemForm, check_item, check_staged_plan};
+use super::commit::StorageWrite;
 use super::engine::Missions;
 use super::problem::Problem;
 use super::replies::{Client, FinalAnswer, ReplyContent};
@@ -237,7 +238,8 @@ impl Missions {
             return self.count_missing_slot();
         }
         let mut item = Item::from_int(&message);
-        if let Err(problem) = check_item(cx, plan, seq, &mut item, frame.id() == MissionItem::ID) {
+        let form = if frame.id() == MissionItem::ID { ItemForm::Float } else { ItemForm::Int };
+        if let Err(problem) = check_item(cx, plan, seq, &mut item, form) {
             problem.report(cx);
             return self.refuse_upload(cx, client, seq, problem.fault().result);
         }
@@ -267,9 +269,10 @@ impl Missions {
         let (plan, id, first, last) = (*plan, digest.id(), first.unwrap_or(0), *last);
         let change = Change::Upload { plan, id, first, last_seq, last };
         // The vehicle may have armed since COUNT, so it is asked for permission again.
-        let is_stored = self.changes_nothing(&cx.plans, &change);
+        let write =
+            if self.changes_nothing(&cx.plans, &change) { StorageWrite::NotNeeded } else { StorageWrite::Needed };
         let checked = check_staged_plan(cx, plan).and_then(|()| {
-            let permission = self.permission(cx, plan, client.peer, is_stored);
+            let permission = self.permission(cx, plan, client.peer, write);
             permission.map_err(|result| Problem::Refused(plan, result.into()))
         });
         if let Err(problem) = checked {
@@ -352,7 +355,7 @@ impl Missions {
         self.heard_at = cx.now;
         match result {
             MavMissionResult::ACCEPTED => {}
-            MavMissionResult::UNSUPPORTED if upload.request_form.explains_unsupported(cx.plans.staged() > 0) => {
+            MavMissionResult::UNSUPPORTED if upload.request_form.may_be_refused(cx.plans.staged() > 0) => {
                 // The client refuses the form of the request, not the upload (M-47). If it knows neither form, the
                 // timer ends the upload.
                 event!("upload by {}: trying the other request form", from);
