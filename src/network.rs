@@ -22,4 +22,4 @@ pub use peers::PeerInfo;
 #[doc(hidden)]
 pub use peers::{Peers, SenderEntry};
 pub(crate) use peers::{Reception, deadline, is_heard, is_known, is_of_vehicle, poll, record, record_unchecked};
-pub(crate) use routes::{forget_rebooted, routes, target_of};
+pub(crate) use routes::{forget_rebooted, learn_route, routes, target_of};

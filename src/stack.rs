@@ -365,11 +365,16 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     pub fn with_context<R>(&mut self, now: Instant, work: impl FnOnce(&mut Context<'_>) -> R) -> R {
         let now = self.enter(now);
         let Self { shared, texts, requests, events, plans, parameters, services, .. } = self;
-        let (plans, values) = (PlanMemory::view(plans), parameters.values());
-        let (texts, requests, events) = (texts.view_mut(), requests.view_mut(), events.view_mut());
-        let mut context = Context::new(now, shared.normal, texts, requests, events, &plans, values);
-        context.can_start = services.command.slots.view_mut().is_some_and(|long| long.can_start());
-        work(&mut context)
+        work(&mut Context {
+            now,
+            normal: shared.normal,
+            texts: texts.view_mut(),
+            requests: requests.view_mut(),
+            events: events.view_mut(),
+            plans: &PlanMemory::view(plans),
+            values: parameters.values(),
+            can_start: services.command.slots.view_mut().is_some_and(|long| long.can_start()),
+        })
     }
 
     /// Calls `work` with the services of the declaration's struct, and with the [`Cx`] that their methods take, at the

@@ -153,6 +153,16 @@ impl Window {
     }
 }
 
+/// The checks by which a candidate becomes a frame.
+pub(crate) struct Checks<K, V> {
+    pub(crate) messages: MessageTable,
+    /// Returns whether a source was heard before.
+    pub(crate) is_known: K,
+    /// Returns whether a whole signed frame has a valid signature, and subtracts the cost from the budget. A frame with an unknown
+    /// id is accepted if it has one (SEC-5).
+    pub(crate) verifies: V,
+}
+
 /// The result of examining a candidate.
 enum Verdict {
     /// Undecided until the candidate has this many bytes.
@@ -355,38 +365,36 @@ impl Decoder {
         budget: &mut u32,
         is_known: impl Fn(Address) -> bool,
     ) -> Option<Frame<'_>> {
-        self.next_vouched(now, messages, budget, is_known, |_, _| false)
+        self.next_checked(now, budget, Checks { messages, is_known, verifies: |_: &[u8], _: &mut u32| false })
     }
 
-    /// Like [`next`](Self::next). `verifies` returns whether a whole signed frame has a valid signature, and subtracts
-    /// its cost from the budget. A frame with an unknown id is accepted if it does (SEC-5).
+    /// As [`next`](Self::next), with these checks.
     #[inline(always)]
-    pub(crate) fn next_vouched(
+    pub(crate) fn next_checked<K, V>(
         &mut self,
         now: Instant,
-        messages: MessageTable,
         budget: &mut u32,
-        is_known: impl Fn(Address) -> bool,
-        verifies: impl Fn(&[u8], &mut u32) -> bool,
-    ) -> Option<Frame<'_>> {
+        checks: Checks<K, V>,
+    ) -> Option<Frame<'_>>
+    where
+        K: Fn(Address) -> bool,
+        V: Fn(&[u8], &mut u32) -> bool,
+    {
         if self.window.is_waiting() && now - self.grown < IDLE {
             // Fast path, inlined into each caller: most calls end here, because only a part of a frame was received.
             return None;
         }
-        self.find(now, messages, budget, is_known, verifies)
+        self.find(now, budget, checks)
     }
 
     /// Out of line, so that the fast path saves no registers.
     #[cfg_attr(target_pointer_width = "64", inline(never))]
-    fn find(
-        &mut self,
-        now: Instant,
-        messages: MessageTable,
-        budget: &mut u32,
-        is_known: impl Fn(Address) -> bool,
-        verifies: impl Fn(&[u8], &mut u32) -> bool,
-    ) -> Option<Frame<'_>> {
-        let (extent, info) = self.search(now, messages, budget, is_known, verifies)?;
+    fn find<K, V>(&mut self, now: Instant, budget: &mut u32, checks: Checks<K, V>) -> Option<Frame<'_>>
+    where
+        K: Fn(Address) -> bool,
+        V: Fn(&[u8], &mut u32) -> bool,
+    {
+        let (extent, info) = self.search(now, budget, checks)?;
         increment(if info.is_some() { &mut self.counters.frames } else { &mut self.counters.unchecked });
         let raw = self.window.take(&self.buffer, extent.len)?;
         let payload = raw.get(extent.header_len..extent.payload_end)?;
@@ -395,14 +403,16 @@ impl Decoder {
 
     /// Drops candidates until one is a frame. Returns its extent, and its message if the id is known.
     #[inline(always)]
-    fn search(
+    fn search<K, V>(
         &mut self,
         now: Instant,
-        messages: MessageTable,
         budget: &mut u32,
-        is_known: impl Fn(Address) -> bool,
-        verifies: impl Fn(&[u8], &mut u32) -> bool,
-    ) -> Option<(Extent, Option<&'static MessageInfo>)> {
+        Checks { messages, is_known, verifies }: Checks<K, V>,
+    ) -> Option<(Extent, Option<&'static MessageInfo>)>
+    where
+        K: Fn(Address) -> bool,
+        V: Fn(&[u8], &mut u32) -> bool,
+    {
         let Self { buffer, window, counters, least_component, grown, stale_after, .. } = self;
         loop {
             let candidate = window.candidate(buffer)?;

@@ -9,6 +9,7 @@ mod encoder;
 #[cfg(feature = "signing")]
 mod signing;
 
+pub(crate) use decoder::Checks;
 pub use decoder::{Decoder, RxCounters};
 pub(crate) use encoder::wrap;
 pub use encoder::{EncodeError, encode};

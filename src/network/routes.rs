@@ -22,20 +22,16 @@ pub(crate) struct Routes {
     pub(crate) to: LinkMask,
 }
 
-/// Returns the routes of a frame from `from` to `target`. With `is_learned`, the frame teaches the route to its
-/// source. `free` are the links on which the frame costs nothing: a component that one of them reaches needs no
-/// other link.
-pub(crate) fn routes(
-    peers: &mut Peers,
-    now: Instant,
-    from: Peer,
-    is_learned: bool,
-    target: Address,
-    free: LinkMask,
-) -> Routes {
-    if let Some(info) = peers.iter_mut().find(|info| is_learned && info.peer == from) {
+/// Learns the route to the sender of a frame.
+pub(crate) fn learn_route(peers: &mut Peers, sender: Peer) {
+    if let Some(info) = peers.iter_mut().find(|info| info.peer == sender) {
         info.is_route = true;
     }
+}
+
+/// Returns the routes of a frame from `from` to `target`. `free` are the links on which the frame costs nothing: a
+/// component that one of them reaches needs no other link.
+pub(crate) fn routes(peers: &Peers, now: Instant, from: Peer, target: Address, free: LinkMask) -> Routes {
     let to = if target.system.is_all() { LinkMask::ALL } else { LinkMask::NONE };
     let mut routes = Routes { target, seen: LinkMask::NONE, to };
     let is_heard = |info: &PeerInfo| now - info.last_heard() < HEARD;

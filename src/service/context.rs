@@ -186,8 +186,8 @@ impl<F: Firmware> Cx<'_, F> {
     /// Returns the peer table too, for changes that the vehicle learns of.
     pub(crate) fn peers_and_hook(&mut self) -> (&mut Peers, &mut F::Vehicle, Context<'_>) {
         let Self { now, shared, peers, texts, requests, events, plans, parameters, vehicle } = self;
-        let context = Context::new(*now, shared.normal, texts, requests, events, plans, parameters.values());
-        (peers, vehicle, context)
+        let (now, normal, values) = (*now, shared.normal, parameters.values());
+        (peers, vehicle, Context { now, normal, texts, requests, events, plans, values, can_start: false })
     }
 }
 

@@ -94,7 +94,10 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> For
             return len;
         }
         let free = queues.free_links(frame.id(), target);
-        let routes = network::routes(cx.peers, cx.now, from, sender.is_some(), target, free);
+        if sender.is_some() {
+            network::learn_route(cx.peers, from);
+        }
+        let routes = network::routes(cx.peers, cx.now, from, target, free);
         let own = cx.shared.config.address.get();
         let is_ours_too = target.system == own.system && target.component.is_all();
         if routes.to.is_empty() && !is_ours_too {

@@ -361,9 +361,10 @@ impl Setpoints {
     }
 
     /// Handles one of the three messages, and counts it. Returns whether its setpoint is the current one from now on.
-    fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) -> bool {
+    fn receive(&mut self, now: Instant, received: &Received<'_>, peers: &Peers) -> bool {
+        let Received { frame, from, target, .. } = *received;
         let Some(setpoint) = RawSetpoint::read(frame) else { return false };
-        let checked = self.check_sender(now, from, is_broadcast, peers).and_then(|()| setpoint.check());
+        let checked = self.check_sender(now, from, target.system.is_all(), peers).and_then(|()| setpoint.check());
         if checked.is_ok() {
             self.holder.hold(now, from);
             self.at = now;
@@ -398,12 +399,10 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for Setpoints {
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
-        let Received { frame, from, target, .. } = received;
-        match frame.id() {
+        match received.frame.id() {
             SetPositionTargetLocalNed::ID | SetPositionTargetGlobalInt::ID | SetAttitudeTarget::ID => {
                 let now = cx.shared.clock.shown(cx.now);
-                let is_broadcast = target.system.is_all();
-                let is_accepted = self.receive(now, *from, frame, is_broadcast, cx.peers);
+                let is_accepted = self.receive(now, received, cx.peers);
                 if is_accepted && let Some(setpoint) = self.current(now) {
                     let (vehicle, mut context) = cx.hook();
                     vehicle.control_input(&mut context, &ControlInput::Setpoint(setpoint));

@@ -4,7 +4,7 @@
 use super::services::{Services, States};
 use super::{Declares, Stack};
 use crate::dialect::{MavCmd, MavResult, MavSeverity};
-use crate::frame::{Decoder, Frame};
+use crate::frame::{Checks, Decoder, Frame};
 use crate::link::{Link, Port};
 use crate::message::{Address, Text};
 use crate::network::{self, ForwardDecision, Reception, SenderEntry};
@@ -93,10 +93,12 @@ impl<D: Declares> Services<D> {
 
     /// Returns the next frame that the decoder finds; `None` if it needs more bytes.
     fn next_frame<'a>(&self, cx: &Cx<'_, D>, decoder: &'a mut Decoder, allowance: &mut Allowance) -> Option<Frame<'a>> {
-        let is_known = |address| network::is_known(cx.peers, address);
-        let vouches = |raw: &[u8], work: &mut u32| self.signing.vouches_for(raw, work);
-        let messages = <D::Vehicle as Vehicle>::MESSAGES;
-        decoder.next_vouched(cx.now, messages, &mut allowance.work, is_known, vouches)
+        let checks = Checks {
+            messages: <D::Vehicle as Vehicle>::MESSAGES,
+            is_known: |address| network::is_known(cx.peers, address),
+            verifies: |raw: &[u8], work: &mut u32| self.signing.vouches_for(raw, work),
+        };
+        decoder.next_checked(cx.now, &mut allowance.work, checks)
     }
 
     /// Learns the sender and its route from a received frame, and forwards the frame. Returns true if the services get

@@ -29,19 +29,6 @@ pub struct Context<'a> {
 }
 
 impl<'a> Context<'a> {
-    /// Returns a context in which no long-running command can start.
-    pub(crate) fn new(
-        now: Instant,
-        normal: LinkMask,
-        texts: &'a mut StatusTexts,
-        requests: &'a mut Requests,
-        events: &'a mut EventLog,
-        plans: &'a PlansMut<'a>,
-        values: &'a [u32],
-    ) -> Self {
-        Self { now, texts, requests, events, normal, plans, values, can_start: false }
-    }
-
     /// Returns the time of the call, by the firmware's clock.
     pub fn now(&self) -> Instant {
         self.now - self.requests.lead

@@ -212,8 +212,9 @@ impl<const N: usize> Client<N> {
         &mut self,
         cx: &mut Cx<'_, F>,
         from: Peer,
-        CommandAnswer { command, outcome: Outcome { result, result_param2 }, progress }: CommandAnswer,
+        answer: CommandAnswer,
     ) -> Handled {
+        let CommandAnswer { command, outcome: Outcome { result, result_param2 }, progress } = answer;
         let is_it = |slot: &&mut Slot| slot.is_answered_by(from.address) && slot.command() == Some(command);
         let Some(slot) = self.slots.iter_mut().find(is_it) else { return Handled::No };
         // A duplicate; or a component that does not know a command to all of a system.

@@ -171,8 +171,9 @@ impl<S: CommandMemory> CommandService<S> {
     pub(crate) fn admit<F: Firmware<Vehicle: Commands + Vehicle>>(
         &mut self,
         cx: &mut Cx<'_, F>,
-        Request { command, answer_as, signed_at, .. }: &Request,
+        request: &Request,
     ) -> Option<Verdict> {
+        let Request { command, answer_as, signed_at, .. } = request;
         if command.is_broadcast && NO_BROADCAST.contains(answer_as) {
             return Some(Verdict::Refused(Refusal::BROADCAST));
         }
@@ -228,10 +229,11 @@ impl<S: CommandMemory> CommandService<S> {
     pub(crate) fn conclude<F: Firmware<Vehicle: Commands>>(
         &mut self,
         cx: &mut Cx<'_, F>,
-        Request { command, signed_at, .. }: &Request,
+        request: &Request,
         verdict: Option<Verdict>,
         is_admitted: bool,
     ) -> Outcome {
+        let Request { command, signed_at, .. } = request;
         let may_start = verdict.is_none() && self.slots.view().is_some_and(LongCommands::can_start);
         let mut outcome = match verdict {
             None => execute(cx, command, may_start),

@@ -264,11 +264,12 @@ impl ManualInput {
     }
 
     /// Handles one of the messages. Returns whether it is input that is accepted.
-    fn receive(&mut self, now: Instant, from: Peer, frame: &Frame<'_>, is_broadcast: bool, peers: &Peers) -> bool {
+    fn receive(&mut self, now: Instant, received: &Received<'_>, peers: &Peers) -> bool {
+        let Received { frame, from, target, .. } = *received;
         let holder = self.holder.sender(now);
         let rank = self.rank(from);
         // mLRS addresses its channels to all.
-        if is_broadcast && (rank == RECEIVERS || frame.id() == ManualControl::ID) {
+        if target.system.is_all() && (rank == RECEIVERS || frame.id() == ManualControl::ID) {
             increment(&mut self.counters.broadcast);
             return false;
         }
@@ -421,12 +422,12 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for ManualInput {
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
-        let Received { frame, from, target, .. } = received;
+        let frame = received.frame;
         if !matches!(frame.id(), ManualControl::ID | RcChannelsOverride::ID | RadioRcChannels::ID) {
             return Handled::No;
         }
         let now = cx.shared.clock.shown(cx.now);
-        if self.receive(now, *from, frame, target.system.is_all(), cx.peers) {
+        if self.receive(now, received, cx.peers) {
             let input = match frame.id() {
                 ManualControl::ID => self.manual_control(now).map(ControlInput::Sticks),
                 _ => self.rc_channels(now).map(ControlInput::Channels),

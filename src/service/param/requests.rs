@@ -85,7 +85,7 @@ impl<R: Rows> Table<'_, R> {
         };
         let Some(index) = found else {
             let request = RefusedRequest::Read { index: read.param_index.max(-1) };
-            return self.refuse(texts, client, request, MavParamError::DOES_NOT_EXIST, &name);
+            return self.refuse(texts, client, Refused { request, error: MavParamError::DOES_NOT_EXIST }, &name);
         };
         self.queue_value(index, LinkMask::of(client.from.link));
         Handled::Yes
@@ -121,14 +121,14 @@ impl<R: Rows> Table<'_, R> {
         }
         let found = self.rows.find(&name).and_then(|index| Some((index, self.get(index)?)));
         let Some((index, (info, present_bits))) = found else {
-            let handled = self.refuse(texts, client, RefusedRequest::Set, MavParamError::DOES_NOT_EXIST, &name);
-            return ParamRequest::Handled(handled);
+            let refused = Refused::set(MavParamError::DOES_NOT_EXIST);
+            return ParamRequest::Handled(self.refuse(texts, client, refused, &name));
         };
         match requested_bits(info.borrow(), client.options.encoding, &set) {
             Ok(bits) if bits != present_bits => return ParamRequest::Set { index, bits },
             Ok(_) => {}
-            Err(SetRefusal { request, error }) => {
-                self.refuse(texts, client, request, error, &name);
+            Err(refused) => {
+                self.refuse(texts, client, refused, &name);
             }
         }
         // The unchanged value is the answer. After a refusal, it follows the PARAM_ERROR.
@@ -148,7 +148,7 @@ impl<R: Rows> Table<'_, R> {
         match (decision, self.get(index)) {
             (Err(error), Some((info, _))) => {
                 let info: &ParamInfo = info.borrow();
-                self.refuse(texts, client, RefusedRequest::Set, error, info.wire_name());
+                self.refuse(texts, client, Refused::set(error), info.wire_name());
             }
             _ => event!("parameter {=u16} set by {}", index, client.from),
         }
@@ -175,14 +175,9 @@ impl<R: Rows> Table<'_, R> {
     ///
     /// Clients that do not know PARAM_ERROR get a text too: after a PARAM_SET, and where PARAM_ERROR is not available,
     /// as in MAVLink 1 (P-32).
-    fn refuse(
-        &mut self,
-        texts: &mut StatusTexts,
-        ParamClient { now, from, options, .. }: ParamClient,
-        request: RefusedRequest,
-        error: MavParamError,
-        name: &[u8; 16],
-    ) -> Handled {
+    fn refuse(&mut self, texts: &mut StatusTexts, client: ParamClient, refused: Refused, name: &[u8; 16]) -> Handled {
+        let ParamClient { now, from, options, .. } = client;
+        let Refused { request, error } = refused;
         let (index, is_read) = match request {
             RefusedRequest::Read { index } => (index, true),
             RefusedRequest::Set | RefusedRequest::SetUnclear => (-1, false),
@@ -219,10 +214,16 @@ enum RefusedRequest {
     SetUnclear,
 }
 
-/// A refused PARAM_SET: [`RefusedRequest::Set`] or [`RefusedRequest::SetUnclear`], and the error.
-struct SetRefusal {
+/// A refused request, and the error.
+struct Refused {
     request: RefusedRequest,
     error: MavParamError,
+}
+
+impl Refused {
+    const fn set(error: MavParamError) -> Self {
+        Self { request: RefusedRequest::Set, error }
+    }
 }
 
 /// Returns the value that a PARAM_SET requests.
@@ -231,8 +232,8 @@ struct SetRefusal {
 ///
 /// The first reason to refuse it: the type of the value, a read-only parameter, or a value that is no number of the
 /// parameter's type and range.
-fn requested_bits(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u32, SetRefusal> {
-    let refused = |error| Err(SetRefusal { request: RefusedRequest::Set, error });
+fn requested_bits(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> Result<u32, Refused> {
+    let refused = |error| Err(Refused::set(error));
     let (sent, ours) = (set.param_type, info.param_type());
     if !value::is_supported(sent) {
         return refused(MavParamError::TYPE_UNSUPPORTED);
@@ -261,7 +262,7 @@ fn requested_bits(info: &ParamInfo, encoding: ParamEncoding, set: &ParamSet) -> 
     };
     // The value is not clamped: a client that reads back another value sets its own again, and fails.
     let error = MavParamError::VALUE_OUT_OF_RANGE;
-    bits.filter(|bits| info.is_valid(*bits)).ok_or(SetRefusal { request, error })
+    bits.filter(|bits| info.is_valid(*bits)).ok_or(Refused { request, error })
 }
 
 /// Queues a text about a refusal.

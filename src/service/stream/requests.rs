@@ -56,8 +56,9 @@ pub(super) fn handle_command<F: Firmware<Vehicle: Telemetry>>(
     cx: &mut Cx<'_, F>,
     port: &mut Port,
     link: &mut StreamLink,
-    Request { command, is_unclaimed, .. }: &Request,
+    received: &Request,
 ) -> Option<MavResult> {
+    let Request { command, is_unclaimed, .. } = received;
     let request = MessageRequest::of(command)?;
     let (table, of, fixed) = (F::Vehicle::STREAMS, owner::<F>(command.component), Fixed::new(cx));
     // A message of another service is answered by that.
