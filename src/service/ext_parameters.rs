@@ -279,11 +279,6 @@ impl ExtParamServer {
         self.answers.get_mut(place?)
     }
 
-    /// Returns the first answer that is pending on a link.
-    fn answer_on(&self, port: &Port) -> Option<usize> {
-        self.answers.iter().position(|answer| answer.links.contains(port.id))
-    }
-
     /// Drops the answers that are pending on a link.
     fn forget(&mut self, port: &Port) {
         for answer in &mut self.answers {
@@ -427,7 +422,7 @@ impl<F: Firmware<Vehicle: ExtParameters>> Service<F> for ExtParamServer {
         if !port.outbox.takes(ParamExtValue::ID) {
             return None;
         }
-        match self.answer_on(port) {
+        match self.answers.iter().position(|answer| answer.links.contains(port.id)) {
             Some(place) => Some((view.now, ExtParamReply::Answer(place))),
             None => link.first_requested().map(|index| (link.limit.due(), ExtParamReply::Value(index))),
         }

@@ -40,7 +40,9 @@ pub(super) fn send<F: Firmware<Vehicle: Camera>>(
     match id {
         CameraInformation::ID => send_information(cx, port),
         CameraSettings::ID => send_settings(cx, port),
-        StorageInformation::ID if F::Vehicle::STORAGES > 0 => send_storage(cx, port, instance),
+        StorageInformation::ID if F::Vehicle::STORAGES > 0 => {
+            port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &storage(cx, instance))
+        }
         VideoStreamInformation::ID if F::Vehicle::VIDEO_STREAMS > 0 => send_stream(cx, port, instance),
         VideoStreamStatus::ID if F::Vehicle::VIDEO_STREAMS > 0 => send_stream_state(cx, port, instance),
         _ => send_status(control, cx, port),
@@ -81,10 +83,6 @@ fn storage<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, id: u8) -> StorageInfor
     information.storage_id = id;
     information.storage_count = F::Vehicle::STORAGES;
     information
-}
-
-fn send_storage<F: Firmware<Vehicle: Camera>>(cx: &Cx<'_, F>, port: &mut Port, id: u8) -> bool {
-    port.outbox.send_from::<F, _>(F::Vehicle::COMPONENT, &storage(cx, id))
 }
 
 /// Fills in the description of a stream.
