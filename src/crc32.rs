@@ -46,6 +46,7 @@ impl Crc32 {
 
     /// Returns the CRC-32 of `bytes`.
     #[cfg(feature = "storage")]
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(crate) fn of(bytes: &[u8]) -> u32 {
         let mut crc = Self::new();
@@ -55,6 +56,7 @@ impl Crc32 {
 
     /// Adds `bytes`: four bits at a time, with a table of 64 bytes. Words of four bytes take 7 instructions a byte on a
     /// Cortex-M4, single bytes 13. Only storage checks so many that the code for words is worth its 140 bytes.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(crate) fn add(&mut self, bytes: &[u8]) {
         let (words, rest) = if cfg!(feature = "storage") { bytes.as_chunks::<4>() } else { (&[][..], bytes) };

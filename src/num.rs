@@ -84,6 +84,7 @@ pub(crate) fn saturated(value: f32) -> u32 {
 
 /// Returns the quotient, rounded down. The divisor must be below 2^16. It replaces the compiler's 64-bit division,
 /// which takes 900 bytes of flash.
+// Out of line: it has several callers.
 #[inline(never)]
 #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; u32 to u64")]
 #[allow(clippy::arithmetic_side_effects, reason = "the divisor is not 0, and `digits` is at most 4")]

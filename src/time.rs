@@ -79,12 +79,14 @@ impl Instant {
     }
 
     /// [`self + duration`](Add) in a constant.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(crate) const fn saturating_add(self, duration: Duration) -> Self {
         Self(self.0.saturating_add(duration.0))
     }
 
     /// [`self - earlier`](Sub) in a constant.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(crate) const fn saturating_since(self, earlier: Self) -> Duration {
         Duration(self.0.saturating_sub(earlier.0))

@@ -510,6 +510,7 @@ fn skip(candidate: &[u8], window: &mut Window, counters: &mut RxCounters) {
 
 /// Drops the candidate's first byte, so that the search continues at its second.
 #[cold]
+// Out of line: it has several callers.
 #[inline(never)]
 fn reject(reason: Reason, window: &mut Window, counters: &mut RxCounters) {
     let counter = match reason {

@@ -298,8 +298,8 @@ impl CommandRule {
         Self { command: MavCmd(command), frames: ANY_FRAME, flags: 0, params, own: &[] }
     }
 
-    /// Rules of the vehicle's own; each takes the place of what the definitions say of its parameter. Again: instead of
-    /// those given before.
+    /// The vehicle's rules; each replaces the definition's rule for that parameter. Calling it again replaces the rules of
+    /// the call before.
     #[must_use]
     pub const fn with_params(self, params: &'static [ParamRule]) -> Self {
         Self { own: params, ..self }
@@ -317,7 +317,7 @@ impl CommandRule {
         Self { frames: set, ..self }
     }
 
-    /// Also the frame MISSION, in which there is no position: parameters 5 and 6 are then what they are, unscaled.
+    /// Also the frame MISSION, in which there is no position: parameters 5 and 6 are then plain numbers.
     #[must_use]
     pub const fn any_frame(self) -> Self {
         Self { frames: ANY_FRAME, ..self }

@@ -69,6 +69,7 @@ impl Ring {
 }
 
 /// Writes `data` to a ring at `at`.
+// Out of line: it has several callers.
 #[inline(never)]
 fn put(ring: &mut [u8], at: usize, data: &[u8]) {
     let Some((front, back)) = ring.split_at_mut_checked(at) else { return };

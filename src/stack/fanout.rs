@@ -276,6 +276,7 @@ impl<D: Declares> Services<D> {
         visit.handled
     }
 
+    // Out of line: its locals stay off the call stack of other frames.
     #[inline(never)]
     pub(super) fn on_command(
         &mut self,
@@ -297,6 +298,7 @@ impl<D: Declares> Services<D> {
     }
 
     /// Offers a command of the firmware itself to the services that are one of its other components.
+    // Out of line: its locals stay off the call stack of a poll without own commands.
     #[inline(never)]
     pub(super) fn on_own_command(
         &mut self,
@@ -364,6 +366,7 @@ impl<D: Declares> Services<D> {
     }
 
     /// As [`offer`](Self::offer), for bulk data: the services after the one that was last are asked first.
+    // Out of line: its locals stay off the call stack of the other turns.
     #[inline(never)]
     fn offer_bulk(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, states: &mut States<D>, turn: Turn) -> bool {
         if cx.now < bulk_due(&states.bulk, turn) {

@@ -34,6 +34,7 @@ impl<F: embedded_storage_async::nor_flash::NorFlash> crate::storage::AsyncStore<
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Attaches a region of storage: from now on, [`storage_job`](Self::storage_job) reads the stored content, and then
     /// writes changes. Call it once, before the loop. [`restore`](Self::restore) does it for a blocking driver.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub fn attach_storage(&mut self, now: Instant, region: Region, vehicle: &mut D::Vehicle)
     where
@@ -264,6 +265,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Runs the next job, if there is one. Returns whether it has erased.
+    // Out of line: it has several callers.
     #[inline(never)]
     fn run_job<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>, vehicle: &mut D::Vehicle) -> Option<bool>
     where

@@ -96,6 +96,7 @@ impl Footer {
     }
 
     /// Reads the end of a page. Returns `None` if the footer is not whole.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(crate) fn read(tail: &[u8; TAIL]) -> Option<Self> {
         let (words, _) = tail.as_chunks::<4>();
@@ -229,6 +230,7 @@ impl Page {
     }
 
     /// Returns the state of a page that was read.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(crate) fn open(&self) -> PageState {
         let Some(footer) = Footer::read(self.tail()) else {

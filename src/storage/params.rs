@@ -28,6 +28,7 @@ const _: () = assert!(ROWS.0 as usize * size_of::<Row>() == PAYLOAD);
 const DEFAULT: u32 = 1 << 31;
 
 /// Returns 31 bits of a hash of a parameter's name and type.
+// Out of line: it has several callers.
 #[inline(never)]
 fn key(info: &ParamInfo) -> u32 {
     let mut crc = Crc32::new();
@@ -65,6 +66,7 @@ where
     ///
     /// A value that was set since storage was attached, or since an earlier attempt to read failed, is newer than the
     /// stored one. So only parameters that still have their defaults are loaded then.
+    // Out of line: its locals stay off the call stack of the other contents.
     #[inline(never)]
     fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> Result<(), DamagedContent> {
         let now = cx.now;

@@ -179,6 +179,7 @@ where
     /// # Errors
     ///
     /// [`DamagedContent`] if the head is missing, or if there are more or fewer items than it says.
+    // Out of line: its locals stay off the call stack of the other contents.
     #[inline(never)]
     fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> Result<(), DamagedContent> {
         let LoadedPage { bytes, is_first, is_last, is_retry, progress, .. } = page;
@@ -232,11 +233,13 @@ where
         Some(PendingWrite { record: 0, version, is_secret: false })
     }
 
+    // Out of line: its locals stay off the call stack of the other contents.
     #[inline(never)]
     fn fill(&mut self, cx: &mut Cx<'_, F>, _: u8, page: u16, bytes: &mut [u8]) -> Option<FilledPage> {
         fill(&self.content(&cx.plans), page, bytes)
     }
 
+    // Out of line: its locals stay off the call stack of the other contents.
     #[inline(never)]
     fn on_written<'l>(&mut self, cx: &mut Cx<'_, F>, links: impl Iterator<Item = &'l mut Self::Link>, is_saved: bool)
     where

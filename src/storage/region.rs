@@ -113,6 +113,7 @@ impl Region {
     }
 
     /// Returns the position behind the unit that contains this position.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(super) fn end_of_unit(&self, position: Pages) -> Pages {
         let next = in_region(position) + Wrapping(1);

@@ -262,6 +262,7 @@ impl LinkMask {
     pub(crate) const ALL: Self = Self(u16::MAX);
 
     /// Returns the set of only `link`; the empty set if its number is [`MAX_LINKS`] or more.
+    // Out of line: it has several callers.
     #[inline(never)]
     #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; u8 to u32")]
     pub(crate) const fn of(link: LinkId) -> Self {

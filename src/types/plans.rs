@@ -304,6 +304,7 @@ impl<const M: usize, const F: usize, const R: usize, const S: usize, U: UploadMe
         }
     }
 
+    // Out of line: it has several callers.
     #[inline(never)]
     fn view(&mut self) -> PlansMut<'_> {
         PlansMut(Some(Buffers {

@@ -175,6 +175,7 @@ impl Requests {
 
     /// Queues a message on the links of `to` that are `normal`. A message that is pending there already is not queued
     /// again. Returns false if no link has room.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(crate) fn send(&mut self, normal: LinkMask, id: u32, to: Destination, index: u16) -> bool {
         let (links, target) = match to {

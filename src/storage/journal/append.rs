@@ -59,6 +59,7 @@ impl Journal {
     }
 
     /// Begins the next segment, with the copies.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(super) fn begin_segment(&mut self) {
         self.newest = self.newest.next();
@@ -86,6 +87,7 @@ impl Journal {
 
     /// Leaves out the rest of the unit at the head, which cannot be erased or written, and begins the record behind it again: in
     /// the next segment if there is no room for it. Fails if there is none in the next segment either.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(super) fn leave_out_unit(&mut self) -> Event {
         self.target.leave_out_unit(&self.region);
@@ -118,6 +120,7 @@ impl Journal {
 
     /// Gives up the record that is being written: it does not count. Does nothing while a page that was written is still
     /// to be checked, because it may be the last one.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(crate) fn abandon(&mut self) {
         if self.task == Task::Append && self.writer.stage != Stage::Check {
@@ -138,6 +141,7 @@ impl Journal {
     }
 
     /// Returns the next step of writing a page.
+    // Out of line: its locals stay off the call stack of the other steps.
     #[inline(never)]
     pub(super) fn next_of_append(&mut self, page: &mut Page) -> Next {
         if self.writer.stage == Stage::Content {
@@ -275,6 +279,7 @@ impl Journal {
     }
 
     /// Takes a page that was written and is whole.
+    // Out of line: its locals stay off the call stack of the other steps.
     #[inline(never)]
     fn on_page_written(&mut self, now: Instant, footer: &Footer) -> Event {
         self.target.head += 1;
@@ -345,6 +350,7 @@ impl Journal {
     }
 
     /// Ends writing without the record.
+    // Out of line: it has several callers.
     #[inline(never)]
     fn fail(&mut self, is_dirty: bool) -> Event {
         if self.writer.new_segment == NewSegment::Once && self.is_in_new_segment() {
@@ -356,6 +362,7 @@ impl Journal {
 }
 
 /// Whether the page in the buffer is the last one of its record.
+// Out of line: it has several callers.
 #[inline(never)]
 fn is_last(page: &Page) -> bool {
     Footer::read(page.tail()).is_some_and(|footer| footer.is_last())

@@ -143,6 +143,7 @@ impl Journal {
     }
 
     /// Reads the end of the page that is examined.
+    // Out of line: it has several callers.
     #[inline(never)]
     fn read_tail(&mut self) -> Next {
         self.job = Purpose::Step;
@@ -177,6 +178,7 @@ impl Journal {
     }
 
     /// Takes the result of the job.
+    // Out of line: its locals stay off the call stack of the code that runs the job.
     #[inline(never)]
     pub(crate) fn done(&mut self, now: Instant, is_done: bool, page: &mut Page) -> Event {
         match core::mem::replace(&mut self.job, Purpose::None) {

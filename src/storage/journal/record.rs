@@ -121,6 +121,7 @@ impl Entries {
     }
 
     /// Returns the entry of a kind, or a free one; `None` if there are too many kinds.
+    // Out of line: it has several callers.
     #[inline(never)]
     fn slot(&mut self, kind: u8) -> Option<&mut Entry> {
         let wanted = if self.get(kind).is_some() { kind } else { 0 };

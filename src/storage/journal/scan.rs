@@ -30,6 +30,7 @@ impl Journal {
 
     /// Takes the end of a page, or all of it: looks for the open segment, which is the newest one with the last page of a record
     /// that is no copy.
+    // Out of line: its locals stay off the call stack of the other steps.
     #[inline(never)]
     pub(super) fn find_segment(&mut self, now: Instant, is_done: bool, page: &Page) -> Event {
         let is_examined = self.task == Task::Examine;
@@ -152,6 +153,7 @@ impl Journal {
     }
 
     /// Takes the next page of the open segment. A page that does not match its checksums is read a second time.
+    // Out of line: its locals stay off the call stack of the other steps.
     #[inline(never)]
     pub(super) fn replay(&mut self, now: Instant, is_done: bool, page: &Page) -> Event {
         let state = if is_done { page.open() } else { PageState::Bad };

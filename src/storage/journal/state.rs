@@ -264,6 +264,7 @@ impl Journal {
     }
 
     /// Hands out a read of the page at a position, counted from page `first` of the region.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(super) fn read(&mut self, first: RegionPages, position: RegionPages) -> Next {
         self.job = Purpose::Step;
@@ -271,6 +272,7 @@ impl Journal {
     }
 
     /// Hands out an erase of the unit that begins at a position, counted from page `first` of the region.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(super) fn erase(&mut self, first: RegionPages, position: RegionPages, purpose: Purpose) -> Next {
         self.job = purpose;
@@ -298,6 +300,7 @@ impl Journal {
     }
 
     /// Repeats reading from the start after this time.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(super) fn wait(&mut self, now: Instant, time: Duration) -> Event {
         let was_loading = self.task == Task::Load;
@@ -308,6 +311,7 @@ impl Journal {
     }
 
     /// Ends writing. If the next page may be written in part, it is left out.
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(super) fn end_write(&mut self, is_dirty: bool) {
         self.task = Task::Idle;
