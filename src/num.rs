@@ -103,16 +103,31 @@ pub(crate) const fn quotient(dividend: u64, divisor: NonZeroU32) -> u64 {
     quotient
 }
 
-/// Returns `value` rounded half away from zero and clamped to `min` and `max`; `None` for NaN. Not inlined, because it
+/// Returns `value` rounded half away from zero and clamped to `min` and `max`; `unknown` for NaN. Not inlined, because it
 /// has many callers.
 #[inline(never)]
 #[allow(clippy::as_conversions, reason = "both are total: float to integer saturates, integer to float rounds")]
-pub(crate) fn nearest(value: f32, min: i32, max: i32) -> Option<i32> {
+pub(crate) fn nearest(value: f32, min: i32, max: i32, unknown: i32) -> i32 {
+    if value.is_nan() {
+        return unknown;
+    }
     let whole = value as i32;
     // Exact below 2^23, where floats have fractions. Above, `rest` only has to leave the saturated integer unchanged.
     let rest = value - whole as f32;
     let step = i32::from(rest >= 0.5).saturating_sub(i32::from(rest <= -0.5));
-    (!value.is_nan()).then_some(whole.saturating_add(step).min(max).max(min))
+    whole.saturating_add(step).min(max).max(min)
+}
+
+/// Returns the low byte of a number, which is all of it if a `u8` or an `i8` can hold it.
+pub(crate) fn byte(value: i32) -> u8 {
+    let [low, ..] = value.to_le_bytes();
+    low
+}
+
+/// Returns the lower half of a number, which is all of it if a `u16` or an `i16` can hold it.
+pub(crate) fn half(value: i32) -> u16 {
+    let [low, high, ..] = value.to_le_bytes();
+    u16::from_le_bytes([low, high])
 }
 
 /// Returns `value` as an integer; `None` for NaN, infinities, fractions, and values that do not fit in `T` or an `i32`.
@@ -249,9 +264,11 @@ mod tests {
         fn nearest_agrees_with_f64(bits: u32, min in -70_000i32..0, max in 0i32..70_000) {
             let value = f32::from_bits(bits);
             let expected = f64::from(value).round().clamp(f64::from(min), f64::from(max));
-            prop_assert_eq!(nearest(value, min, max), (!value.is_nan()).then_some(expected as i32));
+            let unknown = 123_456;
+            let or_unknown = |expected: f64| if value.is_nan() { unknown } else { expected as i32 };
+            prop_assert_eq!(nearest(value, min, max, unknown), or_unknown(expected));
             let expected = f64::from(value).round().clamp(f64::from(i32::MIN), f64::from(i32::MAX));
-            prop_assert_eq!(nearest(value, i32::MIN, i32::MAX), (!value.is_nan()).then_some(expected as i32));
+            prop_assert_eq!(nearest(value, i32::MIN, i32::MAX, unknown), or_unknown(expected));
         }
 
         #[test]
@@ -259,7 +276,7 @@ mod tests {
             let value = halves as f32 / 2.0;
             let value = f32::from_bits(value.to_bits().wrapping_add_signed(if halves == 0 { ulps.abs() } else { ulps }));
             let expected = f64::from(value).round() as i32;
-            prop_assert_eq!(nearest(value, i32::MIN, i32::MAX), Some(expected));
+            prop_assert_eq!(nearest(value, i32::MIN, i32::MAX, 0), expected);
         }
 
         #[test]

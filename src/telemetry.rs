@@ -122,8 +122,8 @@ impl Motion {
             groundspeed: finite(self.groundspeed),
             alt: finite(self.altitude),
             climb: finite(-down),
-            heading: half(heading).cast_signed(),
-            throttle: half(field(self.throttle, 1.0, 0, 100, 0)),
+            heading: num::half(heading).cast_signed(),
+            throttle: num::half(field(self.throttle, 1.0, 0, 100, 0)),
         }
     }
 }
@@ -267,12 +267,12 @@ impl Battery<'_> {
         }
         // The eleventh to the fourteenth cell: 0 means that there is no such cell.
         for (entry, cell) in voltages_ext.iter_mut().zip(self.cells.iter().skip(voltages.len())) {
-            *entry = half(field(*cell, 1e3, 1, 65_534, 0));
+            *entry = num::half(field(*cell, 1e3, 1, 65_534, 0));
         }
         BatteryStatus {
             current_consumed: field(self.charge_consumed, 1.0 / 3.6, 0, i32::MAX, -1),
             energy_consumed: field(self.energy_consumed, 1e-2, 0, i32::MAX, -1),
-            temperature: half(field(self.temperature, 1e2, -32_768, 32_766, 32_767)).cast_signed(),
+            temperature: num::half(field(self.temperature, 1e2, -32_768, 32_766, 32_767)).cast_signed(),
             voltages,
             current_battery: self.current(),
             battery_remaining: self.remaining(),
@@ -287,7 +287,7 @@ impl Battery<'_> {
     /// [`SysStatus::UNKNOWN`].
     pub fn sys_status(&self, load: f32) -> SysStatus {
         SysStatus {
-            load: half(field(load, 10.0, 0, 1_000, 0)),
+            load: num::half(field(load, 10.0, 0, 1_000, 0)),
             voltage_battery: unsigned(self.total_voltage(), 1e3),
             current_battery: self.current(),
             battery_remaining: self.remaining(),
@@ -307,7 +307,7 @@ impl Battery<'_> {
         match field(self.current, 1e2, -32_767, 32_767, i32::MIN) {
             i32::MIN => -1,
             -1 => 0,
-            current => half(current).cast_signed(),
+            current => num::half(current).cast_signed(),
         }
     }
 
@@ -356,19 +356,13 @@ pub const fn extended_sys_state(landed_state: MavLandedState) -> ExtendedSysStat
 /// and infinities. This function and those below are not inlined, because they have many callers.
 #[inline(never)]
 fn field(value: f32, scale: f32, min: i32, max: i32, unknown: i32) -> i32 {
-    num::nearest(finite(value) * scale, min, max).unwrap_or(unknown)
-}
-
-/// Returns the lower half of a number, which is all of it if an `i16` or a `u16` can hold it.
-fn half(value: i32) -> u16 {
-    let [low, high, ..] = value.to_le_bytes();
-    u16::from_le_bytes([low, high])
+    num::nearest(finite(value) * scale, min, max, unknown)
 }
 
 /// Converts a value to a field whose largest number means "unknown".
 #[inline(never)]
 fn unsigned(value: f32, scale: f32) -> u16 {
-    half(field(value, scale, 0, 65_534, 65_535))
+    num::half(field(value, scale, 0, 65_534, 65_535))
 }
 
 /// Converts an error to a field that is 0 for "unknown".
@@ -380,7 +374,7 @@ fn error(value: f32, scale: f32) -> u32 {
 /// Converts a speed (m/s) to cm/s; 0 for "unknown".
 #[inline(never)]
 fn centimetres(speed: f32) -> i16 {
-    half(field(speed, 1e2, -32_768, 32_767, 0)).cast_signed()
+    num::half(field(speed, 1e2, -32_768, 32_767, 0)).cast_signed()
 }
 
 /// Converts metres; 0 for "unknown".
@@ -394,7 +388,7 @@ fn millimetres(metres: f32) -> i32 {
 fn centidegrees(angle: f32) -> u16 {
     match field(angle, CENTIDEGREES, -i32::MAX, i32::MAX, i32::MIN) {
         i32::MIN => u16::MAX,
-        angle => half(angle.rem_euclid(36_000)),
+        angle => num::half(angle.rem_euclid(36_000)),
     }
 }
 

@@ -142,7 +142,7 @@ impl HighLatencySample {
         message.heading = half_degrees(self.heading);
         message.target_heading = half_degrees(self.target_heading);
         message.target_distance = decametres(self.target_distance);
-        message.throttle = percent(self.throttle, 0).unsigned_abs();
+        message.throttle = num::byte(num::nearest(self.throttle, 0, 100, 0));
         message.airspeed = speed(self.airspeed);
         message.airspeed_sp = speed(self.airspeed_sp);
         message.groundspeed = speed(self.groundspeed);
@@ -150,9 +150,9 @@ impl HighLatencySample {
         message.wind_heading = half_degrees(self.wind_from_deg);
         message.eph = error(self.eph);
         message.epv = error(self.epv);
-        message.temperature_air = rounded(self.temperature_air, -127, 127, i8::MIN);
-        message.climb_rate = rounded(self.climb_rate * 10.0, -127, 127, 0);
-        message.battery = percent(self.battery, -1);
+        message.temperature_air = num::byte(num::nearest(self.temperature_air, -127, 127, -128)).cast_signed();
+        message.climb_rate = num::byte(num::nearest(self.climb_rate * 10.0, -127, 127, 0)).cast_signed();
+        message.battery = num::byte(num::nearest(self.battery, 0, 100, -1)).cast_signed();
         message.wp_num = self.wp_num.unwrap_or(u16::MAX);
         message.failure_flags = self.failure_flags;
         let [custom0, custom1, custom2] = self.custom;
@@ -199,38 +199,28 @@ const SENSORS: &[(MavSysStatusSensor, HlFailureFlag)] = &[
     (MavSysStatusSensor::AHRS, HlFailureFlag::ESTIMATOR),
 ];
 
-/// Returns the nearest integer in a range that fits in `T`; `unknown` for NaN.
-fn rounded<T: TryFrom<i32>>(value: f32, min: i32, max: i32, unknown: T) -> T {
-    num::nearest(value, min, max).and_then(|value| T::try_from(value).ok()).unwrap_or(unknown)
-}
-
 fn metres(value: f32) -> i16 {
-    rounded(value, i32::from(i16::MIN), i32::from(i16::MAX), 0)
+    num::half(num::nearest(value, i32::from(i16::MIN), i32::from(i16::MAX), 0)).cast_signed()
 }
 
 fn decametres(value: f32) -> u16 {
-    rounded(value / 10.0, 0, i32::from(u16::MAX), 0)
+    num::half(num::nearest(value / 10.0, 0, i32::from(u16::MAX), 0))
 }
 
 /// Converts m/s to steps of 0.2.
 fn speed(value: f32) -> u8 {
-    rounded(value * 5.0, 0, 255, 0)
+    num::byte(num::nearest(value * 5.0, 0, 255, 0))
 }
 
 /// Converts m to steps of 0.1.
 fn error(value: f32) -> u8 {
-    rounded(value * 10.0, 0, 255, u8::MAX)
-}
-
-fn percent(value: f32, unknown: i8) -> i8 {
-    rounded(value, 0, 100, unknown)
+    num::byte(num::nearest(value * 10.0, 0, 255, 255))
 }
 
 /// Converts any angle in degrees to 0 to 179. A very large number becomes some angle, and infinity becomes 0.
 fn half_degrees(value: f32) -> u8 {
-    let halves = num::nearest(value / 2.0, i32::MIN, i32::MAX).filter(|_| value.is_finite());
-    let halves = halves.and_then(|halves| halves.checked_rem_euclid(180));
-    halves.and_then(|halves| u8::try_from(halves).ok()).unwrap_or(0)
+    let halves = if value.is_finite() { num::nearest(value / 2.0, i32::MIN, i32::MAX, 0) } else { 0 };
+    num::byte(halves.checked_rem_euclid(180).unwrap_or(0))
 }
 
 #[cfg(test)]

@@ -33,7 +33,7 @@ impl Timestamp {
 
     /// Returns the time since `earlier`; zero if that is later.
     pub(super) const fn since(self, earlier: Self) -> Duration {
-        Duration::from_micros(self.0.saturating_sub(earlier.0).saturating_mul(10))
+        Duration::from_micros(self.0.saturating_sub(earlier.0).wrapping_mul(10))
     }
 
     pub(super) const fn next(self) -> Self {
