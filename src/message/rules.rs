@@ -145,14 +145,13 @@ impl ParamRule {
         if float.is_nan() {
             return self.nan;
         }
-        let integer = || value.integer();
+        let integer = value.integer();
         match self.values {
             Values::Range(min, max) => min <= float && float <= max,
-            Values::Integers(min, max) => integer().is_some_and(|value| min <= value && value <= max),
-            Values::Bits(mask) => {
-                integer().and_then(|value| u32::try_from(value).ok()).is_some_and(|bits| bits & !mask == 0)
-            }
-            Values::Listed(values) => integer().is_some_and(|value| values.contains(&value)),
+            Values::Integers(min, max) => integer.is_some_and(|value| min <= value && value <= max),
+            Values::Bits(mask) => integer.is_some_and(|value| value >= 0 && value.cast_unsigned() & !mask == 0),
+            // Not `contains`, which is unrolled.
+            Values::Listed(values) => values.iter().any(|value| Some(*value) == integer),
         }
     }
 }

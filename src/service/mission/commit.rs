@@ -248,7 +248,10 @@ impl Missions {
 
     /// Takes the second final answer if it is due (M-31).
     pub(super) fn poll_second_answer(&mut self, now: Instant) -> Option<FinalAnswer> {
-        self.second_answer.take_if(|second| now >= second.at).map(|second| second.answer())
+        let second = self.second_answer.as_ref().filter(|second| now >= second.at)?;
+        let answer = second.answer();
+        self.second_answer = None;
+        Some(answer)
     }
 
     /// Checks the distance of the first waypoint once the position is known, if it was not when the mission went live

@@ -18,7 +18,7 @@ use crate::time::Duration;
 use crate::types::{Command, Firmware, LinkClass, PlanMemory};
 
 /// Interval of the MISSION_CURRENT that the stack sends by itself (µs).
-const MISSION_CURRENT_INTERVAL: u32 = 1_000_000;
+const MISSION_CURRENT_INTERVAL: u64 = 1_000_000;
 
 /// CURRENT_MODE is sent with every second HEARTBEAT.
 const HEARTBEATS_PER_MODE: u32 = 2;
@@ -42,12 +42,13 @@ impl Fixed {
 
     /// Returns the interval of a message that the stack itself sends (µs).
     fn interval(self, id: u32) -> Option<u32> {
-        match id {
-            Heartbeat::ID => Some(clamped(self.heartbeat.as_micros())),
-            MissionCurrent::ID if self.has_missions => Some(MISSION_CURRENT_INTERVAL),
-            CurrentMode::ID if self.has_modes => Some(clamped((self.heartbeat * HEARTBEATS_PER_MODE).as_micros())),
-            _ => None,
-        }
+        let micros = match id {
+            Heartbeat::ID => self.heartbeat.as_micros(),
+            MissionCurrent::ID if self.has_missions => MISSION_CURRENT_INTERVAL,
+            CurrentMode::ID if self.has_modes => (self.heartbeat * HEARTBEATS_PER_MODE).as_micros(),
+            _ => return None,
+        };
+        Some(clamped(micros))
     }
 }
 
