@@ -31,7 +31,7 @@ impl RcOverride {
     pub fn to_message(&self, now: Instant, received: &[u16]) -> RcChannels {
         let mut channels = [u16::MAX; 18];
         let mut chancount = 0;
-        for ((number, channel), index) in (1_u8..).zip(&mut channels).zip(0..CHANNELS) {
+        for ((number, channel), index) in (1..=u8::MAX).zip(&mut channels).zip(0..CHANNELS) {
             let Some(raw) = self.channel(number).or_else(|| received.get(index).copied()) else { continue };
             *channel = raw;
             chancount = number;
