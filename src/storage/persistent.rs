@@ -135,7 +135,7 @@ pub trait Persistent<F: Firmware>: Service<F> {
     ///
     /// # Errors
     ///
-    /// [`DamagedContent`] if the page cannot be used. Then the record's next pages are not read.
+    /// `DamagedContent` if the page cannot be used. Then the record's next pages are not read.
     fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> Result<(), DamagedContent> {
         let _ = (cx, page);
         Ok(())

@@ -100,7 +100,7 @@ impl LoadProgress {
     ///
     /// # Errors
     ///
-    /// [`DamagedContent`] if all plans of the head are complete.
+    /// `DamagedContent` if all plans of the head are complete.
     fn stage_item<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, row: &Row) -> Result<(), DamagedContent> {
         let StoredPlan { plan, .. } = self.current_plan().ok_or(DamagedContent)?;
         if self.fault == NO_FAULT {
@@ -178,7 +178,7 @@ where
     ///
     /// # Errors
     ///
-    /// [`DamagedContent`] if the head is missing, or if there are more or fewer items than it says.
+    /// `DamagedContent` if the head is missing, or if there are more or fewer items than it says.
     // Out of line: its locals stay off the call stack of the other contents.
     #[inline(never)]
     fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> Result<(), DamagedContent> {
