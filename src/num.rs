@@ -103,8 +103,8 @@ pub(crate) const fn quotient(dividend: u64, divisor: NonZeroU32) -> u64 {
     quotient
 }
 
-/// Returns `value` rounded half away from zero and clamped to `min` and `max`; `unknown` for NaN. Not inlined, because it
-/// has many callers.
+/// Returns `value` rounded half away from zero and clamped to `min` and `max`; `unknown` for NaN.
+// Out of line: it has several callers.
 #[inline(never)]
 #[allow(clippy::as_conversions, reason = "both are total: float to integer saturates, integer to float rounds")]
 pub(crate) fn nearest(value: f32, min: i32, max: i32, unknown: i32) -> i32 {
@@ -135,7 +135,8 @@ pub(crate) fn integer<T: TryFrom<i32>>(value: f32) -> Option<T> {
     exact(value).and_then(|integer| T::try_from(integer).ok())
 }
 
-/// Returns `value` as an integer, as [`integer`]. Not inlined, because it has many callers.
+/// Returns `value` as an integer, as [`integer`].
+// Out of line: it has several callers.
 #[inline(never)]
 #[allow(clippy::as_conversions, reason = "saturates, and a saturated value does not compare equal")]
 fn exact(value: f32) -> Option<i32> {

@@ -253,7 +253,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             let Some(Link { decoder, .. }) = self.link_mut(link) else { return taken };
             let len = if rest.is_empty() { 0 } else { decoder.push(rest, time) };
             taken = taken.saturating_add(len);
-            // Even if nothing was pushed: the buffer may be full of bytes from an earlier call, whose budget was used up.
+            // Even if nothing was pushed: the buffer may be full of bytes from an earlier call, whose budget was used
+            // up.
             self.handle_received(now, link, NOT_FILLED, vehicle, allowance);
             if len == 0 || taken >= bytes.len() {
                 return taken;

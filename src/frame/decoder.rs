@@ -158,7 +158,8 @@ pub(crate) struct Checks<K, V> {
     pub(crate) messages: MessageTable,
     /// Returns whether a source was heard before.
     pub(crate) is_known: K,
-    /// Returns whether a whole signed frame has a valid signature, and subtracts the cost from the budget. A frame with an unknown
+    /// Returns whether a whole signed frame has a valid signature, and subtracts the cost from the budget. A frame
+    /// with an unknown
     /// id is accepted if it has one (SEC-5).
     pub(crate) verifies: V,
 }

@@ -264,7 +264,8 @@ impl<W: Write> AsyncTransmitter<'_, W> {
         }
     }
 
-    /// Sends the pending bytes, and flushes the UART. Returns the UART's error, or [`Fault::Closed`] if it takes no more.
+    /// Sends the pending bytes, and flushes the UART. Returns the UART's error, or [`Fault::Closed`] if it takes no
+    /// more.
     async fn try_send(&mut self) -> Result<(), Fault<W::Error>> {
         while self.written < self.end {
             let rest = self.buffer.get(self.written..self.end).unwrap_or_default();

@@ -297,7 +297,8 @@ impl CommandRule {
         Self { command: MavCmd(command), frames: ANY_FRAME, flags: 0, params, own: &[] }
     }
 
-    /// The vehicle's rules; each replaces the definition's rule for that parameter. Calling it again replaces the rules of
+    /// The vehicle's rules; each replaces the definition's rule for that parameter. Calling it again replaces the
+    /// rules of
     /// the call before.
     #[must_use]
     pub const fn with_params(self, params: &'static [ParamRule]) -> Self {

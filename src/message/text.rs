@@ -156,7 +156,8 @@ fn cut(text: &[u8], max: usize) -> usize {
     (min..=max).rev().find(is_start).unwrap_or(max)
 }
 
-/// Appends a number to the text in `field`: with `places` digits after a point, and at least `min_digits` digits. Not generic, so
+/// Appends a number to the text in `field`: with `places` digits after a point, and at least `min_digits` digits. Not
+/// generic, so
 /// it is compiled once.
 fn append_number(field: &mut [u8], is_negative: bool, number: u32, radix: u32, places: u8, min_digits: u8) {
     // A sign, ten digits and a point, written from the end.

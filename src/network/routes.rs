@@ -29,7 +29,8 @@ pub(crate) fn learn_route(peers: &mut Peers, sender: Peer) {
     }
 }
 
-/// Returns the routes of a frame from `from` to `target`. `free` are the links on which the frame costs nothing: a
+/// Returns the routes of a frame from `from` to `target`. `free` are the links on which the frame costs
+/// nothing: a
 /// component that one of them reaches needs no other link.
 pub(crate) fn routes(peers: &Peers, now: Instant, from: Peer, target: Address, free: LinkMask) -> Routes {
     let to = if target.system.is_all() { LinkMask::ALL } else { LinkMask::NONE };

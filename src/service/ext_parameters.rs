@@ -185,9 +185,11 @@ pub trait ExtParameters {
     /// `None` from [`ext_param_count`](Self::ext_param_count) on.
     fn ext_param(&self, index: u16) -> Option<(&str, ExtValue<'_>)>;
 
-    /// Sets parameter `index` to a value of its type, as `from` asks, and returns ACCEPTED; or refuses it by VALUE_UNSUPPORTED or FAILED. With
-    /// IN_PROGRESS, [`ExtParamServer::finish`] follows. Setting the present value must do no harm: a client that has missed the
-    /// answer sends it again.
+    /// Sets parameter `index` to a value of its type, at the request of `from`. Returns ACCEPTED, or refuses the
+    /// value by
+    /// VALUE_UNSUPPORTED or FAILED. With IN_PROGRESS, [`ExtParamServer::finish`] follows. Setting the present value
+    /// must do
+    /// no harm: a client that has missed the answer sends it again.
     fn set_ext_param(&mut self, cx: &mut Context<'_>, index: u16, value: ExtValue<'_>, from: Peer) -> ParamAck;
 }
 
@@ -269,7 +271,8 @@ impl ExtParamServer {
         }
     }
 
-    /// Returns the slot for an answer to a request on this link: that of a pending answer about the same parameter, or a free one, or
+    /// Returns the slot for an answer to a request on this link: that of a pending answer about the same parameter,
+    /// or a free one, or
     /// one that is not pending on this link. `None` if there is none.
     fn slot_for(&mut self, link: LinkMask, index: u16) -> Option<&mut Answer> {
         let is_same = |answer: &Answer| answer.index == index && index != UNKNOWN && !answer.links.is_empty();

@@ -334,7 +334,8 @@ impl Telemetry for Rover {
 macro_rules! ask {
     ($($turn:ident $service:ident $pace:ident $class:ident $messages:literal $when:literal;)*) => {
         impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
-            /// For each turn of a link, except `skipped`: asks when it is due next, then lets it send. Stops after the first that
+            /// For each turn of a link, except `skipped`: asks when it is due next, then lets it send. Stops after
+            /// the first that
             /// sends, and returns whether one has. `look` sees each turn, when it is due, and whether it has sent.
             fn ask(
                 &mut self,

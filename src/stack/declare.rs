@@ -81,7 +81,8 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     const CHECKED: ();
 }
 
-/// A declaration with its links, whose stack is [`StackOf`](crate::StackOf). [`derive(Stack)`](macro@crate::Stack) implements it.
+/// A declaration with its links, whose stack is [`StackOf`](crate::StackOf). [`derive(Stack)`](macro@crate::Stack)
+/// implements it.
 pub trait Declaration {
     /// The stack: `Stack<D, LINKS>`.
     type Stack;

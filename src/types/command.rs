@@ -45,7 +45,8 @@ pub struct Command {
 
 impl Command {
     /// Whether parameter 7 is a valid response target, as in the commands that ask for a message: 0 default, 1 the
-    /// requester, 2 broadcast, NaN not used (C-8, Q-3). Not inlined, because it has many callers.
+    /// requester, 2 broadcast, NaN not used (C-8, Q-3).
+    // Out of line: it has several callers.
     #[inline(never)]
     pub(crate) fn has_response_target(&self) -> bool {
         self.z.is_nan() || matches!(crate::num::integer(self.z), Some(0..=2))

@@ -7,7 +7,8 @@ use super::plans::PlanMemory;
 use crate::dialect::MavResult;
 use crate::message::ComponentId;
 
-/// A firmware: its vehicle, and the data that several services use. [`derive(Stack)`](macro@crate::Stack) implements it.
+/// A firmware: its vehicle, and the data that several services use. [`derive(Stack)`](macro@crate::Stack) implements
+/// it.
 pub trait Firmware: Sized + 'static {
     /// The type that implements the hooks.
     type Vehicle;

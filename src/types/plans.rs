@@ -356,7 +356,8 @@ impl PlansMut<'_> {
         Self(None)
     }
 
-    /// Returns a live plan, if there are plans. Not inlined, because it has many callers.
+    /// Returns a live plan, if there are plans.
+    // Out of line: it has several callers.
     #[inline(never)]
     fn of(&self, plan: PlanType) -> Option<&Live<'_>> {
         let Buffers { mission, fence, rally, .. } = self.0.as_ref()?;

@@ -306,7 +306,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
         }
     }
 
-    /// Begins a checksum. A repeated request does not restart the running checksum, and the answer carries the number of the last
+    /// Begins a checksum. A repeated request does not restart the running checksum, and the answer carries the number
+    /// of the last
     /// request: MAVSDK repeats a request with a new number, and takes only the answer with that number.
     fn begin_checksum(&mut self, index: usize, path: &[u8], from: Peer) -> Result<Response, MavFtpErr> {
         let mut path_crc = Crc32::new();

@@ -37,7 +37,8 @@ const SEQ: u8 = 0;
 const SET_MODE: MavCmd = MavCmd(11);
 const _: () = assert!(SetMode::ID == 11);
 
-/// Converts a SET_MODE to a command. A parameter cannot always hold the mode number, so the request carries it separately.
+/// Converts a SET_MODE to a command. A parameter cannot always hold the mode number, so the request carries it
+/// separately.
 fn from_set_mode(message: &SetMode, origin: Origin) -> Request {
     let command = Command {
         id: MavCmd::DO_SET_MODE,
@@ -115,7 +116,8 @@ impl ModeService {
         link.sent_pairs = heartbeat_pairs(port);
     }
 
-    /// Asks the vehicle to enter the mode that a command requests. `number`: the `custom_mode` in the command, if any. `mode`: its
+    /// Asks the vehicle to enter the mode that a command requests. `number`: the `custom_mode` in the command, if
+    /// any. `mode`: its
     /// row of the table, if any. The vehicle must report a mode that it accepts (C-18).
     fn enter<F: Firmware<Vehicle: Modes>>(
         &mut self,
@@ -124,7 +126,8 @@ impl ModeService {
         number: Option<u32>,
         mode: Option<&'static FlightMode>,
     ) -> Verdict {
-        // MAVLink's guide answers an unknown standard mode with FAILED. DENIED is clearer: asking again never helps (C-4).
+        // MAVLink's guide answers an unknown standard mode with FAILED. DENIED is clearer: asking again never helps
+        // (C-4).
         let Some(mode) = mode else { return refused(number, ModeFault::Unknown) };
         if mode.properties.contains(MavModeProperty::NOT_USER_SELECTABLE) {
             return refused(number, ModeFault::NotSelectable);

@@ -98,7 +98,8 @@ pub struct ModeRequest {
     pub is_broadcast: bool,
 }
 
-/// Flight modes, for a vehicle that declares `modes` in [`#[stack]`](macro@crate::Stack). Without it, the two commands about
+/// Flight modes, for a vehicle that declares `modes` in [`#[stack]`](macro@crate::Stack). Without it, the two
+/// commands about
 /// modes reach [`Commands::command`](crate::Commands::command), and SET_MODE reaches [`Vehicle::message`].
 ///
 /// ```
@@ -136,7 +137,8 @@ pub struct ModeRequest {
 )]
 pub trait Modes: Vehicle {
     /// The flight modes, including those that the vehicle only enters by itself. At most
-    /// [`MAX_MODES`](crate::limits::MAX_MODES), with names of 1 to 34 bytes, and no `custom_mode` or standard mode twice;
+    /// [`MAX_MODES`](crate::limits::MAX_MODES), with names of 1 to 34 bytes, and no `custom_mode` or standard mode
+    /// twice;
     /// otherwise it does not compile.
     ///
     /// The stack lists them on request (AVAILABLE_MODES). It reports the current mode with every second HEARTBEAT and
@@ -161,7 +163,8 @@ pub trait Modes: Vehicle {
     /// is called (C-17).
     ///
     /// The stack has DENIED invalid requests before: a number or a standard mode that is not in the table, NaN, a
-    /// fraction, flags without [`CUSTOM_MODE_ENABLED`](crate::dialect::MavModeFlag::CUSTOM_MODE_ENABLED). The armed flag is ignored, as
+    /// fraction, flags without [`CUSTOM_MODE_ENABLED`](crate::dialect::MavModeFlag::CUSTOM_MODE_ENABLED). The armed
+    /// flag is ignored, as
     /// in ArduPilot: clients send back the flags of the last heartbeat, and do not mean to arm or disarm.
     ///
     /// If MAV_CMD_DO_SET_MODE is one of [`POLICIES`](crate::Commands::POLICIES), its policy applies to SET_MODE too

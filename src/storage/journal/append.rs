@@ -175,7 +175,8 @@ impl Journal {
         })
     }
 
-    /// Moves to the record of the next page, and returns where the content of that page comes from. A new segment begins with copies of
+    /// Moves to the record of the next page, and returns where the content of that page comes from. A new segment
+    /// begins with copies of
     /// the records that are not being written; the new record follows them.
     fn begin_next_page(&mut self) -> Origin {
         while let Some(entry) = self.entries.next_to_copy(self.writer.copies) {
