@@ -8,6 +8,7 @@
 //! ```
 
 mod forward;
+mod hash;
 mod memory;
 mod peers;
 mod queue;

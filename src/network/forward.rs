@@ -122,7 +122,7 @@ fn is_command(id: u32) -> bool {
 /// The state of forwarding between `LINKS` links. Declared by `forwarding: { bytes: BYTES, seen: SEEN }` in
 /// [`#[stack]`](macro@crate::Stack); a vehicle that does not declare it forwards nothing.
 ///
-/// It has a queue of `BYTES` bytes for each link. For duplicate detection it has `SEEN` places of 8 bytes, one for each
+/// It has a queue of `BYTES` bytes for each link. For duplicate detection it has `SEEN` places of 12 bytes, one for each
 /// frame that was forwarded within the last 0.8 s; no more frames than that are forwarded in this time.
 ///
 /// [`LinkConfig::with_forwarding`](crate::LinkConfig::with_forwarding) selects the links that take part. A link takes part
@@ -135,7 +135,7 @@ fn is_command(id: u32) -> bool {
 ///
 /// | links | frames a second | `SEEN` |
 /// |---|---:|---:|
-/// | two radios of 57,600 bit/s, fully loaded | 290 | 256 (2 KiB) |
+/// | two radios of 57,600 bit/s, fully loaded | 290 | 256 (3 KiB) |
 /// | a radio, and a companion computer that sends little | | 64 |
 ///
 /// [`not_remembered`](ForwardCounters::not_remembered) counts the frames for which there was no place.
@@ -323,10 +323,12 @@ pub enum ForwardDecision {
 
 impl QueuesView<'_> {
     /// Examines a frame that a link received, and accepted or refused. `is_broadcast_from_peer` returns whether it is a
-    /// broadcast whose source was heard on the link before, so that R-4 prevents a loop.
+    /// broadcast whose source was heard on the link before, so that R-4 prevents a loop. `secret` becomes part of the key for
+    /// duplicate detection.
     pub(crate) fn examine(
         &mut self,
         now: Instant,
+        secret: u64,
         port: &Port,
         frame: &Frame<'_>,
         is_accepted: bool,
@@ -338,7 +340,7 @@ impl QueuesView<'_> {
         if is_local || (port.config.class == LinkClass::HighLatency && id != HighLatency2::ID && !is_command(id)) {
             return ForwardDecision::LocalOnly;
         }
-        match self.memory.look_up(now, frame.raw(), port.id, is_accepted) {
+        match self.memory.look_up(now, secret, frame.raw(), port.id, is_accepted) {
             Lookup::New(new) => ForwardDecision::Forward(new),
             Lookup::Duplicate { is_same_share } => {
                 // Otherwise its sender has sent it twice, or on two links, or a refused sender has repeated it.

@@ -6,9 +6,13 @@
 //! then leaves places for the other links.
 //!
 //! A frame without a place is not forwarded. It is not remembered either, so each of its duplicates is handled locally.
+//!
+//! A frame is recognised by a keyed hash of 64 bits and by its last two bytes. Without the key, nobody can make a frame
+//! that is taken for a duplicate of another one (X-8).
 
 use core::num::Saturating;
 
+use super::hash::{Hash, Key};
 use crate::time::{Duration, Instant};
 use crate::types::{LinkId, MAX_LINKS};
 use heapless::deque::{Deque, DequeView};
@@ -16,11 +20,28 @@ use heapless::deque::{Deque, DequeView};
 /// A forwarded frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
-    /// Hash of all its bytes; 0 if the frame was remembered again in another place.
-    hash: u32,
+    mark: Mark,
     from: Share,
     /// When it was forwarded, in [`steps`].
     at: u8,
+}
+
+/// What a frame is recognised by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Mark {
+    /// Of all its bytes.
+    hash: Hash,
+    /// Its last two bytes: its checksum, or the end of its signature.
+    end: [u8; 2],
+}
+
+impl Mark {
+    /// Of a frame that was remembered again in another place.
+    const REPLACED: Self = Self { hash: Hash::ZERO, end: [0; 2] };
+
+    fn of(frame: &[u8], key: Key) -> Self {
+        Self { hash: key.hash(frame), end: frame.last_chunk().copied().unwrap_or_default() }
+    }
 }
 
 /// The share to which a place belongs: there is one for each link, and one for the refused frames of all links.
@@ -42,7 +63,7 @@ const _: () = assert!(Share::COUNT == 17, "one share for each link, and one for 
 /// A frame that is not a duplicate, or only of a refused frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NewFrame {
-    hash: u32,
+    mark: Mark,
     from: Share,
     /// Whether it is remembered as a refused frame.
     pub(super) was_refused: bool,
@@ -81,6 +102,8 @@ const LOOP_TIMEOUT: Duration = Duration::from_secs(10);
 /// The frames that were forwarded last. The logic works on the unsized type, so it is compiled once for all capacities.
 #[derive(Clone, Debug)]
 pub(super) struct Memory<S: ?Sized = DequeView<Seen>> {
+    /// It is renewed while no frame is remembered.
+    key: Key,
     /// The number of places that each share has taken.
     held: [Saturating<u16>; Share::COUNT],
     /// When the last frame was looked up.
@@ -93,20 +116,35 @@ pub(super) struct Memory<S: ?Sized = DequeView<Seen>> {
 
 impl<const SEEN: usize> Memory<Deque<Seen, SEEN>> {
     /// An empty memory: all zero bits.
-    pub(super) const EMPTY: Self =
-        Self { held: [Saturating(0); Share::COUNT], last_lookup: Instant::ZERO, last_loop: None, seen: Deque::new() };
+    pub(super) const EMPTY: Self = Self {
+        key: Key::ZERO,
+        held: [Saturating(0); Share::COUNT],
+        last_lookup: Instant::ZERO,
+        last_loop: None,
+        seen: Deque::new(),
+    };
 }
 
 impl Memory {
     /// Looks up a frame that was received on link `from`, and accepted there or not. A frame that is accepted is new if
-    /// it was only refused before.
-    pub(super) fn look_up(&mut self, now: Instant, frame: &[u8], from: LinkId, is_accepted: bool) -> Lookup {
+    /// it was only refused before. `secret` becomes part of the key.
+    pub(super) fn look_up(
+        &mut self,
+        now: Instant,
+        secret: u64,
+        frame: &[u8],
+        from: LinkId,
+        is_accepted: bool,
+    ) -> Lookup {
         self.forget_old(now);
-        let (hash, from) = (hash_of(frame), Share::of(from, is_accepted));
-        match self.seen.iter().find(|seen| seen.hash == hash) {
-            None => Lookup::New(NewFrame { hash, from, was_refused: false }),
+        if self.seen.is_empty() {
+            self.key = self.key.renewed(secret, now.as_micros());
+        }
+        let (mark, from) = (Mark::of(frame, self.key), Share::of(from, is_accepted));
+        match self.seen.iter().find(|seen| seen.mark == mark) {
+            None => Lookup::New(NewFrame { mark, from, was_refused: false }),
             Some(seen) if seen.from == Share::REFUSED && is_accepted => {
-                Lookup::New(NewFrame { hash, from, was_refused: true })
+                Lookup::New(NewFrame { mark, from, was_refused: true })
             }
             Some(seen) => Lookup::Duplicate { is_same_share: seen.from == from },
         }
@@ -136,13 +174,13 @@ impl Memory {
 
     /// Remembers a frame for which there is a place.
     pub(super) fn remember(&mut self, now: Instant, frame: &NewFrame) {
-        let NewFrame { hash, from, was_refused } = *frame;
+        let NewFrame { mark, from, was_refused } = *frame;
         if was_refused {
-            for seen in self.seen.iter_mut().filter(|seen| seen.hash == hash) {
-                seen.hash = 0;
+            for seen in self.seen.iter_mut().filter(|seen| seen.mark == mark) {
+                seen.mark = Mark::REPLACED;
             }
         }
-        let seen = Seen { hash, from, at: steps(now) };
+        let seen = Seen { mark, from, at: steps(now) };
         if let (Ok(()), Some(held)) = (self.seen.push_back(seen), self.held.get_mut(usize::from(from.0))) {
             *held += 1;
         }
@@ -157,15 +195,6 @@ impl Memory {
     pub(super) fn is_looped(&self, now: Instant) -> bool {
         self.last_loop.is_some_and(|at| now - at < LOOP_TIMEOUT)
     }
-}
-
-/// Returns a hash of all bytes of a frame, which is never 0 (FxHash).
-fn hash_of(frame: &[u8]) -> u32 {
-    let add = |hash: u32, word: u32| (hash.rotate_left(5) ^ word).wrapping_mul(0x9E37_79B9);
-    let (words, rest) = frame.as_chunks();
-    let hash = words.iter().fold(0, |hash, &word| add(hash, u32::from_le_bytes(word)));
-    let hash = rest.iter().fold(hash, |hash, &byte| add(hash, u32::from(byte)));
-    hash.max(1)
 }
 
 /// Returns a time in [`STEP`]s. It wraps after two seconds.
@@ -184,7 +213,7 @@ mod tests {
 
     /// Looks up an accepted frame, and remembers it if it is new and has a place. Returns whether it did.
     fn pass(memory: &mut Memory, now: Instant, frame: &[u8], from: LinkId, is_addressed: bool) -> bool {
-        match memory.look_up(now, frame, from, true) {
+        match memory.look_up(now, 0, frame, from, true) {
             Lookup::New(frame) if memory.has_room(&frame, is_addressed) => {
                 memory.remember(now, &frame);
                 true
@@ -205,7 +234,7 @@ mod tests {
                 let mut memory = Memory::<Deque<Seen, 4>>::EMPTY;
                 let memory: &mut Memory = &mut memory;
                 assert!(pass(memory, Instant::from_micros(start), b"a", LINKS[0], false));
-                let look_up = |after| memory.look_up(Instant::from_micros(start + after), b"a", LINKS[1], true);
+                let look_up = |after| memory.look_up(Instant::from_micros(start + after), 0, b"a", LINKS[1], true);
                 matches!(afters.iter().copied().map(look_up).last(), Some(Lookup::Duplicate { is_same_share: false }))
             };
             assert!(is_duplicate(&[0, 1, remembered / 2, remembered - (1 << STEP)]), "after {start}");
@@ -251,17 +280,6 @@ mod tests {
         assert!(memory.is_looped(Instant::from_millis(10_004)) && !memory.is_looped(Instant::from_millis(10_005)));
     }
 
-    #[test]
-    fn all_bytes_are_hashed() {
-        let frame = [0xFD, 3, 0, 0, 7, 255, 190, 1, 2, 3, 4, 5, 6, 7, 8];
-        for index in 0..frame.len() {
-            let mut other = frame;
-            other[index] ^= 0x10;
-            assert_ne!(hash_of(&frame), hash_of(&other), "byte {index}");
-        }
-        assert_ne!(hash_of(&frame), hash_of(&frame[..14]));
-    }
-
     /// A frame that is looked up `wait` milliseconds after the one before.
     #[derive(Clone, Copy, Debug)]
     struct Step {
@@ -293,7 +311,7 @@ mod tests {
                 let age = |at: u64| (now >> STEP) - (at >> STEP);
                 let live: Vec<_> = list.iter().filter(|(at, _)| age(*at) < u64::from(REMEMBERED_STEPS)).collect();
                 let last = live.iter().rfind(|(_, other)| other.frame == step.frame);
-                let lookup = memory.look_up(instant, &[step.frame], LINKS[step.from], step.is_accepted);
+                let lookup = memory.look_up(instant, 0, &[step.frame], LINKS[step.from], step.is_accepted);
                 let was_refused = match (last, lookup) {
                     (Some((_, other)), Lookup::Duplicate { is_same_share }) => {
                         prop_assert!(other.is_accepted || !step.is_accepted);

@@ -8,7 +8,7 @@ use crate::frame::Frame;
 use crate::link::Port;
 use crate::network::{self, ForwardCounters, ForwardDecision, ForwardQueues, SenderEntry};
 use crate::time::Instant;
-use crate::types::{Firmware, LinkId, LinkMask, Peer};
+use crate::types::{Config, Firmware, LinkId, LinkMask, Peer};
 
 /// Forwards frames between the links. Declared by `forwarding` in [`#[stack]`](macro@crate::Stack).
 #[derive(Debug)]
@@ -68,7 +68,8 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> For
         }
         let from = Peer { address: frame.source(), link: port.id };
         let is_way = || target.system.is_all() && network::is_heard(cx.peers, from);
-        self.queues.view().examine(cx.now, port, frame, is_accepted, is_way)
+        let Config { seed, identity, .. } = cx.shared.config;
+        self.queues.view().examine(cx.now, seed ^ identity.uid, port, frame, is_accepted, is_way)
     }
 
     fn forward(

@@ -266,6 +266,10 @@ pub struct Config {
     /// Whether plans are stored before or after an upload is answered, if there is storage: [`Durability::Durable`] by
     /// default.
     pub durability: Durability,
+    /// A random number that nobody else knows, such as one of the microcontroller's generator: 0 by default, which is none. It is
+    /// the key by which forwarding recognises duplicates, together with the arrival times of frames and
+    /// [`uid`](Identity::uid).
+    pub seed: u64,
 }
 
 /// An address that a vehicle may have. No other can be configured.
@@ -310,6 +314,7 @@ impl Config {
         item_reached_repeats: 0,
         storage_refill: Duration::ZERO,
         durability: Durability::Durable,
+        seed: 0,
     };
 
     /// Returns the default configuration of a vehicle with this address and pulse. Change other fields by struct
@@ -348,6 +353,7 @@ impl Config {
             item_reached_repeats: 0,
             storage_refill: Duration::from_secs(15 * 60),
             durability: Durability::Durable,
+            seed: 0,
         }
     }
 }

@@ -9,7 +9,7 @@ use mavstack::config::{LinkClass, TxVersion};
 use mavstack::dialect::*;
 use mavstack::frame::Version;
 use mavstack::network::ForwardCounters;
-use mavstack::{Address, LinkConfig, LinkId, Message, Text};
+use mavstack::{Address, Command, LinkConfig, LinkId, Message, Text};
 
 /// A companion computer of the vehicle's own system.
 const COMPANION: Address = Address::new(1, 191);
@@ -271,6 +271,29 @@ fn returning_frame_is_dropped() {
     // A sender that does not count: the same bytes a second later are a new frame.
     world.run_for(secs(1));
     assert_eq!(sent_on(&mut world, 0, &frame), [1, 2]);
+}
+
+/// the station's command is carried out, although another sender has sent a frame with the same hash before. The two frames collide
+/// under the 32-bit hash without a key by which duplicates were recognised.
+#[test]
+fn nobody_can_hide_a_command_by_a_collision() {
+    const FORGED: &str = "FD1F000000FE014C0000000000008785ED000000803F00000000000000000000000000000000900101917B";
+    const DISARM: &str = "FD1F0000B0FFBE4C0000000000000000000000000000000000000000000000000000000000009001012E14";
+    let bytes = |hex: &str| -> Vec<u8> {
+        (0..hex.len()).step_by(2).map(|at| u8::from_str_radix(&hex[at..at + 2], 16).expect("hexadecimal")).collect()
+    };
+    let mut world = normal::<3>();
+    // A camera of the vehicle, to which its commands are forwarded.
+    introduce(&mut world, 2, Address::new(1, 100));
+    assert_eq!(sent_on(&mut world, 1, &bytes(FORGED)), [2]);
+    world.vehicle.calls.clear();
+    world.gcs[0].forget();
+    world.gcs[0].send_raw(&bytes(DISARM));
+    world.run_for(millis(100));
+    let commands = world.vehicle.commands();
+    assert!(matches!(&commands[..], [Command { id: MavCmd::COMPONENT_ARM_DISARM, .. }]), "{commands:?}");
+    assert_eq!(world.gcs[0].count_of::<CommandAck>(), 1);
+    assert_eq!(counters(&world, 0).duplicates, 0);
 }
 
 /// duplicates, on the same link or another, do not keep other frames from being forwarded.
