@@ -371,7 +371,7 @@ pub mod prelude {
 
 /// The parts of [`Config`] and [`LinkConfig`].
 pub mod config {
-    pub use crate::types::{Identity, LinkClass, PollBudget, StreamProfile, TxVersion, VehicleAddress};
+    pub use crate::types::{CreditConfig, Identity, LinkClass, PollBudget, StreamProfile, TxVersion, VehicleAddress};
 }
 
 /// The largest numbers of links, items, parameters, modes and streams, and the longest text.
@@ -521,12 +521,12 @@ pub mod __private {
     pub use crate::service::{
         Absent, ControlGate, ForwardingGate, OwnCommands, Service, SigningGate, SticksGate, WithoutSigning,
     };
-    pub use crate::stack::{Declaration, Declares, Persistent};
+    pub use crate::stack::{Declaration, Declares, Persistent, credits};
     #[cfg(feature = "storage")]
     pub use crate::storage::{RecordService, Storage};
     pub use crate::types::{
-        EventEntry, EventLog, Firmware, NoPlans, PlanBuffers, PlanMemory, PlanMemoryOf, RequestQueue, Requests,
-        StatusTexts, TextEntry, Values, largest,
+        Credits, EventEntry, EventLog, Firmware, NoPlans, PlanBuffers, PlanMemory, PlanMemoryOf, RequestQueue,
+        Requests, StatusTexts, TextEntry, Values, largest,
     };
 
     /// The peer table.

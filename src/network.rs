@@ -18,6 +18,7 @@ mod routes;
 pub use crate::link::{LinkCounters, LinkError};
 #[doc(hidden)]
 pub use forward::ForwardDecision;
+pub(crate) use forward::Passed;
 pub use forward::{ForwardCounters, ForwardQueues};
 pub use peers::PeerInfo;
 #[doc(hidden)]

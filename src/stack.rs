@@ -25,7 +25,7 @@ mod storage;
 mod transport;
 
 pub use counters::Counter;
-pub use declare::{Declaration, Declares, Persistent};
+pub use declare::{Declaration, Declares, Persistent, credits};
 pub use memory::Memory;
 
 use self::receive::OwnFrame;
@@ -42,8 +42,8 @@ use crate::service::param::ParamMemory;
 use crate::service::{Cx, Service, Shared, SigningGate, View};
 use crate::time::Instant;
 use crate::types::{
-    Allowance, Component, Config, Context, HookFaults, LinkConfig, LinkId, LinkMask, MAX_LINKS, PlanMemory, TextNumber,
-    Values, Vehicle, VehicleAddress,
+    Allowance, Component, Config, Context, CreditMemory, HookFaults, LinkConfig, LinkId, LinkMask, MAX_LINKS,
+    PlanMemory, TextNumber, Values, Vehicle, VehicleAddress,
 };
 
 /// No byte was received into the free space of the decoder.
@@ -76,6 +76,7 @@ pub struct Stack<D: Declares, const LINKS: usize> {
     #[cfg(feature = "defmt")]
     drops: DropLog,
     texts: D::Texts,
+    credits: D::Credits,
     plans: D::Plans,
 }
 
@@ -122,6 +123,7 @@ macro_rules! split {
             events: crate::stack::Memory::view_mut(&mut $stack.events),
             plans: crate::types::PlanMemory::view(&mut $stack.plans),
             parameters: &mut $stack.parameters,
+            credits: crate::types::CreditMemory::view(&mut $stack.credits),
             vehicle: $vehicle,
         }
     };
@@ -143,6 +145,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         states: [const { States::VACANT }; LINKS],
         peers: D::Peers::NEW,
         texts: D::Texts::NEW,
+        credits: D::Credits::FULL,
         requests: D::Requests::NEW,
         events: D::EventLog::NEW,
         plans: D::Plans::EMPTY,
@@ -219,6 +222,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         }
         let has_streams = !<D::Stream as Service<D>>::ABOUT.turns.is_empty();
         cx.requests.end_poll(has_streams, D::Plans::CAPACITIES != [0; 3]);
+        #[cfg(feature = "defmt")]
+        drop(cx);
         #[cfg(feature = "defmt")]
         self.log_drops(self.shared.clock.now());
     }

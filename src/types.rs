@@ -5,6 +5,7 @@ mod component;
 mod config;
 mod context;
 mod control;
+mod credits;
 mod decode;
 mod events;
 mod faults;
@@ -29,6 +30,7 @@ pub(crate) use control::CHANNELS;
 pub use control::{
     AttitudeSetpoint, ControlInput, ManualControlInput, Place, PositionSetpoint, RcOverride, Setpoint, Target,
 };
+pub use credits::{CreditConfig, CreditMemory, CreditView, Credits, Payer};
 pub use events::{EventEntry, EventLog, EventSequence, MAX_EVENT_ARGUMENTS};
 pub use faults::HookFaults;
 pub use firmware::{Firmware, Values};

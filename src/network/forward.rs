@@ -52,6 +52,9 @@ counters! {
         /// high-latency link does not send them, because each frame costs money. A link that accepts their message
         /// unsigned does not send them, because its peers could execute them (R-10, `LinkConfig::with_refused_frames`).
         drop not_accepted,
+        /// Frames that were not sent on this high-latency link because the credits were used up (L-17,
+        /// [`Config::credits`](crate::Config::credits)).
+        drop over_budget,
         /// Duplicates that were received on this link within 0.8 s after the original was forwarded. They are dropped
         ///
         drop duplicates,
@@ -210,7 +213,7 @@ fn is_command(id: u32) -> bool {
 ///
 /// A [private](crate::config::LinkClass::Private) link gets only frames for a component that was heard there. A
 /// high-latency link gets only commands for a peer there, and their answers, and only while no other link
-/// reaches that peer. A link reaches a peer while the peer's heartbeats are received on it, or if any of its frames was
+/// reaches that peer. What peers send there is limited by the [credits](crate::Config::credits) (L-17). A link reaches a peer while the peer's heartbeats are received on it, or if any of its frames was
 /// received there within the last 5 s. A frame for all components of a system is for each of them: it is sent on a
 /// high-latency link only if one of the components there is reached by no other link.
 ///
@@ -310,6 +313,16 @@ pub(crate) struct QueuesView<'a> {
     memory: &'a mut Memory,
 }
 
+/// A frame to forward.
+pub(crate) struct Passed<'a> {
+    pub(crate) frame: &'a Frame<'a>,
+    /// The link on which it was received.
+    pub(crate) from: LinkId,
+    pub(crate) new: &'a NewFrame,
+    /// The vehicle has a key for verifying signatures.
+    pub(crate) has_key: bool,
+}
+
 /// Whether a frame is forwarded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ForwardDecision {
@@ -359,17 +372,16 @@ impl QueuesView<'_> {
         self.lanes.iter().filter(is_free).fold(LinkMask::NONE, |links, lane| links.with(lane.link))
     }
 
-    /// Queues a frame that was received on link `from` for the links of its routes, and returns the links that queued
-    /// it. `has_key`: the vehicle has a key for verifying signatures.
+    /// Queues a frame for the links of its routes, and returns the links that queued it. `pay` takes credits for the frame
+    /// on a high-latency link, and returns whether there were enough.
     pub(crate) fn push(
         &mut self,
         now: Instant,
-        from: LinkId,
-        frame: &Frame<'_>,
-        new: &NewFrame,
+        passed: &Passed<'_>,
         routes: Routes,
-        has_key: bool,
+        mut pay: impl FnMut(usize) -> bool,
     ) -> LinkMask {
+        let Passed { frame, from, new, has_key } = *passed;
         let target = routes.target;
         let is_addressed = !target.system.is_all();
         let mut links = LinkMask::NONE;
@@ -410,10 +422,13 @@ impl QueuesView<'_> {
             }
             if frame.header().version == Version::V2 && lane.version == Version::V1 {
                 increment(&mut lane.counters.needs_v2);
-            } else if lane.ring.push(bytes, now, frame.raw(), spare) {
-                queued = queued.with(lane.link);
-            } else {
+            } else if !lane.ring.takes(self.size, frame.raw().len(), spare) {
                 increment(&mut lane.counters.queue_full);
+            } else if lane.class == LinkClass::HighLatency && !pay(frame.raw().len()) {
+                increment(&mut lane.counters.over_budget);
+            } else {
+                lane.ring.push(bytes, now, frame.raw());
+                queued = queued.with(lane.link);
             }
         }
         self.memory.remember(now, new);

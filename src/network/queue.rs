@@ -26,22 +26,23 @@ impl Ring {
         self.used == 0
     }
 
-    /// Appends `frame` if at least `spare` bytes stay free, or if the ring is empty. Otherwise returns false and
-    /// changes nothing.
-    pub(super) fn push(&mut self, bytes: &mut [u8], now: Instant, frame: &[u8], spare: usize) -> bool {
-        let (Ok(len), size) = (u16::try_from(frame.len()), bytes.len()) else { return false };
-        let needed = frame.len().saturating_add(PREFIX);
+    /// Returns whether a ring of `size` bytes takes a frame of `len` bytes, such that `spare` bytes stay free. If it is empty,
+    /// it needs no spare bytes.
+    pub(super) const fn takes(&self, size: usize, len: usize, spare: usize) -> bool {
+        let needed = len.saturating_add(PREFIX);
         let spare = if self.is_empty() { 0 } else { spare };
-        if size.saturating_sub(self.used) < needed.saturating_add(spare) {
-            return false;
-        }
+        size.saturating_sub(self.used) >= needed.saturating_add(spare)
+    }
+
+    /// Appends `frame`, which the ring [takes](Self::takes).
+    pub(super) fn push(&mut self, bytes: &mut [u8], now: Instant, frame: &[u8]) {
+        let (Ok(len), size) = (u16::try_from(frame.len()), bytes.len()) else { return };
         let [len_low, len_high] = len.to_le_bytes();
         let [t0, t1, t2, t3] = now.coarse().to_le_bytes();
         let end = wrapped(self.start.saturating_add(self.used), size);
         put(bytes, end, &[len_low, len_high, t0, t1, t2, t3]);
         put(bytes, wrapped(end.saturating_add(PREFIX), size), frame);
-        self.used = self.used.saturating_add(needed);
-        true
+        self.used = self.used.saturating_add(frame.len().saturating_add(PREFIX));
     }
 
     /// Removes the oldest frame. Returns how long it waited, and its bytes in two parts.
@@ -108,7 +109,10 @@ mod tests {
                     let spare = usize::from(spare % 40);
                     let free = size - if held > 0 { held + spare } else { 0 }.min(size);
                     let fits = frame.len() + PREFIX <= free;
-                    prop_assert_eq!(ring.push(&mut bytes, Instant::from_micros(now << 10), &frame, spare), fits);
+                    prop_assert_eq!(ring.takes(bytes.len(), frame.len(), spare), fits);
+                    if fits {
+                        ring.push(&mut bytes, Instant::from_micros(now << 10), &frame);
+                    }
                     if fits {
                         held += frame.len() + PREFIX;
                         model.push_back((now, frame));

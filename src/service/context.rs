@@ -7,7 +7,8 @@ use crate::message::{Address, ComponentId};
 use crate::network::{PeerInfo, Peers};
 use crate::time::{Clock, Duration, Instant};
 use crate::types::{
-    Config, Context, EventLog, HookFaults, LinkMask, ObservedVehicle, PlansMut, Requests, StatusTexts, Values,
+    Config, Context, CreditMemory, CreditView, EventLog, HookFaults, LinkMask, ObservedVehicle, Payer, PlansMut,
+    Requests, StatusTexts, Values,
 };
 
 /// The data that all services share.
@@ -143,6 +144,7 @@ pub struct Cx<'a, F: Firmware> {
     pub(crate) events: &'a mut EventLog,
     pub(crate) plans: PlansMut<'a>,
     pub(crate) parameters: &'a mut F::Parameters,
+    pub(crate) credits: <F::Credits as CreditMemory>::View<'a>,
     pub(crate) vehicle: &'a mut F::Vehicle,
 }
 
@@ -177,6 +179,18 @@ impl<F: Firmware> Cx<'_, F> {
         }
     }
 
+    /// Takes credits for a frame of `len` bytes that a peer causes on this many high-latency links (L-17). If there are not
+    /// enough, takes none, says so on the normal links, and returns false.
+    pub(crate) fn pay(&mut self, payer: Payer, len: usize, links: u32) -> bool {
+        let config = &self.shared.config.credits;
+        let Some(credits) = self.credits.credits() else { return true };
+        let is_paid = credits.take(self.now, config, payer, config.cost(len).saturating_mul(links));
+        if !is_paid && credits.may_tell(self.now) {
+            self.text(MavSeverity::WARNING, b"Satellite: credits used up");
+        }
+        is_paid
+    }
+
     /// Returns the vehicle, and the context for its hooks.
     pub fn hook(&mut self) -> (&mut F::Vehicle, Context<'_>) {
         let (_, vehicle, context) = self.peers_and_hook();
@@ -185,7 +199,7 @@ impl<F: Firmware> Cx<'_, F> {
 
     /// Returns the peer table too, for changes that the vehicle learns of.
     pub(crate) fn peers_and_hook(&mut self) -> (&mut Peers, &mut F::Vehicle, Context<'_>) {
-        let Self { now, shared, peers, texts, requests, events, plans, parameters, vehicle } = self;
+        let Self { now, shared, peers, texts, requests, events, plans, parameters, vehicle, .. } = self;
         let (now, normal, values) = (*now, shared.normal, parameters.values());
         (peers, vehicle, Context { now, normal, texts, requests, events, plans, values, can_start: false })
     }

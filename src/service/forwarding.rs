@@ -2,11 +2,11 @@
 //!
 //! The queues, and the memory for duplicate detection, are in `network`: see [`ForwardQueues`].
 
-use super::gate::ForwardingGate;
+use super::gate::{Examined, ForwardingGate};
 use super::{About, Cx, Service, ShowCounters, Turn, View};
 use crate::frame::Frame;
 use crate::link::Port;
-use crate::network::{self, ForwardCounters, ForwardDecision, ForwardQueues, SenderEntry};
+use crate::network::{self, ForwardCounters, ForwardDecision, ForwardQueues, Passed, SenderEntry};
 use crate::time::Instant;
 use crate::types::{Config, Firmware, LinkId, LinkMask, Peer};
 
@@ -72,15 +72,8 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> For
         self.queues.view().examine(cx.now, seed ^ identity.uid, port, frame, is_accepted, is_way)
     }
 
-    fn forward(
-        &mut self,
-        cx: &mut Cx<'_, F>,
-        port: &Port,
-        frame: &Frame<'_>,
-        decision: ForwardDecision,
-        sender: Option<SenderEntry>,
-        has_key: bool,
-    ) -> u32 {
+    fn forward(&mut self, cx: &mut Cx<'_, F>, port: &Port, examined: &Examined<'_>) -> u32 {
+        let Examined { frame, decision, sender, payer, has_key } = *examined;
         let mut queues = self.queues.view();
         let from = Peer { address: frame.source(), link: port.id };
         if sender.is_some() {
@@ -104,7 +97,8 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> For
         if routes.to.is_empty() && !is_ours_too {
             queues.increment(port.id, |counters| &mut counters.no_route);
         }
-        let queued = queues.push(cx.now, port.id, frame, &new, routes, has_key);
+        let passed = Passed { frame, from: port.id, new: &new, has_key };
+        let queued = queues.push(cx.now, &passed, routes, |len| cx.pay(payer, len, 1));
         self.queued = self.queued.with(queued);
         // Examining the frame costs as much as a copy.
         len.saturating_mul(queued.len().saturating_add(1))

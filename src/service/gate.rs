@@ -7,7 +7,7 @@ use crate::link::Port;
 use crate::message::{Address, Message, SystemId};
 use crate::network::{ForwardCounters, ForwardDecision, SenderEntry};
 use crate::time::{Duration, Instant};
-use crate::types::{Command, CommandAnswer, Firmware, LinkId, Peer, SignedAt};
+use crate::types::{Command, CommandAnswer, Firmware, LinkId, Payer, Peer, SignedAt};
 
 /// Verifies the signatures of received frames, and signs sent frames. `L` is its state on a link.
 pub trait SigningGate<L> {
@@ -50,22 +50,26 @@ pub trait SigningGate<L> {
     fn wipe(&self, id: u32, decoder: &mut Decoder);
 }
 
+/// An examined frame, and what the other gates know of its sender.
+pub struct Examined<'a> {
+    pub(crate) frame: &'a Frame<'a>,
+    pub(crate) decision: ForwardDecision,
+    /// The sender's entry in the peer table; `None` if nothing may be learned from the frame.
+    pub(crate) sender: Option<SenderEntry>,
+    /// Whose credits pay for the frame on a high-latency link.
+    pub(crate) payer: Payer,
+    /// The vehicle has a key for verifying signatures.
+    pub(crate) has_key: bool,
+}
+
 /// Examines received frames, and queues those that are forwarded.
 pub trait ForwardingGate<F: Firmware>: Service<F> {
     /// Decides whether to forward a frame, accepted or not, before anything is learned from it.
     fn examine(&mut self, cx: &Cx<'_, F>, port: &Port, frame: &Frame<'_>, is_accepted: bool) -> ForwardDecision;
 
-    /// Queues an examined frame for the links of its routes. `sender` is the sender's entry in the peer table; `None` if
-    /// nothing may be learned from the frame. Returns the number of bytes that were copied, which is the cost.
-    fn forward(
-        &mut self,
-        cx: &mut Cx<'_, F>,
-        port: &Port,
-        frame: &Frame<'_>,
-        decision: ForwardDecision,
-        sender: Option<SenderEntry>,
-        has_key: bool,
-    ) -> u32;
+    /// Queues an examined frame for the links of its routes. Returns the number of bytes that were copied, which is the
+    /// cost.
+    fn forward(&mut self, cx: &mut Cx<'_, F>, port: &Port, examined: &Examined<'_>) -> u32;
 
     /// Updates the link's queue to the link's configuration and version.
     fn prepare(&mut self, port: &Port);
@@ -86,6 +90,12 @@ pub trait ControlGate {
     /// Whether a command is answered NOT_IN_CONTROL. Counted.
     fn refuses(&mut self, own: SystemId, command: &Command) -> bool {
         let _ = (own, command);
+        false
+    }
+
+    /// Whether this system is in control.
+    fn is_owner(&self, system: SystemId) -> bool {
+        let _ = system;
         false
     }
 
@@ -236,15 +246,7 @@ impl<F: Firmware> ForwardingGate<F> for Absent {
         ForwardDecision::LocalOnly
     }
 
-    fn forward(
-        &mut self,
-        _: &mut Cx<'_, F>,
-        _: &Port,
-        _: &Frame<'_>,
-        _: ForwardDecision,
-        _: Option<SenderEntry>,
-        _: bool,
-    ) -> u32 {
+    fn forward(&mut self, _: &mut Cx<'_, F>, _: &Port, _: &Examined<'_>) -> u32 {
         0
     }
 

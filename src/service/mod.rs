@@ -107,7 +107,9 @@ pub(crate) use context::RETRY;
 pub(crate) use context::Shared;
 pub use context::{Cx, View};
 #[doc(hidden)]
-pub use gate::{Absent, ControlGate, ForwardingGate, OwnCommands, OwnRequest, SigningGate, SticksGate, WithoutSigning};
+pub use gate::{
+    Absent, ControlGate, Examined, ForwardingGate, OwnCommands, OwnRequest, SigningGate, SticksGate, WithoutSigning,
+};
 #[doc(hidden)]
 pub use list::{Look, LookAll, ServiceList, Visit, VisitAll};
 pub(crate) use rate_limit::{BULK_PERCENT, MAX_LATENESS, RateLimit, cost};

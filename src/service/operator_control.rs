@@ -369,6 +369,10 @@ impl ControlGate for OperatorControl {
         !may
     }
 
+    fn is_owner(&self, system: SystemId) -> bool {
+        self.owner == Some(system)
+    }
+
     fn take_new_owner(&mut self) -> Option<SystemId> {
         let is_new = core::mem::take(&mut self.is_new);
         self.owner.filter(|_| is_new)

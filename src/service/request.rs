@@ -6,7 +6,7 @@ use crate::link::Port;
 use crate::message::{Address, Message};
 use crate::num;
 use crate::time::Duration;
-use crate::types::{Command, Origin, Outcome, Peer, Refusal, SignedAt};
+use crate::types::{Command, Origin, Outcome, Payer, Peer, Refusal, SignedAt};
 
 /// A frame that is addressed to us or to all.
 pub struct Received<'a> {
@@ -42,6 +42,8 @@ pub struct Request {
     pub(crate) set_mode: Option<u32>,
     /// Set by the stack.
     pub(crate) signed_at: SignedAt,
+    /// Whose credits pay for what the command causes on the high-latency links (L-17). Set by the stack.
+    pub(crate) payer: Payer,
     /// No service has answered it: the streams then answer for a message that nobody knows.
     pub(crate) is_unclaimed: bool,
 }
@@ -66,7 +68,14 @@ impl Request {
 
 impl From<Command> for Request {
     fn from(command: Command) -> Self {
-        Self { answer_as: command.id, command, set_mode: None, signed_at: None, is_unclaimed: false }
+        Self {
+            answer_as: command.id,
+            command,
+            set_mode: None,
+            signed_at: None,
+            payer: Payer::Anyone,
+            is_unclaimed: false,
+        }
     }
 }
 

@@ -11,7 +11,7 @@ use crate::message::Dialect;
 use crate::network::PeerInfo;
 use crate::time::Instant;
 use crate::types::{
-    EventEntry, EventLog, Firmware, LinkId, LinkMask, NoPlans, PlansMut, RequestQueue, Requests, StatusTexts,
+    Credits, EventEntry, EventLog, Firmware, LinkId, LinkMask, NoPlans, PlansMut, RequestQueue, Requests, StatusTexts,
     TextEntry, TextNumber,
 };
 
@@ -32,7 +32,7 @@ impl Rest {
         Self { shared, peers: Vec::new(), texts: StatusTexts::new(), requests: Requests::NONE, events: EventLog::EMPTY }
     }
 
-    pub(crate) fn cx<'a, F: Firmware<Plans = NoPlans>>(
+    pub(crate) fn cx<'a, F: Firmware<Plans = NoPlans, Credits = [Credits; 0]>>(
         &'a mut self,
         now: Instant,
         parameters: &'a mut F::Parameters,
@@ -47,6 +47,7 @@ impl Rest {
             events: &mut self.events,
             plans: PlansMut::none(),
             parameters,
+            credits: (),
             vehicle,
         }
     }

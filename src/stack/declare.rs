@@ -5,7 +5,7 @@ use crate::network::Peers;
 use crate::service::ServiceList;
 use crate::service::command::{CommandMemory, Commands};
 use crate::service::param::ParamMemory;
-use crate::service::{ControlGate, ForwardingGate, OwnCommands, Service, SigningGate, SticksGate};
+use crate::service::{About, ControlGate, ForwardingGate, OwnCommands, Service, SigningGate, SticksGate, Turn};
 use crate::types::{EventLog, Firmware, Requests, StatusTexts, Vehicle};
 
 /// A service whose content is stored. Without the feature `storage` it is any service.
@@ -86,6 +86,20 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
 pub trait Declaration {
     /// The stack: `Stack<D, LINKS>`.
     type Stack;
+}
+
+/// Returns the number of accounts of credits: one if a peer can cause a frame on a high-latency link (L-17), because the
+/// firmware sends HIGH_LATENCY2 or forwards.
+#[doc(hidden)]
+pub const fn credits(services: &[About], has_forwarding: bool) -> usize {
+    let (mut count, mut services) = (if has_forwarding { 1 } else { 0 }, services);
+    while let [about, rest @ ..] = services {
+        if Turn::bits(about.turns) & Turn::HighLatency.bit() != 0 {
+            count = 1;
+        }
+        services = rest;
+    }
+    count
 }
 
 /// The list of the files of services: those of [virtual directories](crate::Files).

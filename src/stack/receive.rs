@@ -12,11 +12,11 @@ use crate::service::command::{self, CommandMemory, CommandService};
 use crate::service::mission;
 use crate::service::mode;
 use crate::service::{
-    ControlGate, Cx, ForwardingGate, Handled, OwnCommands, OwnRequest, Received, Request, SigningGate, SticksGate,
-    Verdict, increment,
+    ControlGate, Cx, Examined, ForwardingGate, Handled, OwnCommands, OwnRequest, Received, Request, SigningGate,
+    SticksGate, Verdict, increment,
 };
 use crate::time::Instant;
-use crate::types::{Allowance, CommandAnswer, LinkId, MAX_TEXT_LEN, Peer, PeerEvent, Vehicle};
+use crate::types::{Allowance, CommandAnswer, LinkId, MAX_TEXT_LEN, Payer, Peer, PeerEvent, Vehicle};
 
 /// A received frame with our own address: an echo, if a link has sent such a frame.
 #[derive(Clone, Copy)]
@@ -133,8 +133,9 @@ impl<D: Declares> Services<D> {
             increment(&mut port.counters.unknown);
             network::record_unchecked(cx.peers, from, frame.header().seq);
         }
-        let has_key = self.signing.has_key();
-        allowance.spend(self.forwarding.forward(cx, port, frame, decision, sender, has_key));
+        let (payer, has_key) = (self.payer(frame), self.signing.has_key());
+        let examined = Examined { frame, decision, sender, payer, has_key };
+        allowance.spend(self.forwarding.forward(cx, port, &examined));
         is_trusted && !is_duplicate
     }
 
@@ -203,12 +204,20 @@ impl<D: Declares> Services<D> {
         Received { frame, from, target, age: self.signing.age(now, frame) }
     }
 
+    /// Returns whose credits pay for what a frame causes on the high-latency links (L-17).
+    fn payer(&self, frame: &Frame<'_>) -> Payer {
+        let is_privileged =
+            self.operator_control.is_owner(frame.source().system) || self.signing.signed_at(frame).is_some();
+        if is_privileged { Payer::Privileged } else { Payer::Anyone }
+    }
+
     /// Returns the command in a frame; `None` if the frame contains none.
     fn request(&self, now: Instant, port: &Port, frame: &Frame<'_>, target: Address) -> Option<Request> {
         let received = self.received(now, port, frame, target);
         let in_mode = || if D::HAS_MODES { mode::command_in(port, &received) } else { None };
         let mut request = command::command_in(port, &received).or_else(in_mode)?;
         request.signed_at = self.signing.signed_at(frame);
+        request.payer = self.payer(frame);
         Some(request)
     }
 

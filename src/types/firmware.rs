@@ -3,6 +3,7 @@
 use super::command::{Command, Outcome};
 use super::component::Component;
 use super::context::Context;
+use super::credits::CreditMemory;
 use super::plans::PlanMemory;
 use crate::dialect::MavResult;
 use crate::message::ComponentId;
@@ -16,6 +17,9 @@ pub trait Firmware: Sized + 'static {
     type Plans: PlanMemory;
     /// The table of the parameters.
     type Parameters: Values;
+    /// What is left of the credits of the high-latency links.
+    #[doc(hidden)]
+    type Credits: CreditMemory;
     /// Whether the vehicle has flight modes: `modes` is declared.
     const HAS_MODES: bool = false;
     /// Whether there is a queue of texts.

@@ -319,6 +319,8 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
     let frames: Vec<Vec<u8>> = (0..4_000).map(|_| any_frame(&mut rng)).collect();
     let satellite = LinkConfig::uart(2_400).with_class(LinkClass::HighLatency);
     let mut setup = Setup::<LINKS>::new();
+    // So that many commands are forwarded.
+    setup.config.credits.per_hour = 0;
     setup.links = [
         LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard),
         satellite.with_streams(StreamProfile::Onboard),

@@ -199,7 +199,7 @@ fn command_by_radio_is_never_superseded() {
 }
 
 /// C-12: a duplicate on another radio is received within three seconds. A later one is a new command and sends a message, even
-/// if its timestamp equals the first one's.
+/// if its timestamp equals the first one's. It is sent ten seconds after the first (L-17).
 #[test]
 fn duplicate_on_another_radio_is_received_within_3_s() {
     for (wait, messages) in [(2, 1), (4, 2)] {
@@ -212,6 +212,7 @@ fn duplicate_on_another_radio_is_received_within_3_s() {
         assert_eq!(rig.sent::<HighLatency2>(SAT).len(), 1);
         rig.run_for(secs(wait));
         rig.receive(2, &sent(2, secs(10), MavCmd::CONTROL_HIGH_LATENCY, START));
+        rig.run_for(secs(10));
         assert_eq!(1 + rig.sent::<HighLatency2>(SAT).len(), messages, "{wait} s");
     }
 }

@@ -69,7 +69,7 @@ fn start_and_stop_over_the_satellite() {
 }
 
 /// L-10, L-11, L-15: the command over the normal link is answered there and applies to the satellite; both links run at once.
-/// Each command may be sent twice: a second START sends another message.
+/// Each command may be sent twice: a second START sends another message, ten seconds after the first (L-17).
 #[test]
 fn start_and_stop_over_the_radio_twice() {
     let mut world = world(CONFIG);
@@ -77,7 +77,9 @@ fn start_and_stop_over_the_radio_twice() {
     run(&mut world, secs(5));
     assert_eq!(count(&mut world, SAT), 1);
     assert_eq!(control(&mut world, TELEM, 1.0), MavResult::ACCEPTED);
-    run(&mut world, secs(19));
+    run(&mut world, secs(4));
+    assert_eq!(count(&mut world, SAT), 0);
+    run(&mut world, secs(20));
     assert_eq!(count(&mut world, SAT), 1);
     run(&mut world, secs(2));
     assert_eq!(count(&mut world, SAT), 1, "a period after the second one");
@@ -109,12 +111,13 @@ fn duplicate_start_sends_no_other_message() {
     assert_eq!(count(&mut world, SAT), 1, "on time: no duplicate moved it");
     assert_eq!(control(&mut world, TELEM, 0.0), MavResult::ACCEPTED);
     assert_eq!(control(&mut world, SAT, 1.0), MavResult::ACCEPTED);
-    run(&mut world, secs(1));
+    // Ten seconds after the last message (L-17).
+    run(&mut world, secs(11));
     assert_eq!(count(&mut world, SAT), 1);
     // A START from another station, or a minute later, is not a duplicate.
     world.gcs[TELEM].address = OTHER_STATION;
     assert_eq!(control(&mut world, TELEM, 1.0), MavResult::ACCEPTED);
-    run(&mut world, secs(1));
+    run(&mut world, secs(11));
     assert_eq!(count(&mut world, SAT), 1);
 }
 
@@ -152,16 +155,17 @@ fn command_is_unsupported_without_high_latency_link() {
     assert_eq!(world.gcs[SAT].received.len(), 1);
 }
 
-/// L-13: the command applies to all high-latency links, also when it is sent to all components or all systems.
+/// L-13: the command applies to all high-latency links, also when it is sent to all components. To all systems it is DENIED
+/// (L-17).
 #[test]
 fn command_applies_to_all_high_latency_links() {
     let mut world = with_links([SATELLITE, LinkConfig::uart(57_600), SATELLITE], CONFIG);
-    for (target_system, target_component) in [(1, 0), (0, 0), (1, 1)] {
+    for (target_system, target_component) in [(1, 0), (1, 1)] {
         let mut start = world.gcs[1].long(MavCmd::CONTROL_HIGH_LATENCY, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         start.target_system = target_system;
         start.target_component = target_component;
         world.gcs[1].send(&start);
-        run(&mut world, secs(1));
+        run(&mut world, secs(11));
         assert_eq!([0, 1, 2].map(|link| count(&mut world, link)), [1, 0, 1]);
     }
     run(&mut world, PERIOD);

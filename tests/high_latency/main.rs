@@ -5,6 +5,7 @@ mod support;
 
 mod allowed_messages;
 mod auto;
+mod budget;
 mod delayed;
 #[cfg(feature = "signing")]
 mod delayed_signed;

@@ -2,9 +2,10 @@
 
 use super::{TestVehicle, Tuning};
 use mavstack::__private::{
-    About, Absent, CommandSlots, Declares, EventHistory, Firmware, Forwarding, ForwardingGate, Look, LookAll, Missions,
-    ModeService, ParamMemory, ParamService, PeerTable, Persistent, RequestQueue, Requests, Service, ServiceList,
-    SigningGate, SticksGate, StreamService, TextQueue, Values, Visit, VisitAll, WithoutPlans, WithoutSigning,
+    About, Absent, CommandSlots, Credits, Declares, EventHistory, Firmware, Forwarding, ForwardingGate, Look, LookAll,
+    Missions, ModeService, ParamMemory, ParamService, PeerTable, Persistent, RequestQueue, Requests, Service,
+    ServiceList, SigningGate, SticksGate, StreamService, TextQueue, Values, Visit, VisitAll, WithoutPlans,
+    WithoutSigning,
 };
 use mavstack::__private::{NoPlans, PlanBuffers, PlanMemory};
 use mavstack::clock::Time;
@@ -26,6 +27,7 @@ where
     type Vehicle = V;
     type Plans = P;
     type Parameters = V::Parameters;
+    type Credits = [Credits; 1];
     const HAS_MODES: bool = V::HAS_MODES;
 }
 

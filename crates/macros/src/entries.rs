@@ -125,6 +125,7 @@ impl<'a> Entries<'a> {
         put(&mut values, "peers", self.get("peers").map_or_else(|| tokens("8"), |row| row.value.clone()));
         put(&mut values, "texts", self.get("texts").map_or_else(|| tokens("4"), |row| row.value.clone()));
         put(&mut values, "has_modes", is(self.get("modes").is_some()));
+        put(&mut values, "has_forwarding", is(self.get("forwarding").is_some()));
         put(&mut values, "slows_streams", is(self.get("files").is_some() && self.get("streams").is_some()));
         self.put_plans(&mut values)?;
         self.put_sizes(&mut values)?;

@@ -19,6 +19,8 @@ const TEMPLATE: &str = "
             type Vehicle = $vehicle;
             type Plans = $Plans;
             type Parameters = $Parameters;
+            type Credits =
+                [library::Credits; library::credits(<Self as library::ServiceList<Self>>::ABOUT, $has_forwarding)];
             const HAS_MODES: bool = $has_modes;
             const HAS_TEXTS: bool = ($texts) > 0;
             const SLOWS_STREAMS: bool = $slows_streams;

@@ -117,6 +117,7 @@ mod tests {
         type Vehicle = ();
         type Plans = crate::types::NoPlans;
         type Parameters = crate::service::param::NoParams;
+        type Credits = [crate::types::Credits; 0];
     }
 
     /// C-3: an answer for each command, in the order of the commands, with any number of them.

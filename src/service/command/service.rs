@@ -16,11 +16,11 @@ use crate::service::{About, Cx, Handled, Part, Received, Request, Service, Turn,
 use crate::time::Instant;
 use crate::types::{Command, CommandPosition, Context, Firmware, LinkId, Outcome, Peer, Refusal, Vehicle};
 
-/// Commands whose broadcasts are always refused, because they reset, erase or replace stored data of a vehicle, or
-/// restart the vehicle (C-14). Commands that only move, arm or terminate a vehicle are not in the list: they can be
-/// meant for a fleet, and [`CommandPolicy::no_broadcast`] refuses them. Those without a name are from dialects that
-/// include common.
-const NO_BROADCAST: [MavCmd; 14] = [
+/// Commands whose broadcasts are always refused, because they reset, erase or replace stored data of a vehicle, restart
+/// the vehicle (C-14), or cost money on each of them (L-17). Commands that only move, arm or terminate a vehicle are not
+/// in the list: they can be meant for a fleet, and [`CommandPolicy::no_broadcast`] refuses them. Those without a name
+/// are from dialects that include common.
+const NO_BROADCAST: [MavCmd; 15] = [
     // Parameters are reset, overwritten from storage, or stored. The vehicle restarts, possibly into the bootloader.
     MavCmd::PREFLIGHT_STORAGE,
     MavCmd::PREFLIGHT_REBOOT_SHUTDOWN,
@@ -41,6 +41,8 @@ const NO_BROADCAST: [MavCmd; 14] = [
     // Every vehicle gets the same system id (DO_SET_SYS_CMP_ID); an empty battery counts as full (BATTERY_RESET).
     MavCmd(610),
     MavCmd(42_651),
+    // Each vehicle sends by satellite.
+    MavCmd::CONTROL_HIGH_LATENCY,
 ];
 
 /// A COMMAND_ACK that is pending.

@@ -26,6 +26,7 @@ impl Firmware for Shelf {
     type Vehicle = Self;
     type Plans = NoPlans;
     type Parameters = NoParams;
+    type Credits = [crate::types::Credits; 0];
 }
 
 /// `@NOTES/0` to `@NOTES/2`: its number, repeated. A read takes two calls.

@@ -19,16 +19,19 @@ use super::{About, Cx, RETRY, Request, Service, StackEvent, Turn, Verdict, View,
 use crate::dialect::{HighLatency2, MavCmd, MavResult};
 use crate::link::Port;
 use crate::message::Message;
-use crate::network::{PeerInfo, Peers};
+use crate::network::PeerInfo;
 use crate::num;
 use crate::time::{Clock, Duration, Instant};
-use crate::types::{Config, Firmware, LinkMask, Vehicle};
+use crate::types::{Config, CreditConfig, Firmware, LinkMask, Payer, Vehicle};
 
 /// The minimum period.
 const MIN_PERIOD: Duration = Duration::from_secs(1);
 
-/// The number of bytes that cost one credit, rounded up (Iridium's short burst data).
-const CREDIT: u32 = 50;
+/// The minimum time between a message that START forces and the one before it (L-17).
+const FORCED_PERIOD: Duration = Duration::from_secs(10);
+
+/// The length of HIGH_LATENCY2 in MAVLink 2, without a signature.
+const MESSAGE_LEN: usize = 54;
 
 /// How the 32 bits of a `custom_mode` are reduced to the 16 bits of HIGH_LATENCY2.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,9 +102,12 @@ pub struct HighLatencyCounters {
     pub messages: u32,
     /// Bytes in them, headers and checksums included.
     pub bytes: u32,
-    /// Their cost if each is sent separately: one credit for each 50 bytes, rounded up. HIGH_LATENCY2 has 50 bytes in
-    /// MAVLink 1, which is one credit, and 51 to 54 in MAVLink 2, which is two.
+    /// Their cost if each is sent separately: one credit for each 50 bytes, rounded up, as in
+    /// [`Config::credits`](crate::Config::credits). HIGH_LATENCY2 has 50 bytes in MAVLink 1, which is one credit, and 51 to
+    /// 54 in MAVLink 2, which is two.
     pub credits: u32,
+    /// The executed START that forced no message, because the credits were used up (L-17).
+    pub refused: u32,
 }
 
 /// Whether messages are sent, and why.
@@ -194,7 +200,9 @@ enum Ground {
 /// latest one counts. Both kinds of links run at the same time, so that a ground station can hand over from one to the
 /// other (L-15).
 ///
-/// START sends a message at once, even while the service is on. Each later message is sent one period after the
+/// START sends a message at once, even while the service is on, but not within ten seconds after the last one. It takes
+/// [credits](crate::Config::credits) for it, as for two of a message's 50 bytes, on each high-latency link. Without credits
+/// it turns the service on, and messages are sent on schedule (L-17). Sent to all systems it is DENIED. Each later message is sent one period after the
 /// previous one was. A busy modem gets it as soon as it is ready, with the state of that moment, and the next one a
 /// period later. Samples between two messages are summarised in the second one: means and extremes (L-21). A firmware
 /// that moves the bytes itself calls [`Stack::transmit`](crate::Stack::transmit) only when the modem accepts some.
@@ -261,6 +269,8 @@ pub struct HighLatency {
     closed: Window,
     /// The links that have sent the closed window.
     reported: LinkMask,
+    /// What each message costs.
+    credits: CreditConfig,
     counters: HighLatencyCounters,
 }
 
@@ -333,9 +343,36 @@ impl HighLatency {
         self.rescheduled = self.rescheduled.without(LinkMask::of(port.id));
     }
 
+    /// Returns when a message may be sent that is at least `pause` later than the last one.
+    fn after_last(&self, now: Instant, pause: Duration) -> Instant {
+        let is_first = self.counters.reports == 0;
+        if is_first { now } else { now.max(self.sent + pause) }
+    }
+
+    /// Executes START: turns the service on, and forces a message if there are credits for it (L-17).
+    fn start_for_peer<F: Firmware>(&mut self, cx: &mut Cx<'_, F>, payer: Payer) {
+        let was_on = self.is_on();
+        event!("high latency: on");
+        self.state = State::Commanded;
+        let satellites = cx.shared.satellites;
+        let at = self.after_last(cx.now, FORCED_PERIOD);
+        let is_due_anyway = was_on && self.rescheduled.contains(satellites) && self.next <= at;
+        if is_due_anyway {
+            return;
+        }
+        if cx.pay(payer, MESSAGE_LEN, satellites.len()) {
+            self.schedule(at);
+            return;
+        }
+        increment(&mut self.counters.refused);
+        if !was_on {
+            self.schedule(self.after_last(cx.now, self.config.period()));
+        }
+    }
+
     /// Executes MAV_CMD_CONTROL_HIGH_LATENCY (L-10 to L-13).
-    fn control(&mut self, now: Instant, links: LinkMask, request: &Request, peers: &Peers) -> MavResult {
-        if links.is_empty() {
+    fn control<F: Firmware>(&mut self, cx: &mut Cx<'_, F>, request: &Request) -> MavResult {
+        if cx.shared.satellites.is_empty() {
             return MavResult::UNSUPPORTED;
         }
         let [enable, ..] = request.command.params;
@@ -344,9 +381,9 @@ impl HighLatency {
             Some(0) => Action::Stop,
             _ => return MavResult::DENIED,
         };
-        if self.orders.decide(now, action, request, peers) == Decision::Execute {
+        if self.orders.decide(cx.now, action, request, cx.peers) == Decision::Execute {
             match action {
-                Action::Start => self.start(),
+                Action::Start => self.start_for_peer(cx, request.payer),
                 Action::Stop => self.stop(),
             }
         }
@@ -436,7 +473,8 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         open: Window::VACANT,
         closed: Window::VACANT,
         reported: LinkMask::NONE,
-        counters: HighLatencyCounters { reports: 0, messages: 0, bytes: 0, credits: 0 },
+        credits: CreditConfig::VACANT,
+        counters: HighLatencyCounters { reports: 0, messages: 0, bytes: 0, credits: 0, refused: 0 },
     };
     /// When the next message is sent.
     type Link = Instant;
@@ -469,10 +507,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         let command = &request.command;
         let [id, ..] = command.params;
         match command.id {
-            MavCmd::CONTROL_HIGH_LATENCY => {
-                let result = self.control(cx.now, cx.shared.satellites, request, cx.peers);
-                Some(Verdict::accepted(result))
-            }
+            MavCmd::CONTROL_HIGH_LATENCY => Some(Verdict::accepted(self.control(cx, request))),
             // Only on a high-latency link, and only while the service is on (L-2).
             MavCmd::REQUEST_MESSAGE if num::integer(id) == Some(HighLatency2::ID) => {
                 let is_class = port.config.class.is_high_latency();
@@ -511,18 +546,19 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         match event {
-            StackEvent::Begun(_) => {
+            StackEvent::Begun(config) => {
+                self.credits = config.credits;
                 self.config = HighLatencyConfig::DEFAULT;
                 self.last = HighLatencySample::UNKNOWN;
                 self.open = Window::new(Instant::ZERO);
             }
             // Counts the cost of a frame on a high-latency link.
             StackEvent::Sent(port, _) if port.config.class.is_high_latency() => {
-                let len = u32::try_from(port.outbox.pending().len()).unwrap_or(0);
+                let len = port.outbox.pending().len();
                 let counters = &mut self.counters;
                 increment(&mut counters.messages);
-                counters.bytes = counters.bytes.wrapping_add(len);
-                counters.credits = counters.credits.wrapping_add(len.div_ceil(CREDIT));
+                counters.bytes = counters.bytes.wrapping_add(u32::try_from(len).unwrap_or(0));
+                counters.credits = counters.credits.wrapping_add(self.credits.cost(len));
             }
             _ => {}
         }

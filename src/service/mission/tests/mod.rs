@@ -128,6 +128,7 @@ impl Firmware for Board {
     type Vehicle = Vehicle;
     type Plans = Memory;
     type Parameters = NoParams;
+    type Credits = [crate::types::Credits; 0];
 }
 
 /// The items and the id of a plan.
@@ -216,6 +217,7 @@ impl Bench {
             events: &mut rest.events,
             plans: self.memory.view(),
             parameters: &mut NoParams,
+            credits: (),
             vehicle: &mut self.vehicle,
         };
         act(&mut self.missions, &mut cx, &mut self.ports, &mut self.replies)

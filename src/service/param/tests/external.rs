@@ -49,6 +49,7 @@ impl Firmware for Board {
     type Vehicle = Rover;
     type Plans = NoPlans;
     type Parameters = ExternalParams<6>;
+    type Credits = [crate::types::Credits; 0];
 }
 
 struct Bench {

@@ -110,6 +110,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Firmware for Board<
     type Vehicle = Vehicle<CAST, HASH, ERRORS>;
     type Plans = NoPlans;
     type Parameters = Table;
+    type Credits = [crate::types::Credits; 0];
 }
 
 struct Bench<const CAST: bool = false, const HASH: bool = false, const ERRORS: bool = true> {
