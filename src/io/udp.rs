@@ -40,13 +40,50 @@ pub trait DatagramSocket {
     fn send(&mut self, datagram: &[u8], to: Self::Endpoint) -> bool;
 }
 
-/// A ground station behind a link.
+/// How long a new station on an open link is limited, at least.
+const PROBATION: Duration = Duration::from_secs(1);
+
+/// A limited station gets this many bytes for each that it has sent.
+const AMPLIFICATION: usize = 3;
+
+/// The bytes that a limited station may save up: four of the longest frames.
+const MAX_QUOTA: usize = 1_120;
+
+/// With fewer bytes left, a limited station gets only HEARTBEATs. An acknowledgement is shorter, and so is a parameter.
+const LEAST_QUOTA: usize = 80;
+
+/// A sender behind a link.
 #[derive(Clone, Copy, Debug)]
 struct Station<E> {
     endpoint: E,
+    /// When the link accepted its last frame, or when its first datagram was received.
     heard: Instant,
-    /// Whether the link has accepted a frame from it. Until then it gets nothing, and another sender may take its link.
-    is_accepted: bool,
+    standing: Standing,
+    /// The bytes that it may get while it is limited, besides HEARTBEATs.
+    quota: usize,
+}
+
+impl<E> Station<E> {
+    const fn new(endpoint: E, heard: Instant, standing: Standing) -> Self {
+        Self { endpoint, heard, standing, quota: 0 }
+    }
+
+    const fn is_remote(&self) -> bool {
+        matches!(self.standing, Standing::Remote)
+    }
+}
+
+/// What a sender has shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Standing {
+    /// Nothing that the link accepts. It gets nothing, and another sender may take its link.
+    Sender,
+    /// The link has accepted a frame since then, which anyone may have sent in the name of this address. It is limited.
+    Limited(Instant),
+    /// It answers, or has signed.
+    Proven,
+    /// It is [configured](UdpLinks::set_remote).
+    Remote,
 }
 
 /// The links of a UDP socket, each with its station. `E` is the [endpoint](DatagramSocket::Endpoint) of the socket.
@@ -109,7 +146,13 @@ struct Station<E> {
 /// The first datagram of a sender takes a free link and [restarts](Stack::restart_link) it. The sender becomes a
 /// station when the link accepts a frame from it: with a correct checksum and, if the link requires it, a correct
 /// signature. From then on the link sends to the station's address and port, one frame per datagram, a HEARTBEAT first (H-17). After
-/// [`peer_timeout`](crate::Config::peer_timeout) without a datagram the link is free again.
+/// [`peer_timeout`](crate::Config::peer_timeout) without an accepted frame the link is free again, whatever bytes are received.
+///
+/// On a link that accepts unsigned commands, anyone can send a datagram in the name of another address. So a new station gets
+/// HEARTBEATs, and at most three times the bytes that it has sent, until the link accepts a frame of it a second or more after
+/// the first. Then it gets all. What remains: two forged datagrams a second apart, and then one in each `peer_timeout`, direct
+/// the traffic of a link to an address that has not asked for it. Where signatures are required, nothing does. A station with
+/// a [configured](Self::set_remote) address is not limited, and keeps its link.
 ///
 /// Before a sender is a station, nothing is sent to it, and heartbeats are still broadcast. If no link is free, the
 /// next new sender takes its link.
@@ -123,6 +166,7 @@ struct Station<E> {
 /// | a link has no station | its other frames are discarded, so that no text waits for a station that never appears |
 /// | all links have stations | datagrams of further senders are dropped, and [counted](Self::refused) |
 /// | a datagram does not begin with a frame | it is dropped and counted; its sender gets no link |
+/// | a new station has less than 80 of its bytes left | it gets only HEARTBEATs, and its other frames stay pending; a longer frame than what is left is discarded |
 /// | a station sends more than the budget of its link | the surplus stays pending; after 100 ms it is dropped and counted, until the station sends less |
 ///
 /// Stream intervals belong to the link: the next station inherits the intervals of the last one.
@@ -165,6 +209,16 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
         self.broadcast = to;
     }
 
+    /// Sets the address of a station that has the link with this index in [`links`](Self::links) for good: it never times out,
+    /// is not limited, and gets HEARTBEATs from the start. `None` removes it. An index of `N` or more does nothing.
+    pub fn set_remote(&mut self, index: usize, remote: Option<E>) {
+        if let Some(station) = self.stations.get_mut(index)
+            && (remote.is_some() || station.is_some_and(|station| station.is_remote()))
+        {
+            *station = remote.map(|endpoint| Station::new(endpoint, Instant::ZERO, Standing::Remote));
+        }
+    }
+
     /// Returns the stations, each with its link.
     pub fn stations(&self) -> impl Iterator<Item = (LinkId, E)> {
         self.links.iter().enumerate().filter_map(|(index, link)| Some((*link, self.station(index)?)))
@@ -181,10 +235,10 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
         self.refused
     }
 
-    /// Frees the links of stations that were silent for `timeout`.
+    /// Frees the links of stations of which no frame was accepted for `timeout`.
     fn forget_silent(&mut self, now: Instant, timeout: Duration) {
         for station in &mut self.stations {
-            if station.is_some_and(|station| now - station.heard >= timeout) {
+            if station.is_some_and(|station| !station.is_remote() && now - station.heard >= timeout) {
                 *station = None;
             }
         }
@@ -201,8 +255,12 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
             self.count_refused();
             return None;
         };
-        let is_accepted = known.is_some() && station.is_some_and(|station| station.is_accepted);
-        *station = Some(Station { endpoint: from, heard: now, is_accepted });
+        if known.is_none() {
+            *station = Some(Station::new(from, now, Standing::Sender));
+        }
+        if let Some(station) = station {
+            station.quota = station.quota.saturating_add(len.saturating_mul(AMPLIFICATION)).min(MAX_QUOTA);
+        }
         (self.of, self.end) = (of, len);
         if known.is_some() { None } else { self.links.get(of).copied() }
     }
@@ -216,13 +274,41 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
 
     /// Returns the station with this index; `None` if the link has none.
     fn station(&self, index: usize) -> Option<E> {
-        self.stations.get(index)?.filter(|station| station.is_accepted).map(|station| station.endpoint)
+        self.stations.get(index)?.filter(|station| station.standing != Standing::Sender).map(|station| station.endpoint)
     }
 
-    /// Notes that the link with this index has accepted a frame of its sender. Returns whether that is a new station.
-    fn accept(&mut self, index: usize) -> bool {
-        let station = self.stations.get_mut(index).and_then(Option::as_mut);
-        station.is_some_and(|station| !core::mem::replace(&mut station.is_accepted, true))
+    /// Notes that the link with this index has accepted a frame of its sender. `is_open`: of anyone. Returns whether that is a
+    /// new station.
+    fn accept(&mut self, now: Instant, index: usize, is_open: bool) -> bool {
+        let Some(station) = self.stations.get_mut(index).and_then(Option::as_mut) else { return false };
+        station.heard = now;
+        let before = station.standing;
+        station.standing = match before {
+            Standing::Sender if is_open => Standing::Limited(now),
+            Standing::Limited(since) if now - since < PROBATION => before,
+            Standing::Sender | Standing::Limited(_) => Standing::Proven,
+            Standing::Proven | Standing::Remote => before,
+        };
+        before == Standing::Sender
+    }
+
+    /// Returns the station with this index, if it is limited.
+    fn limited(&mut self, index: usize) -> Option<&mut Station<E>> {
+        let station = self.stations.get_mut(index)?.as_mut();
+        station.filter(|station| matches!(station.standing, Standing::Limited(_)))
+    }
+
+    /// Whether the station with this index gets only HEARTBEATs.
+    fn is_short(&mut self, index: usize) -> bool {
+        self.limited(index).is_some_and(|station| station.quota < LEAST_QUOTA)
+    }
+
+    /// Takes a frame from what a limited station may get. Returns false if it is too long.
+    fn may_get(&mut self, index: usize, frame: &[u8]) -> bool {
+        let Some(station) = self.limited(index).filter(|_| !is_heartbeat(frame)) else { return true };
+        let left = station.quota.checked_sub(frame.len());
+        station.quota = left.unwrap_or(station.quota);
+        left.is_some()
     }
 
     const fn count_refused(&mut self) {
@@ -237,7 +323,7 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
     /// Returns the destination of `frame` on the link with this index; `None` if it is not sent.
     fn destination(&self, index: usize, frame: &[u8]) -> Option<E> {
         match self.station(index) {
-            Some(station) => Some(station),
+            station @ Some(_) => station,
             None if index == 0 && is_heartbeat(frame) && self.stations().next().is_none() => self.broadcast,
             None => None,
         }
@@ -294,7 +380,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         // Frames of earlier polls, which wait for budget or for silence.
         for (index, (link, left)) in udp.links.into_iter().zip(&mut left).enumerate() {
             self.receive_within(now, link, &[], vehicle, &mut left.allowance);
-            self.note_accepted(udp, index);
+            self.note_accepted(time, udp, index);
         }
         self.receive_datagrams(now, udp, socket, vehicle, &mut left);
         for (index, left) in left.iter_mut().enumerate() {
@@ -336,7 +422,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             if left.allowance.may_handle() || udp.station(index).is_none() {
                 let taken = self.receive_within(now, link, rest, vehicle, &mut left.allowance);
                 udp.begin = udp.begin.saturating_add(taken);
-                self.note_accepted(udp, index);
+                self.note_accepted(time, udp, index);
                 if !self.send_datagrams(now, (udp, index), socket, vehicle, left) {
                     // Its next requests wait until these are answered; those of other links do not.
                     left.allowance.frames = 0;
@@ -362,10 +448,15 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Makes the sender with this index a station if its link has accepted a frame. A new station gets a HEARTBEAT first (H-17).
-    fn note_accepted<E: Copy + PartialEq, const N: usize>(&mut self, udp: &mut UdpLinks<E, N>, index: usize) {
+    fn note_accepted<E: Copy + PartialEq, const N: usize>(
+        &mut self,
+        now: Instant,
+        udp: &mut UdpLinks<E, N>,
+        index: usize,
+    ) {
         if let Some(&link) = udp.links.get(index)
-            && self.has_accepted(link)
-            && udp.accept(index)
+            && self.has_accepted_again(link)
+            && udp.accept(now, index, self.is_open(link))
         {
             self.greet(link);
         }
@@ -375,7 +466,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     fn send_datagrams<S: DatagramSocket, const N: usize>(
         &mut self,
         now: Instant,
-        (udp, index): (&UdpLinks<S::Endpoint, N>, usize),
+        (udp, index): (&mut UdpLinks<S::Endpoint, N>, usize),
         socket: &mut S,
         vehicle: &mut D::Vehicle,
         left: &mut Left,
@@ -388,13 +479,17 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             if !is_ready {
                 return false;
             }
+            if !self.allow_only_heartbeat(link, udp.is_short(index)) {
+                return true;
+            }
             let frame = self.transmit(now, link, vehicle);
             if frame.is_empty() {
                 return true;
             }
             let len = frame.len();
             left.allowance.send(cost_of_sending(frame));
-            let is_lost = udp.destination(index, frame).is_some_and(|to| !socket.send(frame, to));
+            let to = if udp.may_get(index, frame) { udp.destination(index, frame) } else { None };
+            let is_lost = to.is_some_and(|to| !socket.send(frame, to));
             self.transmitted(link, len);
             left.tx_bytes = left.tx_bytes.saturating_sub(len);
             if is_lost && let Some(counters) = self.counters_mut(link) {

@@ -108,7 +108,7 @@ pub struct Port {
     /// conflict (H-14).
     strangers: Saturating<u8>,
     /// Whether a frame of a sender that the link's policy trusts was accepted since the link was restarted.
-    pub(crate) has_accepted: bool,
+    pub(crate) accepted: Accepted,
     /// Facts that the services on the link share.
     pub(crate) facts: LinkFacts,
     /// The state of the transport when it was last asked.
@@ -151,6 +151,16 @@ impl Port {
     }
 }
 
+/// Whether a link has accepted a frame since it was restarted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Accepted {
+    Nothing,
+    /// It has, but not since it was last asked.
+    Before,
+    /// It has since then.
+    Again,
+}
+
 /// Whether a transport takes bytes, as far as that is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Transport {
@@ -174,7 +184,7 @@ impl Link {
             bucket: Bucket::VACANT,
             counters: LinkCounters::ZERO,
             strangers: Saturating(0),
-            has_accepted: false,
+            accepted: Accepted::Nothing,
             facts: LinkFacts::NONE,
             transport: Transport::Unknown,
             retry_at: Instant::ZERO,
@@ -216,6 +226,17 @@ impl Port {
     /// Frames wait no longer: a HEARTBEAT is sent, or has not come.
     pub(crate) const fn release(&mut self) {
         self.held_until = Instant::ZERO;
+    }
+
+    /// Has frames wait for a HEARTBEAT without a bound, or no longer.
+    pub(crate) fn hold_without_bound(&mut self, holds: bool) {
+        /// No clock reaches it, and it differs from [`Instant::NEVER`], which is bounded later.
+        const UNBOUNDED: Instant = Instant::from_micros(u64::MAX - 1);
+        if holds {
+            self.held_until = UNBOUNDED;
+        } else if self.held_until == UNBOUNDED {
+            self.release();
+        }
     }
 
     /// Whether frames wait for a HEARTBEAT.

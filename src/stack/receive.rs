@@ -5,7 +5,7 @@ use super::services::{Services, States};
 use super::{Declares, Stack};
 use crate::dialect::{MavCmd, MavResult, MavSeverity};
 use crate::frame::{Checks, Decoder, Frame};
-use crate::link::{Link, Port};
+use crate::link::{Accepted, Link, Port};
 use crate::message::{Address, Text};
 use crate::network::{self, ForwardDecision, Reception, SenderEntry};
 use crate::service::command::{self, CommandMemory, CommandService};
@@ -27,12 +27,6 @@ pub(super) struct OwnFrame {
 }
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
-    /// Whether the link has accepted a frame since it was restarted: a checked one, signed if the link requires it, and
-    /// not the heartbeat of another vehicle, which is a broadcast.
-    pub(crate) fn has_accepted(&self, link: LinkId) -> bool {
-        self.links.get(usize::from(link.0)).is_some_and(|link| link.port.has_accepted)
-    }
-
     /// Makes the next deadline the present: received bytes are pending outside the decoders.
     pub(crate) const fn poll_again(&mut self) {
         self.shared.has_acted = true;
@@ -126,7 +120,8 @@ impl<D: Declares> Services<D> {
                 return false;
             }
             sender = self.record_sender(cx, port, frame);
-            if !is_duplicate {
+            // What anyone may have sent keeps nothing alive.
+            if !is_duplicate && sender.is_some() {
                 self.on_heard(cx.now, from);
             }
         } else if is_accepted {
@@ -143,7 +138,9 @@ impl<D: Declares> Services<D> {
     fn record_sender(&self, cx: &mut Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<SenderEntry> {
         port.note_version(frame.header().version);
         let is_verified = self.signing.knows_sender(port, frame);
-        port.has_accepted |= is_verified && !network::is_of_vehicle(frame);
+        if is_verified && !network::is_of_vehicle(frame) {
+            port.accepted = Accepted::Again;
+        }
         let by = Reception { now: cx.now, link: port.id, class: port.config.class, is_verified };
         let own = cx.address();
         let (peers, vehicle, mut context) = cx.peers_and_hook();

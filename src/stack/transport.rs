@@ -3,10 +3,12 @@
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
 use super::{Declares, NOT_FILLED, Stack};
+use crate::dialect::CommandLong;
 use crate::frame::cost_of_sending;
-use crate::link::{Link, LinkCounters, LinkError, Transport};
+use crate::link::{Accepted, Link, LinkCounters, LinkError, Transport};
+use crate::message::Message;
 use crate::service::command::CommandService;
-use crate::service::increment;
+use crate::service::{SigningGate, increment};
 use crate::time::Instant;
 use crate::types::{Allowance, LinkId};
 
@@ -150,7 +152,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             port.outbox.restart(port.is_held());
             // Which may ask whether a peer was heard before.
             self.services.restart(port, state);
-            port.has_accepted = false;
+            port.accepted = Accepted::Nothing;
             port.retry_at = Instant::ZERO;
             if D::SLOWS_STREAMS {
                 port.facts.transferring_until = Instant::ZERO;
@@ -193,6 +195,37 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             port.hold();
             port.facts.is_sign_of_life_due = port.is_held();
         }
+    }
+
+    /// Whether a link has accepted a frame since this was last asked, and since it was restarted: a checked one, signed if the
+    /// link requires it, and not the heartbeat of another vehicle, which is a broadcast.
+    pub(crate) fn has_accepted_again(&mut self, link: LinkId) -> bool {
+        let Some(Link { port, .. }) = self.link_mut(link) else { return false };
+        let has_accepted = port.accepted == Accepted::Again;
+        if has_accepted {
+            port.accepted = Accepted::Before;
+        }
+        has_accepted
+    }
+
+    /// Whether anyone may send commands on a link: an address proves nothing there.
+    pub(crate) fn is_open(&self, link: LinkId) -> bool {
+        let port = self.links.get(usize::from(link.0)).map(|link| &link.port);
+        port.is_some_and(|port| self.services.signing.accepts_unsigned(port, CommandLong::ID))
+    }
+
+    /// Has the next frame of a link be a HEARTBEAT, or any. Returns false if it may send none: it waits for a HEARTBEAT, which
+    /// is not sent in a fault.
+    pub(crate) fn allow_only_heartbeat(&mut self, link: LinkId, is_only: bool) -> bool {
+        let may_send = !is_only || self.shared.flight.has_state;
+        if let Some(Link { port, .. }) = self.link_mut(link) {
+            port.hold_without_bound(is_only);
+            if !may_send {
+                // It sends nothing until the firmware calls again.
+                port.transport = Transport::Full;
+            }
+        }
+        may_send
     }
 
     /// Returns the counters of a link; `None` if there is no such link.

@@ -1,8 +1,8 @@
 //! Links over UDP: which station gets what. The socket is simulated. Rules D-2, H-1, H-5, M-11, SEC-2, SEC-15.
 
 use crate::support::*;
-use mavstack::__private::NoPlans;
-use mavstack::config::PollBudget;
+use mavstack::__private::Declares;
+use mavstack::config::{PollBudget, StreamProfile};
 use mavstack::dialect::*;
 use mavstack::frame::{Decoder, Version, encode};
 use mavstack::io::{DatagramSocket, MAX_DATAGRAM_LEN, UdpLinks};
@@ -60,8 +60,8 @@ impl DatagramSocket for Socket {
 }
 
 /// A vehicle whose links 1 and 2 are those of a socket. Link 0 is a UART that is not connected.
-struct Lab {
-    stack: Box<Stack<Tested<NoPlans, 8>, 3>>,
+struct Lab<D: Declares = Tested> {
+    stack: Box<Stack<D, 3>>,
     vehicle: TestVehicle,
     udp: UdpLinks<Endpoint, 2>,
     socket: Socket,
@@ -83,13 +83,19 @@ impl Lab {
     }
 
     fn with(change: impl FnOnce(&mut Config)) -> Self {
+        Self::of(change, LinkConfig::uart(1_000_000))
+    }
+}
+
+impl<D: Declares<Vehicle = TestVehicle>> Lab<D> {
+    fn of(change: impl FnOnce(&mut Config), link: LinkConfig) -> Self {
         let pulse = Box::leak(Box::new(Pulse::new()));
         let mut config = Config::new(VEHICLE, pulse);
         change(&mut config);
         let mut udp = UdpLinks::new(LINKS);
         udp.set_broadcast(Some(BROADCAST));
         Self {
-            stack: begun(config, [LinkConfig::uart(1_000_000); 3]),
+            stack: begun(config, [link; 3]),
             vehicle: TestVehicle::new(),
             udp,
             socket: Socket::default(),
@@ -539,4 +545,150 @@ fn new_station_gets_a_heartbeat_first() {
     assert_eq!(lab.socket.sent.len(), 0);
     lab.run_for(millis(2));
     assert_eq!(lab.socket.sent.iter().map(|(to, sent)| (*to, sent[7])).collect::<Vec<_>>(), [(A, 77)]);
+}
+
+/// bytes from the addresses of stations that are gone keep their links for nobody: a new station joins after the time in
+/// which a peer times out. Without accepted frames as the only sign of life it never joined.
+#[test]
+fn a_byte_keeps_nobody() {
+    let mut lab = Lab::new();
+    lab.heartbeat(A);
+    lab.heartbeat(B);
+    lab.run_for(secs(1));
+    assert_eq!(lab.stations(), [(LinkId(1), A), (LinkId(2), B)]);
+    let joined = |lab: &Lab| lab.stations().iter().any(|(_, station)| *station == C);
+    for _ in 0..12 {
+        lab.socket.arrive(A, &[0xFD]);
+        lab.socket.arrive(B, &junk(&mut Lab::new())[1]);
+        lab.heartbeat(C);
+        lab.run_for(millis(500));
+    }
+    assert!(lab.now <= Instant::from_millis(7_000) && joined(&lab));
+    for _ in 0..20 {
+        lab.socket.arrive(A, &[0xFD]);
+        lab.heartbeat(C);
+        lab.run_for(millis(500));
+        assert!(joined(&lab));
+    }
+}
+
+/// the same on links that require signatures, where the address of the true station may change.
+#[cfg(feature = "signing")]
+#[test]
+fn a_byte_keeps_nobody_where_signatures_are_required() {
+    use mavstack::signing::{LinkSigning, SigningKey};
+    let key = SigningKey::new([7; 32]);
+    let link = LinkConfig::uart(1_000_000).with_signing(LinkSigning::REQUIRED);
+    let mut lab = Lab::<Tested<mavstack::__private::NoPlans, 8, Signed>>::of(|_| (), link);
+    lab.stack.signing_mut().set_key(lab.now, key.clone(), 37_000_000_000_000);
+    let mut timestamp = 37_000_000_000_000;
+    let mut signed = |link_id: u8| {
+        let mut out = [0; mavstack::frame::MAX_FRAME_LEN];
+        timestamp += 50_000;
+        let len = mavstack::frame::encode_signed(&Gcs::heartbeat(), STATION, 0, &key, link_id, timestamp, &mut out);
+        out[..len.unwrap()].to_vec()
+    };
+    for (endpoint, link_id) in [(A, 1), (B, 2)] {
+        lab.socket.arrive(endpoint, &signed(link_id));
+        lab.run_for(millis(100));
+    }
+    assert_eq!(lab.stations(), [(LinkId(1), A), (LinkId(2), B)]);
+    for _ in 0..12 {
+        for gone in [A, B] {
+            lab.socket.arrive(gone, &[0xFD]);
+        }
+        lab.socket.arrive(C, &signed(3));
+        lab.run_for(millis(500));
+    }
+    assert_eq!(lab.stations(), [(LinkId(1), C)]);
+}
+
+/// one forged datagram of 153 bytes: nine HEARTBEATs of MAVLink 1. Its supposed sender got all streams until it timed out,
+/// 12,553 bytes here. Now it gets at most three times as much, and HEARTBEATs.
+#[test]
+fn reflection() {
+    for asks in [false, true] {
+        let link = LinkConfig::uart(1_000_000).with_streams(StreamProfile::Onboard);
+        let mut lab = Lab::<Tested>::of(|_| (), link);
+        let mut datagram = Vec::new();
+        if asks {
+            for message in [MavCmd::REQUEST_AUTOPILOT_CAPABILITIES, MavCmd::NAV_LAND] {
+                datagram.extend(lab.frame(&long(message)));
+            }
+            let list = ParamRequestList { target_system: 1, target_component: 1 };
+            datagram.extend(lab.frame(&list));
+        }
+        while datagram.len() < 153 - 21 {
+            datagram.extend(lab.frame(&Gcs::heartbeat()));
+        }
+        lab.socket.arrive(A, &datagram);
+        lab.run_for(secs(20));
+        let heartbeats = lab.take::<Heartbeat>(A).len();
+        assert!((4..=6).contains(&heartbeats), "{heartbeats} HEARTBEATs");
+        let bytes: usize = lab.socket.sent.iter().filter(|sent| sent.0 == A).map(|sent| sent.1.len()).sum();
+        assert!(bytes <= 3 * datagram.len(), "{bytes} bytes for {}", datagram.len());
+        assert_eq!(lab.stations(), []);
+        if asks {
+            assert_eq!(lab.acks(A).len(), 2, "commands are answered at once");
+        }
+    }
+}
+
+/// a station gets everything from its second frame on, if that is a second or more later; also one that mostly listens, with
+/// a HEARTBEAT in four seconds.
+#[test]
+fn second_frame_unlimits_a_station() {
+    for (period, limited) in [(millis(1_000), 900), (millis(4_000), 3_900)] {
+        let link = LinkConfig::uart(1_000_000).with_streams(StreamProfile::Onboard);
+        let mut lab = Lab::<Tested>::of(|_| (), link);
+        lab.heartbeat(A);
+        lab.run_for(millis(limited));
+        assert_eq!(lab.take::<Attitude>(A).len(), 0);
+        for _ in 0..3 {
+            lab.run_for(period - millis(limited));
+            lab.heartbeat(A);
+            lab.run_for(millis(limited));
+            let received = lab.take::<Attitude>(A).len() as u64;
+            assert!(received >= limited / 20 - 2, "{received} in {limited} ms");
+        }
+        assert_eq!(lab.stations(), [(LinkId(1), A)]);
+    }
+}
+
+/// in a fault there are no HEARTBEATs, and a limited station gets no more than its bytes all the same. The loop sleeps.
+#[test]
+fn limit_holds_in_a_fault() {
+    let link = LinkConfig::uart(1_000_000).with_streams(StreamProfile::Onboard);
+    let mut lab = Lab::<Tested>::of(|_| (), link);
+    lab.vehicle.state = None;
+    lab.run_for(secs(1));
+    lab.heartbeat(A);
+    lab.run_for(secs(3));
+    let bytes: usize = lab.socket.sent.iter().map(|sent| sent.1.len()).sum();
+    assert!(bytes <= 63, "{bytes} bytes");
+    assert!(lab.stack.link_deadline(lab.now, LinkId(1)) > lab.now);
+}
+
+/// a configured remote needs to send nothing, is not limited, and keeps its link, whoever else sends.
+#[test]
+fn configured_remote_keeps_its_link() {
+    let link = LinkConfig::uart(1_000_000).with_streams(StreamProfile::Onboard);
+    let mut lab = Lab::<Tested>::of(|_| (), link);
+    lab.udp.set_remote(0, Some(C));
+    lab.udp.set_remote(7, Some(A));
+    for _ in 0..14 {
+        lab.heartbeat(A);
+        lab.heartbeat(B);
+        lab.run_for(millis(500));
+    }
+    assert_eq!(lab.stations(), [(LinkId(1), C), (LinkId(2), A)]);
+    assert!(lab.take::<Heartbeat>(C).len() >= 6);
+    assert!(lab.take::<Attitude>(C).len() >= 300);
+    // Its commands are answered at once.
+    lab.command(C, MavCmd::NAV_LAND);
+    lab.run_for(millis(5));
+    assert_eq!(lab.acks(C), [MavCmd::NAV_LAND]);
+    lab.udp.set_remote(0, None);
+    lab.udp.set_remote(1, None);
+    assert_eq!(lab.stations(), [(LinkId(2), A)], "only a remote is removed");
 }

@@ -31,7 +31,7 @@ use crate::dialect::{
     CurrentEventSequence, Event as EventMessage, MavEventCurrentSequenceFlags, MavEventErrorReason, RequestEvent,
     ResponseEventError,
 };
-use crate::link::Port;
+use crate::link::{Accepted, Port};
 use crate::message::{Address, FieldWriter, Message};
 use crate::time::{Duration, Instant};
 use crate::types::{Context, EventEntry, EventLog, EventSequence, Firmware, LinkMask};
@@ -267,7 +267,7 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
             // is accepted. If none was heard before, no peer has received the events: one that remembers the
             // vehicle before a reboot learns that the numbers start again.
             StackEvent::Opened(port, link) => {
-                link.was_heard |= port.has_accepted;
+                link.was_heard |= port.accepted != Accepted::Nothing;
                 link.has_sent &= link.was_heard;
                 link.at = Instant::ZERO;
                 link.requested = [None; 2];
