@@ -212,8 +212,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         cx.shared.has_acted = false;
         cx.shared.polled = now;
         let timeout = cx.shared.config.peer_timeout;
-        let (peers, vehicle, mut context) = cx.peers_and_hook();
-        network::poll(peers, now, timeout, |event| vehicle.peer(&mut context, event));
+        cx.shared.hooks.0 = 0;
+        let (peers, mut hook) = cx.peers_and_hook();
+        network::poll(peers, now, timeout, |event| hook.report(event));
         services.poll(&mut cx, states);
         if !D::COMPONENTS.is_empty()
             && let (Some(Link { port, .. }), Some(state)) = (links.first_mut(), states.first_mut())

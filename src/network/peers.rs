@@ -241,14 +241,16 @@ pub(crate) fn record_unchecked(peers: &mut Peers, peer: Peer, seq: u8) {
     }
 }
 
+/// The maximum number of peers that a poll reports as lost: the next poll continues.
+const REPORTS: usize = 16;
+
 /// Reports the peers whose heartbeats have timed out (H-11).
 pub(crate) fn poll(peers: &mut Peers, now: Instant, timeout: Duration, mut report: impl FnMut(PeerEvent)) {
-    for info in peers.iter_mut() {
-        if info.is_alive && info.is_silent(now, timeout) {
-            info.is_alive = false;
-            event!("peer {} timed out", info.peer);
-            report(PeerEvent::Lost(info.peer));
-        }
+    let lost = peers.iter_mut().filter(|info| info.is_alive && info.is_silent(now, timeout));
+    for info in lost.take(REPORTS) {
+        info.is_alive = false;
+        event!("peer {} timed out", info.peer);
+        report(PeerEvent::Lost(info.peer));
     }
 }
 

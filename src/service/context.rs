@@ -1,5 +1,7 @@
 //! The data that a call of a service uses, besides the service itself and its link.
 
+use core::num::Saturating;
+
 use super::Firmware;
 use crate::dialect::MavSeverity;
 use crate::link::Port;
@@ -7,8 +9,8 @@ use crate::message::{Address, ComponentId};
 use crate::network::{PeerInfo, Peers};
 use crate::time::{Clock, Duration, Instant};
 use crate::types::{
-    Config, Context, CreditMemory, CreditView, EventLog, HookFaults, LinkMask, ObservedVehicle, Payer, PlansMut,
-    Requests, StatusTexts, Values,
+    Config, Context, CreditMemory, CreditView, EventLog, HookFaults, LinkMask, ObservedVehicle, Payer, PeerEvent,
+    PlansMut, Requests, StatusTexts, Values, Vehicle,
 };
 
 /// The data that all services share.
@@ -39,7 +41,14 @@ pub struct Shared {
     /// Until when a client is reading the file of a flight log.
     pub(crate) logs_read_until: Instant,
     pub(crate) faults: HookFaults,
+    /// The number of hooks with a [`Context`] that were called in this poll of the stack or of a link, or by this job of storage.
+    pub(crate) hooks: Saturating<u16>,
 }
+
+/// No poll calls more hooks.
+pub(crate) const MAX_HOOKS: Saturating<u16> = Saturating(32);
+/// What the next poll can continue leaves so many of them to the rest of the poll: a frame calls up to ten.
+const RESERVED: u16 = 16;
 
 impl Shared {
     /// All zero bits.
@@ -58,7 +67,24 @@ impl Shared {
         log_numbering: 0,
         logs_read_until: Instant::ZERO,
         faults: HookFaults::ZERO,
+        hooks: Saturating(0),
     };
+
+    /// Whether so many more hooks may be called in this poll.
+    pub(crate) fn has_hooks(&self, count: u16) -> bool {
+        (MAX_HOOKS - self.hooks).0 >= count
+    }
+
+    /// Whether work that the next poll can continue may call another hook.
+    pub(crate) fn may_continue(&self) -> bool {
+        self.has_hooks(RESERVED.saturating_add(1))
+    }
+
+    /// Whether the hooks of another frame may be called in this poll. A larger [budget](crate::Config::budget) of frames has more:
+    /// a hook for each frame.
+    pub(crate) fn may_handle_frame(&self) -> bool {
+        self.may_continue() || u32::from(self.hooks.0) < self.config.budget.frames
+    }
 
     /// Whether the other components of the firmware are left out.
     pub(crate) fn leaves_out_components<F: Firmware>(&self) -> bool {
@@ -191,17 +217,34 @@ impl<F: Firmware> Cx<'_, F> {
         is_paid
     }
 
-    /// Returns the vehicle, and the context for its hooks.
+    /// Returns the vehicle, and the context for one of its hooks, which is counted.
     pub fn hook(&mut self) -> (&mut F::Vehicle, Context<'_>) {
-        let (_, vehicle, context) = self.peers_and_hook();
-        (vehicle, context)
+        let (_, hook) = self.peers_and_hook();
+        *hook.count += 1;
+        (hook.vehicle, hook.context)
     }
 
-    /// Returns the peer table too, for changes that the vehicle learns of.
-    pub(crate) fn peers_and_hook(&mut self) -> (&mut Peers, &mut F::Vehicle, Context<'_>) {
+    /// Returns the peer table too, for changes that the vehicle learns of. No hook is counted yet.
+    pub(crate) fn peers_and_hook(&mut self) -> (&mut Peers, PeerHook<'_, F>) {
         let Self { now, shared, peers, texts, requests, events, plans, parameters, vehicle, .. } = self;
         let (now, normal, values) = (*now, shared.normal, parameters.values());
-        (peers, vehicle, Context { now, normal, texts, requests, events, plans, values, can_start: false })
+        let context = Context { now, normal, texts, requests, events, plans, values, can_start: false };
+        (peers, PeerHook { vehicle, context, count: &mut shared.hooks })
+    }
+}
+
+/// The hook that learns of changes of the peer table.
+pub(crate) struct PeerHook<'a, F: Firmware> {
+    vehicle: &'a mut F::Vehicle,
+    context: Context<'a>,
+    count: &'a mut Saturating<u16>,
+}
+
+impl<F: Firmware<Vehicle: Vehicle>> PeerHook<'_, F> {
+    /// Calls the hook, and counts it.
+    pub(crate) fn report(&mut self, event: PeerEvent) {
+        *self.count += 1;
+        self.vehicle.peer(&mut self.context, event);
     }
 }
 

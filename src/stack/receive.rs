@@ -44,7 +44,9 @@ impl<D: Declares> Services<D> {
     ) -> Option<OwnFrame> {
         let mut own_frame = None;
         let Link { decoder, port } = link;
-        while allowance.may_handle() {
+        // All calls of a poll of the link share the allowance.
+        cx.shared.hooks = allowance.hooks;
+        while allowance.may_handle() && cx.shared.may_handle_frame() {
             let next = self.next_frame(cx, decoder, allowance);
             // By reference: it is large.
             let Some(frame) = &next else { break };
@@ -74,6 +76,7 @@ impl<D: Declares> Services<D> {
             }
             self.signing.wipe(id, decoder);
         }
+        allowance.hooks = cx.shared.hooks;
         own_frame
     }
 
@@ -143,8 +146,8 @@ impl<D: Declares> Services<D> {
         }
         let by = Reception { now: cx.now, link: port.id, class: port.config.class, is_verified };
         let own = cx.address();
-        let (peers, vehicle, mut context) = cx.peers_and_hook();
-        let entry = network::record(peers, by, own.system, frame, |event| vehicle.peer(&mut context, event));
+        let (peers, mut hook) = cx.peers_and_hook();
+        let entry = network::record(peers, by, own.system, frame, |event| hook.report(event));
         match entry {
             SenderEntry::Evicted => increment(&mut port.counters.evicted_peers),
             SenderEntry::NoRoom => increment(&mut port.counters.no_peer_slot),
@@ -262,7 +265,7 @@ impl<D: Declares> Services<D> {
     pub(super) fn carry_out_own(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>) {
         let own = cx.shared.config.address.get();
         let mut number = 0usize;
-        while number < self.client.own_slots() {
+        while number < self.client.own_slots() && cx.shared.has_hooks(3) {
             let running = self.client.running_own(number);
             if let Some(command) = running
                 && let Some(slots) = self.command.slots.view()
@@ -273,6 +276,10 @@ impl<D: Declares> Services<D> {
             number = number.wrapping_add(1);
         }
         for _ in 0..self.client.own_slots() {
+            if !cx.shared.has_hooks(3) {
+                // The next poll continues.
+                return;
+            }
             let command = match self.client.take_own(cx.now, own) {
                 None => return,
                 Some(OwnRequest::Cancel(command)) => {

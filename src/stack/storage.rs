@@ -52,6 +52,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         D::Storage: HasStorage<Part = Storage>,
     {
         let (cx, services, states, storage) = split!(self, now, vehicle, storage);
+        cx.shared.hooks.0 = 0;
         Persistence { cx, services, states, storage }
     }
 

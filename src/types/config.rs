@@ -1,5 +1,7 @@
 //! The configuration of a stack.
 
+use core::num::Saturating;
+
 use super::credits::CreditConfig;
 use super::identity::Identity;
 use crate::dialect::{MavAutopilot, MavType};
@@ -30,7 +32,8 @@ pub struct PollBudget {
     /// and more as long as budget is left. A value below [`Decoder::MIN_BUDGET`] counts as that.
     pub work: u32,
     /// The maximum number of frames handled, if [`work`](Self::work) is not used up before. The others stay in the
-    /// decoder. 0 counts as 1.
+    /// decoder. 0 counts as 1. No more frames are handled either after they have called so many hooks of the vehicle,
+    /// or 16 if that is more.
     pub frames: u32,
     /// The maximum number of bytes handed to the transport. 0 sends nothing.
     pub tx_bytes: u32,
@@ -98,7 +101,7 @@ impl PollBudget {
 
     /// Returns the allowance of one poll.
     pub(crate) const fn allowance(&self) -> Allowance {
-        Allowance { work: self.work, frames: self.frames, answers: 0, has_sent: false }
+        Allowance { work: self.work, frames: self.frames, hooks: Saturating(0), answers: 0, has_sent: false }
     }
 }
 
@@ -118,6 +121,8 @@ pub(crate) struct Allowance {
     pub(crate) work: u32,
     /// The number of frames that may still be handled.
     pub(crate) frames: u32,
+    /// The number of hooks that received frames have called.
+    pub(crate) hooks: Saturating<u16>,
     /// The number of answers whose cost was already spent.
     answers: u32,
     /// Whether a frame was sent.

@@ -2,9 +2,11 @@
 
 use super::*;
 use mavstack::__private::Declares;
-use mavstack::dialect::{MavResult, MavSeverity, ParamRequestList, ParamValue, Statustext};
+use mavstack::dialect::{MavParamError, MavResult, MavSeverity, ParamRequestList, ParamValue, Statustext};
 use mavstack::param::{ParamInfo, RuntimeTable};
-use mavstack::{Command, Commands, Context, Duration, Files, Instant, Outcome, Parameters, Vehicle, VehicleState};
+use mavstack::{
+    Command, Commands, Context, Duration, Files, Instant, Outcome, ParamChange, Parameters, Vehicle, VehicleState,
+};
 
 const FILE: &str = "@PARAM/param.pck";
 
@@ -47,7 +49,8 @@ fn decode(file: &[u8]) -> (Vec<Entry>, u16) {
 
 /// Encodes an upload as MAVProxy does.
 fn encode(entries: &[(&str, u8, f64)]) -> Vec<u8> {
-    let (mut file, mut last) = (vec![0x1B, 0x67, entries.len() as u8, 0, 0, 0], "");
+    let [count, high] = (entries.len() as u16).to_le_bytes();
+    let (mut file, mut last) = (vec![0x1B, 0x67, count, high, 0, 0], "");
     for (name, kind, value) in entries {
         let common = name.bytes().zip(last.bytes()).take_while(|(a, b)| a == b).count();
         file.extend([*kind, (common | (name.len() - common - 1) << 4) as u8]);
@@ -509,4 +512,126 @@ fn file_is_faster_than_the_list() {
 #[test]
 fn file_arrives_over_a_lossy_line() {
     file_and_list(52, 0.1);
+}
+
+/// A vehicle that notes when it is asked for which parameters, and told of which. It permits no change while it is armed.
+#[derive(Default)]
+struct Noting {
+    is_armed: bool,
+    asked: Vec<(Instant, u16)>,
+    changed: Vec<(Instant, u16)>,
+}
+
+impl Vehicle for Noting {
+    fn state(&self) -> Option<VehicleState> {
+        Some(VehicleState::new(self.is_armed))
+    }
+}
+
+impl Commands for Noting {
+    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
+        MavResult::UNSUPPORTED.into()
+    }
+}
+
+impl Parameters for Noting {
+    type Table = RuntimeTable<HUGE>;
+
+    fn may_set(&mut self, cx: &mut Context<'_>, change: &ParamChange<Self::Table>) -> Result<(), MavParamError> {
+        self.asked.push((cx.now(), change.index()));
+        if self.is_armed { Err(MavParamError::PERMISSION_DENIED) } else { Ok(()) }
+    }
+
+    fn parameter_changed(&mut self, cx: &mut Context<'_>, change: &ParamChange<Self::Table>) {
+        self.changed.push((cx.now(), change.index()));
+    }
+}
+
+impl Files for Noting {}
+
+/// So many parameters have a file of 16 kB.
+const HUGE: usize = 2_300;
+
+#[derive(mavstack::Stack)]
+#[stack(vehicle: Noting, links: 1, parameters: RuntimeTable<HUGE>, files: { sessions: 1, upload: 16_500 })]
+struct Huge;
+
+/// Sends a file with new values for all parameters, up to the last packet, and then that one and the end of the session at once. Returns
+/// the world before it handles these two.
+fn uploaded() -> World<1, Huge> {
+    let links = [LinkConfig::uart(921_600).with_streams(StreamProfile::Off)];
+    let mut world = World::<1, Huge>::of(Setup { links, ..Setup::new() });
+    let names: Vec<_> = (0..HUGE).map(|number| format!("P{number:04}")).collect();
+    for name in &names {
+        world.stack.parameters_mut().add(ParamInfo::new(name, 1.0, 0.0..=9.0).expect("a parameter")).expect("room");
+    }
+    world.run_for(millis(100));
+    let entries: Vec<_> = names.iter().map(|name| (&**name, 4, 2.5)).collect();
+    let file = encode(&entries);
+    assert!((16_000..16_500).contains(&file.len()), "{}", file.len());
+    let packets = file.chunks(239).count();
+    let ask = |world: &mut World<1, Huge>, seq, opcode, offset, data: &[u8]| {
+        world.gcs[0].send(&request(seq, 0, opcode, data.len() as u8, offset, data));
+    };
+    ask(&mut world, 1, MavFtpOpcode::CREATEFILE, 0, FILE.as_bytes());
+    for (number, data) in file.chunks(239).enumerate() {
+        let answer: FileTransferProtocol = world.expect(0, millis(100));
+        assert_eq!(Packet::of(&answer).error(), None);
+        ask(&mut world, 2 + number as u16, MavFtpOpcode::WRITEFILE, 239 * number as u32, data);
+    }
+    ask(&mut world, 2 + packets as u16, MavFtpOpcode::TERMINATESESSION, 0, &[]);
+    world
+}
+
+/// Returns how many hooks were called at most at one time, which is one poll of the stack and of its link.
+fn most(vehicle: &Noting) -> usize {
+    let calls = vehicle.asked.iter().chain(&vehicle.changed);
+    let mut at = std::collections::BTreeMap::<_, usize>::new();
+    calls.for_each(|(time, _)| *at.entry(*time).or_default() += 1);
+    at.into_values().max().unwrap_or(0)
+}
+
+/// a file of 16 kB with 2,300 new values: one poll called 4,600 hooks, and now at most 32. All are set, each with one pair of calls.
+/// The last packet, and the end of the session right behind it, are answered after the last call.
+#[test]
+fn one_poll_calls_32_hooks() {
+    let mut world = uploaded();
+    let mut answers = Vec::new();
+    while answers.len() < 2 {
+        world.run_for(millis(1));
+        while let Some((_, message)) = world.gcs[0].take::<FileTransferProtocol>() {
+            let packet = Packet::of(&message);
+            assert_eq!((packet.error(), world.vehicle.changed.len()), (None, HUGE), "{:?}", packet.request);
+            answers.push(packet.request);
+        }
+        assert!(world.now() < Instant::from_millis(20_000), "it never ends");
+    }
+    assert_eq!(answers, [MavFtpOpcode::WRITEFILE, MavFtpOpcode::TERMINATESESSION]);
+    let most = most(&world.vehicle);
+    println!("{most} hooks at most, {} polls", 2 * HUGE / most);
+    assert!(most <= 32, "{most} hooks in one poll");
+    let all: Vec<_> = (0..HUGE as u16).collect();
+    let indices = |calls: &[(Instant, u16)]| calls.iter().map(|(_, index)| *index).collect::<Vec<_>>();
+    assert_eq!([indices(&world.vehicle.asked), indices(&world.vehicle.changed)], [all.clone(), all]);
+    let bits = |index| world.stack.parameters().bits(index);
+    assert!((0..HUGE as u16).all(|index| bits(index) == Some(2.5f32.to_bits())));
+}
+
+/// X-6, P-22: a vehicle that arms while it is asked for the values of a file is asked again, and refuses all of them.
+#[test]
+fn permission_ends_when_the_vehicle_arms() {
+    let mut world = uploaded();
+    while world.vehicle.asked.len() < HUGE / 2 {
+        world.run_for(millis(1));
+    }
+    world.vehicle.is_armed = true;
+    let answer: FileTransferProtocol = world.expect(0, millis(500));
+    assert_eq!(Packet::of(&answer).error(), Some(MavFtpErr::FAIL));
+    let answer: FileTransferProtocol = world.expect(0, millis(500));
+    assert_eq!(
+        (Packet::of(&answer).request, Packet::of(&answer).error()),
+        (MavFtpOpcode::TERMINATESESSION, Some(MavFtpErr::FAIL))
+    );
+    assert_eq!(world.vehicle.changed, []);
+    assert_eq!(world.stack.files().counters().refused_uploads, 1);
 }

@@ -125,6 +125,10 @@ impl<const N: usize> Client<N> {
     /// Sends unanswered requests again, or ends them.
     fn run_timers<F: Firmware<Vehicle: CommandClient>>(&mut self, cx: &mut Cx<'_, F>) {
         for slot in &mut self.slots {
+            // The rest is for services that are polled later.
+            if !cx.shared.has_hooks(12) {
+                break;
+            }
             match slot.state {
                 SlotState::Free | SlotState::Waiting => {}
                 _ if cx.now < slot.deadline => {}

@@ -152,10 +152,17 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
         match head.opcode {
             MavFtpOpcode::NONE => Ok(Response::Answer(Content::Empty)),
             MavFtpOpcode::TERMINATESESSION => {
+                // The end of an upload is answered when the upload is applied.
+                let is_finishing = matches!(self.operation, Operation::FinishUpload { .. })
+                    && session.answer_in(State::Running).is_some();
                 let is_receiving = self.is_receiving(index);
                 self.close(index);
-                // With an ACK the client would believe that its upload is complete.
-                if is_receiving { Err(MavFtpErr::FAIL) } else { Ok(Response::Answer(Content::Empty)) }
+                match is_receiving {
+                    false if is_finishing => Ok(Response::Later),
+                    false => Ok(Response::Answer(Content::Empty)),
+                    // With an ACK the client would believe that its upload is complete.
+                    true => Err(MavFtpErr::FAIL),
+                }
             }
             MavFtpOpcode::RESETSESSION => {
                 for other in 0..N {
@@ -344,11 +351,13 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
         }
     }
 
-    /// Answers the request that began an operation. Its client may be gone.
+    /// Answers the request that began an operation, and those that wait for its end. Their client may be gone.
     fn answer(&mut self, result: Result<Content, MavFtpErr>) {
-        if let Some(answer) = self.sessions.iter_mut().find_map(|session| session.answer_in(State::Running)) {
-            answer.state = State::Pending;
-            answer.content = result.unwrap_or_else(Content::Refused);
+        let content = result.unwrap_or_else(Content::Refused);
+        for session in self.sessions.iter_mut() {
+            while let Some(answer) = session.answer_in(State::Running) {
+                (answer.state, answer.content) = (State::Pending, content);
+            }
         }
     }
 
@@ -375,6 +384,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             Operation::FinishUpload { client, file } if V::UPLOADS => {
                 let result = file.finish(self.cx, *client, self.content);
                 match result {
+                    // The next poll continues.
+                    Poll::Pending if self.cx.shared.has_acted => {}
                     // It waits for storage.
                     Poll::Pending => self.status.retry_at = self.cx.now + RETRY,
                     Poll::Ready(Ok(())) => increment(&mut self.status.counters.uploads),
@@ -446,6 +457,11 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
         let now = ticks(self.cx.now);
         self.status.wake = Instant::NEVER;
         for index in 0..N {
+            if !self.cx.shared.may_continue() {
+                // The next poll continues.
+                self.status.wake = Instant::ZERO;
+                return;
+            }
             let Some(session) = self.sessions.get(index) else { return };
             let (has_client, is_open, idle) = (session.id.is_some(), session.is_open(), session.idle_for(now));
             if idle >= IDLE {

@@ -287,42 +287,71 @@ fn default_as(kind: u8, info: &ParamInfo) -> u32 {
     }
 }
 
-/// The records of an uploaded file. `None` is a damaged record, or something after the last one.
-pub(super) struct Records<'a> {
-    rest: &'a [u8],
-    left: Saturating<u16>,
-    /// The name of the last record, padded with zeros.
-    name: [u8; 16],
+/// A place in an uploaded file: the beginning, or behind a record.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    /// The number of bytes between the header and this place.
+    offset: u16,
+    /// The number of records before it.
+    records: Saturating<u16>,
+}
+
+/// What an uploaded file has next.
+pub(super) enum Record {
+    Parameter(Uploaded),
+    /// It was the last record.
+    End,
+    /// It is not a file of parameters, is damaged, has another length than its header says, or something after the last record.
+    Damaged,
 }
 
 /// A parameter of an uploaded file.
 pub(super) struct Uploaded {
+    /// The name, padded with zeros.
     pub(super) name: [u8; 16],
     r#type: MavParamType,
     bits: u32,
 }
 
-impl<'a> Records<'a> {
-    /// Returns the records of a file; `None` if it is not one, or has another length than its header says.
-    pub(super) fn new(file: &'a [u8]) -> Option<Self> {
-        let (header, rest) = file.split_first_chunk::<6>()?;
-        let [a, b, c, d, e, f] = *header;
-        let len = usize::from(u16::from_le_bytes([e, f]));
-        let is_good = u16::from_le_bytes([a, b]) == MAGIC && len == file.len();
-        is_good.then_some(Self { rest, left: Saturating(u16::from_le_bytes([c, d])), name: [0; 16] })
-    }
+impl Place {
+    /// The place behind the header.
+    pub(super) const FIRST: Self = Self { offset: 0, records: Saturating(0) };
 
-    fn record(&mut self) -> Option<Uploaded> {
-        let ([kind, lens], rest) = self.rest.split_first_chunk()?;
+    /// Reads the record at this place, and moves behind it. `before` is the name in the record before, whose beginning may be
+    /// repeated: all zeros at the first place.
+    pub(super) fn next(&mut self, file: &[u8], before: [u8; 16]) -> Record {
+        let Some((&[a, b, c, d, e, f], records)) = file.split_first_chunk() else { return Record::Damaged };
+        let len = usize::from(u16::from_le_bytes([e, f]));
+        if u16::from_le_bytes([a, b]) != MAGIC || len != file.len() {
+            return Record::Damaged;
+        }
+        let mut rest = records.get(usize::from(self.offset)..).unwrap_or_default();
+        while let Some((0, others)) = rest.split_first() {
+            rest = others;
+        }
+        if self.records.0 >= u16::from_le_bytes([c, d]) {
+            return if rest.is_empty() { Record::End } else { Record::Damaged };
+        }
+        let Some((record, rest)) = Uploaded::read(rest, before) else { return Record::Damaged };
+        self.offset = u16::try_from(records.len().saturating_sub(rest.len())).unwrap_or(u16::MAX);
+        self.records += 1;
+        Record::Parameter(record)
+    }
+}
+
+impl Uploaded {
+    /// Reads a record. Returns the bytes after it too; `None` if it is damaged.
+    fn read(record: &[u8], mut name: [u8; 16]) -> Option<(Self, &[u8])> {
+        let ([kind, lens], rest) = record.split_first_chunk()?;
         let (common, len) = (usize::from(lens & 15), usize::from(lens >> 4).saturating_add(1));
-        let (name, rest) = rest.split_at_checked(len)?;
-        let (kept, replaced) = self.name.split_at_mut_checked(common)?;
+        let (own, rest) = rest.split_at_checked(len)?;
+        let (kept, replaced) = name.split_at_mut_checked(common)?;
         let (place, padding) = replaced.split_at_mut_checked(len)?;
-        // No name has a NUL, and the last one is long enough.
-        if name.contains(&0) || kept.contains(&0) {
+        // No name has a NUL, and the one before is long enough.
+        if own.contains(&0) || kept.contains(&0) {
             return None;
         }
-        place.copy_from_slice(name);
+        place.copy_from_slice(own);
         padding.fill(0);
         let (r#type, size) = match *kind {
             INT8 => (MavParamType::INT8, 1),
@@ -334,27 +363,9 @@ impl<'a> Records<'a> {
         let (value, rest) = rest.split_at_checked(size)?;
         let mut bits = [0; 4];
         bits.get_mut(..size)?.copy_from_slice(value);
-        self.rest = rest;
-        Some(Uploaded { name: self.name, r#type, bits: u32::from_le_bytes(bits) })
+        Some((Self { name, r#type, bits: u32::from_le_bytes(bits) }, rest))
     }
-}
 
-impl Iterator for Records<'_> {
-    type Item = Option<Uploaded>;
-
-    fn next(&mut self) -> Option<Option<Uploaded>> {
-        while let Some((0, rest)) = self.rest.split_first() {
-            self.rest = rest;
-        }
-        if self.left.0 == 0 {
-            return if self.rest.is_empty() { None } else { Some(None) };
-        }
-        self.left -= 1;
-        Some(self.record())
-    }
-}
-
-impl Uploaded {
     /// Returns the value as one of this type; `None` if it does not fit. Clients send any number in the smallest type that
     /// has it.
     pub(super) fn value_of(&self, ours: MavParamType) -> Option<u32> {

@@ -73,6 +73,10 @@ pub trait Parameters {
     /// Not called when the stored values are loaded or all parameters are reset, which the stack refuses while the vehicle is
     /// armed.
     ///
+    /// For an uploaded file, it is called for each new value before the first one is set (P-22). That takes several polls, because
+    /// a poll calls at most 32 hooks, and so does setting the values afterwards. If the vehicle arms or disarms before the
+    /// first one is set, it is asked for all of them again.
+    ///
     /// # Errors
     ///
     /// The error for PARAM_ERROR (P-14), if that is [sent](Self::PARAM_ERROR): [`MavParamError::PERMISSION_DENIED`] for a matter
