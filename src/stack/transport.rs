@@ -217,7 +217,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     /// Has the next frame of a link be a HEARTBEAT, or any. Returns false if it may send none: it waits for a HEARTBEAT, which
     /// is not sent in a fault.
     pub(crate) fn allow_only_heartbeat(&mut self, link: LinkId, is_only: bool) -> bool {
-        let may_send = !is_only || self.shared.flight.has_state;
+        let may_send = !is_only || self.shared.observed.has_state;
         if let Some(Link { port, .. }) = self.link_mut(link) {
             port.hold_without_bound(is_only);
             if !may_send {

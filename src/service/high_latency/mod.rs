@@ -356,7 +356,7 @@ impl HighLatency {
         self.state = State::Commanded;
         let satellites = cx.shared.satellites;
         let at = self.after_last(cx.now, FORCED_PERIOD);
-        let is_due_anyway = was_on && self.rescheduled.contains(satellites) && self.next <= at;
+        let is_due_anyway = was_on && self.rescheduled.intersects(satellites) && self.next <= at;
         if is_due_anyway {
             return;
         }

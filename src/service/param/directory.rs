@@ -147,7 +147,7 @@ impl ParamUpload {
     where
         F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
     {
-        let is_armed = cx.shared.flight.state.is_armed();
+        let is_armed = cx.shared.observed.state.is_armed();
         if self.phase == UploadPhase::Check && self.is_armed != is_armed {
             // What the vehicle has permitted before it armed, it may not permit now.
             *self = Self { is_armed, ..Self::NEW };
