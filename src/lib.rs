@@ -352,7 +352,7 @@ pub use stack::{Counter, Stack, StackOf};
 pub use time::{Duration, Instant};
 pub use types::{
     Command, Component, Config, Context, ControlInput, Destination, LinkConfig, LinkId, Outcome, Peer, PeerEvent,
-    PlanType, Recipient, Vehicle, VehicleState,
+    PlanType, Recipient, Sender, Trust, Vehicle, VehicleState,
 };
 
 /// The names that most firmwares need, for `use mavstack::prelude::*`: the stack, its configuration, the traits of the vehicle, and

@@ -23,5 +23,7 @@ pub use forward::{ForwardCounters, ForwardQueues};
 pub use peers::PeerInfo;
 #[doc(hidden)]
 pub use peers::{Peers, SenderEntry};
-pub(crate) use peers::{Reception, deadline, is_heard, is_known, is_of_vehicle, poll, record, record_unchecked};
+pub(crate) use peers::{
+    Reception, Recorded, Residents, deadline, is_heard, is_known, is_of_vehicle, poll, record, record_unchecked,
+};
 pub(crate) use routes::{forget_rebooted, learn_route, routes, target_of};

@@ -177,6 +177,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         for (id, (link, config)) in (0..).map(LinkId).zip(self.links.iter_mut().zip(&links)) {
             link.configure(id, *config, &shared.config);
             let mask = LinkMask::of(id);
+            if config.trusts_own_system {
+                shared.trusting = shared.trusting.with(mask);
+            }
             if config.class.is_high_latency() {
                 shared.satellites = shared.satellites.with(mask);
             } else {

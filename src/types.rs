@@ -15,6 +15,7 @@ mod link;
 mod observed;
 mod plans;
 mod requests;
+mod sender;
 #[cfg(feature = "signing")]
 mod signing;
 mod texts;
@@ -42,6 +43,7 @@ pub use plans::{MAX_ITEMS, NoPlans, PlanBuffers, PlanMemory, PlanMemoryOf, PlanT
 pub(crate) use plans::{NO_ITEM, UploadStep};
 pub(crate) use requests::{Cancellation, MAX_PENDING, Pending};
 pub use requests::{Destination, Recipient, RequestQueue, Requests};
+pub use sender::{Sender, Trust};
 #[cfg(feature = "signing")]
 pub use signing::{Accept, LinkSigning};
 pub use texts::MAX_TEXT_LEN;

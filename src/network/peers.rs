@@ -10,7 +10,7 @@ use crate::frame::{Frame, Version};
 use crate::log::{count, increment};
 use crate::message::{Address, Message, SystemId};
 use crate::time::{Clock, Duration, Instant};
-use crate::types::{LinkClass, LinkId, MAX_LINKS, Peer, PeerEvent};
+use crate::types::{LinkClass, LinkId, MAX_LINKS, Peer, PeerEvent, Trust};
 
 /// An entry of the peer table: a component, and the link on which it was heard.
 ///
@@ -25,6 +25,9 @@ use crate::types::{LinkClass, LinkId, MAX_LINKS, Peer, PeerEvent};
 ///
 /// # Eviction from a full table
 ///
+/// A peer is a newcomer until it has been heard for 30 s without a gap of `peer_timeout`, or has sent a signed frame. Then it is
+/// settled, if at most three quarters of the places are taken by settled peers: the others are for newcomers.
+///
 /// A new sender evicts a peer of the first row below that has a candidate: the peer that has been silent longest
 /// (H-12).
 ///
@@ -33,14 +36,17 @@ use crate::types::{LinkClass, LinkId, MAX_LINKS, Peer, PeerEvent};
 /// | an unverified peer that is not alive | any frame |
 /// | a verified peer that is not alive | a frame of a verified sender |
 /// | an unverified peer that is alive | a frame of a verified sender |
-/// | a living peer that is not a ground station | a ground station's heartbeat, or any heartbeat on another link |
-/// | a living ground station | a heartbeat on another link |
+/// | a living newcomer that is not a ground station | a ground station's heartbeat, or any heartbeat on another link |
+/// | a living newcomer | a heartbeat on another link, or any heartbeat after the newcomer's first 5 s |
 ///
+/// - The stations of the system in control are not evicted while they are alive, settled peers not before they have been silent
+///   for 30 s, and settled peers that sign only by one that signs.
 /// - A peer is verified once one of its signatures was valid, or once it was heard on an open link. Frames that other
 ///   links accept unsigned, such as RADIO_STATUS, verify no sender.
 /// - Links share the table. A sender evicts a peer of another link only if that link has at least two entries more than
 ///   the sender's own link.
-/// - Other systems do not evict components of the vehicle's own system while these have at most half of the entries.
+/// - Other systems do not evict components of the vehicle's own system while these have at most half of the entries, and a
+///   quarter is left for newcomers.
 /// - The last two rules do not protect an unverified peer from a verified sender.
 /// - On a high-latency link, which has no heartbeats, any frame counts as a heartbeat.
 ///
@@ -66,8 +72,10 @@ pub struct PeerInfo {
     /// Number of frames lost in transit, from gaps in the sequence numbers (S-16). It wraps.
     pub lost: u32,
     has_heartbeat: bool,
-    /// Whether an accepted frame proves that the peer exists: a signed frame, or any frame on an open link.
-    is_verified: bool,
+    /// What proves that the peer exists: the best proof of its frames. It is lost by a silence of `peer_timeout`.
+    pub(crate) trust: Trust,
+    /// No newcomer takes its place.
+    is_settled: bool,
     /// Whether frames for the peer are forwarded to this link.
     pub(super) is_route: bool,
     /// Whether its last answer to a request of ours was received on this link (K-4).
@@ -77,7 +85,15 @@ pub struct PeerInfo {
     pub(super) time_boot_ms: u32,
     heartbeat: Instant,
     heard: Instant,
+    /// Since when it has been heard without a gap of `peer_timeout`.
+    since: Instant,
 }
+
+/// How long a peer must have been heard until it is settled, and how long a settled peer may be silent.
+const SETTLED_AFTER: Duration = Duration::from_secs(30);
+
+/// How long a newcomer keeps its place.
+const NEWCOMER_STAYS: Duration = Duration::from_secs(5);
 
 impl PeerInfo {
     /// Returns when its last heartbeat was received; `None` before the first.
@@ -92,6 +108,13 @@ impl PeerInfo {
         Self { is_alive: self.is_alive && !self.is_silent(now, timeout), heartbeat, heard, ..*self }
     }
 
+    /// Whether it is settled, so that `new` cannot take its place.
+    fn keeps_its_place(&self, new: &Self, timeout: Duration) -> bool {
+        let is_recent = new.heard - self.heard < timeout.max(SETTLED_AFTER);
+        let is_settled = self.is_settled && self.trust > Trust::None;
+        is_settled && (is_recent || (self.trust == Trust::Signed && new.trust < Trust::Signed))
+    }
+
     /// Whether its last heartbeat is `timeout` ago or longer.
     pub(crate) fn is_silent(&self, now: Instant, timeout: Duration) -> bool {
         now - self.heartbeat >= timeout
@@ -100,6 +123,22 @@ impl PeerInfo {
     /// Whether it is a ground station that is alive, on this link.
     pub fn is_living_station(&self) -> bool {
         self.r#type == MavType::GCS && self.is_alive
+    }
+
+    /// Records a frame. Returns whether it is the peer's as far as is known: no frame within `timeout` has proved its sender
+    /// better.
+    fn note_frame(&mut self, trust: Trust, now: Instant, timeout: Duration) -> bool {
+        let was_silent = now - self.heard >= timeout;
+        if trust < self.trust && !was_silent {
+            // It must not change where the peer is heard.
+            return false;
+        }
+        if was_silent {
+            self.since = now;
+        }
+        self.trust = trust;
+        self.heard = now;
+        true
     }
 
     /// Records a heartbeat. Returns the change to report, if it is the first one, or the first after a timeout.
@@ -159,6 +198,14 @@ pub(crate) fn is_heard(peers: &Peers, peer: Peer) -> bool {
     peers.iter().any(|info| info.peer == peer)
 }
 
+/// The result of recording a frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Recorded {
+    pub(crate) entry: SenderEntry,
+    /// The sender has an entry, and no frame on the link within `peer_timeout` has proved it better than this one.
+    pub(crate) is_proven: bool,
+}
+
 /// Whether the table has an entry for the sender of a frame (H-12).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SenderEntry {
@@ -176,19 +223,30 @@ pub(crate) struct Reception {
     pub(crate) now: Instant,
     pub(crate) link: LinkId,
     pub(crate) class: LinkClass,
-    /// Whether the sender is verified: the frame is signed, or the link is open.
-    pub(crate) is_verified: bool,
+    /// What proves the sender.
+    pub(crate) trust: Trust,
 }
 
-/// Records a frame with a correct checksum in the peer table. `own` is the vehicle's system.
+/// The systems that have a right to their places, and how long a peer may be silent.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Residents {
+    /// The vehicle's system.
+    pub(crate) own: SystemId,
+    /// The system in control.
+    pub(crate) owner: Option<SystemId>,
+    /// `peer_timeout`.
+    pub(crate) timeout: Duration,
+}
+
+/// Records a frame with a correct checksum in the peer table.
 pub(crate) fn record(
     peers: &mut Peers,
     by: Reception,
-    own: SystemId,
+    residents: Residents,
     frame: &Frame<'_>,
     mut report: impl FnMut(PeerEvent),
-) -> SenderEntry {
-    let Reception { now, link, class, is_verified } = by;
+) -> Recorded {
+    let Reception { now, link, class, trust } = by;
     let is_satellite = class == LinkClass::HighLatency;
     let heartbeat = frame.decode::<Heartbeat>().filter(|_| !is_satellite);
     let header = frame.header();
@@ -201,17 +259,20 @@ pub(crate) fn record(
         received: 0,
         lost: 0,
         has_heartbeat: false,
-        is_verified,
+        trust,
+        is_settled: false,
         // An unverified frame must not teach a route.
-        is_route: is_verified,
+        is_route: trust > Trust::None,
         has_answered: false,
         expected: Sequence(header.seq),
         time_boot_ms: 0,
         heartbeat: now,
         heard: now,
+        since: now,
     };
-    let Some(Found { info, evicted }) = find_or_insert(peers, new, own, heartbeat.is_some() || is_satellite) else {
-        return SenderEntry::NoRoom;
+    let is_heartbeat = heartbeat.is_some() || is_satellite;
+    let Some(Found { info, evicted }) = find_or_insert(peers, new, residents, is_heartbeat) else {
+        return Recorded { entry: SenderEntry::NoRoom, is_proven: false };
     };
     if let Some(Evicted { peer, was_alive: true }) = evicted {
         // Its timeout is no longer monitored.
@@ -220,17 +281,42 @@ pub(crate) fn record(
     count(&mut info.lost, info.expected.advance_past(header.seq).into());
     increment(&mut info.received);
     info.version = header.version;
-    info.is_verified |= is_verified;
-    // An unverified frame must not change where a verified peer is heard.
-    if is_verified || !info.is_verified {
-        info.heard = now;
-    }
-    if let Some(heartbeat) = heartbeat
+    let is_proven = info.note_frame(trust, now, residents.timeout);
+    if is_proven
+        && let Some(heartbeat) = heartbeat
         && let Some(event) = info.note_heartbeat(&heartbeat, now)
     {
         report(event);
     }
-    if evicted.is_some() { SenderEntry::Evicted } else { SenderEntry::Present }
+    settle(peers, by, residents, frame.source());
+    Recorded { entry: if evicted.is_some() { SenderEntry::Evicted } else { SenderEntry::Present }, is_proven }
+}
+
+/// Settles the sender of a frame if it has been here for long enough, and enough places are left for newcomers.
+fn settle(peers: &mut Peers, by: Reception, residents: Residents, source: Address) {
+    let peer = Peer { address: source, link: by.link };
+    let is_due = |info: &PeerInfo| {
+        let is_due = match info.trust {
+            Trust::None => false,
+            Trust::Open => by.now - info.since >= SETTLED_AFTER,
+            Trust::Signed => true,
+        };
+        is_due && !info.is_settled && info.peer == peer
+    };
+    if !peers.iter().any(is_due) || !leaves_room_for_newcomers(peers, residents.own, 1) {
+        return;
+    }
+    if let Some(info) = peers.iter_mut().find(|info| is_due(info)) {
+        info.is_settled = true;
+    }
+}
+
+/// Whether a quarter of the places, at least one, is left for newcomers if `more` peers settle. Components of the vehicle's own
+/// system count as settled.
+fn leaves_room_for_newcomers(peers: &Peers, own: SystemId, more: usize) -> bool {
+    let settled = peers.iter().filter(|info| info.is_settled || info.peer.address.system == own).count();
+    let kept_free = (peers.capacity() / 4).max(1);
+    settled.saturating_add(more).saturating_add(kept_free) <= peers.capacity()
 }
 
 /// Records a frame with an unknown id, whose checksum could not be verified. It is trusted only if it has the expected
@@ -276,13 +362,14 @@ struct Evicted {
 
 /// Returns the entry of the sender of `new`; `None` if the table is full and the sender may evict no peer. `is_heartbeat`: the
 /// frame counts as a heartbeat.
-fn find_or_insert(peers: &mut Peers, new: PeerInfo, own: SystemId, is_heartbeat: bool) -> Option<Found<'_>> {
+fn find_or_insert(peers: &mut Peers, new: PeerInfo, residents: Residents, is_heartbeat: bool) -> Option<Found<'_>> {
     if let Some(index) = peers.iter().position(|info| info.peer == new.peer) {
         return Some(Found { info: peers.get_mut(index)?, evicted: None });
     }
     if peers.push(new).is_ok() {
         return Some(Found { info: peers.last_mut()?, evicted: None });
     }
+    let Residents { own, owner, timeout } = residents;
     let is_ours = |info: &PeerInfo| info.peer.address.system == own;
     // The entries of each link, and of the own system.
     let (mut held, mut ours) = ([Saturating(0_u8); MAX_LINKS], Saturating(0));
@@ -295,22 +382,26 @@ fn find_or_insert(peers: &mut Peers, new: PeerInfo, own: SystemId, is_heartbeat:
         }
     }
     let held = |info: &PeerInfo| held.get(usize::from(info.peer.link.0)).copied().unwrap_or_default();
-    let protects_ours = !is_ours(&new) && ours <= Saturating(peers.len() / 2);
+    let protects_ours =
+        !is_ours(&new) && ours <= Saturating(peers.len() / 2) && leaves_room_for_newcomers(peers, own, 0);
     // Rank 0 is never evicted, rank 5 first.
     let rank = |old: &PeerInfo| {
         let is_other_link = old.peer.link != new.peer.link;
         let protects_link = is_other_link && held(old) <= held(&new) + Saturating(1);
+        let (is_verified, new_is_verified) = (old.trust > Trust::None, new.trust > Trust::None);
         let (only_new_is_verified, only_old_is_verified) =
-            (!old.is_verified && new.is_verified, old.is_verified && !new.is_verified);
+            (!is_verified && new_is_verified, is_verified && !new_is_verified);
+        let is_resident =
+            old.keeps_its_place(&new, timeout) || (old.is_alive && Some(old.peer.address.system) == owner);
         let is_protected = protects_link || (protects_ours && is_ours(old));
         match old.is_alive {
-            _ if only_old_is_verified || (!only_new_is_verified && is_protected) => 0,
-            false if old.is_verified => 4,
+            _ if is_resident || only_old_is_verified || (!only_new_is_verified && is_protected) => 0,
+            false if is_verified => 4,
             false => 5,
             true if only_new_is_verified => 3,
             true if !is_heartbeat => 0,
             true if old.r#type != MavType::GCS && (new.r#type == MavType::GCS || is_other_link) => 2,
-            true => u8::from(is_other_link),
+            true => u8::from(is_other_link || new.heard - old.since >= NEWCOMER_STAYS),
         }
     };
     let (mut victim, mut highest) = (None, (1, Duration::ZERO));

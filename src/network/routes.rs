@@ -59,21 +59,28 @@ pub(crate) fn routes(peers: &Peers, now: Instant, from: Peer, target: Address, f
 }
 
 /// Forgets the routes to `from` on other links if it has rebooted, that is, if its SYSTEM_TIME went backwards.
-/// The frame's checksum was verified.
-pub(crate) fn forget_rebooted(peers: &mut Peers, from: Peer, frame: &Frame<'_>) {
+/// The frame's checksum was verified. Anyone can claim a reboot, so a route on which the component is still heard stays
+/// it is forgotten by a later SYSTEM_TIME, once the component has been silent there for [`HEARD`].
+pub(crate) fn forget_rebooted(peers: &mut Peers, now: Instant, from: Peer, frame: &Frame<'_>) {
     if frame.id() != SystemTime::ID {
         return;
     }
     // It follows `time_unix_usec`.
     let time_boot_ms = u32::from_le_bytes([8, 9, 10, 11].map(|offset| frame.byte(offset)));
-    let info = peers.iter_mut().find(|info| info.peer == from);
-    let last = info.map_or(0, |info| core::mem::replace(&mut info.time_boot_ms, time_boot_ms));
+    let is_elsewhere = |info: &PeerInfo| info.peer.address == from.address && info.peer != from;
+    let is_heard_elsewhere = peers.iter().any(|info| is_elsewhere(info) && now - info.last_heard() < HEARD);
+    let Some(info) = peers.iter_mut().find(|info| info.peer == from) else { return };
     // A wrap at 2^32 ms is not a reboot (D-1).
-    if time_boot_ms >= last || time_boot_ms.wrapping_sub(last) < HOUR_MS {
+    let last = info.time_boot_ms;
+    let has_rebooted = time_boot_ms < last && time_boot_ms.wrapping_sub(last) >= HOUR_MS;
+    if !has_rebooted || !is_heard_elsewhere {
+        info.time_boot_ms = time_boot_ms;
+    }
+    if !has_rebooted {
         return;
     }
     event!("{} has rebooted: its routes are forgotten", from);
-    for info in peers.iter_mut().filter(|info| info.peer.address == from.address && info.peer != from) {
+    for info in peers.iter_mut().filter(|info| is_elsewhere(info) && now - info.last_heard() >= HEARD) {
         info.is_route = false;
     }
 }

@@ -9,8 +9,8 @@ use crate::message::{Address, ComponentId};
 use crate::network::{PeerInfo, Peers};
 use crate::time::{Clock, Duration, Instant};
 use crate::types::{
-    Config, Context, CreditMemory, CreditView, EventLog, HookFaults, LinkMask, ObservedVehicle, Payer, PeerEvent,
-    PlansMut, Requests, StatusTexts, Values, Vehicle,
+    Config, Context, CreditMemory, CreditView, EventLog, HookFaults, LinkMask, ObservedVehicle, Payer, Peer, PeerEvent,
+    PlansMut, Requests, StatusTexts, Trust, Values, Vehicle,
 };
 
 /// The data that all services share.
@@ -21,6 +21,8 @@ pub struct Shared {
     pub(crate) normal: LinkMask,
     /// The high-latency links.
     pub(crate) satellites: LinkMask,
+    /// The links on which components of our own system are believed.
+    pub(crate) trusting: LinkMask,
     pub(crate) observed: ObservedVehicle,
     /// The stack's time, which is never set back. All other instants inside the stack are its.
     pub(crate) clock: Clock,
@@ -56,6 +58,7 @@ impl Shared {
         config: Config::VACANT,
         normal: LinkMask::NONE,
         satellites: LinkMask::NONE,
+        trusting: LinkMask::NONE,
         observed: ObservedVehicle::new(),
         clock: Clock::NEW,
         clock_steps: 0,
@@ -94,6 +97,16 @@ impl Shared {
     /// Whether this is another component of the firmware that is not left out.
     pub(crate) fn has_component<F: Firmware>(&self, id: ComponentId) -> bool {
         F::is_component(id) && !self.leaves_out_components::<F>()
+    }
+
+    /// Whether a peer is believed on its link: a component of our own system must sign, or be on a link that trusts our
+    /// system; and nobody living with its address has proved itself better on another link.
+    pub(crate) fn believes(&self, peers: &[PeerInfo], info: &PeerInfo) -> bool {
+        let Peer { address, link } = info.peer;
+        let is_ours = address.system == self.config.address.get().system;
+        let is_better = |other: &PeerInfo| other.is_alive && other.peer.address == address && other.trust > info.trust;
+        let is_trusted = !is_ours || info.trust == Trust::Signed || self.trusting.contains(link);
+        is_trusted && !peers.iter().any(is_better)
     }
 
     /// Whether the stack was begun: then it has links.

@@ -77,7 +77,7 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> For
         let mut queues = self.queues.view();
         let from = Peer { address: frame.source(), link: port.id };
         if sender.is_some() {
-            network::forget_rebooted(cx.peers, from, frame);
+            network::forget_rebooted(cx.peers, cx.now, from, frame);
         }
         let ForwardDecision::Forward(new) = decision else { return 0 };
         let len = u32::try_from(frame.raw().len()).unwrap_or(u32::MAX);

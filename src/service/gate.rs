@@ -7,16 +7,16 @@ use crate::link::Port;
 use crate::message::{Address, Message, SystemId};
 use crate::network::{ForwardCounters, ForwardDecision, SenderEntry};
 use crate::time::{Duration, Instant};
-use crate::types::{Command, CommandAnswer, Firmware, LinkId, Payer, Peer, SignedAt};
+use crate::types::{Command, CommandAnswer, Firmware, LinkId, Payer, Peer, SignedAt, Trust};
 
 /// Verifies the signatures of received frames, and signs sent frames. `L` is its state on a link.
 pub trait SigningGate<L> {
     /// Whether a frame is accepted on its link. Called once for each frame, before the frame has any effect.
     fn admits(&mut self, now: Instant, port: &mut Port, link: &mut L, frame: &Frame<'_>) -> bool;
 
-    /// Whether the sender of an accepted frame is verified. A frame that was accepted as an exception, or to set the
+    /// Returns what proves the sender of an accepted frame. A frame that was accepted as an exception, or to set the
     /// first key, may come from anyone.
-    fn knows_sender(&self, port: &Port, frame: &Frame<'_>) -> bool;
+    fn trust(&self, port: &Port, frame: &Frame<'_>) -> Trust;
 
     /// Whether an unsigned frame with this id is accepted on this link.
     fn accepts_unsigned(&self, port: &Port, id: u32) -> bool;
@@ -93,10 +93,9 @@ pub trait ControlGate {
         false
     }
 
-    /// Whether this system is in control.
-    fn is_owner(&self, system: SystemId) -> bool {
-        let _ = system;
-        false
+    /// Returns the system in control.
+    fn owner(&self) -> Option<SystemId> {
+        None
     }
 
     /// Returns the system in control, once after each time that it is another one.
@@ -175,8 +174,8 @@ impl SigningGate<()> for WithoutSigning {
         is_open
     }
 
-    fn knows_sender(&self, port: &Port, _: &Frame<'_>) -> bool {
-        is_open(port)
+    fn trust(&self, port: &Port, _: &Frame<'_>) -> Trust {
+        if is_open(port) { Trust::Open } else { Trust::None }
     }
 
     fn accepts_unsigned(&self, port: &Port, _: u32) -> bool {

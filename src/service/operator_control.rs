@@ -369,8 +369,8 @@ impl ControlGate for OperatorControl {
         !may
     }
 
-    fn is_owner(&self, system: SystemId) -> bool {
-        self.owner == Some(system)
+    fn owner(&self) -> Option<SystemId> {
+        self.owner
     }
 
     fn take_new_owner(&mut self) -> Option<SystemId> {

@@ -6,13 +6,17 @@ use crate::link::Port;
 use crate::message::{Address, Message};
 use crate::num;
 use crate::time::Duration;
-use crate::types::{Command, Origin, Outcome, Payer, Peer, Refusal, SignedAt};
+use crate::types::{Command, Origin, Outcome, Payer, Peer, Refusal, Sender, SignedAt, Trust};
 
 /// A frame that is addressed to us or to all.
 pub struct Received<'a> {
     pub(crate) frame: &'a Frame<'a>,
     /// The sender, and the link on which it was received.
     pub(crate) from: Peer,
+    /// What proves the sender.
+    pub(crate) trust: Trust,
+    /// Whether what the frame claims counts.
+    pub(crate) counts: bool,
     /// The address to which it is sent.
     pub(crate) target: Address,
     /// How long ago it was signed, if that is known.
@@ -128,7 +132,19 @@ impl Received<'_> {
         self.target
     }
 
+    /// Returns the sender, with what proves it.
+    pub const fn sender(&self) -> Sender {
+        Sender { peer: self.from, trust: self.trust }
+    }
+
+    /// Whether a claim in the frame counts: an answer to a request of ours, a status of a component, a time. The sender is in the
+    /// peer table, no frame on the link within `peer_timeout` has proved it better than this one, and a component of our own
+    /// system has signed it or is on a link that [trusts](crate::LinkConfig::trusts_own_system) our system.
+    pub const fn counts(&self) -> bool {
+        self.counts
+    }
+
     pub(crate) fn origin(&self, port: &Port) -> Origin {
-        Origin { from: self.from, class: port.config.class, age: self.age }
+        Origin { from: self.from, trust: self.trust, class: port.config.class, age: self.age }
     }
 }

@@ -7,7 +7,7 @@ use crate::dialect::{MavCmd, MavResult, MavSeverity};
 use crate::frame::{Checks, Decoder, Frame};
 use crate::link::{Accepted, Link, Port};
 use crate::message::{Address, Text};
-use crate::network::{self, ForwardDecision, Reception, SenderEntry};
+use crate::network::{self, ForwardDecision, Reception, Recorded, Residents, SenderEntry};
 use crate::service::command::{self, CommandMemory, CommandService};
 use crate::service::mission;
 use crate::service::mode;
@@ -16,7 +16,7 @@ use crate::service::{
     SticksGate, Verdict, increment,
 };
 use crate::time::Instant;
-use crate::types::{Allowance, CommandAnswer, LinkId, MAX_TEXT_LEN, Payer, Peer, PeerEvent, Vehicle};
+use crate::types::{Allowance, CommandAnswer, LinkId, MAX_TEXT_LEN, Payer, Peer, PeerEvent, Trust, Vehicle};
 
 /// A received frame with our own address: an echo, if a link has sent such a frame.
 #[derive(Clone, Copy)]
@@ -24,6 +24,14 @@ pub(super) struct OwnFrame {
     pub(super) seq: u8,
     /// The low byte.
     pub(super) checksum: u8,
+}
+
+/// What a frame is worth as evidence of its sender.
+#[derive(Clone, Copy)]
+pub(super) struct Standing {
+    trust: Trust,
+    /// See [`Received::counts`].
+    counts: bool,
 }
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
@@ -57,18 +65,23 @@ impl<D: Declares> Services<D> {
             if is_from_us {
                 own_frame = self.count_own_frame(cx, port, frame).or(own_frame);
             }
-            let is_for_services = !is_from_us && {
+            let standing = if is_from_us {
+                None
+            } else {
                 let is_accepted = self.signing.admits(cx.now, port, &mut state.signing, frame);
                 self.learn_and_forward(cx, port, frame, is_accepted, allowance)
             };
-            if is_for_services && let Some(target) = target_if_for_us(cx, port, frame) {
+            if let Some(standing) = standing
+                && let Some(target) = target_if_for_us(cx, port, frame)
+            {
                 // The text of a refusal is sent again if the operator repeats the request (C-16).
                 if D::HAS_TEXTS {
                     cx.texts.is_answering = true;
                 }
-                let is_command = self.execute_if_command(cx, port, state, frame, target);
+                let received = self.received(cx.now, port, frame, standing, target);
+                let is_command = self.execute_if_command(cx, port, state, &received);
                 if !is_command && self.is_sender_in_control(cx, port, frame) {
-                    self.serve(cx, port, state, frame, target);
+                    self.serve(cx, port, state, &received);
                 }
                 if D::HAS_TEXTS {
                     cx.texts.is_answering = false;
@@ -98,8 +111,8 @@ impl<D: Declares> Services<D> {
         decoder.next_checked(cx.now, &mut allowance.work, checks)
     }
 
-    /// Learns the sender and its route from a received frame, and forwards the frame. Returns true if the services get
-    /// the frame: it was accepted, its checksum was verified, and it is no duplicate.
+    /// Learns the sender and its route from a received frame, and forwards the frame. Returns the sender's standing if the
+    /// services get the frame: it was accepted, its checksum was verified, and it is no duplicate.
     // Its locals stay off the call stack of services.
     #[inline(never)]
     fn learn_and_forward(
@@ -109,24 +122,28 @@ impl<D: Declares> Services<D> {
         frame: &Frame<'_>,
         is_accepted: bool,
         allowance: &mut Allowance,
-    ) -> bool {
+    ) -> Option<Standing> {
         let from = Peer { address: frame.source(), link: port.id };
         // A refused frame may be forwarded to links that verify signatures themselves; it has no other effect.
         let decision = self.forwarding.examine(cx, port, frame, is_accepted);
         let is_duplicate = decision == ForwardDecision::Duplicate;
         // An unknown message is never acted on (S-12), but may be forwarded.
         let is_trusted = is_accepted && frame.is_checked();
-        let mut sender = None;
+        let (mut sender, mut served) = (None, None);
         if is_trusted {
             if is_duplicate && !network::is_heard(cx.peers, from) {
                 // A duplicate must not teach a route to its sender.
-                return false;
+                return None;
             }
-            sender = self.record_sender(cx, port, frame);
-            // What anyone may have sent keeps nothing alive.
-            if !is_duplicate && sender.is_some() {
-                self.on_heard(cx.now, from);
+            let (entry, standing) = self.record_sender(cx, port, frame);
+            // Only what proves its sender teaches a route, and keeps something alive.
+            if standing.trust > Trust::None {
+                sender = Some(entry);
+                if !is_duplicate {
+                    self.on_heard(cx.now, from);
+                }
             }
+            served = Some(standing).filter(|_| !is_duplicate);
         } else if is_accepted {
             increment(&mut port.counters.unknown);
             network::record_unchecked(cx.peers, from, frame.header().seq);
@@ -134,26 +151,29 @@ impl<D: Declares> Services<D> {
         let (payer, has_key) = (self.payer(frame), self.signing.has_key());
         let examined = Examined { frame, decision, sender, payer, has_key };
         allowance.spend(self.forwarding.forward(cx, port, &examined));
-        is_trusted && !is_duplicate
+        served
     }
 
-    /// Records the sender of an accepted frame in the peer table. Returns its entry if the sender is verified.
-    fn record_sender(&self, cx: &mut Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> Option<SenderEntry> {
+    /// Records the sender of an accepted frame in the peer table. Returns its entry and its standing.
+    fn record_sender(&self, cx: &mut Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> (SenderEntry, Standing) {
         port.note_version(frame.header().version);
-        let is_verified = self.signing.knows_sender(port, frame);
-        if is_verified && !network::is_of_vehicle(frame) {
+        let trust = self.signing.trust(port, frame);
+        if trust > Trust::None && !network::is_of_vehicle(frame) {
             port.accepted = Accepted::Again;
         }
-        let by = Reception { now: cx.now, link: port.id, class: port.config.class, is_verified };
-        let own = cx.address();
+        let by = Reception { now: cx.now, link: port.id, class: port.config.class, trust };
+        let own = cx.address().system;
+        let residents = Residents { own, owner: self.operator_control.owner(), timeout: cx.shared.config.peer_timeout };
         let (peers, mut hook) = cx.peers_and_hook();
-        let entry = network::record(peers, by, own.system, frame, |event| hook.report(event));
+        let Recorded { entry, is_proven } = network::record(peers, by, residents, frame, |event| hook.report(event));
         match entry {
             SenderEntry::Evicted => increment(&mut port.counters.evicted_peers),
             SenderEntry::NoRoom => increment(&mut port.counters.no_peer_slot),
             SenderEntry::Present => {}
         }
-        is_verified.then_some(entry)
+        let is_other_system = frame.source().system != own;
+        let counts = is_proven && (is_other_system || trust == Trust::Signed || port.config.trusts_own_system);
+        (entry, Standing { trust, counts })
     }
 
     /// Counts a frame from one of our own addresses, which is neither used nor forwarded (S-15, R-8). Returns its
@@ -172,25 +192,17 @@ impl<D: Declares> Services<D> {
     /// Hands a frame that is not a command to its service, or to the vehicle.
     // Inlined, it costs 270 bytes of flash.
     #[inline(never)]
-    fn serve(
-        &mut self,
-        cx: &mut Cx<'_, D>,
-        port: &mut Port,
-        state: &mut States<D>,
-        frame: &Frame<'_>,
-        target: Address,
-    ) {
-        let received = self.received(cx.now, port, frame, target);
-        match self.on_frame(cx, port, state, &received) {
+    fn serve(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, state: &mut States<D>, received: &Received<'_>) {
+        match self.on_frame(cx, port, state, received) {
             Handled::Yes => {}
             Handled::NoRoom => increment(&mut port.counters.no_answer_slot),
             Handled::OutOfPlace => increment(&mut port.counters.out_of_place),
             Handled::No if port.config.class.is_high_latency() => increment(&mut port.counters.out_of_place),
             Handled::No => {
                 let (vehicle, mut context) = cx.hook();
-                let is_handled = vehicle.message(&mut context, frame, port.id);
+                let is_handled = vehicle.message(&mut context, received.frame, port.id);
                 // Broadcasts are not counted: no component has to handle them.
-                let is_broadcast = target.system != cx.shared.config.address.get().system;
+                let is_broadcast = received.target.system != cx.shared.config.address.get().system;
                 if !is_handled && !is_broadcast {
                     increment(&mut port.counters.unhandled);
                 }
@@ -199,25 +211,32 @@ impl<D: Declares> Services<D> {
     }
 
     /// Returns the frame as the services get it.
-    fn received<'a>(&self, now: Instant, port: &Port, frame: &'a Frame<'a>, target: Address) -> Received<'a> {
+    fn received<'a>(
+        &self,
+        now: Instant,
+        port: &Port,
+        frame: &'a Frame<'a>,
+        standing: Standing,
+        target: Address,
+    ) -> Received<'a> {
         let from = Peer { address: frame.source(), link: port.id };
-        Received { frame, from, target, age: self.signing.age(now, frame) }
+        let Standing { trust, counts } = standing;
+        Received { frame, from, trust, counts, target, age: self.signing.age(now, frame) }
     }
 
     /// Returns whose credits pay for what a frame causes on the high-latency links (L-17).
     fn payer(&self, frame: &Frame<'_>) -> Payer {
-        let is_privileged =
-            self.operator_control.is_owner(frame.source().system) || self.signing.signed_at(frame).is_some();
+        let is_in_control = self.operator_control.owner() == Some(frame.source().system);
+        let is_privileged = is_in_control || self.signing.signed_at(frame).is_some();
         if is_privileged { Payer::Privileged } else { Payer::Anyone }
     }
 
     /// Returns the command in a frame; `None` if the frame contains none.
-    fn request(&self, now: Instant, port: &Port, frame: &Frame<'_>, target: Address) -> Option<Request> {
-        let received = self.received(now, port, frame, target);
-        let in_mode = || if D::HAS_MODES { mode::command_in(port, &received) } else { None };
-        let mut request = command::command_in(port, &received).or_else(in_mode)?;
-        request.signed_at = self.signing.signed_at(frame);
-        request.payer = self.payer(frame);
+    fn request(&self, port: &Port, received: &Received<'_>) -> Option<Request> {
+        let in_mode = || if D::HAS_MODES { mode::command_in(port, received) } else { None };
+        let mut request = command::command_in(port, received).or_else(in_mode)?;
+        request.signed_at = self.signing.signed_at(received.frame);
+        request.payer = self.payer(received.frame);
         Some(request)
     }
 
@@ -232,10 +251,9 @@ impl<D: Declares> Services<D> {
         cx: &mut Cx<'_, D>,
         port: &mut Port,
         state: &mut States<D>,
-        frame: &Frame<'_>,
-        target: Address,
+        received: &Received<'_>,
     ) -> bool {
-        let mut request = self.request(cx.now, port, frame, target);
+        let mut request = self.request(port, received);
         // By reference: it is large.
         let Some(request) = &mut request else { return false };
         if !CommandService::<D::Commands>::has_room(&state.command) {

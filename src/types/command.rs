@@ -3,6 +3,7 @@
 use core::num::NonZeroU64;
 
 use super::link::{LinkClass, Peer};
+use super::sender::Trust;
 use crate::dialect::{MavCmd, MavFrame, MavResult};
 use crate::message::ComponentId;
 use crate::time::Duration;
@@ -21,6 +22,8 @@ pub struct Command {
     pub z: f32,
     /// The sender, and the link.
     pub from: Peer,
+    /// What proves the sender.
+    pub trust: Trust,
     /// The class of the link. A command from a [`HighLatency`](LinkClass::HighLatency) link may be old, and superseded
     /// by a later one (L-16). A vehicle may refuse to arm or to take off for such a command.
     pub class: LinkClass,
@@ -126,6 +129,7 @@ pub struct CommandAnswer {
 #[derive(Clone, Copy)]
 pub(crate) struct Origin {
     pub(crate) from: Peer,
+    pub(crate) trust: Trust,
     pub(crate) class: LinkClass,
     pub(crate) age: Option<Duration>,
 }

@@ -95,6 +95,11 @@ pub struct LinkConfig {
     /// Whether the link takes part in forwarding, if the stack declares `forwarding` in [`#[stack]`](macro@crate::Stack):
     /// frames received on it are forwarded, and frames of other links are forwarded to it.
     pub forwards: bool,
+    /// Whether components of the vehicle's own system are believed on this link: an answer of a gimbal, the attitude that it
+    /// reports, the setpoints of a gimbal manager. False by default, because on a telemetry radio anyone can send in the
+    /// name of such a component; true after [`with_class`](Self::with_class) with [`LinkClass::Private`]. Set it for the wire
+    /// of a companion computer. A signed frame is believed on every link.
+    pub trusts_own_system: bool,
     /// Whether this link also gets refused frames that it would accept itself; false by default. A frame is refused when
     /// another link did not accept its signature, or required one. It is not forwarded to a link whose
     /// [`accept`](LinkSigning::accept) takes the message unsigned:
@@ -150,6 +155,7 @@ impl LinkConfig {
             bytes_per_second: 0,
             streams: StreamProfile::Radio,
             forwards: true,
+            trusts_own_system: false,
             #[cfg(feature = "signing")]
             takes_refused: false,
             #[cfg(feature = "signing")]
@@ -195,10 +201,20 @@ impl LinkConfig {
         self
     }
 
-    /// Returns the same link with another class.
+    /// Returns the same link with another class. On a [`Private`](LinkClass::Private) link, components of the vehicle's own
+    /// system are believed: see [`with_own_system`](Self::with_own_system).
     #[must_use]
     pub const fn with_class(mut self, class: LinkClass) -> Self {
         self.class = class;
+        self.trusts_own_system = matches!(class, LinkClass::Private);
+        self
+    }
+
+    /// Returns the same link, on which components of the vehicle's own system are believed or not. See
+    /// [`trusts_own_system`](Self::trusts_own_system).
+    #[must_use]
+    pub const fn with_own_system(mut self, trusts_own_system: bool) -> Self {
+        self.trusts_own_system = trusts_own_system;
         self
     }
 

@@ -69,6 +69,8 @@ where
         position,
         z,
         from: GCS,
+
+        trust: mavstack::Trust::Open,
         class: LinkClass::Normal,
         age: None,
         component: ComponentId::new(1),

@@ -20,6 +20,8 @@ fn long(id: MavCmd, [p1, p2, p3, p4, param5, param6, z]: [f32; 7]) -> Command {
         position,
         z,
         from: GCS,
+
+        trust: mavstack::Trust::Open,
         class: LinkClass::Normal,
         age: None,
         component: ComponentId::new(1),
@@ -37,6 +39,8 @@ fn int(id: MavCmd, frame: MavFrame, params: [f32; 4], x: i32, y: i32, z: f32) ->
         position,
         z,
         from: GCS,
+
+        trust: mavstack::Trust::Open,
         class: LinkClass::Normal,
         age: None,
         component: ComponentId::new(1),

@@ -353,6 +353,60 @@ fn own_components_keep_their_entries() {
     assert_eq!(ours, 4);
 }
 
+/// of eight stations that someone invents on the pilot's own link, six settle after 30 s; the others take turns with the pilot, who has
+/// an entry within 10 s. Before, the pilot had none for as long as they went on.
+#[test]
+fn invented_stations_leave_places_for_newcomers() {
+    let mut world = World::<1, Tested<NoPlans, 8>>::of(Setup::new());
+    let beat = |world: &mut World<1, Tested<NoPlans, 8>>, system| {
+        world.gcs[0].send_from(Address::new(system, 190), &Gcs::heartbeat());
+        world.run_for(millis(10));
+    };
+    let mut found = None;
+    for second in 0..50 {
+        for system in 60..68 {
+            beat(&mut world, system);
+        }
+        if second >= 40 {
+            beat(&mut world, STATION.system.wire());
+        }
+        if found.is_none() && info(&world, STATION).is_some_and(|info| info.is_alive) {
+            found = Some(second);
+        }
+        world.run_for(millis(900));
+    }
+    assert!(found.is_some_and(|second| second < 50), "{found:?}");
+    let lost = |system| world.vehicle.peer_events().contains(&PeerEvent::Lost(on_link_0(Address::new(system, 190))));
+    assert_eq!((60..68).filter(|&system| !lost(system)).count(), 6, "the settled ones are not evicted");
+}
+
+/// a peer that was heard for 30 s keeps its entry, whoever comes and on whichever link. One that pauses for `peer_timeout` begins
+/// again.
+#[test]
+fn settled_peers_keep_their_entries() {
+    for pause in [0, 6] {
+        let mut world = shared();
+        for second in 0..31 {
+            if pause == 0 || !(20..20 + pause).contains(&second) {
+                beat(&mut world, 0, 255, MavType::GCS);
+            }
+            world.run_for(millis(998));
+        }
+        world.vehicle.calls.clear();
+        for round in 0..200_u8 {
+            beat(&mut world, 0, 10 + round % 100, MavType::GCS);
+            beat(&mut world, 1, 110 + round % 100, MavType::GCS);
+            if round % 20 == 0 {
+                beat(&mut world, 0, 255, MavType::GCS);
+                world.run_for(millis(1_000));
+            }
+        }
+        let station = Peer { address: Address::new(255, 1), link: LinkId(0) };
+        let was_lost = world.vehicle.peer_events().contains(&PeerEvent::Lost(station));
+        assert_eq!(was_lost, pause > 0, "a pause of {pause} s");
+    }
+}
+
 /// S-16: losses are counted by sequence number, also across its wrap. A duplicate or late frame is not a loss.
 #[test]
 fn losses_are_counted_across_the_wrap() {

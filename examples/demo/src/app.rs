@@ -125,10 +125,13 @@ const IDENTITY: Identity = Identity {
 };
 
 /// Once a signing key is set, frames must be signed on both radio links. The companion link stays open to unsigned frames,
-/// and only it accepts a key.
+/// and only it accepts a key. Components of the vehicle are believed there: the companion, a gimbal.
 const LINK_CONFIGS: [LinkConfig; LINKS] = [
     TELEMETRY_CONFIG,
-    LinkConfig::uart(921_600).with_streams(StreamProfile::Onboard).with_signing(LinkSigning::OPEN.with_provisioning()),
+    LinkConfig::uart(921_600)
+        .with_streams(StreamProfile::Onboard)
+        .with_own_system(true)
+        .with_signing(LinkSigning::OPEN.with_provisioning()),
     // MAVLink 1 would save one credit per report. But it cannot carry MAVLink 2 frames of other components, or signatures.
     LinkConfig::uart(2_400).with_class(LinkClass::HighLatency).with_signing(LinkSigning::SIGNED),
     #[cfg(feature = "network")]

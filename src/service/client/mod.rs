@@ -81,9 +81,10 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
         if let Some(ack) = received.frame.decode::<CommandAck>() {
             let CommandAck { command, result, progress, result_param2, .. } = ack;
             let outcome = Outcome { result, result_param2 };
-            return self.on_command_answer(cx, received.from, CommandAnswer { command, outcome, progress });
+            let answer = CommandAnswer { command, outcome, progress };
+            return if received.counts { self.on_command_answer(cx, received.from, answer) } else { Handled::No };
         }
-        if F::Vehicle::READS_PARAMS { self.on_param_answer(cx, received) } else { Handled::No }
+        if F::Vehicle::READS_PARAMS && received.counts { self.on_param_answer(cx, received) } else { Handled::No }
     }
 
     #[inline(always)]
@@ -219,7 +220,7 @@ impl<const N: usize> Client<N> {
         answer: CommandAnswer,
     ) -> Handled {
         let CommandAnswer { command, outcome: Outcome { result, result_param2 }, progress } = answer;
-        let is_it = |slot: &&mut Slot| slot.is_answered_by(from.address) && slot.command() == Some(command);
+        let is_it = |slot: &&mut Slot| slot.is_answered_by(from) && slot.command() == Some(command);
         let Some(slot) = self.slots.iter_mut().find(is_it) else { return Handled::No };
         // A duplicate; or a component that does not know a command to all of a system.
         let is_unknown = slot.to.address.component.is_all() && result == MavResult::UNSUPPORTED;
@@ -261,9 +262,7 @@ impl<const N: usize> Client<N> {
             ClientRequest::Param { name: requested, is_ext: wants_ext } => {
                 // Bytes after the NUL are no part of the name (S-18).
                 let is_same = requested.as_bytes() == name.as_bytes();
-                is_same
-                    && is_ext.is_none_or(|is_ext| is_ext == *wants_ext)
-                    && slot.is_answered_by(received.from.address)
+                is_same && is_ext.is_none_or(|is_ext| is_ext == *wants_ext) && slot.is_answered_by(received.from)
             }
             ClientRequest::Command(_) => false,
         };

@@ -9,7 +9,7 @@ use crate::message::{Address, ComponentId, Message, Text};
 use crate::network::{PeerInfo, Peers};
 use crate::service::Shared;
 use crate::time::{Duration, Instant};
-use crate::types::{Command, CommandPosition, Component, LinkClass, LinkId, Peer, Recipient};
+use crate::types::{Command, CommandPosition, Component, LinkClass, LinkId, LinkMask, Peer, Recipient, Trust};
 
 /// How long to wait for an answer before the request is sent again.
 const TIMEOUT: Duration = Duration::from_millis(700);
@@ -56,6 +56,8 @@ pub struct Slot {
     pub(super) is_running: bool,
     /// The recipient, and the link on which it is sent. Component 0 is any component of the system.
     pub(super) to: Peer,
+    /// The links on which it was sent: there an answer counts.
+    asked: LinkMask,
     /// The component that is asked to cancel it; 0 for none.
     executor: ComponentId,
     pub(super) token: u16,
@@ -72,6 +74,7 @@ impl Slot {
         is_cancelled: false,
         is_running: false,
         to: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        asked: LinkMask::NONE,
         executor: ComponentId::ALL,
         token: 0,
         request: ClientRequest::Command(OutgoingCommand::NONE),
@@ -93,9 +96,13 @@ impl Slot {
         !matches!(self.state, SlotState::Free | SlotState::Waiting)
     }
 
-    /// Whether an answer from this component is one to this request.
-    pub(super) fn is_answered_by(&self, from: Address) -> bool {
-        self.is_started() && self.transmissions.0 > 0 && overlap(self.to.address, from)
+    /// Whether an answer from this component is one to this request: it was sent on the answer's link.
+    pub(super) fn is_answered_by(&self, from: Peer) -> bool {
+        let was_asked = match from.link {
+            LinkId::NONE => self.to.link == LinkId::NONE,
+            link => self.asked.contains(link),
+        };
+        self.is_started() && self.transmissions.0 > 0 && was_asked && overlap(self.to.address, from.address)
     }
 
     /// Whether an answer could be one to either of two commands.
@@ -153,7 +160,7 @@ impl Slot {
         }
         let is_living = |info: &&PeerInfo| {
             let Peer { address, link } = info.peer;
-            info.is_alive && address.system == system && shared.normal.contains(link)
+            info.is_alive && address.system == system && shared.normal.contains(link) && shared.believes(peers, info)
         };
         let turns = peers.iter().filter(is_living).cycle().take(usize::from(self.attempts.0));
         if let Some(info) = turns.last() {
@@ -191,6 +198,7 @@ impl Slot {
     fn count_transmission(&mut self, now: Instant) -> u8 {
         let Saturating(before) = self.transmissions;
         self.transmissions += 1;
+        self.asked = self.asked.with(LinkMask::of(self.to.link));
         (self.state, self.deadline) = (SlotState::Sent, now + TIMEOUT);
         before
     }
@@ -205,6 +213,7 @@ impl Slot {
             position,
             z,
             from: Peer { address: own, link: LinkId::NONE },
+            trust: Trust::Signed,
             class: LinkClass::Normal,
             age: None,
             component: self.to.address.component,
@@ -267,7 +276,7 @@ impl Slot {
     }
 }
 
-/// Returns the recipient, and a normal link on which it is alive: the wanted one, or the one with the next number. If none is
+/// Returns the recipient, and a normal link on which it is alive and believed: the wanted one, or the one with the next number. If none is
 /// wanted, the link of its last answer, or else the one on which it was heard first.
 pub(super) fn find(peers: &Peers, shared: &Shared, to: Recipient) -> Option<Peer> {
     let (wanted, r#type, first_link) = match to {
@@ -280,7 +289,7 @@ pub(super) fn find(peers: &Peers, shared: &Shared, to: Recipient) -> Option<Peer
     };
     let is_it = |info: &&PeerInfo| {
         let is_wanted = overlap(wanted, info.peer.address) && r#type.is_none_or(|r#type| r#type == info.r#type);
-        is_wanted && info.is_alive && shared.normal.contains(info.peer.link)
+        is_wanted && info.is_alive && shared.normal.contains(info.peer.link) && shared.believes(peers, info)
     };
     let distance = |info: &&PeerInfo| match first_link {
         Some(first) => (Wrapping(info.peer.link.0) - Wrapping(first.0)).0,

@@ -214,6 +214,8 @@ mod tests {
             position,
             z: 20.0,
             from: Peer { address: Address::new(255, 190), link: LinkId(0) },
+
+            trust: crate::types::Trust::Open,
             class: LinkClass::Normal,
             age: None,
             component: ComponentId::new(1),

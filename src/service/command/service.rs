@@ -83,6 +83,7 @@ pub(crate) fn command_in(port: &Port, received: &Received<'_>) -> Option<Request
         position,
         z: message.param7,
         from: received.from,
+        trust: received.trust,
         class: port.config.class,
         age: received.age,
         component: ComponentId::new(message.target_component),

@@ -202,7 +202,9 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
         }
         let system = cx.address().system;
         let manager = F::Vehicle::MANAGER.map(|component| Address { system, component });
-        if target.system != system || manager != Some(from.address) {
+        // Anyone may claim to be the manager.
+        let is_manager = manager == Some(from.address) && received.counts;
+        if target.system != system || !is_manager {
             increment(&mut self.counters.not_manager);
         } else if let Some(setpoint) = read(frame) {
             increment(&mut self.counters.taken);

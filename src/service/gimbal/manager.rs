@@ -348,7 +348,8 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
         let mut setpoint = RawSetpoint::NONE;
         let Some(device) = setpoint.read_message(received.frame) else {
             let is_of_device = F::Vehicle::IS_REMOTE && from == remote::address::<F::Vehicle>(cx.address().system);
-            let is_handled = is_of_device && self.device.receive(cx, received.frame);
+            // Anyone may claim to be the device.
+            let is_handled = is_of_device && received.counts && self.device.receive(cx, received.frame);
             return if is_handled { Handled::Yes } else { Handled::No };
         };
         if received.target.system.is_all() {
@@ -396,7 +397,7 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
         if link.reported != self.changes && port.outbox.takes(STATUS.id) && has_listener() {
             return Some((view.now, ManagerReply::Change));
         }
-        let is_on_link = || remote::link::<F::Vehicle>(view.peers, view.address().system) == Some(port.id);
+        let is_on_link = || remote::link::<F::Vehicle>(view.peers, view.shared) == Some(port.id);
         (F::Vehicle::IS_REMOTE && is_on_link()).then(|| (self.device.due(port), ManagerReply::ForDevice))
     }
 

@@ -12,7 +12,7 @@ use crate::link::Port;
 use crate::message::{Address, ComponentId, Message, SystemId};
 use crate::network::PeerInfo;
 use crate::num;
-use crate::service::Cx;
+use crate::service::{Cx, Shared};
 use crate::time::{Duration, Instant};
 use crate::types::{Firmware, LinkId};
 
@@ -33,10 +33,11 @@ pub(super) const fn address<V: GimbalManager>(system: SystemId) -> Address {
     Address { system, component: ComponentId::new(V::DEVICE) }
 }
 
-/// Returns the first link on which the device is alive.
-pub(super) fn link<V: GimbalManager>(peers: &[PeerInfo], system: SystemId) -> Option<LinkId> {
-    let device = address::<V>(system);
-    peers.iter().find(|info| info.is_alive && info.peer.address == device).map(|info| info.peer.link)
+/// Returns the first link on which the device is alive and believed.
+pub(super) fn link<V: GimbalManager>(peers: &[PeerInfo], shared: &Shared) -> Option<LinkId> {
+    let device = address::<V>(shared.config.address.get().system);
+    let is_it = |info: &&PeerInfo| info.is_alive && info.peer.address == device && shared.believes(peers, info);
+    peers.iter().find(is_it).map(|info| info.peer.link)
 }
 
 impl RemoteDevice {
@@ -45,7 +46,7 @@ impl RemoteDevice {
 
     /// Forgets a device that has timed out: it may be another one when it reappears.
     pub(super) fn poll<F: Firmware<Vehicle: GimbalManager>>(&mut self, cx: &Cx<'_, F>) {
-        if self.ask_at == Instant::NEVER && link::<F::Vehicle>(cx.peers, cx.address().system).is_none() {
+        if self.ask_at == Instant::NEVER && link::<F::Vehicle>(cx.peers, cx.shared).is_none() {
             self.ask_at = cx.now;
         }
     }

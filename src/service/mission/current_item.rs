@@ -78,6 +78,7 @@ pub(crate) fn from_set_current(message: &MissionSetCurrent, origin: Origin) -> C
         position: CommandPosition::Long { param5: 0.0, param6: 0.0 },
         z: 0.0,
         from: origin.from,
+        trust: origin.trust,
         class: origin.class,
         age: origin.age,
         component: ComponentId::new(message.target_component),

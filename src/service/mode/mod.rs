@@ -46,6 +46,7 @@ fn from_set_mode(message: &SetMode, origin: Origin) -> Request {
         position: CommandPosition::Long { param5: 0.0, param6: 0.0 },
         z: 0.0,
         from: origin.from,
+        trust: origin.trust,
         class: origin.class,
         age: origin.age,
         // It has no target component.

@@ -9,7 +9,7 @@ use crate::link::Port;
 use crate::message::Message;
 use crate::service::{SigningGate, increment};
 use crate::time::{Duration, Instant};
-use crate::types::{Accept, LinkClass, SignedAt};
+use crate::types::{Accept, LinkClass, SignedAt, Trust};
 
 impl<const STREAMS: usize> SigningGate<SigningLink> for Signing<[SigningStream; STREAMS]> {
     fn admits(&mut self, now: Instant, port: &mut Port, link: &mut SigningLink, frame: &Frame<'_>) -> bool {
@@ -41,11 +41,14 @@ impl<const STREAMS: usize> SigningGate<SigningLink> for Signing<[SigningStream; 
         }
     }
 
-    fn knows_sender(&self, port: &Port, frame: &Frame<'_>) -> bool {
+    fn trust(&self, port: &Port, frame: &Frame<'_>) -> Trust {
+        // An accepted frame with a signature was verified if there is a key.
+        let is_verified = self.is_active() && frame.header().is_signed();
         match self.policy(&port.config.signing) {
-            Accept::Open => true,
-            Accept::SignedExcept(_) => !self.is_active() || frame.header().is_signed(),
-            Accept::Required => self.is_active() && frame.header().is_signed(),
+            _ if is_verified => Trust::Signed,
+            Accept::Open => Trust::Open,
+            Accept::SignedExcept(_) if !self.is_active() => Trust::Open,
+            Accept::SignedExcept(_) | Accept::Required => Trust::None,
         }
     }
 

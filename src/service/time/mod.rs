@@ -15,11 +15,10 @@ use core::num::Wrapping;
 
 use super::{About, Cx, Handled, Received, Service, Turn, View};
 use crate::dialect::{Ping, Timesync};
-use crate::frame::Frame;
 use crate::link::{Outbox, Port};
-use crate::message::Address;
-use crate::time::Instant;
-use crate::types::{Firmware, LinkId, LinkMask, Peer};
+use crate::message::{Address, SystemId};
+use crate::time::{Duration, Instant};
+use crate::types::{Firmware, LinkId, LinkMask, Peer, Sender, Trust};
 
 /// Requests that can be pending on a link.
 const REQUESTS: usize = 2;
@@ -75,6 +74,18 @@ pub struct TimeSample {
     pub round_trip_ns: i64,
 }
 
+/// The peer whose clock is measured.
+#[derive(Clone, Copy, Debug)]
+struct Source {
+    sender: Sender,
+    /// A component of our own system, or verified by its signature.
+    is_preferred: bool,
+    answered: Instant,
+}
+
+/// How long a peer that does not answer keeps others from being the source (T-2).
+const SOURCE_TIMEOUT: Duration = Duration::from_secs(10);
+
 /// Answers PING and TIMESYNC, and measures peers' clocks: `time: Time` in the struct of a [stack](macro@crate::Stack).
 /// A vehicle without it gets both messages in [`Vehicle::message`](crate::Vehicle::message).
 ///
@@ -106,12 +117,17 @@ pub struct TimeSample {
 #[derive(Clone, Debug)]
 pub struct Time {
     sample: Option<TimeSample>,
+    /// The peer whose clock is measured, and when it answered last.
+    source: Option<Source>,
     /// Links on which the vehicle's own request is pending.
     asks: LinkMask,
 }
 
 impl Time {
     /// Sends a TIMESYNC request on `link`, which every peer there may answer. High-latency links send none (T-2, T-3).
+    ///
+    /// The samples are those of one peer, as long as it answers within ten seconds: the first one, or a component of the vehicle's
+    /// own system, or one whose answers are signed. So an answer of a stranger displaces none.
     pub fn ask(&mut self, link: LinkId) {
         self.asks = self.asks.with(LinkMask::of(link));
     }
@@ -122,7 +138,8 @@ impl Time {
         self.sample.take()
     }
 
-    fn receive(&mut self, now: Instant, link: &mut TimeLink, from: Peer, frame: &Frame<'_>) -> Handled {
+    fn receive(&mut self, now: Instant, own: SystemId, link: &mut TimeLink, received: &Received<'_>) -> Handled {
+        let (frame, from) = (received.frame, received.from);
         let request = if let Some(ping) = frame.decode::<Ping>() {
             // A PING with a target is an answer (T-1).
             let is_request = ping.target_system == 0 && ping.target_component == 0;
@@ -133,8 +150,8 @@ impl Time {
                 time: ping.time_usec,
             })
         } else if let Some(sync) = frame.decode::<Timesync>() {
-            if sync.tc1 != 0 {
-                self.on_answer(now, link, from, &sync);
+            if sync.tc1 != 0 && received.counts {
+                self.on_answer(now, own, link, received.sender(), &sync);
             }
             let time = sync.ts1.cast_unsigned();
             (sync.tc1 == 0).then_some(TimeRequest { kind: Kind::Timesync, from: from.address, seq: 0, time })
@@ -150,10 +167,20 @@ impl Time {
     }
 
     /// Handles an answer. It answers our request if it contains the time at which we asked (T-2).
-    fn on_answer(&mut self, now: Instant, link: &TimeLink, from: Peer, sync: &Timesync) {
+    fn on_answer(&mut self, now: Instant, own: SystemId, link: &TimeLink, sender: Sender, sync: &Timesync) {
         if link.asked == 0 || sync.ts1 != link.asked {
             return;
         }
+        let is_preferred = sender.trust == Trust::Signed || sender.peer.address.system == own;
+        if let Some(source) = self.source
+            && !source.sender.is_repeated_by(sender)
+            && now - source.answered < SOURCE_TIMEOUT
+            && (source.is_preferred || !is_preferred)
+        {
+            return;
+        }
+        self.source = Some(Source { sender, is_preferred, answered: now });
+        let from = sender.peer;
         let asked = Wrapping(link.asked);
         let round_trip = Wrapping(nanos(now)) - asked;
         let offset = Wrapping(sync.tc1) - (asked + Wrapping(round_trip.0 / 2));
@@ -198,7 +225,7 @@ fn nanos(now: Instant) -> i64 {
 }
 
 impl<F: Firmware> Service<F> for Time {
-    const NEW: Self = Self { sample: None, asks: LinkMask::NONE };
+    const NEW: Self = Self { sample: None, source: None, asks: LinkMask::NONE };
     type Link = TimeLink;
     const VACANT: TimeLink = TimeLink {
         requests: [TimeRequest { kind: Kind::None, from: Address::new(0, 0), seq: 0, time: 0 }; REQUESTS],
@@ -208,7 +235,7 @@ impl<F: Firmware> Service<F> for Time {
     type Reply = TimeReply;
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, link: &mut TimeLink, received: &Received<'_>) -> Handled {
-        self.receive(cx.shared.clock.shown(cx.now), link, received.from, received.frame)
+        self.receive(cx.shared.clock.shown(cx.now), cx.address().system, link, received)
     }
 
     /// Answers, and the vehicle's own requests, are sent at once, because they measure time.

@@ -84,7 +84,14 @@ impl Bench {
         let len = encode(message, Version::V2, from.address, 0, &mut bytes).expect("fits");
         with_frame(&bytes[..len], |frame| {
             let mut cx = self.rest.cx::<Board>(self.now, &mut self.marks, &mut self.rover);
-            let received = Received { frame, from, target: target_of(frame), age: None };
+            let received = Received {
+                frame,
+                from,
+                trust: crate::types::Trust::Open,
+                counts: true,
+                target: target_of(frame),
+                age: None,
+            };
             self.params.on_frame(&mut cx, &mut self.ports[link], &mut self.lists[link], &received);
         });
     }

@@ -156,7 +156,14 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
         with_frame(&bytes[..len], |frame| {
             let (params, mut cx, mut links) = self.parts();
             let (port, list) = &mut links[usize::from(from.link.0)];
-            let received = Received { frame, from, target: target_of(frame), age: None };
+            let received = Received {
+                frame,
+                from,
+                trust: crate::types::Trust::Open,
+                counts: true,
+                target: target_of(frame),
+                age: None,
+            };
             params.on_frame(&mut cx, port, list, &received)
         })
     }
@@ -249,6 +256,8 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
             position,
             z: 0.0,
             from: A,
+
+            trust: crate::types::Trust::Open,
             class: LinkClass::Normal,
             age: None,
             component: crate::message::ComponentId::new(1),
