@@ -101,7 +101,7 @@ impl CommandClient for Copter {
 type Site = World<2, Flying>;
 
 fn site() -> Site {
-    let uart = LinkConfig::uart(921_600).with_streams(StreamProfile::Off);
+    let uart = LinkConfig::uart(921_600).with_own_system(true).with_streams(StreamProfile::Off);
     Site::of(Setup { links: [uart; 2], ..Setup::new() })
 }
 

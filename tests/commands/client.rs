@@ -118,7 +118,7 @@ pub(super) fn sky() -> Sky {
 
 /// Creates a world with this period of the loop.
 fn sky_at(step: Duration) -> Sky {
-    let uart = LinkConfig::uart(115_200);
+    let uart = LinkConfig::uart(115_200).with_own_system(true);
     let links = [uart, uart, uart.with_class(LinkClass::HighLatency)];
     let mut world = Sky::of(Setup { links, step, ..Setup::new() });
     world.run_for(millis(20));

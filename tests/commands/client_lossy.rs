@@ -130,7 +130,7 @@ impl Pair {
             address: mavstack::config::VehicleAddress::new(SERVER).unwrap(),
             ..b
         };
-        let links = [LinkConfig::uart(57_600)];
+        let links = [LinkConfig::uart(57_600).with_own_system(true)];
         let mut pair = Self {
             clock,
             ends: [near, far],

@@ -80,7 +80,7 @@ fn parameters_that_are_not_read_are_reported() {
 /// K-6, S-10: a link that sends MAVLink 1 cannot carry a request for an extended parameter.
 #[test]
 fn extended_parameter_needs_mavlink_2() {
-    let v1 = LinkConfig::uart(115_200).with_version(TxVersion::V1);
+    let v1 = LinkConfig::uart(115_200).with_own_system(true).with_version(TxVersion::V1);
     let mut world = Sky::of(Setup { links: [v1; 3], ..Setup::new() });
     world.run_for(millis(20));
     beat(&mut world, COMPANION, GIMBAL, MavType::GIMBAL);

@@ -233,7 +233,7 @@ impl Flight {
 fn two_hours_of_three_ground_stations() {
     let wire = Wire { bytes_per_second: RATE, latency: millis(2), tx_fifo: 1_024, piece: 40, ..Wire::default() };
     let setup = Setup {
-        links: [LinkConfig::uart(57_600)],
+        links: [LinkConfig::uart(57_600).with_own_system(true)],
         lines: [LineConfig::both(wire)],
         step: millis(2),
         jitter: Duration::from_micros(POLL.as_micros() - 2_000),

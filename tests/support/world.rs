@@ -32,7 +32,7 @@ impl<const N: usize> Setup<N> {
     pub fn new() -> Self {
         Self {
             config: Config::new(VEHICLE, Box::leak(Box::new(Pulse::new()))),
-            links: [LinkConfig::uart(115_200); N],
+            links: [LinkConfig::uart(115_200).with_own_system(true); N],
             lines: [LineConfig::default(); N],
             start: Instant::ZERO,
             step: millis(1),

@@ -83,7 +83,7 @@ pub type Carried = World<3, Managed>;
 
 /// Two normal links without streams by default, and one that carries MAVLink 1.
 pub fn world() -> Carried {
-    let uart = LinkConfig::uart(921_600).with_streams(StreamProfile::Off);
+    let uart = LinkConfig::uart(921_600).with_own_system(true).with_streams(StreamProfile::Off);
     let mut world = Carried::of(Setup { links: [uart, uart, uart.with_version(TxVersion::V1)], ..Setup::new() });
     world.gcs.iter_mut().for_each(|gcs| gcs.takes_unknown = true);
     world.run_for(millis(20));
@@ -207,7 +207,7 @@ fn capability_is_set() {
 /// GIM-2, L-2, S-10: the status is sent five times a second on normal links that carry MAVLink 2.
 #[test]
 fn status_is_streamed() {
-    let uart = LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard);
+    let uart = LinkConfig::uart(57_600).with_own_system(true).with_streams(StreamProfile::Onboard);
     let links = [uart, uart.with_class(LinkClass::HighLatency), uart.with_version(TxVersion::V1)];
     let mut world = Carried::of(Setup { links, ..Setup::new() });
     world.run_for(millis(10_050));

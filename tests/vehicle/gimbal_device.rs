@@ -84,7 +84,7 @@ fn setup(address: Address, links: [LinkConfig; 3]) -> Setup<3> {
 }
 
 fn links() -> [LinkConfig; 3] {
-    let uart = LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard);
+    let uart = LinkConfig::uart(57_600).with_own_system(true).with_streams(StreamProfile::Onboard);
     [uart, uart.with_class(LinkClass::HighLatency), uart.with_version(TxVersion::V1)]
 }
 
@@ -303,8 +303,10 @@ struct Whole {
 /// from the autopilot. A setpoint moves the gimbal, and leaves on no link.
 #[test]
 fn manager_and_device_in_one_firmware() {
-    let mut world =
-        World::<3, Whole>::of(setup(VEHICLE, [LinkConfig::uart(115_200).with_streams(StreamProfile::Onboard); 3]));
+    let mut world = World::<3, Whole>::of(setup(
+        VEHICLE,
+        [LinkConfig::uart(115_200).with_own_system(true).with_streams(StreamProfile::Onboard); 3],
+    ));
     let ask = |id: u32| [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
     for (id, target_component, sender) in [
         (GimbalDeviceInformation::ID, 154, GIMBAL),
@@ -441,7 +443,7 @@ fn second(world: &mut Near) -> [[usize; 3]; 3] {
 /// alive, on the first of its links.
 #[test]
 fn remote_device_is_driven_while_it_is_alive() {
-    let uart = LinkConfig::uart(115_200).with_streams(StreamProfile::Off);
+    let uart = LinkConfig::uart(115_200).with_own_system(true).with_streams(StreamProfile::Off);
     let mut world = Near::of(setup(VEHICLE, [uart; 3]));
     send(&mut world, 0, STATION, &Gcs::heartbeat());
     assert_eq!(second(&mut world), [[0; 3]; 3], "there is none");
@@ -489,7 +491,7 @@ fn remote_device_is_driven_while_it_is_alive() {
 /// GIM-9: the status of the device reaches the vehicle, and that of another component does not.
 #[test]
 fn status_of_a_remote_device_is_followed() {
-    let mut world = Near::of(setup(VEHICLE, [LinkConfig::uart(115_200); 3]));
+    let mut world = Near::of(setup(VEHICLE, [LinkConfig::uart(115_200).with_own_system(true); 3]));
     for from in [GIMBAL, Address::new(1, 171), Address::new(2, 154), STATION] {
         send(&mut world, 1, from, &status());
     }
@@ -499,7 +501,7 @@ fn status_of_a_remote_device_is_followed() {
 /// GIM-9, S-10, L-2: nothing is sent to a device that is heard by MAVLink 1 only, except the question, and nothing on a high-latency link.
 #[test]
 fn remote_device_needs_a_link_that_can() {
-    let uart = LinkConfig::uart(115_200).with_streams(StreamProfile::Off);
+    let uart = LinkConfig::uart(115_200).with_own_system(true).with_streams(StreamProfile::Off);
     let links = [uart.with_class(LinkClass::HighLatency), uart.with_version(TxVersion::V1), uart];
     let mut world = Near::of(setup(VEHICLE, links));
     send(&mut world, 0, GIMBAL, &heartbeat_of_gimbal());
