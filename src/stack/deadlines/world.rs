@@ -282,7 +282,7 @@ impl World {
         let pulse: &'static Pulse = Box::leak(Box::new(Pulse::new()));
         let config =
             Config { streams_wait_for_peer, item_reached_repeats: 2, ..Config::new(Address::new(1, 1), pulse) };
-        let onboard = LinkConfig::unlimited().with_streams(StreamProfile::Onboard);
+        let onboard = LinkConfig::unlimited().with_streams(StreamProfile::Onboard).with_own_system(true);
         #[cfg(feature = "signing")]
         let onboard = onboard.with_signing(crate::signing::LinkSigning::OPEN.with_provisioning());
         let satellite = LinkConfig::unlimited().with_class(LinkClass::HighLatency);
