@@ -279,6 +279,7 @@ pub fn command(id: MavCmd, params: [f32; 4]) -> Command {
         position: CommandPosition::Long { param5: 0.0, param6: 0.0 },
         z: 0.0,
         from: STATION,
+        trust: mavstack::Trust::Open,
         class: LinkClass::Normal,
         age: None,
         component: ComponentId::new(1),
