@@ -42,8 +42,8 @@ use crate::service::param::ParamMemory;
 use crate::service::{Cx, Service, Shared, SigningGate, View};
 use crate::time::Instant;
 use crate::types::{
-    Allowance, Component, Config, Context, CreditMemory, HookFaults, LinkConfig, LinkId, LinkMask, MAX_LINKS,
-    PlanMemory, TextNumber, Values, Vehicle, VehicleAddress,
+    Allowance, Component, Config, Context, CreditConfig, CreditMemory, CreditView, HookFaults, LinkConfig, LinkId,
+    LinkMask, MAX_LINKS, PlanMemory, TextNumber, Values, Vehicle, VehicleAddress,
 };
 
 /// No byte was received into the free space of the decoder.
@@ -189,6 +189,15 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.services.begin(&shared.config);
         self.requests.view_mut().begin(u8::try_from(D::MESSAGE_QUEUES).unwrap_or(0));
         self.parameters.begin();
+        self.set_credits(CreditConfig::DEFAULT);
+    }
+
+    /// Sets what peers may spend on the high-latency links (L-17). It has no effect in a stack that neither forwards nor has the
+    /// service [`HighLatency`](crate::high_latency::HighLatency): peers can cause nothing there.
+    pub fn set_credits(&mut self, config: CreditConfig) {
+        if let Some(credits) = self.credits.view().credits() {
+            credits.config = config;
+        }
     }
 
     /// Leaves out the other components of the firmware until the next start: none of them sends, and frames for them
@@ -218,6 +227,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         cx.shared.hooks.0 = 0;
         let (peers, mut hook) = cx.peers_and_hook();
         network::poll(peers, now, timeout, |event| hook.report(event));
+        services.release_stalled(now, links, states);
         services.poll(&mut cx, states);
         if !D::COMPONENTS.is_empty()
             && let (Some(Link { port, .. }), Some(state)) = (links.first_mut(), states.first_mut())

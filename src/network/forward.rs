@@ -53,7 +53,7 @@ counters! {
         /// unsigned does not send them, because its peers could execute them (R-10, `LinkConfig::with_refused_frames`).
         drop not_accepted,
         /// Frames that were not sent on this high-latency link because the credits were used up (L-17,
-        /// [`Config::credits`](crate::Config::credits)).
+        /// [`Stack::set_credits`](crate::Stack::set_credits)).
         drop over_budget,
         /// Duplicates that were received on this link within 0.8 s after the original was forwarded. They are dropped
         ///
@@ -213,7 +213,7 @@ fn is_command(id: u32) -> bool {
 ///
 /// A [private](crate::config::LinkClass::Private) link gets only frames for a component that was heard there. A
 /// high-latency link gets only commands for a peer there, and their answers, and only while no other link
-/// reaches that peer. What peers send there is limited by the [credits](crate::Config::credits) (L-17). A link reaches a peer while the peer's heartbeats are received on it, or if any of its frames was
+/// reaches that peer. What peers send there is limited by the [credits](crate::Stack::set_credits) (L-17). A link reaches a peer while the peer's heartbeats are received on it, or if any of its frames was
 /// received there within the last 5 s. A frame for all components of a system is for each of them: it is sent on a
 /// high-latency link only if one of the components there is reached by no other link.
 ///

@@ -221,9 +221,9 @@ impl<F: Firmware> Cx<'_, F> {
     /// Takes credits for a frame of `len` bytes that a peer causes on this many high-latency links (L-17). If there are not
     /// enough, takes none, says so on the normal links, and returns false.
     pub(crate) fn pay(&mut self, payer: Payer, len: usize, links: u32) -> bool {
-        let config = &self.shared.config.credits;
         let Some(credits) = self.credits.credits() else { return true };
-        let is_paid = credits.take(self.now, config, payer, config.cost(len).saturating_mul(links));
+        let cost = credits.config.cost(len).saturating_mul(links);
+        let is_paid = credits.take(self.now, payer, cost);
         if !is_paid && credits.may_tell(self.now) {
             self.text(MavSeverity::WARNING, b"Satellite: credits used up");
         }

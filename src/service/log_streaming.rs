@@ -179,7 +179,7 @@ impl LogStreamer {
 impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
     type Link = ();
     const VACANT: () = ();
-    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::LateBulk, Turn::Bulk]);
+    const ABOUT: About = About { turns: &[Turn::LateBulk, Turn::Bulk], holds: true, ..About::AUTOPILOT };
     type Reply = StreamingReply;
     const NEW: Self = Self {
         phase: StreamPhase::Off,
@@ -238,6 +238,8 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
                 }
                 if !port.outbox.takes(LoggingData::ID) {
                     MavResult::DENIED
+                } else if port.is_stalled() {
+                    MavResult::TEMPORARILY_REJECTED
                 } else if is_taken && !self.is_gone {
                     increment(&mut self.counters.busy);
                     return refuse(MavResult::TEMPORARILY_REJECTED, RefusalReason::Taken);
@@ -276,7 +278,7 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         match event {
-            StackEvent::Opened(port, ()) => self.is_gone |= self.is_on(port),
+            StackEvent::Opened(port, ()) | StackEvent::Stalled(port, ()) => self.is_gone |= self.is_on(port),
             StackEvent::Heard { now, from } if from == self.client => self.heard = now,
             _ => {}
         }

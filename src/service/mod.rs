@@ -233,12 +233,19 @@ pub struct About {
     pub part: Part,
     /// Whether the service is left out with the other components of the firmware: it is one of them, or serves only them.
     pub is_of_components: bool,
+    /// Whether peers on one link may hold what peers on others wait for: the service gets [`StackEvent::Stalled`].
+    pub holds: bool,
 }
 
 impl About {
     /// A service that is a part of the autopilot, without a capability, and that sends nothing.
-    pub const AUTOPILOT: Self =
-        Self { turns: &[], capabilities: MavProtocolCapability::EMPTY, part: Part::Autopilot, is_of_components: false };
+    pub const AUTOPILOT: Self = Self {
+        turns: &[],
+        capabilities: MavProtocolCapability::EMPTY,
+        part: Part::Autopilot,
+        is_of_components: false,
+        holds: false,
+    };
 
     /// The same, in these places of the sending order.
     pub const fn in_turns(self, turns: &'static [Turn]) -> Self {
@@ -294,6 +301,9 @@ pub enum StackEvent<'a, L> {
     Begun(&'a Config),
     /// The link was opened again: pending answers that mean nothing to the new peers are discarded.
     Opened(&'a Port, &'a mut L),
+    /// The link has had something to send for ten seconds and has taken no byte: what its peers hold is free for others.
+    /// Only for a service with [`About::holds`], and not for a high-latency link, whose modem may be busy for longer.
+    Stalled(&'a Port, &'a mut L),
     /// A frame was accepted, whatever its message.
     Heard {
         /// The time.

@@ -3,7 +3,7 @@
 use super::Declares;
 use super::services::{Services, States};
 use crate::dialect::{MavCmd, MavResult};
-use crate::link::{Pace, Port, Transport};
+use crate::link::{Link, Pace, Port, Transport};
 use crate::message::{ComponentId, SystemId};
 use crate::service::ShowCounters;
 use crate::service::{
@@ -147,6 +147,19 @@ impl<F: Firmware> Visit<F> for Opened<'_> {
     #[inline(always)]
     fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool {
         service.on_event(StackEvent::Opened(self.0, link));
+        false
+    }
+}
+
+/// A link takes no bytes.
+struct Stalled<'a>(&'a Port);
+
+impl<F: Firmware> Visit<F> for Stalled<'_> {
+    #[inline(always)]
+    fn visit<S: Service<F>>(&mut self, service: &mut S, link: &mut S::Link) -> bool {
+        if S::ABOUT.holds {
+            service.on_event(StackEvent::Stalled(self.0, link));
+        }
         false
     }
 }
@@ -326,6 +339,19 @@ impl<D: Declares> Services<D> {
 
     pub(super) fn on_sent(&mut self, port: &Port, states: &mut States<D>) {
         self.visit(states, &mut Sent(port));
+    }
+
+    /// Has the services release what peers on links hold that take no bytes.
+    pub(super) fn release_stalled(&mut self, now: Instant, links: &mut [Link], states: &mut [States<D>]) {
+        if !Self::HOLDS {
+            return;
+        }
+        for (Link { port, .. }, state) in links.iter_mut().zip(states) {
+            if port.has_stalled(now) && !port.config.class.is_high_latency() {
+                event!("link {=u8} takes no bytes", port.id.0);
+                self.visit(state, &mut Stalled(port));
+            }
+        }
     }
 
     pub(super) fn restart(&mut self, port: &Port, states: &mut States<D>) {

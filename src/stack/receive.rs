@@ -16,7 +16,9 @@ use crate::service::{
     SticksGate, Verdict, increment,
 };
 use crate::time::Instant;
-use crate::types::{Allowance, CommandAnswer, LinkId, MAX_TEXT_LEN, Payer, Peer, PeerEvent, Trust, Vehicle};
+use crate::types::{
+    Allowance, CommandAnswer, CreditMemory, LinkId, MAX_TEXT_LEN, Payer, Peer, PeerEvent, Trust, Vehicle,
+};
 
 /// A received frame with our own address: an echo, if a link has sent such a frame.
 #[derive(Clone, Copy)]
@@ -236,7 +238,9 @@ impl<D: Declares> Services<D> {
         let in_mode = || if D::HAS_MODES { mode::command_in(port, received) } else { None };
         let mut request = command::command_in(port, received).or_else(in_mode)?;
         request.signed_at = self.signing.signed_at(received.frame);
-        request.payer = self.payer(received.frame);
+        if D::Credits::IS_SOME {
+            request.payer = self.payer(received.frame);
+        }
         Some(request)
     }
 

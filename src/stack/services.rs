@@ -18,6 +18,16 @@ const fn has_bulk(services: &[About]) -> bool {
     has_bulk
 }
 
+/// Whether peers of one of these services hold what others wait for.
+const fn holds(services: &[About]) -> bool {
+    let (mut holds, mut services) = (false, services);
+    while let [about, rest @ ..] = services {
+        holds |= about.holds;
+        services = rest;
+    }
+    holds
+}
+
 /// Defines the list of services, and how each is visited.
 macro_rules! define {
     ($($name:ident: $service:ty,)*) => {
@@ -51,6 +61,9 @@ macro_rules! define {
 
             /// Whether a service sends bulk data.
             pub(super) const HAS_BULK: bool = has_bulk(<D::Services as ServiceList<D>>::ABOUT) || has_bulk(&[$(<$service as Service<D>>::ABOUT),*]);
+
+            /// Whether peers of a service hold what others wait for.
+            pub(super) const HOLDS: bool = holds(<D::Services as ServiceList<D>>::ABOUT) || holds(&[$(<$service as Service<D>>::ABOUT),*]);
 
             /// The capabilities of all services, for AUTOPILOT_VERSION.
             pub(crate) const CAPABILITIES: MavProtocolCapability = Self::capabilities(false);

@@ -2,7 +2,6 @@
 
 use core::num::Saturating;
 
-use super::credits::CreditConfig;
 use super::identity::Identity;
 use crate::dialect::{MavAutopilot, MavType};
 use crate::frame::Decoder;
@@ -276,8 +275,6 @@ pub struct Config {
     /// the key by which forwarding recognises duplicates, together with the arrival times of frames and
     /// [`uid`](Identity::uid).
     pub seed: u64,
-    /// What peers may spend on the high-latency links (L-17): 60 credits of 50 bytes an hour by default, and a burst of 20.
-    pub credits: CreditConfig,
 }
 
 /// An address that a vehicle may have. No other can be configured.
@@ -323,7 +320,6 @@ impl Config {
         storage_refill: Duration::ZERO,
         durability: Durability::Durable,
         seed: 0,
-        credits: CreditConfig::VACANT,
     };
 
     /// Returns the default configuration of a vehicle with this address and pulse. Change other fields by struct
@@ -363,7 +359,6 @@ impl Config {
             storage_refill: Duration::from_secs(15 * 60),
             durability: Durability::Durable,
             seed: 0,
-            credits: CreditConfig::DEFAULT,
         }
     }
 }

@@ -4,7 +4,7 @@ use crate::time::{Duration, Instant};
 
 /// What peers may spend on all high-latency links together (L-17): on messages that START forces, and on commands and
 /// answers that are forwarded there. Scheduled messages are outside, and so are the vehicle's answers to commands that were
-/// received on a high-latency link.
+/// received on a high-latency link. [`Stack::set_credits`](crate::Stack::set_credits) changes it.
 ///
 /// Half of the hourly credits and half of the burst are reserved for the system in control and for signed frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,6 +51,7 @@ pub enum Payer {
 /// The credits that are left. Each half is a leaky bucket, stored as the time at which it will be full.
 #[derive(Clone, Debug)]
 pub struct Credits {
+    pub(crate) config: CreditConfig,
     open: Instant,
     reserved: Instant,
     /// When the next text may say that they are used up.
@@ -61,16 +62,17 @@ impl Credits {
     /// How often a text says that the credits are used up.
     const TELL_EVERY: Duration = Duration::from_secs(60);
 
-    /// Full. All zero bits.
-    pub(crate) const FULL: Self = Self { open: Instant::ZERO, reserved: Instant::ZERO, tell_at: Instant::ZERO };
+    /// Full, and without a limit. All zero bits.
+    pub(crate) const FULL: Self =
+        Self { config: CreditConfig::VACANT, open: Instant::ZERO, reserved: Instant::ZERO, tell_at: Instant::ZERO };
 
     /// Takes credits. Takes none and returns false if there are not enough. The reserved half is spent first.
-    pub(crate) fn take(&mut self, now: Instant, config: &CreditConfig, payer: Payer, credits: u32) -> bool {
-        /// The time in which each half earns half of the hourly credits, in µs, for two credits to earn one.
-        const TWO_HOURS: u64 = 2 * 3_600 * 1_000_000;
-        let Some(credit) = TWO_HOURS.checked_div(config.per_hour.into()) else { return true };
-        let cost = Duration::from_micros(credit.saturating_mul(credits.into()));
-        let half = Duration::from_micros((credit / 2).saturating_mul(config.burst.into()));
+    pub(crate) fn take(&mut self, now: Instant, payer: Payer, credits: u32) -> bool {
+        /// In milliseconds: a half earns half of the hourly credits. A division of 64 bits takes 900 bytes of flash.
+        const TWO_HOURS: u32 = 2 * 3_600 * 1_000;
+        let Some(credit) = TWO_HOURS.checked_div(self.config.per_hour.into()) else { return true };
+        let time = |credits: u32, of: u32| Duration::from_millis(credits.saturating_mul(of).into());
+        let (cost, half) = (time(credits, credit), time(self.config.burst.into(), credit / 2));
         let spend = |full_at: &mut Instant| {
             let after = (*full_at).max(now) + cost;
             let is_enough = after - now <= half.max(cost);
@@ -98,6 +100,9 @@ pub trait CreditMemory: core::fmt::Debug {
     /// All zero bits.
     const FULL: Self;
 
+    /// Whether there are credits.
+    const IS_SOME: bool;
+
     /// What a call of a service uses. Without credits it has no size.
     type View<'a>: CreditView
     where
@@ -114,6 +119,7 @@ pub trait CreditView {
 
 impl CreditMemory for [Credits; 0] {
     const FULL: Self = [];
+    const IS_SOME: bool = false;
     type View<'a> = ();
 
     fn view(&mut self) -> Self::View<'_> {}
@@ -127,6 +133,7 @@ impl CreditView for () {
 
 impl CreditMemory for [Credits; 1] {
     const FULL: Self = [Credits::FULL];
+    const IS_SOME: bool = true;
     type View<'a> = &'a mut Credits;
 
     fn view(&mut self) -> &mut Credits {
@@ -147,35 +154,38 @@ mod tests {
 
     const CONFIG: CreditConfig = CreditConfig::DEFAULT;
 
+    fn full(config: CreditConfig) -> Credits {
+        Credits { config, ..Credits::FULL }
+    }
+
     /// Returns the credits that are taken one by one within `hours`, with a try every ten seconds.
-    fn taken(credits: &mut Credits, config: &CreditConfig, payer: Payer, hours: u64) -> usize {
+    fn taken(credits: &mut Credits, payer: Payer, hours: u64) -> usize {
         let tries = (0..hours * 360).map(|second| Instant::from_millis(second * 10_000 + 1));
-        tries.filter(|now| credits.take(*now, config, payer, 1)).count()
+        tries.filter(|now| credits.take(*now, payer, 1)).count()
     }
 
     /// L-17: half of the burst and of the hourly credits are for everyone, all of them for the one in control.
     #[test]
     fn half_of_all_credits_is_reserved() {
-        assert_eq!(taken(&mut Credits::FULL.clone(), &CONFIG, Payer::Anyone, 10), 10 + 299);
-        assert_eq!(taken(&mut Credits::FULL.clone(), &CONFIG, Payer::Privileged, 10), 20 + 598);
-        let mut credits = Credits::FULL;
-        assert_eq!(taken(&mut credits, &CONFIG, Payer::Anyone, 1), 10 + 29);
+        assert_eq!(taken(&mut full(CONFIG), Payer::Anyone, 10), 10 + 299);
+        assert_eq!(taken(&mut full(CONFIG), Payer::Privileged, 10), 20 + 598);
+        let mut credits = full(CONFIG);
+        assert_eq!(taken(&mut credits, Payer::Anyone, 1), 10 + 29);
         let mut now = Instant::from_millis(3_600_000);
-        assert!(!credits.take(now, &CONFIG, Payer::Anyone, 2));
-        assert!(credits.take(now, &CONFIG, Payer::Privileged, 10), "the reserved half is full");
-        assert!(!credits.take(now, &CONFIG, Payer::Privileged, 2));
+        assert!(!credits.take(now, Payer::Anyone, 2));
+        assert!(credits.take(now, Payer::Privileged, 10), "the reserved half is full");
+        assert!(!credits.take(now, Payer::Privileged, 2));
         // However long the pause, no more than the burst is saved up.
         now += Duration::from_secs(1_000_000);
-        assert!(!credits.take(now, &CONFIG, Payer::Anyone, 11) || !credits.take(now, &CONFIG, Payer::Anyone, 1));
+        assert!(credits.take(now, Payer::Anyone, 10) && !credits.take(now, Payer::Anyone, 1));
     }
 
     /// L-17: a frame that costs more than a half waits until that is full, and the average holds all the same.
     #[test]
     fn expensive_frames_keep_the_average() {
-        let config = CreditConfig { burst: 2, ..CONFIG };
-        let mut credits = Credits::FULL;
+        let mut credits = full(CreditConfig { burst: 2, ..CONFIG });
         let tries = (0..36_000).map(|second| Instant::from_millis(second * 1_000));
-        let paid = tries.filter(|now| credits.take(*now, &config, Payer::Anyone, 6)).count();
+        let paid = tries.filter(|now| credits.take(*now, Payer::Anyone, 6)).count();
         assert_eq!(paid, 50, "300 credits in ten hours");
     }
 
@@ -184,17 +194,17 @@ mod tests {
     fn extreme_configurations_work() {
         let unlimited = CreditConfig { per_hour: 0, burst: 0, bytes: 0 };
         assert_eq!(unlimited.cost(280), 280);
-        assert_eq!(taken(&mut Credits::FULL.clone(), &unlimited, Payer::Anyone, 1), 360);
+        assert_eq!(taken(&mut full(unlimited), Payer::Anyone, 1), 360);
         let scarce = CreditConfig { per_hour: 1, burst: 0, bytes: u16::MAX };
         assert_eq!(scarce.cost(0xFFFF), 1);
-        assert_eq!(taken(&mut Credits::FULL.clone(), &scarce, Payer::Anyone, 10), 5);
-        assert!(Credits::FULL.clone().take(Instant::NEVER, &scarce, Payer::Privileged, u32::MAX));
+        assert_eq!(taken(&mut full(scarce), Payer::Anyone, 10), 5);
+        assert!(full(scarce).take(Instant::NEVER, Payer::Privileged, u32::MAX));
     }
 
     /// L-17: one text a minute.
     #[test]
     fn a_text_tells_once_a_minute() {
-        let mut credits = Credits::FULL;
+        let mut credits = full(CONFIG);
         let told = (0..600).filter(|second| credits.may_tell(Instant::from_millis(second * 1_000))).count();
         assert_eq!(told, 10);
     }

@@ -421,3 +421,51 @@ proptest! {
         }
     }
 }
+
+/// answers that were pending on a link that takes no bytes held all sessions for ever, and none of a living link's requests
+/// was answered. Now they are after ten seconds.
+#[test]
+fn dead_link_holds_no_sessions() {
+    use MavFtpOpcode as Op;
+    let mut world = world();
+    world.uarts[0].stall_writes_until(mavstack::Instant::NEVER);
+    world.run_for(millis(50));
+    let begin = world.now();
+    let mut living = Client::new(OTHER_STATION, 1, 9);
+    let mut answers = 0;
+    for half_second in 0..40 {
+        // It still receives: its clients repeat their requests.
+        for number in (0..6).filter(|_| half_second % 4 == 0) {
+            let gone = Client::new(Address::new(200, 1 + number), 0, number);
+            gone.send(&mut world, &request(1, number, Op::OPENFILERO, 7, 0, b"log.bin"));
+        }
+        living.seq += 1;
+        living.send(&mut world, &request(living.seq, 9, Op::OPENFILERO, 7, 0, b"log.bin"));
+        answers += living.packets(&mut world).len();
+        if answers > 0 {
+            break;
+        }
+        world.run_for(millis(450));
+    }
+    assert_eq!(answers, 1);
+    assert!(world.now() - begin <= secs(11), "{:?}", world.now() - begin);
+    assert_eq!(living.read(&mut world, 0, 9).unwrap(), pattern(9));
+}
+
+/// a link that takes bytes, however few, holds its sessions.
+#[test]
+fn slow_link_keeps_its_sessions() {
+    let mut world = world();
+    let mut slow = client();
+    slow.open(&mut world, "log.bin").unwrap();
+    for second in 0..12 {
+        // Its transport takes bytes for a moment every five seconds.
+        let stalls = second % 5 != 4;
+        world.uarts[0].stall_writes_until(if stalls { world.now() + secs(1) } else { mavstack::Instant::ZERO });
+        slow.send(&mut world, &request(900 + second, 0, MavFtpOpcode::READFILE, 9, 0, &[]));
+        world.run_for(secs(1));
+    }
+    world.uarts[0].stall_writes_until(mavstack::Instant::ZERO);
+    world.run_for(millis(100));
+    assert!(slow.read(&mut world, 0, 9).is_ok(), "the file is still open");
+}

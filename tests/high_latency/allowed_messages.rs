@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use crate::support::*;
 use mavstack::camera::{Image, Shot};
-use mavstack::config::{LinkClass, StreamProfile, TxVersion};
+use mavstack::config::{CreditConfig, LinkClass, StreamProfile, TxVersion};
 use mavstack::dialect::*;
 use mavstack::ext_parameters::ExtValue;
 use mavstack::gimbal::GimbalSetpoint;
@@ -319,8 +319,6 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
     let frames: Vec<Vec<u8>> = (0..4_000).map(|_| any_frame(&mut rng)).collect();
     let satellite = LinkConfig::uart(2_400).with_class(LinkClass::HighLatency);
     let mut setup = Setup::<LINKS>::new();
-    // So that many commands are forwarded.
-    setup.config.credits.per_hour = 0;
     setup.links = [
         LinkConfig::uart(57_600).with_streams(StreamProfile::Onboard),
         satellite.with_streams(StreamProfile::Onboard),
@@ -334,6 +332,8 @@ fn run(seed: u64, events: u32) -> [Line; LINKS] {
     }
     let is_satellite = |link: usize| setup.links[link].class == LinkClass::HighLatency;
     let mut stack = Box::new(StackOf::<Mavlink>::new(setup.config, setup.links));
+    // So that many commands are forwarded.
+    stack.set_credits(CreditConfig { per_hour: 0, ..CreditConfig::DEFAULT });
     let mut vehicle = Everything(TestVehicle::new());
     stack.manual_input_mut().set_source(mavstack::manual_control::ControlSource::GroundStation);
     vehicle.0.long.insert(MavCmd::DO_SET_SERVO.0);

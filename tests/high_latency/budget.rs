@@ -26,9 +26,9 @@ const CONFIG: HighLatencyConfig = HighLatencyConfig { period: secs(100_000), ..H
 /// A radio with a stranger, the pilot's radio, and a satellite modem.
 fn world_with(credits: CreditConfig) -> World<3, Flown> {
     let satellite = LinkConfig::uart(9_600).with_class(LinkClass::HighLatency);
-    let mut setup = Setup { links: [LinkConfig::uart(57_600), LinkConfig::uart(57_600), satellite], ..Setup::new() };
-    setup.config.credits = credits;
+    let setup = Setup { links: [LinkConfig::uart(57_600), LinkConfig::uart(57_600), satellite], ..Setup::new() };
     let mut world = World::<3, Flown>::of(setup);
+    world.stack.set_credits(credits);
     world.stack.high_latency.set_config(CONFIG);
     world.gcs[PILOT].address = OTHER_STATION;
     world.gcs[PILOT].heartbeat_period = Some(secs(1));

@@ -250,3 +250,20 @@ fn satellites_carry_no_logs() {
     assert!(field.gcs[0].received.is_empty());
     assert_eq!(field.vehicle.logs.content.len(), 1);
 }
+
+/// a client on a link that takes no bytes kept the logs for as long as its heartbeats were received, and another client's 20
+/// requests were refused. Now they are read on a living link after ten seconds.
+#[test]
+fn dead_link_holds_no_logs() {
+    let mut field = field(&[60_000]);
+    field.uarts[0].stall_writes_until(mavstack::Instant::NEVER);
+    field.run_for(millis(50));
+    send(&mut field, 0, STATION, &data(0, 0, u32::MAX));
+    let served = (0..20).find(|_| {
+        send(&mut field, 0, STATION, &Gcs::heartbeat());
+        send(&mut field, 1, OTHER_STATION, &data(0, 0, 90));
+        field.run_for(secs(1));
+        !all::<LogData>(&field, 1).is_empty()
+    });
+    assert!(served.is_some_and(|second| second <= 10), "{served:?}");
+}

@@ -346,3 +346,18 @@ proptest! {
         }
     }
 }
+
+/// the stream of a client on a link that takes no bytes went on for as long as the client's heartbeats were received, and
+/// another client's 20 STARTs were refused. Now the first after ten seconds is accepted.
+#[test]
+fn dead_link_holds_no_stream() {
+    let mut field = ideal();
+    assert_eq!(start(&mut field, 0, STATION), MavResult::ACCEPTED);
+    field.uarts[0].stall_writes_until(mavstack::Instant::NEVER);
+    let accepted = (0..20).find(|_| {
+        send(&mut field, 0, STATION, &Gcs::heartbeat());
+        field.run_for(millis(990));
+        start(&mut field, 1, OTHER_STATION) == MavResult::ACCEPTED
+    });
+    assert!(accepted.is_some_and(|second| second <= 10), "{accepted:?}");
+}

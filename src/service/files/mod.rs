@@ -73,6 +73,7 @@ where
     const ABOUT: About = About {
         turns: &[Turn::FileAnswer, Turn::LateBulk, Turn::Bulk],
         capabilities: MavProtocolCapability::FTP,
+        holds: true,
         ..About::AUTOPILOT
     };
     const NEW: Self = {
@@ -109,6 +110,9 @@ where
         if received.target.system.is_all() {
             return Handled::OutOfPlace;
         }
+        if port.is_stalled() {
+            return Handled::NoRoom;
+        }
         let handled = self.server(cx).on_packet(received);
         self.slow_streams::<F>(cx.now, port);
         handled
@@ -138,8 +142,8 @@ where
     }
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
-        // The clients are gone. The next poll closes their files.
-        if let StackEvent::Opened(port, _) = event {
+        // The clients are gone, or get no answers. The next poll closes their files.
+        if let StackEvent::Opened(port, _) | StackEvent::Stalled(port, _) = event {
             self.status.wake = Instant::ZERO;
             for session in &mut self.sessions {
                 session.id = session.id.filter(|id| id.client.link != port.id);

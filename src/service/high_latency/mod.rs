@@ -22,7 +22,7 @@ use crate::message::Message;
 use crate::network::PeerInfo;
 use crate::num;
 use crate::time::{Clock, Duration, Instant};
-use crate::types::{Config, CreditConfig, Firmware, LinkMask, Payer, Vehicle};
+use crate::types::{Config, CreditConfig, CreditView, Firmware, LinkMask, Payer, Vehicle};
 
 /// The minimum period.
 const MIN_PERIOD: Duration = Duration::from_secs(1);
@@ -103,7 +103,7 @@ pub struct HighLatencyCounters {
     /// Bytes in them, headers and checksums included.
     pub bytes: u32,
     /// Their cost if each is sent separately: one credit for each 50 bytes, rounded up, as in
-    /// [`Config::credits`](crate::Config::credits). HIGH_LATENCY2 has 50 bytes in MAVLink 1, which is one credit, and 51 to
+    /// [`Stack::set_credits`](crate::Stack::set_credits). HIGH_LATENCY2 has 50 bytes in MAVLink 1, which is one credit, and 51 to
     /// 54 in MAVLink 2, which is two.
     pub credits: u32,
     /// The executed START that forced no message, because the credits were used up (L-17).
@@ -201,7 +201,7 @@ enum Ground {
 /// other (L-15).
 ///
 /// START sends a message at once, even while the service is on, but not within ten seconds after the last one. It takes
-/// [credits](crate::Config::credits) for it, as for two of a message's 50 bytes, on each high-latency link. Without credits
+/// [credits](crate::Stack::set_credits) for it, as for two of a message's 50 bytes, on each high-latency link. Without credits
 /// it turns the service on, and messages are sent on schedule (L-17). Sent to all systems it is DENIED. Each later message is sent one period after the
 /// previous one was. A busy modem gets it as soon as it is ready, with the state of that moment, and the next one a
 /// period later. Samples between two messages are summarised in the second one: means and extremes (L-21). A firmware
@@ -269,7 +269,7 @@ pub struct HighLatency {
     closed: Window,
     /// The links that have sent the closed window.
     reported: LinkMask,
-    /// What each message costs.
+    /// What each message costs, as of the last poll.
     credits: CreditConfig,
     counters: HighLatencyCounters,
 }
@@ -484,6 +484,9 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Instant>) {
         self.clock = cx.shared.clock;
+        if let Some(credits) = cx.credits.credits() {
+            self.credits = credits.config;
+        }
         if self.config.announce_once && !self.has_announced && self.sampled.is_some() {
             self.has_announced = true;
             self.announcing = cx.shared.satellites;
@@ -546,8 +549,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         match event {
-            StackEvent::Begun(config) => {
-                self.credits = config.credits;
+            StackEvent::Begun(_) => {
                 self.config = HighLatencyConfig::DEFAULT;
                 self.last = HighLatencySample::UNKNOWN;
                 self.open = Window::new(Instant::ZERO);

@@ -127,7 +127,7 @@ impl LogServer {
 impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
     type Link = ();
     const VACANT: () = ();
-    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::LateBulk, Turn::Bulk]);
+    const ABOUT: About = About { turns: &[Turn::LateBulk, Turn::Bulk], holds: true, ..About::AUTOPILOT };
     type Reply = ();
     const NEW: Self = Self {
         transfer: Transfer::None,
@@ -155,7 +155,7 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
         if self.transfer == Transfer::None { Instant::NEVER } else { self.heard + SILENCE }
     }
 
-    fn on_frame(&mut self, cx: &mut Cx<'_, F>, _: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
+    fn on_frame(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
         let from = received.from;
         match received.frame.id() {
             LogRequestList::ID | LogRequestData::ID | LogRequestEnd::ID | LogErase::ID
@@ -164,6 +164,7 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
                 // It would erase the logs of every vehicle in range, or have all of them send.
                 return Handled::OutOfPlace;
             }
+            LogRequestList::ID | LogRequestData::ID if port.is_stalled() => return Handled::NoRoom,
             LogRequestList::ID | LogRequestData::ID => on_request(self, cx, received.frame, from),
             // MAVSDK sends it when it connects. It ends no transfer of another client (LOG-5).
             LogRequestEnd::ID if from == self.client => self.transfer = Transfer::None,
@@ -193,8 +194,10 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         match event {
-            // The client is gone.
-            StackEvent::Opened(port, ()) if self.client.link == port.id => self.transfer = Transfer::None,
+            // The client is gone, or gets no data.
+            StackEvent::Opened(port, ()) | StackEvent::Stalled(port, ()) if self.client.link == port.id => {
+                self.transfer = Transfer::None
+            }
             StackEvent::Heard { now, from } if from == self.client => self.heard = now,
             _ => {}
         }
