@@ -13,7 +13,7 @@ use super::persistent::{
 use super::restore_error::RestoreError;
 use crate::crc32::Crc32;
 use crate::service::Cx;
-use crate::service::param::{ParamInfo, ParamService, ParamTable, Parameters, Stored};
+use crate::service::param::{ParamInfo, ParamService, ParamTable, Parameters, Replaced, Stored};
 use crate::time::Instant;
 use crate::types::{Firmware, Vehicle};
 
@@ -69,13 +69,15 @@ where
     // Out of line: its locals stay off the call stack of the other contents.
     #[inline(never)]
     fn load(&mut self, cx: &mut Cx<'_, F>, page: LoadedPage<'_>) -> Result<(), DamagedContent> {
-        let now = cx.now;
-        let keeps_values = self.saving(cx.parameters, |saving| saving.keeps_values(now, page.is_first, page.is_retry));
+        let replaced = self.saving(cx.parameters, |saving| saving.replaced(page.is_retry));
+        if replaced == Replaced::Nothing {
+            return Ok(());
+        }
         // The rows and the parameters are sorted by name, so the search for a parameter usually ends at its first step.
         let mut search_from = 0;
         let rows: &[Row] = page.bytes.as_chunks().0.as_chunks().0;
         for row in rows {
-            search_from = load_row::<F>(self, cx, search_from, row, keeps_values);
+            search_from = load_row::<F>(self, cx, search_from, row, replaced == Replaced::Defaults);
         }
         Ok(())
     }

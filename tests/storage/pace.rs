@@ -424,7 +424,9 @@ fn a_refusal_is_reported_and_temporary() {
     let before = world.stack.parameters().get(Tuning::RTL_ALT);
     assert_eq!(command(&mut world, &mut store, 2.0), MavResult::TEMPORARILY_REJECTED);
     assert_eq!(world.stack.parameters().get(Tuning::RTL_ALT), before, "a reset that cannot be stored is refused");
-    assert_eq!(command(&mut world, &mut store, 0.0), MavResult::ACCEPTED, "reading takes no token");
+    // It takes no token, but the value is not stored yet.
+    assert_eq!(command(&mut world, &mut store, 0.0), MavResult::TEMPORARILY_REJECTED);
+    assert_eq!(world.stack.parameters().get(Tuning::RTL_ALT), before, "what was acknowledged is not taken back");
     world.gcs[0].send(&set("RTL_ALT", 101.0));
     store.run(&mut world, secs(30));
     let passes = world.sleep_for(secs(10));
@@ -435,6 +437,37 @@ fn a_refusal_is_reported_and_temporary() {
     world.stack.save_parameters(now);
     store.run(&mut world, secs(1));
     assert_eq!(store.records()[1], records + 1);
+}
+
+/// C-15: a stranger requests the stored values 20 times a second, also while the bucket is empty. 18 of 20 values that a client set, and
+/// that were acknowledged, were taken back; now none.
+#[test]
+fn read_takes_nothing_back() {
+    for is_empty in [false, true] {
+        let mut world = world(|config| config, millis(10));
+        let mut store = Store::new();
+        store.restore(&mut world);
+        let mut saves = if is_empty { 200 } else { 0 };
+        while saves > 0 {
+            world.gcs[0].send(&set("RTL_ALT", saves as f32 / 4.0));
+            command(&mut world, &mut store, 1.0);
+            saves -= 1;
+        }
+        let mut kept = 0;
+        for round in 0..20u16 {
+            let value = 1.0 + f32::from(round) / 2.0;
+            world.gcs[0].forget();
+            world.gcs[0].send(&set("CRUISE", value));
+            for _ in 0..20 {
+                world.gcs[1].command_long(MavCmd::PREFLIGHT_STORAGE, store_now(0.0));
+                store.run(&mut world, millis(50));
+            }
+            let acknowledged = world.gcs[0].all::<ParamValue>().into_iter().any(|(_, told)| told.param_value == value);
+            assert!(acknowledged, "{value}");
+            kept += usize::from(world.stack.parameters().get(Tuning::CRUISE) == value);
+        }
+        assert_eq!(kept, 20, "is the bucket empty: {is_empty}");
+    }
 }
 
 /// C-15: without storage, or with storage that does not wear, nothing is limited.

@@ -57,6 +57,21 @@ fn hash_covers_all_persistent_parameters() {
     }
 }
 
+/// P-20: a stranger sets a wrong hash while a list is sent. It ended the list, of which 1 of 9 values came; now all come.
+#[test]
+fn a_wrong_hash_ends_no_list() {
+    let mut world = World::new(radio());
+    world.gcs[0].send(&LIST);
+    while known(&world, 0).is_empty() {
+        world.run_for(millis(1));
+    }
+    let wrong = set("_HASH_CHECK", MavParamType::UINT32, 1.0);
+    let stranger = world.gcs[0].frame_from(OTHER_STATION, &wrong);
+    world.stack.receive(world.clock.now(), LinkId(0), &stranger, &mut world.vehicle);
+    world.run_for(secs(1));
+    assert_eq!(known(&world, 0).len(), COUNT);
+}
+
 /// P-12: a client requests missing values over a line that loses a third of all frames in each direction.
 #[test]
 fn every_value_is_received_over_a_lossy_line() {
@@ -296,8 +311,8 @@ mod stored {
         steps
     }
 
-    /// P-17: what was set is restored after a restart. MAV_CMD_PREFLIGHT_STORAGE 0 discards what is not stored yet, and a reset is
-    /// stored at once.
+    /// P-17, C-15: what was set is restored after a restart. MAV_CMD_PREFLIGHT_STORAGE 0 is refused while a value is not stored yet: it
+    /// was acknowledged. A reset is stored at once.
     #[test]
     fn parameters_survive_a_restart() {
         let mut flash = Flash::new(REGION);
@@ -315,9 +330,11 @@ mod stored {
         assert_eq!(start(&mut store).stack.parameters().get(Tuning::TRIM_ROLL), -16);
         world.gcs[0].command_long(MavCmd::PREFLIGHT_STORAGE, [0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         run(&mut world, &mut store, millis(100));
-        assert_eq!(world.gcs[0].take::<CommandAck>().expect("sent").1.result, MavResult::ACCEPTED);
-        assert_eq!(world.stack.parameters().get(Tuning::TRIM_ROLL), -16);
+        assert_eq!(world.gcs[0].take::<CommandAck>().expect("sent").1.result, MavResult::TEMPORARILY_REJECTED);
+        assert_eq!(world.stack.parameters().get(Tuning::TRIM_ROLL), 4);
         world.vehicle.may_persist = true;
+        run(&mut world, &mut store, millis(500));
+        assert_eq!(start(&mut store).stack.parameters().get(Tuning::TRIM_ROLL), 4);
         world.gcs[0].command_long(MavCmd::PREFLIGHT_STORAGE, [2.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         run(&mut world, &mut store, millis(100));
         assert_eq!(known(&world, 0)[&7].param_value.to_bits(), 0xFD);

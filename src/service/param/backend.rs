@@ -143,7 +143,9 @@ pub trait ParamBackend {
         denied(cx, "Parameters are not stored")
     }
 
-    /// Reads the stored values again: PREFLIGHT_STORAGE 0, only while disarmed. After ACCEPTED, the stack announces all values.
+    /// Reads the stored values again: PREFLIGHT_STORAGE 0, only while disarmed, and while the stack would let a peer store values. After
+    /// ACCEPTED, the stack announces all values. Do not take back values that a client has set: store them first, and return
+    /// TEMPORARILY_REJECTED until that is done (C-15).
     fn load_params(&mut self, cx: &mut Context<'_>) -> MavResult {
         denied(cx, "Parameters are not stored")
     }

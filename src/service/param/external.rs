@@ -209,7 +209,8 @@ where
             Err(refusal) => return Some(Verdict::Refused(refusal)),
         };
         let writes = matches!(action, StorageAction::Write | StorageAction::Reset { .. });
-        if writes && !self.bucket.has(cx.now, 1) {
+        // While the bucket is empty, values that the backend has acknowledged may be unsaved: they are not taken back (C-15).
+        if action != StorageAction::Nothing && !self.bucket.has(cx.now, 1) {
             return Some(Verdict::Refused(MavResult::TEMPORARILY_REJECTED.into()));
         }
         let (vehicle, mut context) = cx.hook();
@@ -242,7 +243,7 @@ where
         let options = options::<F::Vehicle>();
         if let ParamReply::Unrequested = reply {
             self.relisted = self.relisted.without(LinkMask::of(port.id));
-            list.begin(cx.now);
+            list.begin(cx.now, None);
         }
         self.with_table(cx.parameters, cx.vehicle, |table| match reply {
             ParamReply::Answer => table.send_answer(options, list, &mut port.outbox),

@@ -3,6 +3,7 @@
 
 use core::num::Saturating;
 
+use crate::message::Address;
 use crate::service::rate_limit::{RateLimit, cost};
 use crate::time::{Duration, Instant};
 
@@ -21,19 +22,35 @@ pub struct ParamList {
     /// The index of that value.
     next: Saturating<u16>,
     is_active: bool,
+    /// The client that has requested it, and whether no other has (P-20).
+    client: Address,
+    is_of_one: bool,
     /// Where the search for the next pending single value starts, so that each one has its turn (round robin).
     pub(super) search_from: Saturating<u16>,
 }
 
 impl ParamList {
-    pub(crate) const NEW: Self =
-        Self { limit: RateLimit::NEW, next: Saturating(0), is_active: false, search_from: Saturating(0) };
+    pub(crate) const NEW: Self = Self {
+        limit: RateLimit::NEW,
+        next: Saturating(0),
+        is_active: false,
+        client: Address::new(0, 0),
+        is_of_one: false,
+        search_from: Saturating(0),
+    };
 
-    /// Starts or restarts the list (P-10).
-    pub(super) fn begin(&mut self, now: Instant) {
+    /// Starts or restarts the list, for a client or for all (P-10).
+    pub(super) fn begin(&mut self, now: Instant, client: Option<Address>) {
         self.next = Saturating(0);
         self.limit.begin(now);
-        self.is_active = true;
+        let was_active = core::mem::replace(&mut self.is_active, true);
+        self.is_of_one = client.is_some_and(|client| !was_active || self.is_only_for(client));
+        self.client = client.unwrap_or(self.client);
+    }
+
+    /// Whether this client alone waits for the list (P-20).
+    pub(super) fn is_only_for(&self, client: Address) -> bool {
+        self.is_of_one && self.client == client
     }
 
     /// Ends the list.

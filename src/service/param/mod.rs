@@ -44,6 +44,8 @@ pub use external::ExternalService;
 pub use info::{MAX_PARAMS, ParamFault, ParamInfo};
 pub use row::{Checked, Row, is_in_order, position};
 pub use runtime::RuntimeTable;
+#[cfg(feature = "storage")]
+pub(crate) use saving::Replaced;
 pub use service::ParamService;
 #[cfg(feature = "storage")]
 pub(crate) use table::Stored;

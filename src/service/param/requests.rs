@@ -60,7 +60,7 @@ impl<R: Rows> Table<'_, R> {
             _ => {
                 // A client that restarts a list has ignored the hash, so it gets none (P-10).
                 let is_restart = list.is_active();
-                list.begin(client.now);
+                list.begin(client.now, Some(client.from.address));
                 if !is_restart && client.options.hash == ParamHash::InList {
                     self.queue_hash(client.from.link);
                 }
@@ -107,11 +107,12 @@ impl<R: Rows> Table<'_, R> {
         }
         let name = wire_name(&set.param_id);
         if client.options.is_name_of_hash(&name) {
-            // The client sets the hash to say that it has all values. So the list and the hash are no longer needed.
-            // They are not answered with the hash: QGroundControl would take the answer for a new hash, and set the
-            // hash again.
-            list.end();
-            self.cancel_hash(client.from.link);
+            // The client sets the hash to say that it has all values, so it needs no list. It gets no answer: QGroundControl
+            // would take the answer for a new hash, and set the hash again. A wrong hash, or one from another client, must
+            // not end the list.
+            if self.has_hash(set.param_value.to_bits()) && list.is_only_for(client.from.address) {
+                list.end();
+            }
             return ParamRequest::Handled(Handled::Yes);
         }
         if !self.state.refusals.has_room(client.from.link) {
@@ -155,6 +156,12 @@ impl<R: Rows> Table<'_, R> {
         self.queue_value(index, client.normal_links);
     }
 
+    /// Returns whether this is the hash, as it was last computed.
+    fn has_hash(&self, hash: u32) -> bool {
+        let state = &*self.state;
+        state.hash.is_ready(&self.rows) && state.hash.sum(&self.rows) == hash
+    }
+
     /// Queues the hash on a client's link. Computes the hash again, unless its computation is in progress for a link. A
     /// hash that was computed earlier may be outdated, and may still be pending on a stalled link.
     fn queue_hash(&mut self, link: LinkId) {
@@ -164,11 +171,6 @@ impl<R: Rows> Table<'_, R> {
             state.hash = Hash::NEW;
         }
         state.hash_pending = state.hash_pending.with(LinkMask::of(link));
-    }
-
-    /// Cancels the pending hash of a client's link.
-    fn cancel_hash(&mut self, link: LinkId) {
-        self.state.hash_pending = self.state.hash_pending.without(LinkMask::of(link));
     }
 
     /// Queues a PARAM_ERROR. Returns [`Handled::NoRoom`] if there is no slot for it: then the request has no effect.

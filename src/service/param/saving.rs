@@ -12,6 +12,16 @@ const COLLECT: Duration = Duration::from_secs(1);
 /// Minimum time from the end of a write, or from a failure, to the next write.
 const COOLDOWN: Duration = Duration::from_secs(10);
 
+/// What a page of stored values replaces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Replaced {
+    /// All values.
+    All,
+    /// The values that are still defaults.
+    Defaults,
+    Nothing,
+}
+
 /// Whether the table must be written or loaded, and when.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Saving {
@@ -20,14 +30,21 @@ pub(crate) struct Saving {
     has_changed: bool,
     /// Whether the stored values must be loaded again.
     pub(crate) is_reload_requested: bool,
+    /// Whether a value that is stored has changed since then.
+    is_overtaken: bool,
     /// Whether the stored values were not loaded yet.
     is_unloaded: bool,
 }
 
 #[cfg_attr(not(feature = "storage"), allow(dead_code, reason = "its tests are the service's own"))]
 impl Saving {
-    pub(super) const NEW: Self =
-        Self { schedule: WriteSchedule::NEW, has_changed: false, is_reload_requested: false, is_unloaded: false };
+    pub(super) const NEW: Self = Self {
+        schedule: WriteSchedule::NEW,
+        has_changed: false,
+        is_reload_requested: false,
+        is_overtaken: false,
+        is_unloaded: false,
+    };
 
     /// Records that storage is attached.
     pub(super) const fn attach(&mut self) {
@@ -35,23 +52,34 @@ impl Saving {
         self.schedule.stored_differs = false;
     }
 
-    /// Returns whether a page keeps values that are no defaults: after an earlier attempt failed, or if a value was set
-    /// since storage was attached. If the operator requests the stored values, they replace values that were set before
-    /// the first page. Those are still written if the stored values cannot be read.
-    pub(crate) fn keeps_values(&mut self, now: Instant, is_first: bool, is_retry: bool) -> bool {
-        if self.is_reload_requested {
-            if is_first {
-                self.notice(now);
-                self.has_changed = false;
-            }
-            return false;
+    /// Requests that the stored values are loaded again. Refuses while a value is not stored yet, because a value that was
+    /// acknowledged must not be taken back (C-15). Makes the write of that value due now if the token bucket permits it.
+    /// Returns whether the request is granted.
+    pub(super) fn request_reload(&mut self, now: Instant) -> bool {
+        let is_unsaved = self.has_changed || self.schedule.is_pending();
+        if !is_unsaved {
+            (self.is_reload_requested, self.is_overtaken) = (true, false);
+        } else if !self.is_rate_limited(now, false) {
+            self.write_now(now);
         }
-        is_retry || self.is_unloaded && self.has_changed
+        !is_unsaved
+    }
+
+    /// Returns which values a page of stored values replaces. It replaces only defaults after an earlier attempt failed, or
+    /// if a value was set since storage was attached.
+    pub(crate) const fn replaced(&self, is_retry: bool) -> Replaced {
+        match (self.is_reload_requested, self.is_overtaken) {
+            (true, false) => Replaced::All,
+            // All values were stored when they were requested, so those that differ now were set since.
+            (true, true) if !is_retry => Replaced::Nothing,
+            _ if is_retry || self.is_unloaded && self.has_changed => Replaced::Defaults,
+            _ => Replaced::All,
+        }
     }
 
     /// Records that the table has other values than storage.
     pub(super) const fn set_changed(&mut self) {
-        self.has_changed = true;
+        (self.has_changed, self.is_overtaken) = (true, true);
     }
 
     /// Records that the stored values were loaded. Values that were set meanwhile count as changed again. If they could

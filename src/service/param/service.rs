@@ -146,7 +146,12 @@ where
         }
         match action {
             StorageAction::Nothing => {}
-            StorageAction::Read => self.saving(cx.parameters, |saving| saving.is_reload_requested = true),
+            StorageAction::Read => {
+                let now = cx.now;
+                if !self.saving(cx.parameters, |saving| saving.request_reload(now)) {
+                    return Some(Verdict::Refused(MavResult::TEMPORARILY_REJECTED.into()));
+                }
+            }
             StorageAction::Write => self.write_now(cx.now, cx.parameters),
             StorageAction::Reset { all } => {
                 for index in 0..count {

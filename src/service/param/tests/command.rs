@@ -201,11 +201,12 @@ fn the_stored_values_are_loaded_again() {
     let (_, stored) = bench.table.table_mut().stored(1).expect("exists");
     bench.set_byte(9);
     bench.drain();
+    assert!(bench.begins().is_some());
+    bench.params.on_saved(bench.now, &mut bench.table);
     assert_eq!(bench.command([0.0, -1.0, 0.0, 0.0]), ACCEPTED);
     assert!(bench.params.is_reload_requested(&mut bench.table));
-    let now = bench.now;
-    let begin = |saving: &mut Saving| saving.keeps_values(now, true, false);
-    assert!(!bench.params.saving(&mut bench.table, begin));
+    let replaced = |saving: &mut Saving| saving.replaced(false);
+    assert_eq!(bench.params.saving(&mut bench.table, replaced), Replaced::All);
     let (params, mut cx, _) = bench.parts();
     params.load(&mut cx, 1, &stored, false);
     bench.params.saving(&mut bench.table, |saving| saving.loaded(true));
@@ -213,4 +214,22 @@ fn the_stored_values_are_loaded_again() {
     let value = bench.value(1);
     assert_eq!(bench.drain(), [vec![value.clone()], vec![value]]);
     assert_eq!(bench.vehicle.changed, [(1, 9), (1, 7)]);
+}
+
+/// C-15: a request for the stored values takes back no value that was acknowledged: it is refused while one is not stored, which is then
+/// written at once. What is set between the request and reading stays.
+#[test]
+fn a_reload_takes_nothing_back() {
+    let mut bench = with_storage();
+    bench.set_byte(9);
+    assert_eq!(bench.command([0.0, -1.0, 0.0, 0.0]), Some(MavResult::TEMPORARILY_REJECTED));
+    assert!(!bench.params.is_reload_requested(&mut bench.table) && bench.is_due());
+    assert_eq!(bench.command([0.0, -1.0, 0.0, 0.0]), Some(MavResult::TEMPORARILY_REJECTED), "it is being written");
+    bench.params.on_saved(bench.now, &mut bench.table);
+    assert_eq!(bench.command([0.0, -1.0, 0.0, 0.0]), ACCEPTED);
+    bench.set_byte(10);
+    let mut replaced = |is_late| bench.params.saving(&mut bench.table, |saving| saving.replaced(is_late));
+    assert_eq!([replaced(false), replaced(true)], [Replaced::Nothing, Replaced::Defaults]);
+    bench.params.saving(&mut bench.table, |saving| saving.loaded(true));
+    assert!(bench.begins().is_some(), "it is stored later");
 }

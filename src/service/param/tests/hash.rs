@@ -88,18 +88,51 @@ fn a_list_has_no_hash_by_default() {
 }
 
 /// P-20: a client that has the values sets the hash, which ends the list on its link. If the hash were sent again, QGroundControl
-/// would set it forever.
+/// would set it forever. Before the hash is computed, no value is right.
 #[test]
 fn setting_the_hash_ends_the_list() {
-    for before in [0, 40] {
+    for (before, rest) in [(0, usize::from(COUNT) + 1), (40, 0)] {
         let mut bench = new();
         bench.send(A, &LIST);
         bench.send(B, &LIST);
         bench.run(0, before);
         let bits = reference(&mut bench);
         assert_eq!(bench.send(A, &set("_HASH_CHECK", MavParamType::UINT32, bits)), Handled::Yes);
-        assert_eq!(bench.run(0, 100), []);
+        assert_eq!(bench.run(0, 1_000).len(), rest);
         assert_eq!(bench.run(1, 1_000).len(), usize::from(COUNT) + 1);
+    }
+}
+
+/// P-20: a wrong hash, or one of a client that has not requested the list or is not the only one that has, ends no list.
+#[test]
+fn a_list_ends_only_for_its_one_client() {
+    let other = Peer { address: Address::new(253, 190), ..A };
+    for (clients, sender, flips, is_ended) in [
+        (&[A][..], A, 0, true),
+        (&[A, A], A, 0, true),
+        (&[A], A, 1, false),
+        (&[A], A, 1 << 31, false),
+        (&[A], other, 0, false),
+        (&[A, other], A, 0, false),
+        (&[A, other, A], A, 0, false),
+        (&[other, A], A, 0, false),
+    ] {
+        let mut bench = new();
+        bench.send(clients[0], &LIST);
+        assert_eq!(bench.run(0, 40).len(), 4, "the hash and three values");
+        for client in &clients[1..] {
+            bench.send(*client, &LIST);
+        }
+        let bits = reference(&mut bench) ^ flips;
+        assert_eq!(bench.send(sender, &set("_HASH_CHECK", MavParamType::UINT32, bits)), Handled::Yes);
+        let values = if clients.len() == 1 { COUNT - 3 } else { COUNT };
+        let rest = if is_ended { 0 } else { usize::from(values) };
+        assert_eq!(bench.run(0, 1_000).len(), rest, "{clients:?}, {sender:?}, {flips:x}");
+        // The next list has an owner again.
+        bench.send(A, &LIST);
+        bench.run(0, 40);
+        bench.send(A, &set("_HASH_CHECK", MavParamType::UINT32, bits ^ flips));
+        assert_eq!(bench.run(0, 1_000), []);
     }
 }
 

@@ -13,7 +13,7 @@ use std::vec;
 use std::vec::Vec;
 
 use super::list::ParamList;
-use super::saving::Saving;
+use super::saving::{Replaced, Saving};
 use super::value::{self, ParamEncoding, ParamType};
 use super::{ParamChange, ParamHash, ParamInfo, ParamService, ParamTable, Parameters};
 use crate::dialect::{
