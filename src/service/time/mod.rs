@@ -80,7 +80,17 @@ struct Source {
     sender: Sender,
     /// A component of our own system, or verified by its signature.
     is_preferred: bool,
-    answered: Instant,
+    /// Until when others are not the source, unless they are preferred.
+    kept_until: Instant,
+}
+
+impl Source {
+    /// No peer. All zero bits, unlike the `None` of an `Option`, which is a value that `Trust` does not have.
+    const NONE: Self = Self {
+        sender: Sender { peer: Peer { address: Address::new(0, 0), link: LinkId(0) }, trust: Trust::None },
+        is_preferred: false,
+        kept_until: Instant::ZERO,
+    };
 }
 
 /// How long a peer that does not answer keeps others from being the source (T-2).
@@ -117,8 +127,7 @@ const SOURCE_TIMEOUT: Duration = Duration::from_secs(10);
 #[derive(Clone, Debug)]
 pub struct Time {
     sample: Option<TimeSample>,
-    /// The peer whose clock is measured, and when it answered last.
-    source: Option<Source>,
+    source: Source,
     /// Links on which the vehicle's own request is pending.
     asks: LinkMask,
 }
@@ -172,14 +181,11 @@ impl Time {
             return;
         }
         let is_preferred = sender.trust == Trust::Signed || sender.peer.address.system == own;
-        if let Some(source) = self.source
-            && !source.sender.is_repeated_by(sender)
-            && now - source.answered < SOURCE_TIMEOUT
-            && (source.is_preferred || !is_preferred)
-        {
+        let is_kept = now < self.source.kept_until && (self.source.is_preferred || !is_preferred);
+        if is_kept && !self.source.sender.is_repeated_by(sender) {
             return;
         }
-        self.source = Some(Source { sender, is_preferred, answered: now });
+        self.source = Source { sender, is_preferred, kept_until: now + SOURCE_TIMEOUT };
         let from = sender.peer;
         let asked = Wrapping(link.asked);
         let round_trip = Wrapping(nanos(now)) - asked;
@@ -225,7 +231,7 @@ fn nanos(now: Instant) -> i64 {
 }
 
 impl<F: Firmware> Service<F> for Time {
-    const NEW: Self = Self { sample: None, source: None, asks: LinkMask::NONE };
+    const NEW: Self = Self { sample: None, source: Source::NONE, asks: LinkMask::NONE };
     type Link = TimeLink;
     const VACANT: TimeLink = TimeLink {
         requests: [TimeRequest { kind: Kind::None, from: Address::new(0, 0), seq: 0, time: 0 }; REQUESTS],
