@@ -4,7 +4,9 @@
 //! port from which the station sends. The network itself is left out: a [`DatagramSocket`] connects this module to
 //! smoltcp, embassy-net, or `std`.
 
+use crate::dialect::CommandLong;
 use crate::frame::{STX_V1, STX_V2, cost_of_sending};
+use crate::message::Message;
 use crate::stack::{Declares, Stack};
 use crate::time::{Duration, Instant};
 use crate::types::{Allowance, LinkId};
@@ -456,7 +458,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     ) {
         if let Some(&link) = udp.links.get(index)
             && self.has_accepted_again(link)
-            && udp.accept(now, index, self.is_open(link))
+            && udp.accept(now, index, self.accepts_unsigned(link, CommandLong::ID))
         {
             self.greet(link);
         }

@@ -3,10 +3,8 @@
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 
 use super::{Declares, NOT_FILLED, Stack};
-use crate::dialect::CommandLong;
 use crate::frame::cost_of_sending;
 use crate::link::{Accepted, Link, LinkCounters, LinkError, Transport};
-use crate::message::Message;
 use crate::service::command::CommandService;
 use crate::service::{SigningGate, increment};
 use crate::time::Instant;
@@ -208,10 +206,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         has_accepted
     }
 
-    /// Whether anyone may send commands on a link: an address proves nothing there.
-    pub(crate) fn is_open(&self, link: LinkId) -> bool {
+    /// Whether a link accepts an unsigned frame with this id: an address proves nothing there.
+    pub(crate) fn accepts_unsigned(&self, link: LinkId, id: u32) -> bool {
         let port = self.links.get(usize::from(link.0)).map(|link| &link.port);
-        port.is_some_and(|port| self.services.signing.accepts_unsigned(port, CommandLong::ID))
+        port.is_some_and(|port| self.services.signing.accepts_unsigned(port, id))
     }
 
     /// Has the next frame of a link be a HEARTBEAT, or any. Returns false if it may send none: it waits for a HEARTBEAT, which
