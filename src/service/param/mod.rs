@@ -24,6 +24,7 @@ mod packed;
 mod refusals;
 mod replies;
 mod requests;
+mod reset;
 mod row;
 mod runtime;
 mod saving;
