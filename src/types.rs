@@ -37,7 +37,7 @@ pub use faults::HookFaults;
 pub use firmware::{Firmware, Values};
 pub use identity::Identity;
 pub use link::{LinkClass, LinkConfig, LinkId, MAX_LINKS, Peer, StreamProfile, TxVersion};
-pub(crate) use link::{LinkFacts, LinkMask};
+pub(crate) use link::{LinkFacts, LinkMask, Progress};
 pub(crate) use observed::ObservedVehicle;
 pub use plans::{MAX_ITEMS, NoPlans, PlanBuffers, PlanMemory, PlanMemoryOf, PlanType, PlanView, PlansMut, largest};
 pub(crate) use plans::{NO_ITEM, UploadStep};

@@ -17,7 +17,7 @@ use crate::log::DropLog;
 use crate::log::increment;
 use crate::message::{ComponentId, Message};
 use crate::time::{Duration, Instant};
-use crate::types::{Config, Firmware, LinkClass, LinkConfig, LinkFacts, LinkId, TxVersion};
+use crate::types::{Config, Firmware, LinkClass, LinkConfig, LinkFacts, LinkId, Progress, TxVersion};
 
 counters! {
     /// Counters of sent and dropped frames on a link. They wrap. [`RxCounters`](crate::frame::RxCounters) counts the
@@ -118,7 +118,6 @@ pub struct Port {
     /// Until when frames wait for a HEARTBEAT, which is the first one on a link that opens (H-17): [`Instant::ZERO`] if they
     /// do not, [`Instant::NEVER`] until the link is asked for a frame.
     held_until: Instant,
-    progress: Progress,
     /// Drop counters, as last logged.
     #[cfg(feature = "defmt")]
     pub(crate) drops: DropLog,
@@ -162,18 +161,6 @@ pub(crate) enum Accepted {
     Again,
 }
 
-/// When polls have last seen that a link takes bytes, or has none to send. In 16 bits each: both are compared with values of the
-/// last ten seconds.
-#[derive(Clone, Debug)]
-struct Progress {
-    /// The counter of the sent bytes.
-    sent: u16,
-    /// The time, in units of 65.536 ms.
-    at: Wrapping<u16>,
-    /// It has taken no byte for ten seconds.
-    is_stalled: bool,
-}
-
 /// Whether a transport takes bytes, as far as that is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Transport {
@@ -202,7 +189,6 @@ impl Link {
             transport: Transport::Unknown,
             retry_at: Instant::ZERO,
             held_until: Instant::ZERO,
-            progress: Progress { sent: 0, at: Wrapping(0), is_stalled: false },
             #[cfg(feature = "defmt")]
             drops: DropLog::NEW,
         },
@@ -279,23 +265,24 @@ impl Port {
     /// Whether the link has had something to send for ten seconds and has taken no byte, as of the last poll: its peers get
     /// nothing that others wait for.
     pub(crate) const fn is_stalled(&self) -> bool {
-        self.progress.is_stalled
+        self.facts.progress.is_stalled
     }
 
     /// Whether the link [is stalled](Self::is_stalled) from now on. Called in each poll.
     pub(crate) fn has_stalled(&mut self, now: Instant) -> bool {
-        const STALL: Wrapping<u16> = Wrapping(153);
-        let [s0, s1, ..] = self.counters.tx_bytes.to_le_bytes();
-        let [t0, t1, ..] = (now.coarse() >> 6).to_le_bytes();
-        let (sent, at) = (u16::from_le_bytes([s0, s1]), Wrapping(u16::from_le_bytes([t0, t1])));
+        /// Ten seconds.
+        const STALL: Wrapping<u8> = Wrapping(39);
+        let [sent, ..] = self.counters.tx_bytes.to_le_bytes();
+        let [_, at, ..] = now.coarse().to_le_bytes();
+        let at = Wrapping(at);
         let has_failed = self.retry_at > now;
         let is_waiting = has_failed || self.transport == Transport::Full || !self.outbox.is_empty();
-        let is_stuck = is_waiting && sent == self.progress.sent;
+        let is_stuck = is_waiting && sent == self.facts.progress.sent;
         if !is_stuck {
-            self.progress = Progress { sent, at, is_stalled: false };
+            self.facts.progress = Progress { sent, at, is_stalled: false };
         }
-        let is_late = !self.progress.is_stalled && at - self.progress.at >= STALL;
-        self.progress.is_stalled |= is_late;
+        let is_late = !self.facts.progress.is_stalled && at - self.facts.progress.at >= STALL;
+        self.facts.progress.is_stalled |= is_late;
         is_late
     }
 

@@ -1,5 +1,7 @@
 //! The configuration of links: numbers, classes, rates.
 
+use core::num::Wrapping;
+
 #[cfg(feature = "signing")]
 use super::signing::{Accept, LinkSigning};
 use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, Heartbeat, HighLatency2};
@@ -245,6 +247,18 @@ pub enum StreamProfile {
     Off,
 }
 
+/// When polls have last seen that a link takes bytes, or has none to send. In a byte each: both are compared with values of the
+/// last ten seconds, in each poll.
+#[derive(Clone, Debug)]
+pub(crate) struct Progress {
+    /// The counter of the sent bytes.
+    pub(crate) sent: u8,
+    /// The time, in units of 262.144 ms.
+    pub(crate) at: Wrapping<u8>,
+    /// It has taken no byte for ten seconds.
+    pub(crate) is_stalled: bool,
+}
+
 /// Facts that services on one link share, without naming each other.
 #[derive(Clone, Debug)]
 pub(crate) struct LinkFacts {
@@ -257,12 +271,19 @@ pub(crate) struct LinkFacts {
     pub(crate) own_was_last: bool,
     /// Until when a client on the link is busy with a transfer that streams are slowed for (F-11).
     pub(crate) transferring_until: Instant,
+    /// Whether the link takes bytes.
+    pub(crate) progress: Progress,
 }
 
 impl LinkFacts {
     /// All zero bits.
-    pub(crate) const NONE: Self =
-        Self { is_sign_of_life_due: false, periods: 0, own_was_last: false, transferring_until: Instant::ZERO };
+    pub(crate) const NONE: Self = Self {
+        is_sign_of_life_due: false,
+        periods: 0,
+        own_was_last: false,
+        transferring_until: Instant::ZERO,
+        progress: Progress { sent: 0, at: Wrapping(0), is_stalled: false },
+    };
 }
 
 /// The maximum number of links of a stack.
