@@ -19,6 +19,14 @@ pub(crate) enum Pace {
     Idle,
 }
 
+impl Pace {
+    /// Whether a turn of this pace may send on a link of pace `most`.
+    #[allow(clippy::as_conversions, reason = "const fn: the comparison of the enum cannot be called")]
+    pub(crate) const fn is_at_most(self, most: Self) -> bool {
+        self as u8 <= most as u8
+    }
+}
+
 /// The bucket. It counts in byte·µs, so that draining needs no division.
 #[derive(Clone, Debug)]
 pub(crate) struct Bucket {

@@ -5,11 +5,13 @@
 
 mod bucket;
 mod outbox;
+mod shares;
 
 use core::num::{Saturating, Wrapping};
 
 pub(crate) use bucket::{Bucket, Pace};
 pub(crate) use outbox::Outbox;
+pub(crate) use shares::{Shares, Traffic};
 
 use crate::frame::{Decoder, Version};
 #[cfg(feature = "defmt")]
@@ -103,6 +105,7 @@ pub struct Port {
     pub(crate) config: LinkConfig,
     pub(crate) outbox: Outbox,
     pub(crate) bucket: Bucket,
+    pub(crate) shares: Shares,
     pub(crate) counters: LinkCounters,
     /// The number of frames with our address that are not echoes. At [`CONFLICT`](Self::CONFLICT) the vehicle reports a
     /// conflict (H-14).
@@ -182,6 +185,7 @@ impl Link {
             config: LinkConfig::VACANT,
             outbox: Outbox::VACANT,
             bucket: Bucket::VACANT,
+            shares: Shares::NEW,
             counters: LinkCounters::ZERO,
             strangers: Saturating(0),
             accepted: Accepted::Nothing,

@@ -30,7 +30,7 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
     #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, (): &(), turn: Turn) -> Option<(Instant, ())> {
         let is_turn = match turn {
-            Turn::ForwardedFirst => port.facts.own_was_last,
+            Turn::ForwardedFirst => port.shares.forwarded_first(),
             _ => true,
         };
         (is_turn && self.queued.contains(port.id)).then_some((view.now, ()))
@@ -43,7 +43,6 @@ impl<F: Firmware, const LINKS: usize, const BYTES: usize, const SEEN: usize> Ser
         if queues.is_empty(port.id) {
             self.queued = self.queued.without(LinkMask::of(port.id));
         }
-        port.facts.own_was_last &= !sent;
         sent
     }
 

@@ -6,7 +6,7 @@
 //! (P-11), and so has the bulk data of files, logs and log streaming, which high-latency links do not carry (F-8, F-11,
 //! LOG-8, LOG-14).
 
-use crate::link::Pace;
+use crate::link::{Pace, Traffic};
 use crate::types::LinkClass;
 
 /// Passes the ordered list of turns to a macro. Each turn has its service, its pace, the class of link that has it, the
@@ -43,7 +43,7 @@ macro_rules! turns {
             ExtParam ext_parameters Room Normal "PARAM_EXT_ACK, PARAM_EXT_VALUE" "while the link has room; values at 40 % of its rate";
             LateParamList param Room Normal "the list of all parameters" "while the link has room, if its next value has waited for 20 ms";
             LateBulk bulk Room Normal "FILE_TRANSFER_PROTOCOL with data; LOG_ENTRY, LOG_DATA; LOGGING_DATA_ACKED, LOGGING_DATA" "while the link has room, if they are 20 ms behind their 30 % of its rate";
-            ForwardedFirst forwarding Idle Normal "a forwarded frame" "while the link is idle, if a stream was last";
+            ForwardedFirst forwarding Idle Normal "a forwarded frame" "while the link is idle, if streams have had more of it";
             GimbalStatus gimbal_manager Idle Normal "GIMBAL_MANAGER_STATUS" "while the link is idle";
             GimbalAttitude gimbal_device Idle Normal "GIMBAL_DEVICE_ATTITUDE_STATUS" "while the link is idle";
             Stream stream Idle Normal "streams" "while the link is idle";
@@ -90,6 +90,41 @@ macro_rules! define {
             /// Returns how busy the link may be.
             pub(crate) const fn pace(self) -> Pace {
                 match self { $(Self::$turn => Pace::$pace,)* }
+            }
+
+            /// Returns the turns that a link of this class has when it is so busy, a bit each.
+            pub(crate) const fn allowed(class: LinkClass, pace: Pace) -> u64 {
+                let mut bits = 0;
+                $(if Self::$turn.is_on(class) && Self::$turn.pace().is_at_most(pace) {
+                    bits |= Self::$turn.bit();
+                })*
+                bits
+            }
+
+            /// The turns of streams and forwarded frames, a bit each.
+            pub(crate) const STREAMS: u64 = {
+                let mut bits = 0;
+                $(if Self::$turn.is_stream() {
+                    bits |= Self::$turn.bit();
+                })*
+                bits
+            };
+
+            /// Whether it sends streams or forwarded frames, which have at least half of a busy link together.
+            pub(crate) const fn is_stream(self) -> bool {
+                matches!(self.traffic(), Traffic::Stream | Traffic::Forwarded)
+            }
+
+            /// Returns the kind of its traffic, as the link's rate is shared.
+            pub(crate) const fn traffic(self) -> Traffic {
+                match self {
+                    Self::Stream | Self::Report | Self::GimbalStatus | Self::GimbalAttitude => Traffic::Stream,
+                    Self::ForwardedFirst | Self::Forwarded => Traffic::Forwarded,
+                    Self::MissionTransfer | Self::LateParamList | Self::ParamList | Self::LateBulk | Self::Bulk => {
+                        Traffic::Transfer
+                    }
+                    _ => Traffic::Answer,
+                }
             }
 
             /// Whether it sends signs of life: they stop with the flight loop, and in a fault (H-5).

@@ -354,6 +354,7 @@ macro_rules! ask {
                     look(Turn::$turn, due, is_sent);
                     if is_sent {
                         port.release();
+                        port.shares.note(Turn::$turn.traffic(), port.outbox.len());
                         services.signing.sign(now, port);
                         services.on_sent(port, state);
                         return true;

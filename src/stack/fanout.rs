@@ -3,7 +3,7 @@
 use super::Declares;
 use super::services::{Services, States};
 use crate::dialect::{MavCmd, MavResult};
-use crate::link::{Link, Pace, Port, Transport};
+use crate::link::{Link, Pace, Port, Shares, Transport};
 use crate::message::{ComponentId, SystemId};
 use crate::service::ShowCounters;
 use crate::service::{
@@ -424,15 +424,38 @@ impl<D: Declares> Services<D> {
 macro_rules! send {
     ($($turn:ident $service:ident $pace:ident $class:ident $messages:literal $when:literal;)*) => {
         impl<D: Declares> Services<D> {
-            /// Puts the next frame into the link's empty outbox: the first turn with something to send sends it (D-4).
+            /// Puts the next frame into the link's empty outbox: the first turn with something to send sends it (D-4). On a busy
+            /// link, the turns of streams come first when these are behind their half of it.
             pub(super) fn send(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, states: &mut States<D>) -> bool {
                 let class = port.config.class;
                 let pace = if port.is_held() { Pace::Stalled } else { port.bucket.pace() };
-                false $(|| (
-                    Turn::$turn.is_on(class)
-                        && Turn::$turn.pace() <= pace
-                        && self.offer(cx, port, states, Turn::$turn)
-                ))*
+                let (mut turns, mut rest) = (Turn::allowed(class, pace), 0);
+                if Self::HAS_STREAMS && pace >= Pace::Room && port.shares.streams_first() {
+                    let first = Turn::allowed(class, Pace::AtOnce) | Turn::allowed(class, Pace::Idle) & Turn::STREAMS;
+                    (turns, rest) = (first, turns & !first);
+                }
+                while turns != 0 {
+                    let mut sent = Turn::Heartbeat;
+                    if false $(|| (
+                        turns & Turn::$turn.bit() != 0
+                            && self.offer(cx, port, states, Turn::$turn)
+                            && {
+                                sent = Turn::$turn;
+                                true
+                            }
+                    ))* {
+                        if Self::HAS_STREAMS {
+                            port.shares.note(sent.traffic(), port.outbox.len());
+                        }
+                        return true;
+                    }
+                    turns = core::mem::take(&mut rest);
+                }
+                if Self::HAS_STREAMS && pace == Pace::Idle {
+                    // Nothing waits, so nobody is behind.
+                    port.shares = Shares::NEW;
+                }
+                false
             }
 
             /// Returns when the link has something to send, as far as its transport accepts bytes.
@@ -448,6 +471,7 @@ macro_rules! send {
                     transport => transport == Transport::Full,
                 };
                 let (class, ready_at, idle_at) = (port.config.class, port.bucket.ready_at(), port.bucket.idle_at());
+                let stream_at = if Self::HAS_STREAMS && port.shares.streams_first() { ready_at } else { idle_at };
                 let mut due = match is_held {
                     true => port.held_until(),
                     // It was cut off, and is sent again.
@@ -459,6 +483,7 @@ macro_rules! send {
                     due = due.min(at.max(match Turn::$turn.pace() {
                         Pace::Stalled | Pace::AtOnce => Instant::ZERO,
                         Pace::Room => ready_at,
+                        Pace::Idle if Turn::$turn.is_stream() => stream_at,
                         Pace::Idle => idle_at,
                     }));
                 })*

@@ -8,14 +8,14 @@ use crate::service::identity::Identification;
 use crate::service::statustext::Texts;
 use crate::service::{About, Look, LookAll, RateLimit, Service, ServiceList, Turn, Visit, VisitAll};
 
-/// Whether one of these services sends bulk data.
-const fn has_bulk(services: &[About]) -> bool {
-    let (mut has_bulk, mut services) = (false, services);
+/// Returns the turns of these services, a bit each.
+const fn turns_of(services: &[About]) -> u64 {
+    let (mut turns, mut services) = (0, services);
     while let [about, rest @ ..] = services {
-        has_bulk |= Turn::bits(about.turns) & Turn::Bulk.bit() != 0;
+        turns |= Turn::bits(about.turns);
         services = rest;
     }
-    has_bulk
+    turns
 }
 
 /// Whether peers of one of these services hold what others wait for.
@@ -59,8 +59,14 @@ macro_rules! define {
         impl<D: Declares> Services<D> {
             pub(crate) const NEW: Self = Self { own: <D::Services as ServiceList<D>>::NEW, $($name: <$service as Service<D>>::NEW,)* };
 
+            /// The turns of all services.
+            const TURNS: u64 = turns_of(<D::Services as ServiceList<D>>::ABOUT) | turns_of(&[$(<$service as Service<D>>::ABOUT),*]);
+
             /// Whether a service sends bulk data.
-            pub(super) const HAS_BULK: bool = has_bulk(<D::Services as ServiceList<D>>::ABOUT) || has_bulk(&[$(<$service as Service<D>>::ABOUT),*]);
+            pub(super) const HAS_BULK: bool = Self::TURNS & Turn::Bulk.bit() != 0;
+
+            /// Whether a service sends streams or forwards frames.
+            pub(super) const HAS_STREAMS: bool = Self::TURNS & Turn::STREAMS != 0;
 
             /// Whether peers of a service hold what others wait for.
             pub(super) const HOLDS: bool = holds(<D::Services as ServiceList<D>>::ABOUT) || holds(&[$(<$service as Service<D>>::ABOUT),*]);

@@ -266,9 +266,6 @@ pub(crate) struct LinkFacts {
     pub(crate) is_sign_of_life_due: bool,
     /// The number of periods that have begun with a scheduled sign of life. Wraps.
     pub(crate) periods: u8,
-    /// Whether the last frame that was sent while the link was idle was the vehicle's own. The next one is then a
-    /// forwarded frame, if there is one.
-    pub(crate) own_was_last: bool,
     /// Until when a client on the link is busy with a transfer that streams are slowed for (F-11).
     pub(crate) transferring_until: Instant,
     /// Whether the link takes bytes.
@@ -280,7 +277,6 @@ impl LinkFacts {
     pub(crate) const NONE: Self = Self {
         is_sign_of_life_due: false,
         periods: 0,
-        own_was_last: false,
         transferring_until: Instant::ZERO,
         progress: Progress { sent: 0, at: Wrapping(0), is_stalled: false },
     };

@@ -12,4 +12,5 @@ mod no_block;
 mod order;
 mod properties;
 mod regressions;
+mod shares;
 mod two_hours;

@@ -19,7 +19,7 @@ use mavstack::{
 use std::collections::{BTreeMap, VecDeque};
 
 /// Another vehicle, behind the second link.
-const WINGMAN: Address = Address::new(2, 1);
+pub(super) const WINGMAN: Address = Address::new(2, 1);
 
 #[derive(mavstack::Stack)]
 #[stack(
@@ -37,7 +37,7 @@ const WINGMAN: Address = Address::new(2, 1);
     forwarding,
     files: { sessions: 1 },
 )]
-struct Full {
+pub(super) struct Full {
     time: mavstack::clock::Time,
     gimbal_manager: mavstack::gimbal::ManagerService,
     gimbal_device: mavstack::gimbal::DeviceService,
@@ -48,7 +48,7 @@ struct Full {
 
 /// The vehicle of the tests, with flight modes.
 #[derive(Default)]
-struct Moded(TestVehicle);
+pub(super) struct Moded(TestVehicle);
 
 impl Vehicle for Moded {
     fn state(&self) -> Option<VehicleState> {
@@ -184,7 +184,7 @@ impl Telemetry for Moded {
     }
 }
 
-type Loaded = World<2, Full>;
+pub(super) type Loaded = World<2, Full>;
 
 /// Receives `message` on a link.
 fn receive<M: Message>(world: &mut Loaded, now: Instant, link: usize, from: Address, message: &M) {
@@ -193,8 +193,8 @@ fn receive<M: Message>(world: &mut Loaded, now: Instant, link: usize, from: Addr
     assert_eq!(taken, frame.len());
 }
 
-/// Returns what link 0 sends at `now`: the ids, and whether each frame is forwarded.
-fn sent(world: &mut Loaded, now: Instant) -> Vec<(u32, bool)> {
+/// Returns what link 0 sends at `now`: the ids, whether each frame is forwarded, and the lengths.
+fn sent(world: &mut Loaded, now: Instant) -> Vec<((u32, bool), i32)> {
     let mut sent = Vec::new();
     loop {
         let bytes = world.stack.transmit(now, LinkId(0), &mut world.vehicle).to_vec();
@@ -203,7 +203,7 @@ fn sent(world: &mut Loaded, now: Instant) -> Vec<(u32, bool)> {
         }
         world.stack.transmitted(LinkId(0), bytes.len());
         let id = u32::from_le_bytes([bytes[7], bytes[8], bytes[9], 0]);
-        sent.push((id, bytes[5] != VEHICLE.system.wire()));
+        sent.push(((id, bytes[5] != VEHICLE.system.wire()), bytes.len() as i32));
     }
 }
 
@@ -215,6 +215,7 @@ fn pending_frames_are_sent_in_order() {
     let mut world = Loaded::of(Setup { links, ..Setup::new() });
     world.run_for(secs(2));
     // A link has room for four answers to commands, so three are sent before.
+    let mut before = 0;
     for (command, id) in [
         (MavCmd::REQUEST_MESSAGE, GimbalManagerInformation::ID),
         (MavCmd::REQUEST_MESSAGE, GimbalDeviceInformation::ID),
@@ -226,6 +227,7 @@ fn pending_frames_are_sent_in_order() {
         let answer = world.stack.transmit(now, LinkId(0), &mut world.vehicle).to_vec();
         assert_eq!(u32::from(answer[7]), CommandAck::ID);
         world.stack.transmitted(LinkId(0), answer.len());
+        before += answer.len() as i32;
     }
     // Every periodic message is due now.
     let now = world.now() + millis(1_400);
@@ -270,7 +272,11 @@ fn pending_frames_are_sent_in_order() {
     world.stack.poll(now, &mut world.vehicle);
 
     let mut sent = sent(&mut world, now);
-    sent.dedup();
+    // A run of equal frames counts as one that is as long.
+    sent.dedup_by(|(id, len), (previous, sum)| {
+        *sum += *len * i32::from(id == previous);
+        id == previous
+    });
     // What is pending, by turn. The list of parameters was asked for just now, and no setting of a key was answered.
     let own = |id| (id, false);
     let pending = [
@@ -315,7 +321,8 @@ fn pending_frames_are_sent_in_order() {
         ("ParamList", vec![own(ParamValue::ID)]),
         ("Bulk", [LoggingDataAcked::ID, FileTransferProtocol::ID].map(own).to_vec()),
     ];
-    assert_eq!(sent, in_order(&turns(), pending), "not the order in docs/architecture.md");
+    let (ids, lens): (Vec<_>, Vec<_>) = sent.into_iter().unzip();
+    assert_eq!(ids, in_order(&turns(), pending, before, &lens), "not the order in docs/architecture.md");
 }
 
 /// Returns the turns of a normal link, from the table in `docs/architecture.md`: a unit test compares it with the stack's
@@ -329,26 +336,39 @@ fn turns() -> Vec<&'static str> {
     rows.filter(|row| row[5] != "high-latency").map(|row| row[2]).collect()
 }
 
-/// Returns what a link sends that always asks the turns in their order. `ForwardedFirst` has the frames of `Forwarded`, once
-/// after each stream; the last frame before was a stream.
-fn in_order<const N: usize>(turns: &[&str], pending: [(&str, Vec<(u32, bool)>); N]) -> Vec<(u32, bool)> {
+/// The turns of streams and forwarded frames.
+const STREAMS: [&str; 6] = ["GimbalStatus", "GimbalAttitude", "Stream", "Report", "ForwardedFirst", "Forwarded"];
+/// The turns of lists, plans, files and logs.
+const TRANSFERS: [&str; 5] = ["MissionTransfer", "LateParamList", "ParamList", "LateBulk", "Bulk"];
+/// The turns that are sent however busy the link is.
+const AT_ONCE: [&str; 6] = ["Heartbeat", "ComponentHeartbeat", "CommandAck", "MissionAck", "SigningText", "Time"];
+
+/// Returns what a link sends that always asks the turns in their order, with frames of these lengths. Streams come first when they
+/// are a long frame behind the rest; at first they are `behind` by so much. `ForwardedFirst` has the frames of `Forwarded`, if streams have had more.
+fn in_order<const N: usize>(
+    turns: &[&str],
+    pending: [(&str, Vec<(u32, bool)>); N],
+    mut behind: i32,
+    lens: &[i32],
+) -> Vec<(u32, bool)> {
     let mut pending: BTreeMap<_, VecDeque<_>> =
         pending.into_iter().map(|(turn, frames)| (turn, frames.into())).collect();
     for turn in turns {
         assert!(*turn == "ForwardedFirst" || pending.contains_key(turn), "nothing is said about the turn {turn}");
     }
-    let (mut sent, mut has_streamed) = (Vec::new(), true);
-    let mut next = |turn: &str| {
-        if turn == "ForwardedFirst" && !has_streamed {
-            return None;
-        }
-        let kind = if turn == "ForwardedFirst" { "Forwarded" } else { turn };
-        let frame = pending.get_mut(kind)?.pop_front()?;
-        let is_stream = ["GimbalStatus", "GimbalAttitude", "Stream"].contains(&kind);
-        has_streamed = (has_streamed || is_stream) && kind != "Forwarded";
-        Some(frame)
-    };
-    while let Some(frame) = turns.iter().find_map(|turn| next(turn)) {
+    let (mut sent, mut forwarded) = (Vec::new(), 0);
+    for len in lens {
+        let first = turns.iter().filter(|turn| behind >= 280 && (STREAMS.contains(turn) || AT_ONCE.contains(turn)));
+        let next = first.chain(turns).filter(|turn| **turn != "ForwardedFirst" || forwarded > 0).find_map(|turn| {
+            let kind = if *turn == "ForwardedFirst" { "Forwarded" } else { turn };
+            Some((kind, pending.get_mut(kind)?.pop_front()?))
+        });
+        let Some((kind, frame)) = next else { break };
+        let is_stream = STREAMS.contains(&kind);
+        behind += if is_stream { -len } else { len * if TRANSFERS.contains(&kind) { 3 } else { 8 } / 8 };
+        behind = behind.clamp(0, 560);
+        forwarded += if kind == "Forwarded" { -len } else { len * i32::from(is_stream) };
+        forwarded = forwarded.clamp(-280, 280);
         sent.push(frame);
     }
     sent

@@ -249,7 +249,6 @@ impl<F: Firmware<Vehicle: GimbalDevice>> Service<F> for DeviceService {
             DeviceReply::Asked(asked) => Some(asked),
             DeviceReply::Stream => {
                 link.sent(cx.now, STATUS, port);
-                port.facts.own_was_last = true;
                 return send_status::<F>(cx, port);
             }
         };

@@ -414,7 +414,6 @@ impl<F: Firmware<Vehicle: GimbalManager + Vehicle>> Service<F> for ManagerServic
             ManagerReply::ForDevice => return F::Vehicle::IS_REMOTE && self.device.send(cx, port),
             ManagerReply::Stream => {
                 link.status.sent(cx.now, STATUS, port);
-                port.facts.own_was_last = true;
             }
             ManagerReply::Asked(Asked::Message) | ManagerReply::Change => {}
         }

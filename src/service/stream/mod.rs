@@ -95,7 +95,6 @@ fn send_stream<F: Firmware<Vehicle: Telemetry>>(
         let is_filled = vehicle::fill_row(cx, &mut port.outbox, stream, stream.instance, false);
         history.record(row, is_filled);
         if is_filled {
-            port.facts.own_was_last = true;
             return true;
         }
     }
