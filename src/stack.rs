@@ -234,6 +234,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         {
             services.carry_out_own(&mut cx, port, state);
         }
+        Services::<D>::mark_polled(links);
         let has_streams = !<D::Stream as Service<D>>::ABOUT.turns.is_empty();
         cx.requests.end_poll(has_streams, D::Plans::CAPACITIES != [0; 3]);
         #[cfg(test)]
@@ -519,7 +520,9 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         if filled > 0 {
             link_state.decoder.filled(filled, cx.now);
         }
-        if let Some(OwnFrame { seq, checksum }) = services.drain(&mut cx, link_state, state, allowance) {
+        let own_frame = services.drain(&mut cx, link_state, state, allowance);
+        Services::<D>::mark_others(links, link);
+        if let Some(OwnFrame { seq, checksum }) = own_frame {
             // Another vehicle has our address if no link can have sent the frame, and it is not the first such frame (H-14).
             let is_echo = links.iter().any(|link| link.port.outbox.may_have_sent(seq, checksum));
             if !is_echo && links.get_mut(index).is_some_and(|link| link.port.count_stranger()) {

@@ -48,5 +48,5 @@ pub use sender::{Sender, Trust};
 pub use signing::{Accept, LinkSigning};
 pub use texts::MAX_TEXT_LEN;
 pub(crate) use texts::{ONE_FRAME, TextNumber};
-pub use texts::{StatusTexts, TextEntry};
+pub use texts::{StatusTexts, TextEntry, TextKind};
 pub use vehicle::{PeerEvent, Vehicle, VehicleState};

@@ -12,7 +12,7 @@ use crate::network::PeerInfo;
 use crate::time::Instant;
 use crate::types::{
     Credits, EventEntry, EventLog, Firmware, LinkId, LinkMask, NoPlans, PlansMut, RequestQueue, Requests, StatusTexts,
-    TextEntry, TextNumber,
+    TextEntry, TextKind, TextNumber,
 };
 
 /// The data that a service uses besides its own state, the vehicle and the parameters: two normal links, no plans.
@@ -87,7 +87,7 @@ pub(crate) fn take(tx: &mut Outbox) -> std::vec::Vec<u8> {
 pub(crate) fn sent_texts(texts: &mut StatusTexts, tx: &mut Outbox) -> std::vec::Vec<std::string::String> {
     let mut cursor = TextCursor::at(TextNumber::NONE);
     core::iter::from_fn(|| {
-        let sent = texts.next(&mut cursor, tx);
+        let sent = texts.next(&mut cursor, tx, TextKind::Any);
         sent.then(|| with_frame(&take(tx), |frame| frame.decode::<Statustext>().expect("STATUSTEXT").text))
     })
     .map(|text| text.as_str().expect("UTF-8").into())

@@ -4,8 +4,9 @@
 //! first chunk that contains a NUL is the last. No chunk ends within a code point, because ground stations convert each
 //! chunk to a string separately; blanks take the place of a code point's first bytes at the end of a chunk.
 //!
-//! Texts wait in a queue of fixed size. Each link sends them at its own pace, in order of arrival. A full queue evicts
-//! the least severe text, the oldest of those first, and counts it.
+//! Texts wait in a queue of fixed size. Each link sends them at its own pace, in order of arrival, but those of severity
+//! CRITICAL and higher first. A text that a link has begun is sent to its end. A full queue evicts the least severe
+//! text, the oldest of those first, and counts it.
 
 use super::{About, Cx, Service, Turn, View};
 use crate::dialect::Statustext;
@@ -13,7 +14,7 @@ use crate::frame::Version;
 use crate::link::{Outbox, Port};
 use crate::message::{Text, front, zero_extend};
 use crate::time::Instant;
-use crate::types::{Firmware, LinkMask, ONE_FRAME, StatusTexts, TextNumber};
+use crate::types::{Firmware, LinkMask, ONE_FRAME, StatusTexts, TextKind, TextNumber};
 use core::num::Saturating;
 
 /// A link's position in the text that it sends.
@@ -33,16 +34,17 @@ impl<F: Firmware> Service<F> for Texts {
     const NEW: Self = Self;
     type Link = TextCursor;
     const VACANT: TextCursor = TextCursor::at(TextNumber::NONE);
-    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Text]);
-    type Reply = ();
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::UrgentText, Turn::Text]);
+    type Reply = TextKind;
 
     #[inline(always)]
-    fn pending(&self, view: &View<'_>, port: &Port, _: &TextCursor, _: Turn) -> Option<(Instant, ())> {
-        (F::HAS_TEXTS && view.texts.is_pending(LinkMask::of(port.id))).then_some((view.now, ()))
+    fn pending(&self, view: &View<'_>, port: &Port, _: &TextCursor, turn: Turn) -> Option<(Instant, TextKind)> {
+        let kind = if turn == Turn::UrgentText { TextKind::Urgent } else { TextKind::Any };
+        (F::HAS_TEXTS && view.texts.is_pending(LinkMask::of(port.id), kind)).then_some((view.now, kind))
     }
 
-    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TextCursor, (): ()) -> bool {
-        cx.texts.next(link, &mut port.outbox)
+    fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, link: &mut TextCursor, kind: TextKind) -> bool {
+        cx.texts.next(link, &mut port.outbox, kind)
     }
 }
 
@@ -55,10 +57,10 @@ impl TextCursor {
 
 impl StatusTexts {
     /// Sends the next chunk on a link. Returns false if no text is pending.
-    pub(crate) fn next(&mut self, cursor: &mut TextCursor, tx: &mut Outbox) -> bool {
+    pub(crate) fn next(&mut self, cursor: &mut TextCursor, tx: &mut Outbox, kind: TextKind) -> bool {
         let link = LinkMask::of(tx.link());
-        // A text that the link has begun was the oldest, and still is.
-        let Some(entry) = self.oldest_pending(link) else { return false };
+        let begun = (cursor.chunk.0 > 0).then_some(cursor.number);
+        let Some(entry) = self.next_pending(link, begun, kind) else { return false };
         if cursor.number != entry.number {
             *cursor = TextCursor::at(entry.number);
         }

@@ -21,8 +21,9 @@ macro_rules! turns {
             CommandProgress command Room Normal "COMMAND_ACK with the progress of a running command" "while the link has room";
             MissionAck mission AtOnce Normal "MISSION_ACK" "at once";
             SigningText signing AtOnce Normal "STATUSTEXT that answers SETUP_SIGNING" "at once";
-            Time time AtOnce Normal "PING, TIMESYNC" "at once: they measure time";
+            Time time Room Normal "PING, TIMESYNC" "while the link has room";
             HighLatency high_latency Stalled HighLatency "HIGH_LATENCY2" "at once";
+            UrgentText statustext Room Normal "STATUSTEXT of severity CRITICAL or higher" "while the link has room";
             MissionTransfer mission Room Normal "MISSION_REQUEST_INT or MISSION_REQUEST, MISSION_COUNT, MISSION_ITEM_INT or MISSION_ITEM" "while the link has room";
             ParamAnswer param Room Normal "PARAM_ERROR, PARAM_VALUE" "while the link has room";
             Text statustext Room Normal "STATUSTEXT" "while the link has room";
@@ -110,6 +111,18 @@ macro_rules! define {
                 bits
             };
 
+            /// Returns a set of turns, without those that are not [shared](Self::SHARED), in 32 bits.
+            #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; the shared turns fit")]
+            pub(crate) const fn shared(turns: u64) -> u32 {
+                (turns & Self::SHARED).wrapping_shr(Self::SHARED.trailing_zeros()) as u32
+            }
+
+            /// The reverse of [`shared`](Self::shared).
+            #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; u32 to u64")]
+            pub(crate) const fn of_shared(turns: u32) -> u64 {
+                (turns as u64).wrapping_shl(Self::SHARED.trailing_zeros())
+            }
+
             /// Whether it sends streams or forwarded frames, which have at least half of a busy link together.
             pub(crate) const fn is_stream(self) -> bool {
                 matches!(self.traffic(), Traffic::Stream | Traffic::Forwarded)
@@ -120,9 +133,8 @@ macro_rules! define {
                 match self {
                     Self::Stream | Self::Report | Self::GimbalStatus | Self::GimbalAttitude => Traffic::Stream,
                     Self::ForwardedFirst | Self::Forwarded => Traffic::Forwarded,
-                    Self::MissionTransfer | Self::LateParamList | Self::ParamList | Self::LateBulk | Self::Bulk => {
-                        Traffic::Transfer
-                    }
+                    Self::MissionTransfer => Traffic::Plan,
+                    Self::LateParamList | Self::ParamList | Self::LateBulk | Self::Bulk => Traffic::Transfer,
                     _ => Traffic::Answer,
                 }
             }
@@ -158,6 +170,31 @@ enum On {
 }
 
 turns!(define);
+
+impl Turn {
+    /// The turns in which a service sends on all links what a request on one of them has changed.
+    pub(crate) const BY_SERVICES: u64 = Self::bits(&[
+        Self::ParamAnswer,
+        Self::Camera,
+        Self::OperatorControl,
+        Self::Gimbal,
+        Self::Answer,
+        Self::CurrentMode,
+        Self::MissionProgress,
+        Self::ExtParam,
+    ]);
+
+    /// The turns with what hooks have requested.
+    pub(crate) const BY_HOOKS: u64 = Self::bits(&[Self::Request, Self::Client, Self::Message]);
+
+    /// The turns in which a link may send because of a request on another one. Then they share a tenth of a busy link.
+    pub(crate) const SHARED: u64 = Self::BY_SERVICES | Self::BY_HOOKS | Self::Text.bit() | Self::Event.bit();
+}
+
+const _: () = assert!(
+    Turn::of_shared(Turn::shared(Turn::SHARED)) == Turn::SHARED,
+    "the shared turns are close together, so that 32 bits hold them"
+);
 
 #[cfg(test)]
 mod tests {

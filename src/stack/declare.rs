@@ -39,6 +39,9 @@ pub trait Declares: Firmware<Vehicle: Vehicle + Commands, Parameters: ParamMemor
     type Requests: Memory<View = Requests>;
     #[doc(hidden)]
     type EventLog: Memory<View = EventLog>;
+    /// The number of links.
+    #[doc(hidden)]
+    const LINKS: usize = crate::types::MAX_LINKS;
     /// The number of links that have a queue of messages.
     #[doc(hidden)]
     const MESSAGE_QUEUES: usize = 0;

@@ -3,7 +3,7 @@
 use super::Declares;
 use super::services::{Services, States};
 use crate::dialect::{MavCmd, MavResult};
-use crate::link::{Link, Pace, Port, Shares, Transport};
+use crate::link::{Link, Pace, Port, Transport};
 use crate::message::{ComponentId, SystemId};
 use crate::service::ShowCounters;
 use crate::service::{
@@ -11,7 +11,7 @@ use crate::service::{
     Service, Shared, SigningGate, StackEvent, Turn, Verdict, View, Visit, VisitAll, cost, increment, turns,
 };
 use crate::time::{Duration, Instant};
-use crate::types::{Config, Firmware, Peer};
+use crate::types::{Config, Firmware, LinkClass, LinkId, Peer};
 
 /// Returns when bulk data may be sent in a turn. The files, logs and streamed logs of a link take turns. They share 30
 /// % of its rate, and the rest that other traffic leaves (D-4, LOG-8, LOG-14). With a share for each of them, all
@@ -25,6 +25,9 @@ pub(super) struct Turns<F, S>(F, S);
 
 impl<F: Firmware, S: Service<F>> Turns<F, S> {
     const BITS: u64 = Turn::bits(S::ABOUT.turns);
+
+    /// Those in which it sends on all links what a request on one of them has changed.
+    const SHARED: u32 = Turn::shared(Self::BITS & Turn::BY_SERVICES);
 
     pub(super) const fn has(turn: Turn) -> bool {
         Self::BITS & turn.bit() != 0
@@ -75,6 +78,8 @@ struct OnFrame<'a, 'c, F: Firmware> {
     port: &'a mut Port,
     received: &'a Received<'a>,
     handled: Handled,
+    /// The shared turns of the service that has handled it.
+    asked: u32,
 }
 
 impl<F: Firmware> Visit<F> for OnFrame<'_, '_, F> {
@@ -83,7 +88,11 @@ impl<F: Firmware> Visit<F> for OnFrame<'_, '_, F> {
         if is_addressed::<F, S>(self.received.target.component) && !is_left_out::<F, S>(self.cx.shared) {
             self.handled = service.on_frame(self.cx, self.port, link, self.received);
         }
-        self.handled != Handled::No
+        let is_handled = self.handled != Handled::No;
+        if is_handled {
+            self.asked = Turns::<F, S>::SHARED;
+        }
+        is_handled
     }
 }
 
@@ -94,6 +103,8 @@ struct OnCommand<'a, 'c, F: Firmware> {
     /// Only the services that are this other component of the firmware.
     only: Option<ComponentId>,
     verdict: Option<Verdict>,
+    /// The shared turns of the service that has carried it out.
+    asked: u32,
 }
 
 impl<F: Firmware> Visit<F> for OnCommand<'_, '_, F> {
@@ -112,7 +123,11 @@ impl<F: Firmware> Visit<F> for OnCommand<'_, '_, F> {
         {
             self.cx.shared.answerer = component;
         }
-        self.verdict.is_some()
+        let is_done = self.verdict.is_some();
+        if is_done {
+            self.asked = Turns::<F, S>::SHARED;
+        }
+        is_done
     }
 }
 
@@ -284,9 +299,13 @@ impl<D: Declares> Services<D> {
         states: &mut States<D>,
         received: &Received<'_>,
     ) -> Handled {
-        let mut visit = OnFrame { cx, port, received, handled: Handled::No };
+        let mut visit = OnFrame { cx, port: &mut *port, received, handled: Handled::No, asked: 0 };
         self.visit(states, &mut visit);
-        visit.handled
+        let OnFrame { handled, asked, .. } = visit;
+        if Self::HAS_SHARES {
+            port.shares.ask(asked);
+        }
+        handled
     }
 
     // Out of line: its locals stay off the call stack of other frames.
@@ -299,9 +318,13 @@ impl<D: Declares> Services<D> {
         request: &mut Request,
     ) -> Option<Verdict> {
         let is_of_component = D::is_component(request.command.component);
-        let mut visit = OnCommand { cx: &mut *cx, port: &mut *port, request, only: None, verdict: None };
+        let mut visit = OnCommand { cx: &mut *cx, port: &mut *port, request, only: None, verdict: None, asked: 0 };
         if self.visit(states, &mut visit) {
-            return visit.verdict;
+            let OnCommand { verdict, asked, .. } = visit;
+            if Self::HAS_SHARES {
+                port.shares.ask(asked);
+            }
+            return verdict;
         }
         request.is_unclaimed = true;
         let verdict = self.stream.on_command(cx, port, &mut states.stream, request);
@@ -320,7 +343,7 @@ impl<D: Declares> Services<D> {
         states: &mut States<D>,
         request: &Request,
     ) -> Option<Verdict> {
-        let mut visit = OnCommand { cx, port, request, only: Some(request.command.component), verdict: None };
+        let mut visit = OnCommand { cx, port, request, only: Some(request.command.component), verdict: None, asked: 0 };
         self.visit(states, &mut visit);
         visit.verdict
     }
@@ -421,20 +444,70 @@ impl<D: Declares> Services<D> {
     }
 }
 
+impl<D: Declares> Services<D> {
+    /// Whether requests on one link may have another one send, which has streams.
+    pub(super) const HAS_SHARES: bool = Self::HAS_STREAMS && D::LINKS > 1;
+
+    /// Marks what requests on one link have given the others to send.
+    pub(super) fn mark_others(links: &mut [Link], from: LinkId) {
+        let asked = links.get(usize::from(from.0)).map_or(0, |link| link.port.shares.asked);
+        if Self::HAS_SHARES && asked != 0 {
+            for Link { port, .. } in links.iter_mut().filter(|link| link.port.id != from) {
+                port.shares.mark(asked);
+            }
+        }
+    }
+
+    /// The same for all links, after a poll in which services may have taken up what hooks have requested.
+    pub(super) fn mark_polled(links: &mut [Link]) {
+        if Self::HAS_SHARES {
+            for from in (0..).map(LinkId).take(links.len()) {
+                Self::mark_others(links, from);
+            }
+            links.iter_mut().for_each(|link| link.port.shares.asked = 0);
+        }
+    }
+
+    /// Returns the turns that are asked for a frame, one set after the other.
+    fn passes(port: &Port, class: LinkClass, pace: Pace) -> [u64; 3] {
+        let all = Turn::allowed(class, pace);
+        if !Self::HAS_STREAMS {
+            return [all, 0, 0];
+        }
+        let mut first = 0;
+        if pace >= Pace::Room && port.shares.streams_first() {
+            let preferred = Turn::STREAMS | Turn::UrgentText.bit();
+            first = Turn::allowed(class, Pace::AtOnce) | Turn::allowed(class, Pace::Idle) & preferred;
+        }
+        let late = if Self::HAS_SHARES { Turn::of_shared(port.shares.deferred()) } else { 0 };
+        let last = if pace == Pace::Idle { all & late } else { 0 };
+        [first, all & !first & !late, last]
+    }
+
+    /// Records that a turn of a pass has sent a frame, and that those before it had none.
+    fn note_sent(port: &mut Port, turns: u64, sent: Turn) {
+        let len = port.outbox.len();
+        if Self::HAS_STREAMS {
+            port.shares.note(sent.traffic(), len);
+        }
+        if Self::HAS_SHARES {
+            let before = turns & sent.bit().wrapping_sub(1);
+            port.shares.unmark(Turn::shared(before));
+            port.shares.charge(Turn::shared(sent.bit()), len);
+        }
+    }
+}
+
 macro_rules! send {
     ($($turn:ident $service:ident $pace:ident $class:ident $messages:literal $when:literal;)*) => {
         impl<D: Declares> Services<D> {
             /// Puts the next frame into the link's empty outbox: the first turn with something to send sends it (D-4). On a busy
-            /// link, the turns of streams come first when these are behind their half of it.
+            /// link, the turns of streams come first when these are behind their half of it, and what other links have caused waits
+            /// when it has had its tenth.
             pub(super) fn send(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, states: &mut States<D>) -> bool {
                 let class = port.config.class;
                 let pace = if port.is_held() { Pace::Stalled } else { port.bucket.pace() };
-                let (mut turns, mut rest) = (Turn::allowed(class, pace), 0);
-                if Self::HAS_STREAMS && pace >= Pace::Room && port.shares.streams_first() {
-                    let first = Turn::allowed(class, Pace::AtOnce) | Turn::allowed(class, Pace::Idle) & Turn::STREAMS;
-                    (turns, rest) = (first, turns & !first);
-                }
-                while turns != 0 {
+                for turns in Self::passes(port, class, pace) {
                     let mut sent = Turn::Heartbeat;
                     if false $(|| (
                         turns & Turn::$turn.bit() != 0
@@ -444,16 +517,18 @@ macro_rules! send {
                                 true
                             }
                     ))* {
-                        if Self::HAS_STREAMS {
-                            port.shares.note(sent.traffic(), port.outbox.len());
-                        }
+                        Self::note_sent(port, turns, sent);
                         return true;
                     }
-                    turns = core::mem::take(&mut rest);
+                    if !Self::HAS_STREAMS {
+                        return false;
+                    }
+                    if Self::HAS_SHARES {
+                        port.shares.unmark(Turn::shared(turns));
+                    }
                 }
-                if Self::HAS_STREAMS && pace == Pace::Idle {
-                    // Nothing waits, so nobody is behind.
-                    port.shares = Shares::NEW;
+                if pace == Pace::Idle {
+                    port.shares.reset();
                 }
                 false
             }
@@ -471,6 +546,7 @@ macro_rules! send {
                     transport => transport == Transport::Full,
                 };
                 let (class, ready_at, idle_at) = (port.config.class, port.bucket.ready_at(), port.bucket.idle_at());
+                let deferred = if Self::HAS_SHARES { Turn::of_shared(port.shares.deferred()) } else { 0 };
                 let stream_at = if Self::HAS_STREAMS && port.shares.streams_first() { ready_at } else { idle_at };
                 let mut due = match is_held {
                     true => port.held_until(),
@@ -482,6 +558,7 @@ macro_rules! send {
                     let at = self.when(view, port, states, Turn::$turn);
                     due = due.min(at.max(match Turn::$turn.pace() {
                         Pace::Stalled | Pace::AtOnce => Instant::ZERO,
+                        Pace::Room if Turn::SHARED & deferred & Turn::$turn.bit() != 0 => idle_at,
                         Pace::Room => ready_at,
                         Pace::Idle if Turn::$turn.is_stream() => stream_at,
                         Pace::Idle => idle_at,

@@ -13,7 +13,7 @@ use crate::service::mission;
 use crate::service::mode;
 use crate::service::{
     ControlGate, Cx, Examined, ForwardingGate, Handled, OwnCommands, OwnRequest, Received, Request, SigningGate,
-    SticksGate, Verdict, increment,
+    SticksGate, Turn, Verdict, increment,
 };
 use crate::time::Instant;
 use crate::types::{
@@ -76,6 +76,7 @@ impl<D: Declares> Services<D> {
             if let Some(standing) = standing
                 && let Some(target) = target_if_for_us(cx, port, frame)
             {
+                Self::take_news(cx);
                 // The text of a refusal is sent again if the operator repeats the request (C-16).
                 if D::HAS_TEXTS {
                     cx.texts.is_answering = true;
@@ -88,6 +89,7 @@ impl<D: Declares> Services<D> {
                 if D::HAS_TEXTS {
                     cx.texts.is_answering = false;
                 }
+                port.shares.ask(Self::take_news(cx));
             }
             self.signing.wipe(id, decoder);
         }
@@ -95,6 +97,24 @@ impl<D: Declares> Services<D> {
         cx.shared.check_hooks();
         allowance.hooks = cx.shared.hooks;
         own_frame
+    }
+
+    /// Returns the shared turns for which hooks and services have queued something since the last call.
+    fn take_news(cx: &mut Cx<'_, D>) -> u32 {
+        let mut turns = 0;
+        if !Self::HAS_SHARES {
+            return turns;
+        }
+        if core::mem::take(&mut cx.requests.is_new) {
+            turns |= const { Turn::shared(Turn::BY_HOOKS) };
+        }
+        if core::mem::take(&mut cx.texts.is_new) {
+            turns |= const { Turn::shared(Turn::Text.bit()) };
+        }
+        if core::mem::take(&mut cx.events.is_new) {
+            turns |= const { Turn::shared(Turn::Event.bit()) };
+        }
+        turns
     }
 
     /// Returns whether the sender may cause the effect of a frame that is no command. A frame from a sender that is not

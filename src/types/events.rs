@@ -20,6 +20,9 @@ pub struct EventEntry {
 
 const _: () = assert!(size_of::<EventEntry>() == 36, "the memory of an event is documented");
 
+/// The external level of critical events; more severe ones have a lower level.
+const CRITICAL: u8 = 2;
+
 impl EventEntry {
     /// An entry without an event: all zero bits.
     const NONE: Self = Self { id: 0, time_boot_ms: 0, log_levels: 0, arguments: [0; MAX_EVENT_ARGUMENTS] };
@@ -68,6 +71,8 @@ impl EventSequence {
 pub struct EventLog<E: ?Sized = [EventEntry]> {
     /// The sequence number of the newest event; that of the first event is 1.
     newest: EventSequence,
+    /// Whether an event was recorded since the stack has looked.
+    pub(crate) is_new: bool,
     /// The number of events in the ring.
     len: Saturating<u16>,
     /// The index of the next event.
@@ -80,7 +85,13 @@ impl<const N: usize> EventLog<[EventEntry; N]> {
     pub(crate) const EMPTY: Self = {
         // Half of the sequence numbers are newer than any other.
         assert!(N <= 1_000, "the history of events is at most 1,000 long: `events: {{ history: 20 }}` is PX4's");
-        Self { newest: EventSequence::NONE, len: Saturating(0), next: Saturating(0), entries: [EventEntry::NONE; N] }
+        Self {
+            newest: EventSequence::NONE,
+            is_new: false,
+            len: Saturating(0),
+            next: Saturating(0),
+            entries: [EventEntry::NONE; N],
+        }
     };
 }
 
@@ -89,6 +100,7 @@ impl EventLog {
     pub(crate) fn push(&mut self, event: &EventEntry) {
         let Some(entry) = self.entries.get_mut(usize::from(self.next.0)) else { return };
         *entry = *event;
+        self.is_new = true;
         self.newest = self.newest.next();
         self.next += 1;
         if usize::from(self.next.0) >= self.entries.len() {
@@ -115,9 +127,19 @@ impl EventLog {
         if age >= self.len.0 {
             return None;
         }
-        // From the newest event back to the start of the ring, and on from its end.
-        let (newer, older) = self.entries.split_at_checked(usize::from(self.next.0))?;
-        newer.iter().rev().chain(older.iter().rev()).nth(usize::from(age))
+        self.newest_first().nth(usize::from(age))
+    }
+
+    /// Returns the entries from the newest event back to the start of the ring, and on from its end.
+    fn newest_first(&self) -> impl Iterator<Item = &EventEntry> {
+        let (newer, older) = self.entries.split_at_checked(usize::from(self.next.0)).unwrap_or_default();
+        newer.iter().rev().chain(older.iter().rev())
+    }
+
+    /// Whether an event after this number is critical or more severe.
+    pub(crate) fn has_urgent(&self, after: EventSequence) -> bool {
+        let unsent = self.newest.since(after).min(self.len.0);
+        self.newest_first().take(usize::from(unsent)).any(|event| event.log_levels & 0xF <= CRITICAL)
     }
 
     /// Returns the number of events that the history holds.

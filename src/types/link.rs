@@ -94,6 +94,9 @@ pub struct LinkConfig {
     pub bytes_per_second: u32,
     /// The default streams on this link. A high-latency link has none.
     pub streams: StreamProfile,
+    /// The least percentage of its rate that each stream keeps when a RADIO_STATUS tells of a full buffer: 10 by default, from
+    /// 1 to 100. A radio for which that is too much can have less; 100 ignores RADIO_STATUS.
+    pub least_stream_percent: u8,
     /// Whether the link takes part in forwarding, if the stack declares `forwarding` in [`#[stack]`](macro@crate::Stack):
     /// frames received on it are forwarded, and frames of other links are forwarded to it.
     pub forwards: bool,
@@ -124,7 +127,7 @@ impl LinkConfig {
     pub(crate) const VACANT: Self = Self {
         #[cfg(feature = "signing")]
         signing: LinkSigning { sign_out: false, ..LinkSigning::OPEN },
-        ..Self::unlimited().with_forwarding(false)
+        ..Self::unlimited().with_forwarding(false).with_least_streams(0)
     };
 
     /// Returns the configuration of a normal MAVLink 2 link over a UART of `baud` bit/s, with ten bits per byte.
@@ -156,6 +159,7 @@ impl LinkConfig {
             version: TxVersion::V2,
             bytes_per_second: 0,
             streams: StreamProfile::Radio,
+            least_stream_percent: 10,
             forwards: true,
             trusts_own_system: false,
             #[cfg(feature = "signing")]
@@ -224,6 +228,13 @@ impl LinkConfig {
     #[must_use]
     pub const fn with_streams(mut self, streams: StreamProfile) -> Self {
         self.streams = streams;
+        self
+    }
+
+    /// Returns the same link with another [`least_stream_percent`](Self::least_stream_percent).
+    #[must_use]
+    pub const fn with_least_streams(mut self, percent: u8) -> Self {
+        self.least_stream_percent = percent;
         self
     }
 

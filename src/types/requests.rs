@@ -133,6 +133,8 @@ pub struct Requests<Q: ?Sized = [RequestQueue]> {
     pub(crate) reached: Vec<u16, 4, u8>,
     /// The number of queues of messages.
     links: u8,
+    /// Whether a hook has requested something to send since the stack has looked.
+    pub(crate) is_new: bool,
     /// Whether the next poll is to take up requests to other components.
     is_client_due: bool,
     /// How far the stack's clock is ahead of the firmware's. Here because every context has the requests.
@@ -145,6 +147,7 @@ impl<const N: usize> Requests<[RequestQueue; N]> {
         announced: 0,
         reached: Vec::new(),
         links: 0,
+        is_new: false,
         is_client_due: false,
         lead: Duration::ZERO,
         queues: [const { RequestQueue::EMPTY }; N],
@@ -184,6 +187,7 @@ impl Requests {
             Destination::Peer(peer) => (LinkMask::of(peer.link), peer.address),
         };
         let message = Pending::Message { id: MessageId::new(id), index, target };
+        self.is_new = true;
         let mut is_pending = false;
         for (link, queue) in (0..self.links).map(|link| LinkMask::of(LinkId(link))).zip(&mut self.queues) {
             if links.intersects(link) && normal.intersects(link) {
@@ -221,6 +225,7 @@ impl Requests {
     pub(crate) fn request(&mut self, request: Pending) -> bool {
         let is_pending = self.client_mut().is_some_and(|queue| queue.push(request));
         self.is_client_due |= is_pending;
+        self.is_new = true;
         is_pending
     }
 

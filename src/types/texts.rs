@@ -68,17 +68,41 @@ impl TextEntry {
     };
 
     /// Returns a number that is the highest for the entry that a new text evicts: a sent one, otherwise one that is given up, of
-    /// those the least severe, and of those the oldest. A larger severity is less severe.
-    fn eviction_rank(&self, now: Instant, newest: TextNumber) -> u32 {
+    /// those the least severe, and of those the oldest. A larger severity is less severe. An answer to a frame never counts a
+    /// critical text as given up.
+    fn eviction_rank(&self, now: Instant, newest: TextNumber, is_answering: bool) -> u32 {
+        let is_given_up = now - self.at >= GIVE_UP_AFTER && !(is_answering && self.severity.is_critical());
         let (state, severity) = if self.pending.is_empty() {
             (SENT, 0)
-        } else if now - self.at >= GIVE_UP_AFTER {
+        } else if is_given_up {
             (GIVEN_UP, self.severity.0)
         } else {
             (PENDING, self.severity.0)
         };
         let [high, low] = self.number.age(newest).to_be_bytes();
         u32::from_be_bytes([state, severity, high, low])
+    }
+}
+
+/// Which texts a turn sends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TextKind {
+    /// Those of severity CRITICAL and higher.
+    Urgent,
+    /// All.
+    Any,
+}
+
+impl TextKind {
+    fn has(self, severity: MavSeverity) -> bool {
+        self == Self::Any || severity.is_critical()
+    }
+}
+
+impl MavSeverity {
+    /// Whether it is CRITICAL or higher.
+    const fn is_critical(self) -> bool {
+        self.0 <= Self::CRITICAL.0
     }
 }
 
@@ -93,6 +117,8 @@ pub struct StatusTexts<E: ?Sized = [TextEntry]> {
     pub(crate) newest: TextNumber,
     /// Whether a received frame is being handled.
     pub(crate) is_answering: bool,
+    /// Whether a text was queued since the stack has looked.
+    pub(crate) is_new: bool,
     dropped: Wrapping<u32>,
     pub(crate) entries: E,
 }
@@ -102,6 +128,7 @@ impl<const N: usize> StatusTexts<[TextEntry; N]> {
         Self {
             newest: TextNumber::NONE,
             is_answering: false,
+            is_new: false,
             dropped: Wrapping(0),
             entries: [const { TextEntry::SENT }; N],
         }
@@ -132,10 +159,11 @@ impl StatusTexts {
         }
         #[cfg(feature = "defmt")]
         event!("statustext {=u8}: {}", severity.0, Text::<MAX_TEXT_LEN>::from_bytes(text));
-        let newest = self.newest;
+        self.is_new = true;
+        let (newest, is_answering) = (self.newest, self.is_answering);
         let (mut evicted, mut highest) = (None, 0);
         for entry in &mut self.entries {
-            let rank = entry.eviction_rank(now, newest);
+            let rank = entry.eviction_rank(now, newest, is_answering);
             if rank >= highest {
                 highest = rank;
                 evicted = Some(entry);
@@ -145,8 +173,9 @@ impl StatusTexts {
         let [state, evicted_severity, ..] = highest.to_be_bytes();
         if state != SENT {
             self.dropped += 1;
-            if state == PENDING && evicted_severity < severity.0 {
-                // All pending texts are more severe than the new one.
+            let is_kept = is_answering && MavSeverity(evicted_severity).is_critical();
+            if is_kept || (state == PENDING && evicted_severity < severity.0) {
+                // All pending texts are more severe than the new one, or critical ones that no answer evicts.
                 return;
             }
         }
@@ -168,12 +197,21 @@ impl StatusTexts {
         self.entries.iter().filter(is_later).max_by_key(|entry| entry.number.age(self.newest))
     }
 
-    /// Returns the oldest text that is pending on the link of this mask.
-    pub(crate) fn oldest_pending(&mut self, link: LinkMask) -> Option<&mut TextEntry> {
+    /// Returns the text that is next on the link of this mask: the one that it has begun, or the oldest one of this kind.
+    pub(crate) fn next_pending(
+        &mut self,
+        link: LinkMask,
+        begun: Option<TextNumber>,
+        kind: TextKind,
+    ) -> Option<&mut TextEntry> {
         let newest = self.newest;
         let (mut oldest, mut highest) = (None, 0);
         for entry in self.entries.iter_mut().filter(|entry| entry.pending.intersects(link)) {
-            let age = entry.number.age(newest);
+            let age = match begun == Some(entry.number) {
+                true => u16::MAX,
+                false if kind.has(entry.severity) => entry.number.age(newest),
+                false => continue,
+            };
             if age >= highest {
                 highest = age;
                 oldest = Some(entry);
@@ -182,8 +220,8 @@ impl StatusTexts {
         oldest
     }
 
-    /// Whether a text is pending on the link of this mask.
-    pub(crate) fn is_pending(&self, link: LinkMask) -> bool {
-        self.entries.iter().any(|entry| entry.pending.intersects(link))
+    /// Whether a text of this kind is pending on the link of this mask.
+    pub(crate) fn is_pending(&self, link: LinkMask, kind: TextKind) -> bool {
+        self.entries.iter().any(|entry| entry.pending.intersects(link) && kind.has(entry.severity))
     }
 }

@@ -290,6 +290,7 @@ fn pending_frames_are_sent_in_order() {
         ("MissionAck", vec![own(MissionAck::ID)]),
         ("SigningText", vec![]),
         ("Time", vec![own(Timesync::ID)]),
+        ("UrgentText", vec![]),
         ("MissionTransfer", vec![own(MissionCount::ID)]),
         ("ParamAnswer", vec![own(ParamValue::ID)]),
         ("Text", vec![own(Statustext::ID)]),
@@ -338,10 +339,10 @@ fn turns() -> Vec<&'static str> {
 
 /// The turns of streams and forwarded frames.
 const STREAMS: [&str; 6] = ["GimbalStatus", "GimbalAttitude", "Stream", "Report", "ForwardedFirst", "Forwarded"];
-/// The turns of lists, plans, files and logs.
-const TRANSFERS: [&str; 5] = ["MissionTransfer", "LateParamList", "ParamList", "LateBulk", "Bulk"];
+/// The turns of lists, files and logs.
+const TRANSFERS: [&str; 4] = ["LateParamList", "ParamList", "LateBulk", "Bulk"];
 /// The turns that are sent however busy the link is.
-const AT_ONCE: [&str; 6] = ["Heartbeat", "ComponentHeartbeat", "CommandAck", "MissionAck", "SigningText", "Time"];
+const AT_ONCE: [&str; 5] = ["Heartbeat", "ComponentHeartbeat", "CommandAck", "MissionAck", "SigningText"];
 
 /// Returns what a link sends that always asks the turns in their order, with frames of these lengths. Streams come first when they
 /// are a long frame behind the rest; at first they are `behind` by so much. `ForwardedFirst` has the frames of `Forwarded`, if streams have had more.
@@ -365,7 +366,12 @@ fn in_order<const N: usize>(
         });
         let Some((kind, frame)) = next else { break };
         let is_stream = STREAMS.contains(&kind);
-        behind += if is_stream { -len } else { len * if TRANSFERS.contains(&kind) { 3 } else { 8 } / 8 };
+        let eighths = match kind {
+            "MissionTransfer" => 1,
+            kind if TRANSFERS.contains(&kind) => 3,
+            _ => 8,
+        };
+        behind += if is_stream { -len } else { len * eighths / 8 };
         behind = behind.clamp(0, 560);
         forwarded += if kind == "Forwarded" { -len } else { len * i32::from(is_stream) };
         forwarded = forwarded.clamp(-280, 280);

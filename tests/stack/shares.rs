@@ -118,7 +118,6 @@ fn refused_in_turns() {
 
 /// 25 RADIO_STATUS a second that tell of a full buffer, on the radio itself. Before: 3 of 250.
 #[test]
-#[ignore = "the floor comes next"]
 fn forged_radio_status() {
     let mut world = site();
     let radio = mavstack::Address::new(51, 68);
@@ -174,7 +173,6 @@ fn latest_text(world: &mut Loaded, mut requests: impl FnMut(&mut Gcs, u64)) -> D
 
 /// a text of severity CRITICAL arrives at once, whatever floods. Before: 4 s beside PARAM_SET of all parameters.
 #[test]
-#[ignore = "urgent texts come next"]
 fn critical_text() {
     let mut world = site();
     let sets: Vec<_> = (0..Tuning::INFO.len() as u16).map(|index| unchanged_set(&mut world, index)).collect();
@@ -204,4 +202,67 @@ fn forwarded() {
     };
     let percent = 100 * bytes(true) / (bytes(true) + bytes(false));
     assert!((40..=60).contains(&percent), "{percent} % forwarded");
+}
+
+/// Streams fill the radio, and the other link floods with settings of all parameters in turns. Returns the bytes of all values,
+/// and how late the answers are to the reads of the radio's own station.
+fn saturated(reads: bool) -> (usize, Duration) {
+    let mut world = site();
+    let sets: Vec<_> = (0..Tuning::INFO.len() as u16).map(|index| unchanged_set(&mut world, index)).collect();
+    for id in [Attitude::ID, GlobalPositionInt::ID] {
+        let interval = [id as f32, 5_000.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        world.gcs[RADIO].command_long(MavCmd::SET_MESSAGE_INTERVAL, interval);
+        world.run_for(millis(500));
+    }
+    world.gcs[RADIO].forget();
+    let (mut asked, mut latest) = (None, Duration::ZERO);
+    for ms in 0..5_000 {
+        world.gcs[OTHER].send(&sets[ms % sets.len()]);
+        if reads && ms % 500 == 100 {
+            let (target_system, target_component) = (1, 1);
+            let read = ParamRequestRead { param_index: 0, target_system, target_component, ..Default::default() };
+            world.gcs[RADIO].send(&read);
+            asked = Some(world.now());
+        }
+        world.step();
+        let is_new = |(at, value): &(_, ParamValue)| value.param_index == 0 && Some(*at) >= asked;
+        if asked.is_some() && world.gcs[RADIO].all::<ParamValue>().iter().any(is_new) {
+            latest = latest.max(world.now() - asked.take().unwrap());
+        }
+    }
+    let is_value = |frame: &&Received| frame.header.id == ParamValue::ID;
+    let bytes = world.gcs[RADIO].received.iter().filter(is_value).map(|frame| frame.raw.len()).sum();
+    (bytes, if asked.is_some() { secs(1_000) } else { latest })
+}
+
+/// beside streams that fill the radio, the answers to what other links ask for take a tenth of it. Before: 97 %.
+#[test]
+fn tenth() {
+    let (bytes, _) = saturated(false);
+    assert!(bytes <= RATE * 5 / 10 + 280, "{bytes} bytes of values");
+}
+
+/// a tenth is for other links, so that a flood does not defer what the radio's own station asks for.
+#[test]
+fn own_answers() {
+    let (_, latest) = saturated(true);
+    assert!(latest <= millis(1_500), "{} ms", latest.as_millis());
+}
+
+/// what waits is not lost: the last value arrives, of a parameter that another link changes all the time.
+#[test]
+fn last_value() {
+    let mut world = site();
+    let set = unchanged_set(&mut world, 0);
+    let interval = [Attitude::ID as f32, 5_000.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    world.gcs[RADIO].command_long(MavCmd::SET_MESSAGE_INTERVAL, interval);
+    world.run_for(millis(500));
+    for number in 0..1_000 {
+        world.gcs[OTHER].send(&ParamSet { param_value: set.param_value + (number % 2) as f32, ..set });
+        world.step();
+    }
+    world.run_for(millis(500));
+    let last = |link: usize| world.gcs[link].all::<ParamValue>().last().map(|(_, value)| value.param_value);
+    assert!(last(OTHER).is_some());
+    assert_eq!(last(RADIO), last(OTHER));
 }

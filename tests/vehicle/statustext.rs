@@ -165,7 +165,7 @@ fn chunk_ids_skip_zero() {
     assert_eq!(ids, [65_534, 65_535, 1, 2, 3]);
 }
 
-/// T-5: a full queue drops the least severe text, the older of two equals; the others are sent in order.
+/// T-5: a full queue drops the least severe text, the older of two equals; the others are sent in order, critical ones first.
 #[test]
 fn least_severe_text_is_dropped_first() {
     use MavSeverity as S;
@@ -188,7 +188,8 @@ fn least_severe_text_is_dropped_first() {
         world.run_for(millis(10));
     }
     world.run_for(secs(3));
-    assert_eq!(texts(&world, 0), ["second", "fourth", "fifth", "eighth"]);
+    // Those of severity CRITICAL and higher come first.
+    assert_eq!(texts(&world, 0), ["second", "fifth", "fourth", "eighth"]);
     assert_eq!(world.stack.dropped_texts(), 4);
 }
 

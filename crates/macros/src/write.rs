@@ -37,6 +37,7 @@ const TEMPLATE: &str = "
             type Texts = library::TextQueue<{ $texts }>;
             type Requests = library::Requests<[library::RequestQueue; { ($message_queues) + $client_queues }]>;
             type EventLog = library::EventHistory<{ $history }>;
+            const LINKS: usize = $links;
             const MESSAGE_QUEUES: usize = $message_queues;
             type Commands = $Commands;
             type Components = $Components;

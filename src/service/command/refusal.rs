@@ -108,7 +108,7 @@ mod tests {
     use crate::link::Outbox;
     use crate::message::Address;
     use crate::service::statustext::TextCursor;
-    use crate::types::{LinkId, StatusTexts, TextEntry, TextNumber};
+    use crate::types::{LinkId, StatusTexts, TextEntry, TextKind, TextNumber};
 
     /// Returns the number of frames of the refusal's text; one frame holds 50 bytes.
     fn frames(id: Option<u16>, refusal: Refusal) -> usize {
@@ -122,7 +122,7 @@ mod tests {
         let (mut cursor, mut tx) = (TextCursor::at(TextNumber::NONE), Outbox::VACANT);
         tx.configure(LinkId(0), Address::new(254, 1), Version::V2);
         let next = || {
-            let is_sent = texts.next(&mut cursor, &mut tx);
+            let is_sent = texts.next(&mut cursor, &mut tx, TextKind::Any);
             let len = tx.pending().len();
             tx.advance(len);
             is_sent.then_some(())

@@ -238,6 +238,8 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         }
         let [requested, _] = &link.requested;
         let (at, reply) = match requested {
+            // They do not wait for old ones that are requested again.
+            Some(_) if view.events.has_urgent(link.sent) => (view.now, EventReply::Next),
             _ if link.at <= view.now => (link.at, EventReply::Sequence),
             Some(_) => (view.now, EventReply::Requested),
             None if link.sent != view.events.newest() => (view.now, EventReply::Next),

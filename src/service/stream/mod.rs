@@ -90,7 +90,8 @@ fn send_stream<F: Firmware<Vehicle: Telemetry>>(
     link: &mut StreamLink,
 ) -> bool {
     let is_slowed = F::SLOWS_STREAMS && cx.now < port.facts.transferring_until;
-    while let Some(row) = link.next_due(cx.now, F::Vehicle::STREAMS, port.config.streams, is_slowed) {
+    let (profile, least_percent) = (port.config.streams, port.config.least_stream_percent);
+    while let Some(row) = link.next_due(cx.now, F::Vehicle::STREAMS, profile, least_percent, is_slowed) {
         let Some(stream) = F::Vehicle::STREAMS.get(row) else { continue };
         let is_filled = vehicle::fill_row(cx, &mut port.outbox, stream, stream.instance, false);
         history.record(row, is_filled);
@@ -204,5 +205,6 @@ impl Context<'_> {
     /// vehicle `V`; otherwise this does not compile.
     pub fn announce<M: Message, V: Telemetry>(&mut self) {
         self.requests.announced |= const { Stream::rows_of::<M>(V::STREAMS) };
+        self.requests.is_new = true;
     }
 }

@@ -247,7 +247,7 @@ pub(super) fn send_interval<F: Firmware<Vehicle: Telemetry>>(
         }
         for (stream, slot) in table.iter().zip(&link.slots).filter(|(stream, _)| stream.is(of, id, 0)) {
             let micros = slot.interval(stream, port.config.streams).unwrap_or(u32::MAX);
-            let micros = micros.saturating_add(link.slowdown(cx.now));
+            let micros = micros.saturating_add(link.slowdown(cx.now, micros, port.config.least_stream_percent));
             interval = if interval == 0 { micros } else { interval.min(micros) };
         }
     }

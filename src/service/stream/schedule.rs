@@ -208,14 +208,15 @@ impl StreamLink {
         }
     }
 
-    /// Returns the delay that a radio's full buffer adds to each interval now (µs).
-    pub(super) fn slowdown(&self, now: Instant) -> u32 {
-        if self.radio_age(now) > RADIO_STALE { 0 } else { self.delay().0 }
+    /// Returns the delay that a radio's full buffer adds to an interval now (µs).
+    pub(super) fn slowdown(&self, now: Instant, interval: u32, least_percent: u8) -> u32 {
+        let delay = if self.radio_age(now) > RADIO_STALE { 0 } else { self.delay() };
+        delay.min(longest_delay(interval, least_percent))
     }
 
-    /// Returns the delay at the beginning of the sweep (µs).
-    fn delay(&self) -> Saturating<u32> {
-        Saturating(u32::from(self.slowdown.0)) * Saturating(STEP)
+    /// Returns the delay at the beginning of the sweep (µs), as far as a stream's interval allows it.
+    fn delay(&self) -> u32 {
+        u32::from(self.slowdown.0).saturating_mul(STEP)
     }
 
     /// Returns the row of the next stream to send. It is next due one interval after it was *due* now; `is_slowed`:
@@ -225,6 +226,7 @@ impl StreamLink {
         now: Instant,
         table: &[Stream],
         profile: StreamProfile,
+        least_percent: u8,
         is_slowed: bool,
     ) -> Option<usize> {
         if self.cursor.is_none() {
@@ -237,7 +239,7 @@ impl StreamLink {
         let (stream, slot) = table.get(row.index()).zip(self.slots.get_mut(row.index()))?;
         let interval = slot.interval(stream, profile)?;
         let unit = Unit::of(interval);
-        let mut pause = Saturating(interval) + delay;
+        let mut pause = Saturating(interval) + Saturating(delay.min(longest_delay(interval, least_percent)));
         if is_slowed {
             let longest = if unit == Unit::Fine { LONGEST_FINE } else { MAX_INTERVAL };
             pause = pause.max((Saturating(interval) * Saturating(SLOWED)).min(Saturating(longest)));
@@ -307,6 +309,12 @@ impl StreamLink {
             || table.iter().zip(&self.slots).any(|(stream, slot)| slot.interval(stream, profile).is_some());
         if self.wake == Instant::ZERO && !has_stream() { Instant::NEVER } else { self.wake }
     }
+}
+
+/// Returns the longest delay (µs) that leaves a stream this percentage of its rate, whatever RADIO_STATUS says.
+fn longest_delay(interval: u32, least_percent: u8) -> u32 {
+    let percent = u32::from(least_percent).clamp(1, 100);
+    interval.saturating_mul(100_u32.saturating_sub(percent)).checked_div(percent).unwrap_or(0)
 }
 
 /// An interval is stored as a code. Up to this code, it is the interval's whole rate (Hz). Larger codes are four digits

@@ -26,7 +26,7 @@ impl Line {
     }
 
     fn next_due(&mut self, now: Instant, profile: StreamProfile) -> Option<usize> {
-        self.link().next_due(now, TABLE, profile, false)
+        self.link().next_due(now, TABLE, profile, 1, false)
     }
 
     fn set_interval(&mut self, profile: StreamProfile, number: usize, micros: u32) {
@@ -122,7 +122,7 @@ fn transfers_slow_streams() {
         let mut at = start;
         let mut next = |is_slowed: bool| {
             let before = at;
-            while link.next_due(at, TABLE, StreamProfile::Off, is_slowed) != Some(2) {
+            while link.next_due(at, TABLE, StreamProfile::Off, 1, is_slowed) != Some(2) {
                 at += Duration::from_micros(100);
             }
             (at - before).as_micros()
@@ -146,7 +146,7 @@ fn radio_status_is_forgotten_after_any_pause() {
         counts(&mut line, 0, 1, StreamProfile::Radio, &[1_000]);
         line.link().on_radio(Instant::from_millis(1_000), 0);
         let later = Instant::from_millis((1 + pause) * 1_000);
-        assert_eq!(line.link().slowdown(later), 0, "{pause} s");
+        assert_eq!(line.link().slowdown(later, 1_000_000, 1), 0, "{pause} s");
         let [fast, ..] = counts(&mut line, later.as_micros(), 1, StreamProfile::Radio, &[1_000]);
         assert!(fast >= 50, "{pause} s: {fast}");
     }

@@ -358,6 +358,7 @@ impl World {
     fn act(&mut self, link: u8, what: u8) {
         let (now, stack) = (self.now, &mut self.stack);
         match what {
+            0 if link == 0 => stack.text(now, MavSeverity::CRITICAL, "Engine failed"),
             0 => stack.text(now, MavSeverity::INFO, "Gear down"),
             1 => stack.text(now, MavSeverity::NOTICE, &[b'x'; 70][..]),
             2 => stack.announce::<BatteryStatus>(),
