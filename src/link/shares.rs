@@ -9,6 +9,9 @@ use core::num::Saturating;
 /// The length of the longest frame (bytes): streams that are so far behind are sent first.
 const LONG_FRAME: u16 = 280;
 
+/// The most that forwarded frames make up (bytes): where they have been none, they do not come in a burst.
+const MOST_BEHIND: i16 = 120;
+
 /// Nine of ten parts are for the rest.
 const REST: u16 = 9;
 
@@ -20,7 +23,9 @@ const MOST_OWED: u8 = 8;
 pub(crate) enum Traffic {
     /// What the vehicle sends by its schedule while the link is idle.
     Stream,
-    /// Frames of other systems, which are sent while the link is idle too.
+    /// Frames of other systems, before a stream.
+    ForwardedFirst,
+    /// Frames of other systems while no stream waits.
     Forwarded,
     /// Plans, which precede streams (D-4).
     Plan,
@@ -30,12 +35,19 @@ pub(crate) enum Traffic {
     Answer,
 }
 
+impl Traffic {
+    /// Whether it is of streams or forwarded frames.
+    pub(crate) const fn is_stream(self) -> bool {
+        matches!(self, Self::Stream | Self::ForwardedFirst | Self::Forwarded)
+    }
+}
+
 /// Balances in bytes. Initially all zero bits.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Shares {
     /// How far streams and forwarded frames are behind the rest: at most two long frames.
     behind: Saturating<u16>,
-    /// How far forwarded frames are behind streams: at most a long frame, either way.
+    /// How far forwarded frames are behind streams: at most three short frames; or before them, at most a long one.
     forwarded: Saturating<i16>,
     /// How much of the rest must be sent before a marked turn has its next frame.
     debt: Saturating<u16>,
@@ -71,16 +83,18 @@ impl Shares {
         let signed = Saturating(len.cast_signed());
         match traffic {
             Traffic::Stream => self.forwarded += signed,
-            Traffic::Forwarded => self.forwarded -= signed,
+            Traffic::ForwardedFirst => self.forwarded -= signed,
+            // No stream waits, so none is owed anything.
+            Traffic::Forwarded => {}
             Traffic::Plan => self.behind += len >> 3,
             Traffic::Transfer => self.behind += len.wrapping_mul(3) >> 3,
             Traffic::Answer => self.behind += len,
         }
-        if matches!(traffic, Traffic::Stream | Traffic::Forwarded) {
+        if traffic.is_stream() {
             self.behind -= len;
         }
-        let most = LONG_FRAME.cast_signed();
-        self.forwarded = Saturating(self.forwarded.0.clamp(most.wrapping_neg(), most));
+        let ahead = LONG_FRAME.cast_signed().wrapping_neg();
+        self.forwarded = Saturating(self.forwarded.0.clamp(ahead, MOST_BEHIND));
         self.behind = Saturating(self.behind.0.min(LONG_FRAME.wrapping_mul(2)));
     }
 

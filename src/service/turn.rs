@@ -125,14 +125,15 @@ macro_rules! define {
 
             /// Whether it sends streams or forwarded frames, which have at least half of a busy link together.
             pub(crate) const fn is_stream(self) -> bool {
-                matches!(self.traffic(), Traffic::Stream | Traffic::Forwarded)
+                self.traffic().is_stream()
             }
 
             /// Returns the kind of its traffic, as the link's rate is shared.
             pub(crate) const fn traffic(self) -> Traffic {
                 match self {
                     Self::Stream | Self::Report | Self::GimbalStatus | Self::GimbalAttitude => Traffic::Stream,
-                    Self::ForwardedFirst | Self::Forwarded => Traffic::Forwarded,
+                    Self::ForwardedFirst => Traffic::ForwardedFirst,
+                    Self::Forwarded => Traffic::Forwarded,
                     Self::MissionTransfer => Traffic::Plan,
                     Self::LateParamList | Self::ParamList | Self::LateBulk | Self::Bulk => Traffic::Transfer,
                     _ => Traffic::Answer,

@@ -362,7 +362,7 @@ fn in_order<const N: usize>(
         let first = turns.iter().filter(|turn| behind >= 280 && (STREAMS.contains(turn) || AT_ONCE.contains(turn)));
         let next = first.chain(turns).filter(|turn| **turn != "ForwardedFirst" || forwarded > 0).find_map(|turn| {
             let kind = if *turn == "ForwardedFirst" { "Forwarded" } else { turn };
-            Some((kind, pending.get_mut(kind)?.pop_front()?))
+            Some((*turn, pending.get_mut(kind)?.pop_front()?))
         });
         let Some((kind, frame)) = next else { break };
         let is_stream = STREAMS.contains(&kind);
@@ -373,8 +373,12 @@ fn in_order<const N: usize>(
         };
         behind += if is_stream { -len } else { len * eighths / 8 };
         behind = behind.clamp(0, 560);
-        forwarded += if kind == "Forwarded" { -len } else { len * i32::from(is_stream) };
-        forwarded = forwarded.clamp(-280, 280);
+        forwarded += match kind {
+            "ForwardedFirst" => -len,
+            "Forwarded" => 0,
+            _ => len * i32::from(is_stream),
+        };
+        forwarded = forwarded.clamp(-280, 120);
         sent.push(frame);
     }
     sent
