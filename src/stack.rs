@@ -39,7 +39,7 @@ use crate::message::Address;
 use crate::network;
 use crate::service::command::CommandMemory;
 use crate::service::param::ParamMemory;
-use crate::service::{Cx, Service, Shared, SigningGate, View};
+use crate::service::{ControlGate, Cx, Service, Shared, SigningGate, View};
 use crate::time::Instant;
 use crate::types::{
     Allowance, Component, Config, Context, CreditConfig, CreditMemory, CreditView, HookFaults, LinkConfig, LinkId,
@@ -228,6 +228,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         let (peers, mut hook) = cx.peers_and_hook();
         network::poll(peers, now, timeout, |event| hook.report(event));
         services.release_stalled(now, links, states);
+        cx.shared.controllers = services.operator_control.controllers();
         services.poll(&mut cx, states);
         if !D::COMPONENTS.is_empty()
             && let (Some(Link { port, .. }), Some(state)) = (links.first_mut(), states.first_mut())

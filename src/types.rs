@@ -43,7 +43,7 @@ pub use plans::{MAX_ITEMS, NoPlans, PlanBuffers, PlanMemory, PlanMemoryOf, PlanT
 pub(crate) use plans::{NO_ITEM, UploadStep};
 pub(crate) use requests::{Cancellation, MAX_PENDING, Pending};
 pub use requests::{Destination, Recipient, RequestQueue, Requests};
-pub use sender::{Sender, Trust};
+pub use sender::{Controllers, Sender, Trust};
 #[cfg(feature = "signing")]
 pub use signing::{Accept, LinkSigning};
 pub use texts::MAX_TEXT_LEN;

@@ -5,12 +5,12 @@ use core::num::Saturating;
 use super::Firmware;
 use crate::dialect::MavSeverity;
 use crate::link::Port;
-use crate::message::{Address, ComponentId};
+use crate::message::{Address, ComponentId, SystemId};
 use crate::network::{PeerInfo, Peers};
 use crate::time::{Clock, Duration, Instant};
 use crate::types::{
-    Config, Context, CreditMemory, CreditView, EventLog, HookFaults, LinkMask, ObservedVehicle, Payer, Peer, PeerEvent,
-    PlansMut, Requests, StatusTexts, Trust, Values, Vehicle,
+    Config, Context, Controllers, CreditMemory, CreditView, EventLog, HookFaults, LinkMask, ObservedVehicle, Payer,
+    Peer, PeerEvent, PlansMut, Requests, StatusTexts, Trust, Values, Vehicle,
 };
 
 /// The data that all services share.
@@ -23,6 +23,8 @@ pub struct Shared {
     pub(crate) satellites: LinkMask,
     /// The links on which components of our own system are believed.
     pub(crate) trusting: LinkMask,
+    /// The systems that may change the vehicle, as of the last frame or poll.
+    pub(crate) controllers: Controllers,
     pub(crate) observed: ObservedVehicle,
     /// The stack's time, which is never set back. All other instants inside the stack are its.
     pub(crate) clock: Clock,
@@ -59,6 +61,7 @@ impl Shared {
         normal: LinkMask::NONE,
         satellites: LinkMask::NONE,
         trusting: LinkMask::NONE,
+        controllers: Controllers::NOBODY,
         observed: ObservedVehicle::new(),
         clock: Clock::NEW,
         clock_steps: 0,
@@ -104,6 +107,12 @@ impl Shared {
     /// Whether this is another component of the firmware that is not left out.
     pub(crate) fn has_component<F: Firmware>(&self, id: ComponentId) -> bool {
         F::is_component(id) && !self.leaves_out_components::<F>()
+    }
+
+    /// Whether a system that was admitted before may still change the vehicle: it is in control, or nobody is, or it is our
+    /// own.
+    pub(crate) fn may_change(&self, system: SystemId) -> bool {
+        system == self.config.address.get().system || self.controllers.may_change(system)
     }
 
     /// Whether a peer is believed on its link: a component of our own system must sign, or be on a link that trusts our

@@ -334,6 +334,8 @@ fn set<F: Firmware<Vehicle: ExtParameters>>(
     let is_of_type = cx.vehicle.ext_param(index).is_some_and(|(_, now)| now.kind() == kind);
     let value = payload.get(18..146).filter(|_| is_of_type).and_then(|bytes| ExtValue::read(kind, bytes));
     let result = match value {
+        // Only those who may command change a setting.
+        _ if !received.may_change => ParamAck::FAILED,
         Some(value) => {
             let (vehicle, mut context) = cx.hook();
             vehicle.set_ext_param(&mut context, index, value, received.from())

@@ -7,7 +7,7 @@ use crate::link::Port;
 use crate::message::{Address, Message, SystemId};
 use crate::network::{ForwardCounters, ForwardDecision, SenderEntry};
 use crate::time::{Duration, Instant};
-use crate::types::{Command, CommandAnswer, Firmware, LinkId, Payer, Peer, SignedAt, Trust};
+use crate::types::{Command, CommandAnswer, Controllers, Firmware, LinkId, Payer, Peer, SignedAt, Trust};
 
 /// Verifies the signatures of received frames, and signs sent frames. `L` is its state on a link.
 pub trait SigningGate<L> {
@@ -80,22 +80,23 @@ pub trait ForwardingGate<F: Firmware>: Service<F> {
 
 /// Decides which systems control the vehicle (O-5), before the services see their frames.
 pub trait ControlGate {
-    /// Whether a frame that is no command is dropped, because its sender is not in control. Counted. `own` is our system.
+    /// Whether a frame that is no command is dropped, because its sender is not in control. Counted. `is_ours`: the sender is
+    /// a component of our own system, and is believed.
     /// `is_receiver`: the sender is the pilot's receiver, whose sticks are never dropped (J-11).
-    fn drops(&mut self, own: SystemId, is_receiver: bool, frame: &Frame<'_>) -> bool {
-        let _ = (own, is_receiver, frame);
+    fn drops(&mut self, is_ours: bool, is_receiver: bool, frame: &Frame<'_>) -> bool {
+        let _ = (is_ours, is_receiver, frame);
         false
     }
 
     /// Whether a command is answered NOT_IN_CONTROL. Counted.
-    fn refuses(&mut self, own: SystemId, command: &Command) -> bool {
-        let _ = (own, command);
+    fn refuses(&mut self, is_ours: bool, command: &Command) -> bool {
+        let _ = (is_ours, command);
         false
     }
 
-    /// Returns the system in control.
-    fn owner(&self) -> Option<SystemId> {
-        None
+    /// Returns the systems that may change the vehicle.
+    fn controllers(&self) -> Controllers {
+        Controllers::NOBODY
     }
 
     /// Returns the system in control, once after each time that it is another one.

@@ -229,7 +229,9 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
     fn on_command(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), request: &Request) -> Option<Verdict> {
         let command = &request.command;
         let refuse = |result, reason| Some(Verdict::Refused(Refusal { result, reason }));
-        let is_taken = self.phase != StreamPhase::Off && command.from != self.client;
+        // The system in control takes and ends the stream of any other.
+        let is_owner = cx.shared.controllers.is_owner(command.from.address.system);
+        let is_taken = self.phase != StreamPhase::Off && command.from != self.client && !is_owner;
         let result = match command.id {
             MavCmd::LOGGING_START => {
                 let [format, ..] = command.params;
@@ -310,7 +312,7 @@ fn data_due<F: Firmware<Vehicle: LogStreaming>>(cx: &Cx<'_, F>) -> Instant {
 /// Starts a stream (LOG-10).
 fn start<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>, from: Peer) -> MavResult {
     let is_running = streamer.phase != StreamPhase::Off && !streamer.is_gone;
-    if is_running && cx.now - streamer.started < RETRANSMITTED {
+    if is_running && streamer.client == from && cx.now - streamer.started < RETRANSMITTED {
         return MavResult::ACCEPTED;
     }
     // A client that was restarted needs the definitions again.

@@ -26,7 +26,7 @@ use crate::message::{Address, Message, SystemId};
 use crate::network::{PeerInfo, Peers};
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::{Command, Firmware, LinkId, LinkMask, Peer, Refusal, RefusalReason};
+use crate::types::{Command, Controllers, Firmware, LinkId, LinkMask, Peer, Refusal, RefusalReason};
 use core::num::{Saturating, Wrapping};
 
 /// MAV_CMD_REQUEST_OPERATOR_CONTROL: action, takeover, timeout, system.
@@ -41,8 +41,11 @@ const SECONDARIES: usize = 10;
 /// The period of CONTROL_STATUS without a change.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// The maximum number of times that the owner is notified of a request, every [`PERIOD`].
+/// The maximum number of times that the owner is notified of a request.
 const NOTICES: u8 = 3;
+
+/// The time between two notices, also if a request is repeated.
+const NOTICE_PERIOD: Duration = Duration::from_secs(3);
 
 /// GCS_CONTROL_STATUS_FLAGS: about the whole system.
 const SYSTEM_MANAGER: u8 = 1;
@@ -253,13 +256,13 @@ impl OperatorControl {
     }
 
     /// Whether a system may steer.
-    fn may_steer(&self, own: SystemId, system: SystemId) -> bool {
-        self.owner.is_none_or(|owner| system == owner || system == own)
+    fn may_steer(&self, is_ours: bool, system: SystemId) -> bool {
+        is_ours || self.owner.is_none_or(|owner| system == owner)
     }
 
     /// Whether a system may send commands.
-    fn may_command(&self, own: SystemId, system: SystemId) -> bool {
-        self.may_steer(own, system) || self.secondaries.contains(&system.wire())
+    fn may_command(&self, is_ours: bool, system: SystemId) -> bool {
+        self.may_steer(is_ours, system) || self.secondaries.contains(&system.wire())
     }
 
     /// Handles MAV_CMD_REQUEST_OPERATOR_CONTROL.
@@ -308,7 +311,9 @@ impl OperatorControl {
             && let Some(to) = station(cx.peers, owner, cx.shared.normal)
         {
             let (left, timeout) = (Saturating(NOTICES), timeout.clamp(3, 60));
-            self.notice = Notice { left, to, requester: system, allow, timeout, at: cx.now };
+            // The time stays that after the last notice, so that requests in a row cause no more notices.
+            let at = cx.now.max(self.notice.at);
+            self.notice = Notice { left, to, requester: system, allow, timeout, at };
         }
         false
     }
@@ -334,25 +339,25 @@ const fn is_for_all(command: MavCmd) -> bool {
 }
 
 impl ControlGate for OperatorControl {
-    fn drops(&mut self, own: SystemId, is_receiver: bool, frame: &Frame<'_>) -> bool {
+    fn drops(&mut self, is_ours: bool, is_receiver: bool, frame: &Frame<'_>) -> bool {
         let system = frame.source().system;
         let may = match frame.id() {
             // A receiver's rank is above operator control (J-11).
             ManualControl::ID | RcChannelsOverride::ID | RadioRcChannels::ID => {
-                is_receiver || self.may_steer(own, system)
+                is_receiver || self.may_steer(is_ours, system)
             }
             SetPositionTargetLocalNed::ID
             | SetPositionTargetGlobalInt::ID
             | SetAttitudeTarget::ID
-            | SetActuatorControlTarget::ID => self.may_steer(own, system),
+            | SetActuatorControlTarget::ID => self.may_steer(is_ours, system),
             // Only systems that may command erase logs (LOG-7).
             CommandCancel::ID
             | LogErase::ID
             | MissionSetCurrent::ID
             | SetMode::ID
             | SetHomePosition::ID
-            | SetGpsGlobalOrigin::ID => self.may_command(own, system),
-            FileTransferProtocol::ID if files::changes(frame) => self.may_command(own, system),
+            | SetGpsGlobalOrigin::ID => self.may_command(is_ours, system),
+            FileTransferProtocol::ID if files::changes(frame) => self.may_command(is_ours, system),
             _ => true,
         };
         if !may {
@@ -361,16 +366,16 @@ impl ControlGate for OperatorControl {
         !may
     }
 
-    fn refuses(&mut self, own: SystemId, command: &Command) -> bool {
-        let may = is_for_all(command.id) || self.may_command(own, command.from.address.system);
+    fn refuses(&mut self, is_ours: bool, command: &Command) -> bool {
+        let may = is_for_all(command.id) || self.may_command(is_ours, command.from.address.system);
         if !may {
             increment(&mut self.counters.commands);
         }
         !may
     }
 
-    fn owner(&self) -> Option<SystemId> {
-        self.owner
+    fn controllers(&self) -> Controllers {
+        Controllers::new(self.owner, self.secondaries)
     }
 
     fn take_new_owner(&mut self) -> Option<SystemId> {
@@ -451,7 +456,7 @@ impl<F: Firmware> Service<F> for OperatorControl {
                 let notice = &mut self.notice;
                 let confirmation = Saturating(NOTICES) - notice.left;
                 notice.left -= 1;
-                notice.at = cx.now + PERIOD;
+                notice.at = cx.now + NOTICE_PERIOD;
                 port.outbox.send(&CommandLong {
                     param1: f32::from(REQUEST),
                     param2: f32::from(notice.allow),

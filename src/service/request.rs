@@ -17,6 +17,8 @@ pub struct Received<'a> {
     pub(crate) trust: Trust,
     /// Whether what the frame claims counts.
     pub(crate) counts: bool,
+    /// Whether the sender may change the vehicle.
+    pub(crate) may_change: bool,
     /// The address to which it is sent.
     pub(crate) target: Address,
     /// How long ago it was signed, if that is known.
@@ -144,6 +146,11 @@ impl Received<'_> {
     /// system has signed it or is on a link that [trusts](crate::LinkConfig::trusts_own_system) our system.
     pub const fn counts(&self) -> bool {
         self.counts
+    }
+
+    /// Whether the sender may change the vehicle: it is in control, or nobody is (O-5, X-5).
+    pub const fn may_change(&self) -> bool {
+        self.may_change
     }
 
     pub(crate) fn origin(&self, port: &Port) -> Origin {

@@ -34,6 +34,8 @@ pub(super) struct Standing {
     trust: Trust,
     /// See [`Received::counts`].
     counts: bool,
+    /// See [`Received::may_change`].
+    may_change: bool,
 }
 
 impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
@@ -52,6 +54,7 @@ impl<D: Declares> Services<D> {
         state: &mut States<D>,
         allowance: &mut Allowance,
     ) -> Option<OwnFrame> {
+        cx.shared.controllers = self.operator_control.controllers();
         let mut own_frame = None;
         let Link { decoder, port } = link;
         // All calls of a poll of the link share the allowance.
@@ -83,7 +86,7 @@ impl<D: Declares> Services<D> {
                 }
                 let received = self.received(cx.now, port, frame, standing, target);
                 let is_command = self.execute_if_command(cx, port, state, &received);
-                if !is_command && self.is_sender_in_control(cx, port, frame) {
+                if !is_command && self.is_sender_in_control(cx, &received) {
                     self.serve(cx, port, state, &received);
                 }
                 if D::HAS_TEXTS {
@@ -119,10 +122,9 @@ impl<D: Declares> Services<D> {
 
     /// Returns whether the sender may cause the effect of a frame that is no command. A frame from a sender that is not
     /// in control of the vehicle is counted, and the caller drops it (O-5).
-    fn is_sender_in_control(&mut self, cx: &Cx<'_, D>, port: &Port, frame: &Frame<'_>) -> bool {
-        let from = Peer { address: frame.source(), link: port.id };
-        let is_receiver = self.manual_control.is_receiver(from);
-        !self.operator_control.drops(cx.shared.config.address.get().system, is_receiver, frame)
+    fn is_sender_in_control(&mut self, cx: &Cx<'_, D>, received: &Received<'_>) -> bool {
+        let is_receiver = self.manual_control.is_receiver(received.from);
+        !self.operator_control.drops(is_ours(cx, received), is_receiver, received.frame)
     }
 
     /// Returns the next frame that the decoder finds; `None` if it needs more bytes.
@@ -187,7 +189,7 @@ impl<D: Declares> Services<D> {
         }
         let by = Reception { now: cx.now, link: port.id, class: port.config.class, trust };
         let own = cx.address().system;
-        let residents = Residents { own, owner: self.operator_control.owner(), timeout: cx.shared.config.peer_timeout };
+        let residents = Residents { own, owner: cx.shared.controllers.owner(), timeout: cx.shared.config.peer_timeout };
         let (peers, mut hook) = cx.peers_and_hook();
         let Recorded { entry, is_proven } = network::record(peers, by, residents, frame, |event| hook.report(event));
         match entry {
@@ -197,7 +199,8 @@ impl<D: Declares> Services<D> {
         }
         let is_other_system = frame.source().system != own;
         let counts = is_proven && (is_other_system || trust == Trust::Signed || port.config.trusts_own_system);
-        (entry, Standing { trust, counts })
+        let may_change = (!is_other_system && counts) || cx.shared.controllers.may_change(frame.source().system);
+        (entry, Standing { trust, counts, may_change })
     }
 
     /// Counts a frame from one of our own addresses, which is neither used nor forwarded (S-15, R-8). Returns its
@@ -244,13 +247,13 @@ impl<D: Declares> Services<D> {
         target: Address,
     ) -> Received<'a> {
         let from = Peer { address: frame.source(), link: port.id };
-        let Standing { trust, counts } = standing;
-        Received { frame, from, trust, counts, target, age: self.signing.age(now, frame) }
+        let Standing { trust, counts, may_change } = standing;
+        Received { frame, from, trust, counts, may_change, target, age: self.signing.age(now, frame) }
     }
 
     /// Returns whose credits pay for what a frame causes on the high-latency links (L-17).
     fn payer(&self, frame: &Frame<'_>) -> Payer {
-        let is_in_control = self.operator_control.owner() == Some(frame.source().system);
+        let is_in_control = self.operator_control.controllers().is_owner(frame.source().system);
         let is_privileged = is_in_control || self.signing.signed_at(frame).is_some();
         if is_privileged { Payer::Privileged } else { Payer::Anyone }
     }
@@ -288,7 +291,7 @@ impl<D: Declares> Services<D> {
         }
         // The sender's control is checked before any hook of the vehicle is called (O-5).
         let own = cx.shared.config.address.get().system;
-        let refusal = if self.operator_control.refuses(own, &request.command) {
+        let refusal = if self.operator_control.refuses(is_ours(cx, received), &request.command) {
             Some(Verdict::Refused(MavResult::NOT_IN_CONTROL.into()))
         } else {
             self.command.admit(cx, request)
@@ -296,6 +299,7 @@ impl<D: Declares> Services<D> {
         let is_admitted = refusal.is_none();
         let verdict = if is_admitted { self.on_command(cx, port, state, request) } else { refusal };
         if let Some(owner) = self.operator_control.take_new_owner() {
+            cx.shared.controllers = self.operator_control.controllers();
             self.on_owner(own, owner);
         }
         self.command.answer(cx, port, &mut state.command, request, verdict, is_admitted);
@@ -349,6 +353,11 @@ impl<D: Declares> Services<D> {
             self.client.answered_own(cx, from, answer);
         }
     }
+}
+
+/// Whether a frame is that of a component of our own system, and is believed.
+fn is_ours<D: Declares>(cx: &Cx<'_, D>, received: &Received<'_>) -> bool {
+    received.from.address.system == cx.shared.config.address.get().system && received.counts
 }
 
 /// Whether a command asks for a message, which a component of the firmware does not send to the firmware itself.

@@ -1,6 +1,7 @@
 //! Who has sent a frame, and what proves it.
 
 use super::link::Peer;
+use crate::message::SystemId;
 
 /// What proves the sender of a frame. Ordered: a signature is the strongest proof.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -29,5 +30,38 @@ impl Sender {
     /// Whether `other` is the same component on the same link, with at least the same proof.
     pub(crate) fn is_repeated_by(self, other: Self) -> bool {
         other.peer == self.peer && other.trust >= self.trust
+    }
+}
+
+/// The systems that may change the vehicle while one of them is in control (O-5). Initially all bits are zero: nobody is.
+#[derive(Clone, Copy, Debug)]
+pub struct Controllers {
+    /// The system in control; [`SystemId::ALL`] if none is.
+    owner: SystemId,
+    /// Other systems that may send commands; 0 is none.
+    secondaries: [u8; 10],
+}
+
+impl Controllers {
+    /// Nobody is in control, so everyone may change the vehicle.
+    pub(crate) const NOBODY: Self = Self { owner: SystemId::ALL, secondaries: [0; 10] };
+
+    pub(crate) fn new(owner: Option<SystemId>, secondaries: [u8; 10]) -> Self {
+        Self { owner: owner.unwrap_or(SystemId::ALL), secondaries }
+    }
+
+    /// Returns the system in control.
+    pub(crate) fn owner(&self) -> Option<SystemId> {
+        Some(self.owner).filter(|owner| !owner.is_all())
+    }
+
+    /// Whether this system is in control.
+    pub(crate) fn is_owner(&self, system: SystemId) -> bool {
+        self.owner() == Some(system)
+    }
+
+    /// Whether this system may change the vehicle: it is in control, or nobody is, or it is a secondary one.
+    pub(crate) fn may_change(&self, system: SystemId) -> bool {
+        self.owner.is_all() || self.owner == system || self.secondaries.contains(&system.wire())
     }
 }

@@ -142,12 +142,17 @@ where
     }
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
-        // The clients are gone, or get no answers. The next poll closes their files.
-        if let StackEvent::Opened(port, _) | StackEvent::Stalled(port, _) = event {
-            self.status.wake = Instant::ZERO;
-            for session in &mut self.sessions {
-                session.id = session.id.filter(|id| id.client.link != port.id);
+        match event {
+            // The clients are gone, or get no answers. The next poll closes their files.
+            StackEvent::Opened(port, _) | StackEvent::Stalled(port, _) => {
+                self.status.wake = Instant::ZERO;
+                for session in &mut self.sessions {
+                    session.id = session.id.filter(|id| id.client.link != port.id);
+                }
             }
+            // The next poll ends the uploads of those that are not in control any more.
+            StackEvent::NewOwner { .. } => self.status.wake = Instant::ZERO,
+            _ => {}
         }
     }
 }

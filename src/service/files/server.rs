@@ -476,6 +476,12 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             }
             let mut left = IDLE - idle;
             if V::UPLOADS && session.is_uploading() {
+                let is_in_control = session.id.is_none_or(|id| self.cx.shared.may_change(id.client.address.system));
+                if !is_in_control {
+                    // Another system has taken control.
+                    self.close(index);
+                    continue;
+                }
                 let stalled = now - self.upload.grown;
                 if stalled >= STALLED {
                     increment(&mut self.status.counters.timed_out);

@@ -54,6 +54,10 @@ impl Missions {
         from: Peer,
         write: StorageWrite,
     ) -> Result<(), MavMissionResult> {
+        // Another system may have taken control.
+        if !cx.shared.may_change(from.address.system) {
+            return Err(MavMissionResult::DENIED);
+        }
         let (vehicle, mut context) = cx.hook();
         if self.is_durable() && write == StorageWrite::Needed && !vehicle.may_persist() {
             return Err(MavMissionResult::DENIED);
@@ -482,6 +486,8 @@ impl Missions {
     /// permitted.
     fn find_refusal<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, commit: &Commit) -> Option<Problem> {
         let Commit { client, change, .. } = commit;
+        // Another system may have taken control.
+        let is_in_control = cx.shared.may_change(client.address.system);
         let (vehicle, mut context) = cx.hook();
         PlanType::ALL.into_iter().find_map(|plan| {
             // A clear changes only the plans that have items.
@@ -490,7 +496,11 @@ impl Missions {
             if !change.affects(plan) || is_unchanged {
                 return None;
             }
-            let result = vehicle.may_change(&mut context, plan, *client).err()?;
+            let permission = match is_in_control {
+                true => vehicle.may_change(&mut context, plan, *client),
+                false => Err(MavMissionResult::DENIED),
+            };
+            let result = permission.err()?;
             Some(Problem::Refused(plan, result.into()))
         })
     }

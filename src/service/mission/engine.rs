@@ -2,7 +2,7 @@
 
 use super::download::Sessions;
 use super::progress::{Current, Reached};
-use super::transfer::{FinishedUpload, SecondAnswer, Transfer};
+use super::transfer::{FinishedUpload, Ousted, SecondAnswer, Transfer};
 use crate::log::RefusalLog;
 use crate::service::write_schedule::WriteSchedule;
 use crate::time::Instant;
@@ -39,6 +39,7 @@ pub struct Missions {
     pub(super) is_loading: bool,
     pub(super) finished: Option<FinishedUpload>,
     pub(super) second_answer: Option<SecondAnswer>,
+    pub(super) ousted: Ousted,
     pub(super) sessions: Sessions,
     pub(super) current: Current,
     pub(super) reached: Reached,
@@ -61,6 +62,7 @@ impl Missions {
         is_loading: false,
         finished: None,
         second_answer: None,
+        ousted: Ousted::NONE,
         sessions: Sessions::new(),
         current: Current::new(),
         reached: Reached::new(),

@@ -28,6 +28,14 @@ pub(super) const fn is_request(id: u32) -> bool {
     )
 }
 
+/// Whether the message changes plans, so that its sender must be in control.
+pub(super) const fn changes_plans(id: u32) -> bool {
+    matches!(
+        id,
+        MissionCount::ID | MissionItem::ID | MissionItemInt::ID | MissionClearAll::ID | MissionWritePartialList::ID
+    )
+}
+
 /// Whether a message about plans is addressed to component 190, as by old ground stations (M-10).
 pub(crate) fn is_for_planner(component: ComponentId, id: u32) -> bool {
     component.wire() == MavComponent::MISSIONPLANNER.0 && is_handled(id)

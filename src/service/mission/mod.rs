@@ -44,7 +44,7 @@ pub use vehicle::{PlanChange, Plans, Progress};
 pub use without_plans::WithoutPlans;
 
 use self::current_item::from_set_current;
-use self::messages::{can_name, is_handled, is_request, mission_type};
+use self::messages::{can_name, changes_plans, is_handled, is_request, mission_type};
 use self::plan_file::is_writing_file;
 use self::replies::{Client, FinalAnswer, ReplyContent};
 use self::transfer::{FrameNumber, Transfer};
@@ -104,17 +104,19 @@ impl Missions {
         let mission_type = mission_type(frame);
         let names_plan = can_name(frame.header().version, mission_type);
         let is_full = replies.is_full();
-        let mut client = Client { peer: from, mission_type, replies };
+        let mut client =
+            Client { peer: from, trust: received.trust, rate: port.config.bytes_per_second, mission_type, replies };
         match id {
             MissionSetCurrent::ID => return self.on_set_current(cx, MissionSetCurrent::decode(frame.payload()).seq),
             // Only a request is refused with an answer.
             _ if !names_plan && !is_request(id) => return self.count_dropped_frame(),
             MissionAck::ID => {
-                return self.on_ack(cx, from, mission_type, MissionAck::decode(frame.payload()).r#type);
+                return self.on_ack(cx, received.sender(), mission_type, MissionAck::decode(frame.payload()).r#type);
             }
             // The staging area is in use while stored plans are loaded.
             _ if is_full || (names_plan && self.is_loading()) => return increment(&mut self.counters.no_answer_slot),
             _ if !names_plan => return client.refuse(MavMissionResult::UNSUPPORTED),
+            _ if changes_plans(id) && !received.may_change => return self.refuse_uncontrolled(cx.now, &mut client, id),
             MissionItemInt::ID | MissionItem::ID => return self.on_item(cx, &mut client, frame),
             MissionClearAll::ID if mission_type == MavMissionType::ALL => return self.on_clear(cx, &mut client, None),
             // Not part of the standard protocol (M-68).
@@ -150,8 +152,12 @@ impl Missions {
         self.current.poll(cx.now, cx.vehicle.progress(), cx.shared.normal);
         self.reached.poll(cx.now, cx.shared.normal);
         self.poll_distance(cx);
-        // At most one of the three is active.
-        self.poll_upload(cx).or_else(|| self.poll_commit(cx)).or_else(|| self.poll_second_answer(cx.now))
+        let ousted = self.poll_control(cx);
+        // At most one of the others is active.
+        ousted
+            .or_else(|| self.poll_upload(cx))
+            .or_else(|| self.poll_commit(cx))
+            .or_else(|| self.poll_second_answer(cx.now))
     }
 
     /// Queues a final answer on its link, unless it is that of an upload as a file.

@@ -37,7 +37,7 @@ use crate::message::{Address, Item, Message, Text, zero_extend};
 use crate::service::Cx;
 use crate::service::command::Commands;
 use crate::service::files::{FileAccess, HasFiles, NoFile, Part, VirtualEntry, VirtualFile};
-use crate::types::{Firmware, NO_ITEM, Peer, PlanMemory, PlanType, PlanView, PlansMut, UploadStep};
+use crate::types::{Firmware, NO_ITEM, Peer, PlanMemory, PlanType, PlanView, PlansMut, Trust, UploadStep};
 
 const MAGIC: u16 = 0x763D;
 
@@ -271,7 +271,8 @@ impl Missions {
         // The same checks as of a client of messages. The answer is for the file.
         let mut replies = Replies::new();
         let mission_type = upload.plan.mission_type();
-        let mut client = Client { peer: upload.client, mission_type, replies: &mut replies };
+        let mut client =
+            Client { peer: upload.client, trust: Trust::Signed, rate: 0, mission_type, replies: &mut replies };
         let step = match upload.step {
             UploadStep::Accepted | UploadStep::Writing => return,
             UploadStep::Nothing | UploadStep::Refused if !is_lent => return,

@@ -12,7 +12,7 @@ use crate::link::Outbox;
 use crate::list::take_first;
 use crate::message::Address;
 use crate::time::Instant;
-use crate::types::{LinkId, Peer};
+use crate::types::{LinkId, Peer, Trust};
 
 /// Capacity of the queue: MAVProxy keeps five requests of a download in transit, and repeats a dropped one only after
 /// two seconds. The sixth slot is for another client.
@@ -105,6 +105,10 @@ impl Reply {
 /// The sender of a message about a plan, and the pending answers of its link.
 pub(super) struct Client<'a> {
     pub(super) peer: Peer,
+    /// What proves it.
+    pub(super) trust: Trust,
+    /// The rate of its link (bytes/s); 0 for no limit.
+    pub(super) rate: u32,
     /// The plan type that the message names, and so its answer.
     pub(super) mission_type: MavMissionType,
     pub(super) replies: &'a mut Replies,

@@ -9,8 +9,8 @@ use crate::dialect::{MavMissionResult, MavMissionType, MissionRequestInt};
 use crate::frame::Frame;
 use crate::link::Outbox;
 use crate::message::{Address, Digest};
-use crate::time::Instant;
-use crate::types::{LinkId, NO_ITEM, Peer, PlanType};
+use crate::time::{Duration, Instant};
+use crate::types::{LinkId, NO_ITEM, Peer, PlanType, Trust};
 
 /// The change that uses the staging area. The explicit tag makes `Idle` all zero bits, so that the stack lies in
 /// `.bss`.
@@ -29,6 +29,11 @@ pub(super) enum Transfer {
 pub(super) struct Upload {
     /// The client, and the link on which it was last heard: answers are sent there (M-11).
     pub(super) client: Peer,
+    /// What has proved the client when the upload began: a frame with less is another client's.
+    pub(super) trust: Trust,
+    /// When the upload began, and the rate of its link then (bytes/s; 0 for no limit).
+    pub(super) began: Instant,
+    pub(super) rate: u32,
     pub(super) plan: PlanType,
     pub(super) count: u16,
     /// The first item marked as current.
@@ -58,6 +63,9 @@ impl Upload {
     pub(super) fn new(client: Peer, plan: PlanType, count: u16, number: FrameNumber, now: Instant) -> Self {
         Self {
             client,
+            trust: Trust::None,
+            began: now,
+            rate: 0,
             plan,
             count,
             first: None,
@@ -80,11 +88,22 @@ impl Upload {
     }
 
     pub(super) fn is_of_file(&self) -> bool {
-        self.is_by(Self::FILE)
+        self.client.address == Self::FILE
     }
 
-    pub(super) fn is_by(&self, address: Address) -> bool {
-        self.client.address == address
+    /// Whether a frame from this address, with this proof, is the client's.
+    pub(super) fn is_by(&self, address: Address, trust: Trust) -> bool {
+        self.client.address == address && trust >= self.trust
+    }
+
+    /// Whether an upload with so many items is so slow that it ends if another client waits: slower than an item in two
+    /// seconds plus four times its bytes at the link's rate, after 15 s.
+    pub(super) fn is_slow(&self, now: Instant, items: u16) -> bool {
+        /// The µs of four times the bytes of an item and of its request at one byte a second.
+        const FOUR_ITEMS: u32 = 4 * 70 * 1_000_000;
+        let sending = FOUR_ITEMS.checked_div(self.rate).unwrap_or(0);
+        let allowed = (Duration::from_secs(2) + Duration::from_micros(sending.into())) * u32::from(items);
+        now - self.began > allowed.max(Duration::from_secs(15))
     }
 
     /// Sends the request for item `seq`. Returns false if the link cannot send it.
@@ -171,6 +190,30 @@ pub(super) struct FinishedUpload {
     pub(super) last: FrameNumber,
     /// When the upload ended.
     pub(super) at: Instant,
+}
+
+/// The answer to a client whose upload has given way to another client. Initially all bits are zero.
+#[derive(Clone, Debug)]
+pub(super) struct Ousted {
+    pub(super) is_pending: bool,
+    pub(super) client: Peer,
+    pub(super) mission_type: MavMissionType,
+}
+
+impl Ousted {
+    pub(super) const NONE: Self = Self {
+        is_pending: false,
+        client: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        mission_type: MavMissionType(0),
+    };
+
+    /// Takes the answer, if it is pending.
+    pub(super) fn take(&mut self) -> Option<FinalAnswer> {
+        let content = ReplyContent::Refused(MavMissionResult::OPERATION_CANCELLED);
+        let answer = self.is_pending.then(|| FinalAnswer::new(self.client, self.mission_type, content));
+        self.is_pending = false;
+        answer
+    }
 }
 
 /// The second final answer of an accepted upload (M-31). As [`FinishedUpload`], `None` is all zero bits.

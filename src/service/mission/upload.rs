@@ -7,16 +7,17 @@
 use super::check::{ItemForm, check_item, check_staged_plan};
 use super::commit::StorageWrite;
 use super::engine::Missions;
+use super::messages::is_request;
 use super::problem::Problem;
 use super::replies::{Client, FinalAnswer, ReplyContent};
-use super::transfer::{Change, FinishedUpload, FrameNumber, Transfer, Upload};
+use super::transfer::{Change, FinishedUpload, FrameNumber, Ousted, Transfer, Upload};
 use super::vehicle::Plans;
 use crate::dialect::{MavMissionResult, MavMissionType, MissionItem, MissionItemInt};
 use crate::frame::Frame;
 use crate::message::{Item, Message};
 use crate::service::{Cx, increment};
 use crate::time::{Duration, Instant};
-use crate::types::{Firmware, Peer, PlanType, PlansMut};
+use crate::types::{Firmware, Peer, PlanType, PlansMut, Sender};
 
 /// For this long after an upload has ended, a COUNT equal to its COUNT may be a delayed duplicate (M-22).
 const DUPLICATE_WINDOW: Duration = Duration::from_secs(1);
@@ -57,12 +58,12 @@ impl Missions {
             // A restarted client repeats its COUNT.
             return self.on_frame_during_commit(client);
         }
-        if self.is_other_uploading(from) {
+        if self.is_other_uploading(client) && !self.oust(cx, from) {
             // The other client's upload continues (M-23).
             return client.refuse_as_busy();
         }
         if let Transfer::Upload(upload) = &mut self.transfer
-            && upload.is_by(from.address)
+            && upload.is_by(from.address, client.trust)
             && (upload.plan, upload.count) == (plan, count)
         {
             if staged == 0 {
@@ -138,6 +139,8 @@ impl Missions {
         }
         event!("{} upload of {=u16} items by {}: started", plan, count, from);
         self.transfer = Transfer::Upload(Upload {
+            trust: client.trust,
+            rate: client.rate,
             is_confirmed,
             last: last_of_previous.unwrap_or(number),
             ..Upload::new(from, plan, count, number, cx.now)
@@ -191,7 +194,7 @@ impl Missions {
             Transfer::Upload(upload) if upload.is_confirmed || seq == 0 => upload,
             _ => return self.on_stray_item(cx.now, client, seq),
         };
-        if !upload.is_by(from.address) {
+        if !upload.is_by(from.address, client.trust) {
             // The other client's upload continues (M-33).
             return client.refuse_as_busy();
         }
@@ -310,6 +313,15 @@ impl Missions {
         }
     }
 
+    /// Refuses a change by a client that is not in control. A request is answered; items at most once a second, as stray
+    /// ones are.
+    pub(super) fn refuse_uncontrolled(&mut self, now: Instant, client: &mut Client<'_>, id: u32) {
+        self.count_dropped_frame();
+        if is_request(id) || client.replies.begin_stray_answer(now) {
+            client.refuse(MavMissionResult::DENIED);
+        }
+    }
+
     /// Handles an item that is not part of an upload. The last item of the previous upload is answered again, because
     /// its final ACK was lost (M-31). Any other item is stray (M-36).
     fn on_stray_item(&mut self, now: Instant, client: &mut Client<'_>, seq: u16) {
@@ -337,7 +349,7 @@ impl Missions {
     pub(super) fn on_ack<F: Firmware>(
         &mut self,
         cx: &mut Cx<'_, F>,
-        from: Peer,
+        Sender { peer: from, trust }: Sender,
         mission_type: MavMissionType,
         result: MavMissionResult,
     ) {
@@ -348,7 +360,7 @@ impl Missions {
             return self.count_dropped_frame();
         }
         let upload = match &mut self.transfer {
-            Transfer::Upload(upload) if upload.is_by(from.address) && upload.plan == plan => upload,
+            Transfer::Upload(upload) if upload.is_by(from.address, trust) && upload.plan == plan => upload,
             _ => return,
         };
         upload.client = from;
@@ -395,7 +407,7 @@ impl Missions {
             }
             return self.count_dropped_frame();
         }
-        if is_on_other_link || self.is_other_uploading(from) {
+        if is_on_other_link || (self.is_other_uploading(client) && !self.oust(cx, from)) {
             // The upload continues (M-51).
             return client.refuse_as_busy();
         }
@@ -425,6 +437,7 @@ impl Missions {
     /// When [`poll_upload`](Self::poll_upload) is due.
     pub(super) fn upload_deadline(&self) -> Instant {
         match &self.transfer {
+            _ if self.ousted.is_pending => Instant::ZERO,
             Transfer::Upload(upload) => upload.retry.deadline(),
             _ => Instant::NEVER,
         }
@@ -472,9 +485,39 @@ impl Missions {
         }
     }
 
-    /// Whether a client other than `from` uploads a plan. An unconfirmed upload does not count.
-    fn is_other_uploading(&self, from: Peer) -> bool {
-        matches!(&self.transfer, Transfer::Upload(upload) if upload.is_confirmed && !upload.is_by(from.address))
+    /// Whether a client other than this one uploads a plan. An unconfirmed upload does not count.
+    fn is_other_uploading(&self, client: &Client<'_>) -> bool {
+        let (address, trust) = (client.peer.address, client.trust);
+        matches!(&self.transfer, Transfer::Upload(upload) if upload.is_confirmed && !upload.is_by(address, trust))
+    }
+
+    /// Ends the upload of another client if it is too slow, or if `from` is in control and that client is not. Returns
+    /// whether it has ended.
+    fn oust<F: Firmware>(&mut self, cx: &mut Cx<'_, F>, from: Peer) -> bool {
+        let Transfer::Upload(upload) = &self.transfer else { return false };
+        let controllers = &cx.shared.controllers;
+        let takes_precedence =
+            controllers.is_owner(from.address.system) && !controllers.is_owner(upload.client.address.system);
+        if upload.is_of_file() || !(takes_precedence || upload.is_slow(cx.now, cx.plans.staged())) {
+            return false;
+        }
+        event!("{} upload by {}: gives way to {}", upload.plan, upload.client, from);
+        self.ousted = Ousted { is_pending: true, client: upload.client, mission_type: upload.plan.mission_type() };
+        self.abandon_upload(&mut cx.plans);
+        true
+    }
+
+    /// Ends the upload of a client that may not change the vehicle any more: another system is in control now.
+    /// Returns its final answer.
+    pub(super) fn poll_control<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
+        if let Transfer::Upload(upload) = &self.transfer
+            && !upload.is_of_file()
+            && !cx.shared.may_change(upload.client.address.system)
+        {
+            self.ousted = Ousted { is_pending: true, client: upload.client, mission_type: upload.plan.mission_type() };
+            self.abandon_upload(&mut cx.plans);
+        }
+        self.ousted.take()
     }
 
     /// Records that a frame from `from` was received. The client that changes plans stays on its link while it is heard

@@ -187,8 +187,15 @@ impl Bench {
         let len = encode(message, version, from.address, self.number, &mut bytes).expect("fits");
         with_frame(&bytes[..len], |frame| {
             assert!(is_handled(frame.id()));
-            let received =
-                Received { frame, from, trust: crate::types::Trust::Open, counts: true, target: VEHICLE, age: None };
+            let received = Received {
+                frame,
+                from,
+                trust: crate::types::Trust::Open,
+                counts: true,
+                may_change: true,
+                target: VEHICLE,
+                age: None,
+            };
             self.with_link(usize::from(from.link.0), |missions, cx, port, replies| {
                 missions.receive(cx, port, replies, &received);
             });

@@ -89,6 +89,7 @@ impl Bench {
                 from,
                 trust: crate::types::Trust::Open,
                 counts: true,
+                may_change: true,
                 target: target_of(frame),
                 age: None,
             };

@@ -161,6 +161,7 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
                 from,
                 trust: crate::types::Trust::Open,
                 counts: true,
+                may_change: true,
                 target: target_of(frame),
                 age: None,
             };
