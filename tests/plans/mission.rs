@@ -496,3 +496,36 @@ fn backpressured_link_does_not_delay_others() {
     assert!(world.gcs[0].count_of::<MissionCount>() <= 2, "one was in flight, and one is pending for all others");
     assert_eq!(world.gcs[0].count_of::<MissionItemInt>(), 1);
 }
+
+/// an upload of an item in 4.8 s gives way to a client that waits, after 15 s. Before, 24 of 24 uploads of the pilot were refused. An
+/// upload over 1,200 baud is no slow one.
+#[test]
+fn slow_upload_gives_way() {
+    for (baud, period, gives_way) in [(115_200, 4_800, true), (1_200, 1_300, false)] {
+        let mut world = TestWorld::<2>::of(Setup { links: [LinkConfig::uart(baud); 2], ..Setup::new() });
+        world.gcs[1].address = OTHER_STATION;
+        let items = plan(CAPACITY, 0);
+        let count = |count| MissionCount { count, target_system: 1, target_component: 1, ..MissionCount::default() };
+        world.gcs[0].send(&count(CAPACITY));
+        world.run_for(millis(300));
+        let mut accepted_after = None;
+        for (round, item) in items.iter().take(24).enumerate() {
+            world.gcs[0].send(item);
+            world.run_for(millis(period - 300));
+            world.gcs[1].forget();
+            world.gcs[1].send(&count(2));
+            world.run_for(millis(300));
+            let is_requested = world.gcs[1].count_of::<MissionRequestInt>() > 0;
+            if accepted_after.is_none() && is_requested {
+                accepted_after = Some((round as u64 + 1) * period);
+            }
+        }
+        if gives_way {
+            assert!(accepted_after.is_some_and(|after| (15_000..20_000).contains(&after)), "{accepted_after:?}");
+            let cancelled = world.gcs[0].all::<MissionAck>();
+            assert!(cancelled.iter().any(|(_, ack)| ack.r#type == MavMissionResult::OPERATION_CANCELLED));
+        } else {
+            assert_eq!(accepted_after, None);
+        }
+    }
+}

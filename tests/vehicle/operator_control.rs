@@ -46,7 +46,7 @@ const SILENT: Address = Address::new(77, 190);
 
 /// Two ground stations that are alive, on the first link and on the second. The third link carries MAVLink 1.
 fn world() -> Shared {
-    let uart = LinkConfig::uart(921_600).with_streams(StreamProfile::Off);
+    let uart = LinkConfig::uart(921_600).with_streams(StreamProfile::Off).with_own_system(true);
     let mut world = Shared::of(Setup { links: [uart, uart, uart.with_version(TxVersion::V1)], ..Setup::new() });
     world.gcs.iter_mut().for_each(|gcs| gcs.takes_unknown = true);
     world.stack.manual_input_mut().set_source(ALL);
@@ -238,10 +238,13 @@ fn takeover_needs_consent() {
     request(&mut world, STATION, 0.0);
     assert_eq!(request(&mut world, OTHER_STATION, 1.0), MavResult::FAILED);
     assert_eq!((owner(&world), counters(&world).refused), (FIRST, 1));
+    let mut last = None;
     for confirmation in 0..3 {
-        world.run_for(millis(900));
         beat(&mut world);
-        let notice = world.expect::<CommandLong>(0, millis(200));
+        let notice = world.expect::<CommandLong>(0, millis(3_100));
+        let at = world.now();
+        assert!(last.is_none_or(|last| at - last >= millis(2_900)), "at most every 3 s");
+        last = Some(at);
         let expected = CommandLong {
             param1: 1.0,
             param2: 1.0,
@@ -255,16 +258,16 @@ fn takeover_needs_consent() {
         };
         assert_eq!(notice, expected);
     }
-    world.expect_no::<CommandLong>(0, secs(2));
+    world.expect_no::<CommandLong>(0, secs(4));
     beat(&mut world);
     assert_eq!(request(&mut world, OTHER_STATION, 0.0), MavResult::FAILED);
     world.expect::<CommandLong>(0, millis(200));
     let command = REQUEST_OPERATOR_CONTROL;
     send(&mut world, 1, OTHER_STATION, &CommandAck { command, ..Default::default() });
-    world.run_for(millis(900));
-    world.expect::<CommandLong>(0, millis(200));
+    beat(&mut world);
+    world.expect::<CommandLong>(0, millis(3_100));
     send(&mut world, 0, STATION, &CommandAck { command, ..Default::default() });
-    world.expect_no::<CommandLong>(0, secs(2));
+    world.expect_no::<CommandLong>(0, secs(4));
     assert_eq!(world.gcs[1].count_of::<CommandLong>(), 0, "nobody else is told");
     // The owner consents: it allows a takeover, or releases control.
     beat(&mut world);
@@ -276,6 +279,106 @@ fn takeover_needs_consent() {
     assert_eq!(release(&mut world, OTHER_STATION), MavResult::ACCEPTED);
     assert_eq!(request(&mut world, STATION, 0.0), MavResult::ACCEPTED);
     assert_eq!(owner(&world), FIRST);
+}
+
+/// Sends the count, or an item of `items`, from a station.
+fn part(world: &mut Shared, from: Address, items: &[MissionItemInt], seq: Option<usize>) {
+    match seq {
+        None => {
+            let count = items.len() as u16;
+            let count = MissionCount { count, target_system: 1, target_component: 1, ..MissionCount::default() };
+            send(world, link_of(from), from, &count);
+        }
+        Some(seq) => send(world, link_of(from), from, &items[seq]),
+    }
+    world.run_for(millis(50));
+}
+
+/// The results of the plan transfers of a station since the last call.
+fn results(world: &mut Shared, from: Address) -> Vec<MavMissionResult> {
+    let gcs = &mut world.gcs[usize::from(link_of(from))];
+    let results = gcs.all::<MissionAck>().into_iter().map(|(_, ack)| ack.r#type).collect();
+    gcs.forget();
+    results
+}
+
+/// a takeover ends the former owner's upload, also one whose last item comes after it. Before, the plan went live.
+#[test]
+fn takeover_ends_an_upload() {
+    let mut world = world();
+    let items = plan(2, 0);
+    request(&mut world, STATION, 1.0);
+    part(&mut world, STATION, &items, None);
+    part(&mut world, STATION, &items, Some(0));
+    results(&mut world, STATION);
+    assert_eq!(request(&mut world, OTHER_STATION, 0.0), MavResult::ACCEPTED);
+    world.run_for(millis(50));
+    assert_eq!(results(&mut world, STATION), [MavMissionResult::OPERATION_CANCELLED]);
+    part(&mut world, STATION, &items, Some(1));
+    assert_eq!(results(&mut world, STATION), [MavMissionResult::DENIED]);
+    assert_eq!(world.vehicle.plan_changes(), []);
+    results(&mut world, OTHER_STATION);
+    for seq in [None, Some(0), Some(1)] {
+        part(&mut world, OTHER_STATION, &items, seq);
+    }
+    assert_eq!(results(&mut world, OTHER_STATION), [MavMissionResult::ACCEPTED]);
+}
+
+/// a station that is not in control cannot occupy the staging area. Before, it had 15 of 15 of the owner's uploads refused.
+#[test]
+fn only_the_owner_changes_plans() {
+    let mut world = world();
+    request(&mut world, STATION, 0.0);
+    let mut accepted = 0;
+    for round in 0..15 {
+        beat(&mut world);
+        results(&mut world, OTHER_STATION);
+        part(&mut world, OTHER_STATION, &plan(2, 7), None);
+        assert_eq!(results(&mut world, OTHER_STATION), [MavMissionResult::DENIED]);
+        results(&mut world, STATION);
+        for seq in [None, Some(0), Some(1)] {
+            part(&mut world, STATION, &plan(2, round), seq);
+        }
+        accepted += usize::from(results(&mut world, STATION) == [MavMissionResult::ACCEPTED]);
+    }
+    assert_eq!(accepted, 15);
+    let clear = MissionClearAll { target_system: 1, target_component: 1, ..MissionClearAll::default() };
+    send(&mut world, 1, OTHER_STATION, &clear);
+    world.run_for(millis(50));
+    assert_eq!(results(&mut world, OTHER_STATION), [MavMissionResult::DENIED]);
+    assert_eq!(world.vehicle.plan_changes().len(), 15);
+}
+
+/// the system in control takes the staging area from an upload of another one that began before.
+#[test]
+fn owner_takes_the_staging_area() {
+    let mut world = world();
+    let items = plan(2, 0);
+    part(&mut world, COMPANION, &items, None);
+    part(&mut world, COMPANION, &items, Some(0));
+    request(&mut world, STATION, 0.0);
+    results(&mut world, STATION);
+    for seq in [None, Some(0), Some(1)] {
+        part(&mut world, STATION, &items, seq);
+    }
+    let results = results(&mut world, STATION);
+    assert!(results.contains(&MavMissionResult::OPERATION_CANCELLED), "to the companion: {results:?}");
+    assert!(results.contains(&MavMissionResult::ACCEPTED), "{results:?}");
+}
+
+/// requests in a row notify the owner at most every 3 s. Before, it had 3,998 notices in 4 s.
+#[test]
+fn notices_are_rare() {
+    let mut world = world();
+    request(&mut world, STATION, 0.0);
+    world.gcs[0].forget();
+    let begin = world.now();
+    while world.now() - begin < secs(4) {
+        request(&mut world, OTHER_STATION, 0.0);
+        world.gcs[1].forget();
+    }
+    let notices = world.gcs[0].count_of::<CommandLong>();
+    assert!((1..=2).contains(&notices), "{notices}");
 }
 
 /// O-5: control is released when the owner's heartbeats stop, unless the firmware keeps it.

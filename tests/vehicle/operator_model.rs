@@ -42,7 +42,7 @@ const LOST: u8 = 3;
 /// Ticks for which sticks and setpoints are valid.
 const VALID: u8 = 2;
 /// Ticks between two notices to the owner.
-const NOTICE: u8 = 2;
+const NOTICE: u8 = 6;
 
 /// A sender on a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -154,8 +154,6 @@ struct Notice {
     link: usize,
     requester: u8,
     allows: bool,
-    /// Ticks until it is sent.
-    wait: u8,
 }
 
 /// A notice that was sent: its link, requester, whether that one would allow a takeover, and how often it was sent before.
@@ -179,6 +177,8 @@ struct Model {
     /// Which of `First0` and `First1` was heard first: it is told if both are alive.
     first: Option<Actor>,
     notice: Option<Notice>,
+    /// Ticks until another notice may be sent, of whichever request.
+    wait: u8,
     sticks: Input,
     setpoint: Input,
 }
@@ -196,7 +196,7 @@ struct Effects {
 impl Model {
     const fn new(keeps: bool) -> Self {
         let (owner, first, notice, sticks, setpoint) = (None, None, None, None, None);
-        Self { keeps, is_cut: false, owner, allows: false, beats: [LOST; 3], first, notice, sticks, setpoint }
+        Self { keeps, is_cut: false, owner, allows: false, beats: [LOST; 3], first, notice, wait: 0, sticks, setpoint }
     }
 
     /// Whether a frame of the action can be received.
@@ -239,7 +239,7 @@ impl Model {
             return MavResult::ACCEPTED;
         }
         if can_own && let Some(to) = self.owner.and_then(|owner| self.station(owner)) {
-            self.notice = Some(Notice { left: 3, link: to.link(), requester: system, allows, wait: 0 });
+            self.notice = Some(Notice { left: 3, link: to.link(), requester: system, allows });
         }
         MavResult::FAILED
     }
@@ -249,9 +249,7 @@ impl Model {
         for input in [&mut self.sticks, &mut self.setpoint] {
             *input = input.map(|(from, age)| (from, age + 1)).filter(|&(_, age)| age < VALID);
         }
-        if let Some(notice) = &mut self.notice {
-            notice.wait = notice.wait.saturating_sub(1);
-        }
+        self.wait = self.wait.saturating_sub(1);
         if self.owner.is_some_and(|owner| !self.keeps && self.station(owner).is_none()) {
             self.own(None, false);
         }
@@ -291,11 +289,11 @@ impl Model {
                 }
             }
         }
-        let is_cut = self.is_cut;
-        if let Some(notice) = self.notice.as_mut().filter(|notice| notice.wait == 0 && !(is_cut && notice.link == 0)) {
+        let (is_cut, may_send) = (self.is_cut, self.wait == 0);
+        if let Some(notice) = self.notice.as_mut().filter(|notice| may_send && !(is_cut && notice.link == 0)) {
             let Notice { left, link, requester, allows, .. } = *notice;
             effects.notices.push((link, requester, allows, 3 - left));
-            (notice.left, notice.wait) = (left - 1, NOTICE);
+            (notice.left, self.wait) = (left - 1, NOTICE);
             self.notice = self.notice.filter(|notice| notice.left > 0);
         }
         effects
