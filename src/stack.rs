@@ -238,8 +238,6 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         Services::<D>::mark_polled(links);
         let has_streams = !<D::Stream as Service<D>>::ABOUT.turns.is_empty();
         cx.requests.end_poll(has_streams, D::Plans::CAPACITIES != [0; 3]);
-        #[cfg(test)]
-        cx.shared.check_hooks();
         #[cfg(feature = "defmt")]
         drop(cx);
         #[cfg(feature = "defmt")]

@@ -81,13 +81,6 @@ impl Shared {
         (MAX_HOOKS - self.hooks).0 >= count
     }
 
-    /// Fails the test in which a poll has called too many hooks.
-    #[cfg(test)]
-    pub(crate) fn check_hooks(&self) {
-        let most = u32::from(MAX_HOOKS.0).max(self.config.budget.frames);
-        assert!(u32::from(self.hooks.0) <= most, "{} hooks in one poll", self.hooks);
-    }
-
     /// Whether work that the next poll can continue may call another hook.
     pub(crate) fn may_continue(&self) -> bool {
         self.has_hooks(RESERVED.saturating_add(1))

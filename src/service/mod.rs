@@ -252,11 +252,6 @@ impl About {
         Self { turns, ..self }
     }
 
-    /// The same, and peers on one link may hold what peers on others wait for.
-    pub(crate) const fn holding(self) -> Self {
-        Self { holds: true, ..self }
-    }
-
     /// Returns the capabilities of all, or only of those that are left out with the other components.
     pub(crate) const fn capabilities(all: &[Self], of_components: bool) -> MavProtocolCapability {
         let (mut capabilities, mut rest) = (MavProtocolCapability::EMPTY, all);

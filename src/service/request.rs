@@ -92,8 +92,6 @@ pub enum Verdict {
     Done(Outcome),
     /// The stack refused the command: a text explains why.
     Refused(Refusal),
-    /// The service continues in its next polls, and sends the COMMAND_ACK itself, in [`Turn::CommandAck`](super::Turn::CommandAck).
-    Later,
 }
 
 impl From<Outcome> for Verdict {

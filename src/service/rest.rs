@@ -38,7 +38,6 @@ impl Rest {
         parameters: &'a mut F::Parameters,
         vehicle: &'a mut F::Vehicle,
     ) -> Cx<'a, F> {
-        self.shared.hooks.0 = 0;
         Cx {
             now,
             shared: &mut self.shared,

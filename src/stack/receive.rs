@@ -96,8 +96,6 @@ impl<D: Declares> Services<D> {
             }
             self.signing.wipe(id, decoder);
         }
-        #[cfg(test)]
-        cx.shared.check_hooks();
         allowance.hooks = cx.shared.hooks;
         own_frame
     }

@@ -212,13 +212,8 @@ impl<S: CommandMemory> CommandService<S> {
         verdict: Option<Verdict>,
         is_admitted: bool,
     ) {
-        match verdict {
-            Some(Verdict::Refused(refusal)) => refusal::explain(cx, port, link, request, refusal),
-            Some(Verdict::Later) => {
-                cx.shared.has_acted = true;
-                return;
-            }
-            Some(Verdict::Done(_)) | None => {}
+        if let Some(Verdict::Refused(refusal)) = verdict {
+            refusal::explain(cx, port, link, request, refusal);
         }
         let outcome = self.conclude(cx, request, verdict, is_admitted);
         let from = request.command.from.address;
@@ -247,8 +242,6 @@ impl<S: CommandMemory> CommandService<S> {
             None => execute(cx, command, may_start),
             Some(Verdict::Done(outcome)) => outcome,
             Some(Verdict::Refused(refusal)) => refusal.result.into(),
-            // A command of the firmware itself came by no link on which it could be answered later.
-            Some(Verdict::Later) => MavResult::FAILED.into(),
         };
         if !is_admitted {
             return outcome;

@@ -246,7 +246,6 @@ where
             list.begin(cx.now, None);
         }
         self.with_table(cx.parameters, cx.vehicle, |table| match reply {
-            ParamReply::Reset => false,
             ParamReply::Answer => table.send_answer(options, list, &mut port.outbox),
             ParamReply::Listed | ParamReply::Unrequested => table.send_listed(options, cx.now, list, port),
         })

@@ -15,8 +15,6 @@ pub enum ParamReply {
     Answer,
     /// The next value of the list.
     Listed,
-    /// The result of a reset that took several polls: a COMMAND_ACK.
-    Reset,
     /// The first value of a list that no client has requested: all values of a backend may have changed.
     Unrequested,
 }

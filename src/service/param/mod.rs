@@ -24,7 +24,6 @@ mod packed;
 mod refusals;
 mod replies;
 mod requests;
-mod reset;
 mod row;
 mod runtime;
 mod saving;

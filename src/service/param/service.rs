@@ -5,7 +5,6 @@ use core::marker::PhantomData;
 use super::links::{ParamLinks, ParamReply};
 use super::list::ParamList;
 use super::requests::{ParamClient, ParamRequest, handles};
-use super::reset::Reset;
 use super::saving::Saving;
 use super::storage::StorageAction;
 use super::table::{ParamChange, ParamTable, Stored, TableMut};
@@ -23,7 +22,6 @@ pub struct ParamService {
     pub(super) links: ParamLinks,
     /// When the next write to storage is due.
     write_due: Instant,
-    pub(super) reset: Reset,
 }
 
 const fn options<V: Parameters>() -> ParamOptions {
@@ -32,11 +30,7 @@ const fn options<V: Parameters>() -> ParamOptions {
 
 impl ParamService {
     /// Calls `work` with the table, and updates the cached state after it.
-    pub(super) fn with_table<'t, T: ParamTable, R>(
-        &mut self,
-        table: &'t mut T,
-        work: impl FnOnce(&mut TableMut<'t>) -> R,
-    ) -> R {
+    fn with_table<'t, T: ParamTable, R>(&mut self, table: &'t mut T, work: impl FnOnce(&mut TableMut<'t>) -> R) -> R {
         self.links.with(table.table_mut(), |table| {
             let result = work(table);
             self.write_due = table.rows.saving.deadline();
@@ -60,13 +54,28 @@ impl ParamService {
         vehicle.parameter_changed(&mut context, &change);
         Ok(())
     }
+
+    /// Resets a parameter to its default for the client `from`.
+    fn reset<F>(&mut self, cx: &mut Cx<'_, F>, index: u16, resets_read_only: bool, from: Peer)
+    where
+        F: Firmware<Parameters: ParamTable, Vehicle: Parameters<Table = F::Parameters>>,
+    {
+        let Some((info, _)) = cx.parameters.table_mut().get(index) else { return };
+        let bits = info.default_bits();
+        let is_reset = resets_read_only || !info.is_read_only();
+        if is_reset && self.with_table(cx.parameters, |table| table.change(index, bits, cx.shared.normal)) {
+            let change = ParamChange { index, bits, from: Some(from), table: PhantomData };
+            let (vehicle, mut context) = cx.hook();
+            vehicle.parameter_changed(&mut context, &change);
+        }
+    }
 }
 
 impl<F> Service<F> for ParamService
 where
     F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
 {
-    const NEW: Self = Self { links: ParamLinks::NEW, write_due: Instant::ZERO, reset: Reset::NONE };
+    const NEW: Self = Self { links: ParamLinks::NEW, write_due: Instant::ZERO };
     type Link = ParamList;
     const VACANT: ParamList = ParamList::NEW;
     type Reply = ParamReply;
@@ -75,8 +84,7 @@ where
     } else {
         About { capabilities: F::Vehicle::PARAM_ENCODING.capability(), ..About::AUTOPILOT }
     }
-    .in_turns(&[Turn::CommandAck, Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList])
-    .holding();
+    .in_turns(&[Turn::ParamAnswer, Turn::LateParamList, Turn::ParamList]);
 
     /// Notices values that the vehicle has set since the last call (P-16).
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ParamList>) {
@@ -84,7 +92,6 @@ where
             table.rows.saving.notice(cx.now);
             table.compute_hash();
         });
-        self.poll_reset(cx);
         if cx.shared.is_storage_busy || !cx.vehicle.may_persist() {
             // Nothing may be written, so no poll is needed for it.
             self.write_due = Instant::NEVER;
@@ -92,7 +99,7 @@ where
     }
 
     fn deadline(&self) -> Instant {
-        if self.reset.is_running() { Instant::ZERO } else { self.links.hash_deadline() }
+        self.links.hash_deadline()
     }
 
     fn on_frame(
@@ -126,17 +133,12 @@ where
         _: &mut ParamList,
         request: &Request,
     ) -> Option<Verdict> {
-        let saving = cx.parameters.table_mut().rows.saving;
+        let table = cx.parameters.table_mut();
+        let (count, saving) = (table.count(), table.rows.saving);
         let action = match StorageAction::of(&request.command, saving.schedule.is_attached(), cx.vehicle)? {
             Ok(action) => action,
             Err(refusal) => return Some(Verdict::Refused(refusal)),
         };
-        let client = request.command.from;
-        if let StorageAction::Reset { all } = action
-            && let Some(verdict) = self.reset.admit(client, all)
-        {
-            return Some(verdict);
-        }
         saving.notice(cx.now);
         let is_reset = matches!(action, StorageAction::Reset { .. });
         if (is_reset || action == StorageAction::Write) && saving.is_rate_limited(cx.now, is_reset) {
@@ -152,10 +154,10 @@ where
             }
             StorageAction::Write => self.write_now(cx.now, cx.parameters),
             StorageAction::Reset { all } => {
-                self.reset = Reset::begin(client, all);
-                if self.run_reset(cx).is_none() {
-                    return Some(Verdict::Later);
+                for index in 0..count {
+                    self.reset(cx, index, all, request.command.from);
                 }
+                self.write_now(cx.now, cx.parameters);
             }
         }
         Some(Verdict::done(MavResult::ACCEPTED))
@@ -163,19 +165,12 @@ where
 
     #[inline(always)]
     fn pending(&self, view: &View<'_>, port: &Port, list: &ParamList, turn: Turn) -> Option<(Instant, ParamReply)> {
-        if turn == Turn::CommandAck {
-            return self.reset.is_done_on(port.id).then_some((view.now, ParamReply::Reset));
-        }
         self.links.pending_in(turn, view.now, port.id, list)
     }
 
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, list: &mut ParamList, reply: ParamReply) -> bool {
         let options = options::<F::Vehicle>();
-        if let ParamReply::Reset = reply {
-            return self.reset.answer(&mut port.outbox);
-        }
         self.with_table(cx.parameters, |table| match reply {
-            ParamReply::Reset => false,
             ParamReply::Answer => table.send_answer(options, list, &mut port.outbox),
             ParamReply::Listed | ParamReply::Unrequested => table.send_listed(options, cx.now, list, port),
         })
@@ -184,11 +179,7 @@ where
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         match event {
             StackEvent::Begun(_) => self.write_due = Instant::NEVER,
-            StackEvent::Opened(port, list) => {
-                self.links.reopen(port.id, list);
-                self.reset.forget(port.id);
-            }
-            StackEvent::Stalled(port, _) => self.reset.forget(port.id),
+            StackEvent::Opened(port, list) => self.links.reopen(port.id, list),
             _ => {}
         }
     }
@@ -198,7 +189,7 @@ where
 impl ParamService {
     /// Whether a poll has something to compute.
     pub(crate) const fn is_working(&self) -> bool {
-        self.links.is_hashing || self.reset.is_running()
+        self.links.is_hashing
     }
 }
 

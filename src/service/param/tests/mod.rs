@@ -273,7 +273,6 @@ impl<const CAST: bool, const HASH: bool, const ERRORS: bool> Bench<CAST, HASH, E
                 outcome.result
             }
             Verdict::Refused(refusal) => refusal.result,
-            Verdict::Later => MavResult::IN_PROGRESS,
         })
     }
 
