@@ -510,7 +510,7 @@ fn slow_upload_gives_way() {
         world.run_for(millis(300));
         let mut accepted_after = None;
         for (round, item) in items.iter().take(24).enumerate() {
-            world.gcs[0].send(item);
+            world.gcs[0].send(&MissionItemInt { target_system: 1, target_component: 1, ..*item });
             world.run_for(millis(period - 300));
             world.gcs[1].forget();
             world.gcs[1].send(&count(2));

@@ -258,6 +258,7 @@ fn takeover_needs_consent() {
         };
         assert_eq!(notice, expected);
     }
+    beat(&mut world);
     world.expect_no::<CommandLong>(0, secs(4));
     beat(&mut world);
     assert_eq!(request(&mut world, OTHER_STATION, 0.0), MavResult::FAILED);
@@ -289,7 +290,10 @@ fn part(world: &mut Shared, from: Address, items: &[MissionItemInt], seq: Option
             let count = MissionCount { count, target_system: 1, target_component: 1, ..MissionCount::default() };
             send(world, link_of(from), from, &count);
         }
-        Some(seq) => send(world, link_of(from), from, &items[seq]),
+        Some(seq) => {
+            let item = MissionItemInt { target_system: 1, target_component: 1, ..items[seq] };
+            send(world, link_of(from), from, &item);
+        }
     }
     world.run_for(millis(50));
 }
@@ -601,7 +605,7 @@ fn run(keeps: bool, events: &[Event]) -> Result<(), TestCaseError> {
     let mut frames = World::<3, Controlled>::of(Setup::new());
     let setup = Setup::<3>::new();
     let mut stack: Box<Stack<Controlled, 3>> = Box::new(Stack::VACANT);
-    stack.begin(setup.config, [LinkConfig::unlimited(); 3]);
+    stack.begin(setup.config, [LinkConfig::unlimited().with_own_system(true); 3]);
     let mut vehicle = TestVehicle::new();
     vehicle.cancels = true;
     vehicle.long.insert(MavCmd::NAV_LAND.0);

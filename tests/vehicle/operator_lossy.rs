@@ -25,7 +25,7 @@ const SEEDS: u64 = 100;
 
 /// Two ground stations, each on its own line.
 fn world(seed: u64) -> Shared {
-    let links = [LinkConfig::uart(57_600); 2];
+    let links = [LinkConfig::uart(57_600).with_own_system(true); 2];
     let lines = [LineConfig::radio(57_600, millis(20)); 2];
     let mut setup = Setup { links, lines, seed, step: millis(5), ..Setup::new() };
     // Ten heartbeats in a row are not lost.

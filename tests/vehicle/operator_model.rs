@@ -314,7 +314,7 @@ struct Pair {
 impl Pair {
     fn new(keeps: bool, config: mavstack::Config) -> Self {
         let config = mavstack::Config { peer_timeout: millis(TICK_MS * u64::from(LOST)), ..config };
-        let mut stack: Box<Stack<Controlled, 2>> = begun(config, [LinkConfig::unlimited(); 2]);
+        let mut stack: Box<Stack<Controlled, 2>> = begun(config, [LinkConfig::unlimited().with_own_system(true); 2]);
         let (source, valid) = (
             ControlSource::Systems { first: SystemId::new(1), last: SystemId::new(255) },
             millis(TICK_MS * u64::from(VALID)),
