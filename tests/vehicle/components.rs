@@ -139,8 +139,8 @@ struct Manifold;
 type Sky = World<2, Manifold>;
 
 fn sky() -> Sky {
-    let mut world =
-        Sky::of(Setup { links: [LinkConfig::uart(115_200).with_streams(StreamProfile::Off); 2], ..Setup::new() });
+    let uart = LinkConfig::uart(115_200).with_streams(StreamProfile::Off).with_own_system(true);
+    let mut world = Sky::of(Setup { links: [uart; 2], ..Setup::new() });
     world.run_for(millis(100));
     world
 }
