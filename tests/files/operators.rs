@@ -49,7 +49,7 @@ struct Field {
 
 impl Field {
     fn new() -> Self {
-        let uart = LinkConfig::uart(921_600).with_streams(StreamProfile::Off);
+        let uart = LinkConfig::uart(921_600).with_own_system(true).with_streams(StreamProfile::Off);
         let mut world = World::<1, Controlled>::of(Setup { links: [uart], ..Setup::new() });
         world.gcs[0].takes_unknown = true;
         world.vehicle.files.content.insert("log.bin".to_string(), pattern(1_000));
