@@ -3,7 +3,9 @@
 use crate::shooter::*;
 use crate::support::*;
 use mavstack::camera::{CameraCounters, CameraOrder};
+use mavstack::config::{LinkClass, StreamProfile, TxVersion};
 use mavstack::dialect::*;
+use mavstack::{LinkConfig, Message};
 
 const START: MavCmd = MavCmd::IMAGE_START_CAPTURE;
 const STOP: MavCmd = MavCmd::IMAGE_STOP_CAPTURE;
@@ -233,4 +235,35 @@ fn vehicle_takes_images_itself() {
     site.run_for(millis(50));
     assert_eq!(site.vehicle.exposures.len(), 13);
     assert_eq!(site.stack.camera.counters().ignored, 1);
+}
+
+/// X-2, CAM-2: a survey's images are told on all links, 200 of 200 on each, though a stranger asks for everything that the camera has
+/// on one of them.
+#[test]
+fn survey_is_told_on_all_links() {
+    let uart = LinkConfig::uart(57_600).with_streams(StreamProfile::Off);
+    let links = [uart, uart, uart.with_version(TxVersion::V1), uart.with_class(LinkClass::HighLatency)];
+    let lines = [LineConfig::radio(57_600, millis(10)); 4];
+    let mut site = Site::of(Setup { links, lines, step: millis(5), ..Setup::new() });
+    site.gcs[0].command_long(START, [0.0, 0.5, 200.0, 1.0, 0.0, 0.0, 0.0]);
+    site.gcs[1].address = OTHER_STATION;
+    for round in 0..2_100u16 {
+        match round % 4 {
+            0 => site.gcs[1].command_long(START, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            1 => {
+                let message = [CameraInformation::ID as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+                site.gcs[1].command_long(MavCmd::REQUEST_MESSAGE, message);
+            }
+            2 => site.gcs[1].command_long(MavCmd::SET_CAMERA_ZOOM, [f32::NAN; 7]),
+            _ => site.gcs[1].command_long(MavCmd::REQUEST_CAMERA_IMAGE_CAPTURE, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        }
+        site.run_for(millis(50));
+    }
+    for link in [0, 1] {
+        let mut images = reported(&site, link);
+        images.sort_unstable();
+        images.dedup();
+        // Afterwards the other station's begins.
+        assert_eq!(images[..200], (0..200).collect::<Vec<_>>(), "link {link}");
+    }
 }

@@ -151,3 +151,35 @@ fn command_to_nobody_is_not_cancelled() {
     assert_eq!(cancels(&world), []);
     assert_eq!(world.vehicle.replies, [(EQUAL, CommandReply::TimedOut)]);
 }
+
+/// a component hears both of two redundant links and answers over the second only. All 20 commands are answered: the first when it
+/// is sent there too, the others at once.
+#[test]
+fn answers_over_the_second_link() {
+    let mut world = sky();
+    beat(&mut world, BACKUP, GIMBAL, MavType::GIMBAL);
+    let mut times = Vec::new();
+    for round in 0..20 {
+        let begin = world.now();
+        assert!(world.stack.send_command(GIMBAL, POINT));
+        for _ in 0..200 {
+            beat(&mut world, [BACKUP, COMPANION][round % 2], GIMBAL, MavType::GIMBAL);
+            let is_sent = [BACKUP, COMPANION].iter().any(|link| !sent(&world, *link).is_empty());
+            if is_sent {
+                world.gcs.iter_mut().for_each(Gcs::forget);
+                let ack =
+                    CommandAck { command: PITCHYAW, target_system: 1, target_component: 1, ..CommandAck::UNKNOWN };
+                answer(&mut world, BACKUP, GIMBAL, ack);
+            }
+            if !world.vehicle.replies.is_empty() {
+                break;
+            }
+        }
+        let done = CommandReply::Done { result: MavResult::ACCEPTED, result_param2: 0 };
+        assert_eq!(world.vehicle.replies.drain(..).collect::<Vec<_>>(), [(POINT, done)], "round {round}");
+        times.push((world.now() - begin).as_millis());
+        // A second answer to the same command is no longer expected.
+        world.run_for(millis(2_100));
+    }
+    assert!(times[0] <= 1_600 && times[1..].iter().all(|ms| *ms <= 60), "{times:?}");
+}

@@ -89,6 +89,42 @@ fn two_clients_take_turns() {
     assert!((6_000..16_000).contains(&ms), "{ms} ms");
 }
 
+/// LOG-5, X-3: a download that takes an hour of a slow link is whole, though another client lists the logs and requests a part each
+/// minute. Heartbeats alone say that the client is there.
+#[test]
+fn download_of_an_hour() {
+    const SIZE: usize = 255_000;
+    let link = LinkConfig::uart(1_200).with_streams(StreamProfile::Off);
+    let lines = [LineConfig::radio(1_200, millis(50)), LineConfig::default()];
+    let mut field = with_logs(Setup { links: [link; 2], lines, step: millis(100), ..Setup::new() }, &[SIZE, 200]);
+    field.gcs.iter_mut().for_each(|gcs| gcs.heartbeat_period = Some(secs(5)));
+    field.gcs[1].address = OTHER_STATION;
+    field.gcs[0].send(&ALL);
+    field.run_for(secs(2));
+    let (mut log, mut silent) = (Vec::<u8>::new(), 100);
+    while log.len() < SIZE && field.now() < mavstack::Instant::from_millis(4_500_000) {
+        if silent >= 100 {
+            field.gcs[0].send(&data(0, log.len() as u32, u32::MAX));
+            silent = 0;
+        }
+        if field.now().as_millis().is_multiple_of(60_000) {
+            field.gcs[1].send(&ALL);
+            field.gcs[1].send(&data(1, 0, u32::MAX));
+        }
+        field.step();
+        silent += 1;
+        while let Some((_, block)) = field.gcs[0].take::<LogData>() {
+            silent = 0;
+            if block.ofs as usize == log.len() {
+                log.extend(&block.data[..usize::from(block.count)]);
+            }
+        }
+        field.gcs[0].forget();
+    }
+    assert!(log == content(0, SIZE), "{} bytes", log.len());
+    assert!((3_300..4_500).contains(&(field.now().as_millis() / 1_000)), "{:?}", field.now());
+}
+
 proptest! {
     #![proptest_config(cases(40))]
 

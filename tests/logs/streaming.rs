@@ -361,3 +361,39 @@ fn dead_link_holds_no_stream() {
     });
     assert!(accepted.is_some_and(|second| second <= 11), "{accepted:?}");
 }
+
+/// X-3, LOG-13: the stream of a flight of 20 minutes goes on and is whole, though a stranger asks for the stream, for its end, for
+/// logs and for messages all the time.
+#[test]
+fn stream_of_a_flight() {
+    let link = LinkConfig::uart(57_600).with_streams(StreamProfile::Off);
+    let lines = [LineConfig::radio(57_600, millis(20)); 2];
+    let setup = Setup { links: [link; 2], lines, step: millis(20), ..Setup::new() };
+    let mut field = with_logs(setup, &[]);
+    field.vehicle.logs.definitions = definitions(&[40, 200]);
+    field.gcs.iter_mut().for_each(|gcs| gcs.heartbeat_period = Some(secs(1)));
+    field.gcs[1].address = OTHER_STATION;
+    let (mut client, mut recorded) = (Client::default(), field.vehicle.logs.definitions.len());
+    field.gcs[0].command_long(MavCmd::LOGGING_START, [0.0; 7]);
+    for second in 0..1_200u32 {
+        match second % 4 {
+            0 => field.gcs[1].command_long(MavCmd::LOGGING_START, [0.0; 7]),
+            1 => field.gcs[1].command_long(MavCmd::LOGGING_STOP, [0.0; 7]),
+            2 => field.gcs[1].send(&ALL),
+            _ => field.gcs[1].command_long(MavCmd::REQUEST_MESSAGE, [148.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        }
+        let data = message(b'D', 200);
+        recorded += data.len();
+        field.vehicle.logs.data.extend(data);
+        for _ in 0..50 {
+            field.step();
+            client.poll(&mut field.gcs[0]);
+        }
+        client.seen = 0;
+        field.gcs.iter_mut().for_each(Gcs::forget);
+    }
+    assert!(field.stack.log_streaming.is_streaming());
+    assert_eq!((field.vehicle.logs.streams.len(), field.vehicle.logs.ended), (1, 0));
+    let sent = client.content().len();
+    assert!(recorded - sent <= 1_000, "{sent} of {recorded} bytes");
+}

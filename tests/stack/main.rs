@@ -6,6 +6,7 @@ mod support;
 mod clock;
 #[cfg(feature = "storage")]
 mod example_rover;
+mod honest;
 mod liveness;
 mod minimal;
 mod no_block;
