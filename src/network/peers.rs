@@ -25,8 +25,9 @@ use crate::types::{LinkClass, LinkId, MAX_LINKS, Peer, PeerEvent, Trust};
 ///
 /// # Eviction from a full table
 ///
-/// A peer is a newcomer until it has been heard for 30 s without a gap of `peer_timeout`, or has sent a signed frame. Then it is
-/// settled, if at most three quarters of the places are taken by settled peers: the others are for newcomers.
+/// A peer is a newcomer until it has been heard for 30 s without a gap of `peer_timeout`. One that has sent a signed frame is none,
+/// nor is a component of the vehicle's own system on a link that [trusts](crate::LinkConfig::trusts_own_system) that system. Other
+/// peers are settled, as long as a quarter of the places is left for newcomers.
 ///
 /// A new sender evicts a peer of the first row below that has a candidate: the peer that has been silent longest
 /// (H-12).
@@ -45,9 +46,7 @@ use crate::types::{LinkClass, LinkId, MAX_LINKS, Peer, PeerEvent, Trust};
 ///   links accept unsigned, such as RADIO_STATUS, verify no sender.
 /// - Links share the table. A sender evicts a peer of another link only if that link has at least two entries more than
 ///   the sender's own link.
-/// - Other systems do not evict components of the vehicle's own system while these have at most half of the entries, and a
-///   quarter is left for newcomers.
-/// - The last two rules do not protect an unverified peer from a verified sender.
+/// - The last rule does not protect an unverified peer from a verified sender.
 /// - On a high-latency link, which has no heartbeats, any frame counts as a heartbeat.
 ///
 /// A sender without an entry is still served, and its broadcasts are forwarded. Addressed frames from it or to it are
@@ -225,13 +224,13 @@ pub(crate) struct Reception {
     pub(crate) class: LinkClass,
     /// What proves the sender.
     pub(crate) trust: Trust,
+    /// The sender is settled at once: it has signed the frame, or is of the vehicle's system on a link that trusts it.
+    pub(crate) settles: bool,
 }
 
-/// The systems that have a right to their places, and how long a peer may be silent.
+/// The system that has a right to its places, and how long a peer may be silent.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Residents {
-    /// The vehicle's system.
-    pub(crate) own: SystemId,
     /// The system in control.
     pub(crate) owner: Option<SystemId>,
     /// `peer_timeout`.
@@ -246,7 +245,7 @@ pub(crate) fn record(
     frame: &Frame<'_>,
     mut report: impl FnMut(PeerEvent),
 ) -> Recorded {
-    let Reception { now, link, class, trust } = by;
+    let Reception { now, link, class, trust, settles } = by;
     let is_satellite = class == LinkClass::HighLatency;
     let heartbeat = frame.decode::<Heartbeat>().filter(|_| !is_satellite);
     let header = frame.header();
@@ -288,35 +287,23 @@ pub(crate) fn record(
     {
         report(event);
     }
-    settle(peers, by, residents, frame.source());
+    let is_due = settles || (trust > Trust::None && now - info.since >= SETTLED_AFTER);
+    if is_due && !info.is_settled {
+        let peer = info.peer;
+        if has_place_to_settle(peers)
+            && let Some(info) = peers.iter_mut().find(|info| info.peer == peer)
+        {
+            info.is_settled = true;
+        }
+    }
     Recorded { entry: if evicted.is_some() { SenderEntry::Evicted } else { SenderEntry::Present }, is_proven }
 }
 
-/// Settles the sender of a frame if it has been here for long enough, and enough places are left for newcomers.
-fn settle(peers: &mut Peers, by: Reception, residents: Residents, source: Address) {
-    let peer = Peer { address: source, link: by.link };
-    let is_due = |info: &PeerInfo| {
-        let is_due = match info.trust {
-            Trust::None => false,
-            Trust::Open => by.now - info.since >= SETTLED_AFTER,
-            Trust::Signed => true,
-        };
-        is_due && !info.is_settled && info.peer == peer
-    };
-    if !peers.iter().any(is_due) || !leaves_room_for_newcomers(peers, residents.own, 1) {
-        return;
-    }
-    if let Some(info) = peers.iter_mut().find(|info| is_due(info)) {
-        info.is_settled = true;
-    }
-}
-
-/// Whether a quarter of the places, at least one, is left for newcomers if `more` peers settle. Components of the vehicle's own
-/// system count as settled.
-fn leaves_room_for_newcomers(peers: &Peers, own: SystemId, more: usize) -> bool {
-    let settled = peers.iter().filter(|info| info.is_settled || info.peer.address.system == own).count();
+/// Whether a quarter of the places, at least one, is left for newcomers if another peer settles.
+fn has_place_to_settle(peers: &Peers) -> bool {
+    let settled = peers.iter().filter(|info| info.is_settled).count();
     let kept_free = (peers.capacity() / 4).max(1);
-    settled.saturating_add(more).saturating_add(kept_free) <= peers.capacity()
+    settled.saturating_add(kept_free) < peers.capacity()
 }
 
 /// Records a frame with an unknown id, whose checksum could not be verified. It is trusted only if it has the expected
@@ -369,36 +356,31 @@ fn find_or_insert(peers: &mut Peers, new: PeerInfo, residents: Residents, is_hea
     if peers.push(new).is_ok() {
         return Some(Found { info: peers.last_mut()?, evicted: None });
     }
-    let Residents { own, owner, timeout } = residents;
-    let is_ours = |info: &PeerInfo| info.peer.address.system == own;
-    // The entries of each link, and of the own system.
-    let (mut held, mut ours) = ([Saturating(0_u8); MAX_LINKS], Saturating(0));
+    let Residents { owner, timeout } = residents;
+    let mut held = [Saturating(0_u8); MAX_LINKS];
     for old in peers.iter() {
-        if is_ours(old) {
-            ours += 1;
-        }
         if let Some(held) = held.get_mut(usize::from(old.peer.link.0)) {
             *held += 1;
         }
     }
     let held = |info: &PeerInfo| held.get(usize::from(info.peer.link.0)).copied().unwrap_or_default();
-    let protects_ours =
-        !is_ours(&new) && ours <= Saturating(peers.len() / 2) && leaves_room_for_newcomers(peers, own, 0);
+    let room_of_new = held(&new) + Saturating(1);
     // Rank 0 is never evicted, rank 5 first.
     let rank = |old: &PeerInfo| {
         let is_other_link = old.peer.link != new.peer.link;
-        let protects_link = is_other_link && held(old) <= held(&new) + Saturating(1);
         let (is_verified, new_is_verified) = (old.trust > Trust::None, new.trust > Trust::None);
-        let (only_new_is_verified, only_old_is_verified) =
-            (!is_verified && new_is_verified, is_verified && !new_is_verified);
         let is_resident =
             old.keeps_its_place(&new, timeout) || (old.is_alive && Some(old.peer.address.system) == owner);
-        let is_protected = protects_link || (protects_ours && is_ours(old));
+        if is_resident || (is_verified && !new_is_verified) {
+            return 0;
+        }
+        if !is_verified && new_is_verified {
+            return if old.is_alive { 3 } else { 5 };
+        }
         match old.is_alive {
-            _ if is_resident || only_old_is_verified || (!only_new_is_verified && is_protected) => 0,
+            _ if is_other_link && held(old) <= room_of_new => 0,
             false if is_verified => 4,
             false => 5,
-            true if only_new_is_verified => 3,
             true if !is_heartbeat => 0,
             true if old.r#type != MavType::GCS && (new.r#type == MavType::GCS || is_other_link) => 2,
             true => u8::from(is_other_link || new.heard - old.since >= NEWCOMER_STAYS),

@@ -80,6 +80,9 @@ pub trait ForwardingGate<F: Firmware>: Service<F> {
 
 /// Decides which systems control the vehicle (O-5), before the services see their frames.
 pub trait ControlGate {
+    /// Whether a system can be in control.
+    const IS_SOME: bool = false;
+
     /// Whether a frame that is no command is dropped, because its sender is not in control. Counted. `is_ours`: the sender is
     /// a component of our own system, and is believed.
     /// `is_receiver`: the sender is the pilot's receiver, whose sticks are never dropped (J-11).

@@ -262,7 +262,7 @@ impl OperatorControl {
 
     /// Whether a system may send commands.
     fn may_command(&self, is_ours: bool, system: SystemId) -> bool {
-        self.may_steer(is_ours, system) || self.secondaries.contains(&system.wire())
+        self.may_steer(is_ours, system) || self.secondaries.iter().any(|secondary| *secondary == system.wire())
     }
 
     /// Handles MAV_CMD_REQUEST_OPERATOR_CONTROL.
@@ -339,6 +339,8 @@ const fn is_for_all(command: MavCmd) -> bool {
 }
 
 impl ControlGate for OperatorControl {
+    const IS_SOME: bool = true;
+
     fn drops(&mut self, is_ours: bool, is_receiver: bool, frame: &Frame<'_>) -> bool {
         let system = frame.source().system;
         let may = match frame.id() {

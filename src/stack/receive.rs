@@ -54,7 +54,9 @@ impl<D: Declares> Services<D> {
         state: &mut States<D>,
         allowance: &mut Allowance,
     ) -> Option<OwnFrame> {
-        cx.shared.controllers = self.operator_control.controllers();
+        if D::HAS_CONTROL {
+            cx.shared.controllers = self.operator_control.controllers();
+        }
         let mut own_frame = None;
         let Link { decoder, port } = link;
         // All calls of a poll of the link share the allowance.
@@ -185,9 +187,11 @@ impl<D: Declares> Services<D> {
         if trust > Trust::None && !network::is_of_vehicle(frame) {
             port.accepted = Accepted::Again;
         }
-        let by = Reception { now: cx.now, link: port.id, class: port.config.class, trust };
-        let own = cx.address().system;
-        let residents = Residents { own, owner: cx.shared.controllers.owner(), timeout: cx.shared.config.peer_timeout };
+        let is_ours = frame.source().system == cx.address().system;
+        let settles = trust == Trust::Signed || (is_ours && port.config.trusts_own_system);
+        let by = Reception { now: cx.now, link: port.id, class: port.config.class, trust, settles };
+        let residents =
+            Residents { owner: self.operator_control.controllers().owner(), timeout: cx.shared.config.peer_timeout };
         let (peers, mut hook) = cx.peers_and_hook();
         let Recorded { entry, is_proven } = network::record(peers, by, residents, frame, |event| hook.report(event));
         match entry {
@@ -195,9 +199,8 @@ impl<D: Declares> Services<D> {
             SenderEntry::NoRoom => increment(&mut port.counters.no_peer_slot),
             SenderEntry::Present => {}
         }
-        let is_other_system = frame.source().system != own;
-        let counts = is_proven && (is_other_system || trust == Trust::Signed || port.config.trusts_own_system);
-        let may_change = (!is_other_system && counts) || cx.shared.controllers.may_change(frame.source().system);
+        let counts = is_proven && (settles || !is_ours);
+        let may_change = (is_ours && counts) || self.operator_control.controllers().may_change(frame.source().system);
         (entry, Standing { trust, counts, may_change })
     }
 

@@ -24,6 +24,8 @@ pub trait Firmware: Sized + 'static {
     const HAS_MODES: bool = false;
     /// Whether there is a queue of texts.
     const HAS_TEXTS: bool = true;
+    /// Whether a system can be in control: `operator_control` is declared.
+    const HAS_CONTROL: bool = true;
     /// Whether there are streams, and transfers of files that slow them.
     const SLOWS_STREAMS: bool = false;
     /// The components of the firmware besides the autopilot.

@@ -62,6 +62,8 @@ impl Controllers {
 
     /// Whether this system may change the vehicle: it is in control, or nobody is, or it is a secondary one.
     pub(crate) fn may_change(&self, system: SystemId) -> bool {
-        self.owner.is_all() || self.owner == system || self.secondaries.contains(&system.wire())
+        self.owner.is_all()
+            || self.owner == system
+            || self.secondaries.iter().any(|secondary| *secondary == system.wire())
     }
 }

@@ -248,7 +248,7 @@ fn ground_stations_are_not_evicted() {
 
 /// A table of eight peers for three links, the last of which is a satellite link.
 fn shared() -> World<3, Tested<NoPlans, 8>> {
-    let link = LinkConfig::uart(921_600);
+    let link = LinkConfig::uart(921_600).with_own_system(true);
     let satellite = link.with_class(LinkClass::HighLatency);
     World::of(Setup { links: [link, link, satellite], ..Setup::new() })
 }
@@ -323,7 +323,7 @@ fn flood_evicts_only_peers_of_its_own_link() {
     assert_eq!(systems_on(&world, 0), [215, 216, 217, 218, 219], "the most recent ones");
 }
 
-/// H-12: components of our own system keep their entries, silent or not, up to half of the table.
+/// H-12, X-9: components of our own system keep their entries for 30 s, silent or not, on links that trust our system.
 #[test]
 fn own_components_keep_their_entries() {
     let mut world = shared();
@@ -336,7 +336,7 @@ fn own_components_keep_their_entries() {
         beat(&mut world, 1, system, MavType::GCS);
     }
     assert_eq!(systems_on(&world, 0).iter().filter(|&&system| system == 1).count(), 3);
-    // Invented components fill at most half.
+    // However many there are, they take no entry of the other link.
     for component in 2..100 {
         world.gcs[0].send_from(Address::new(1, component), &Gcs::heartbeat());
         world.run_for(millis(2));

@@ -23,6 +23,7 @@ const TEMPLATE: &str = "
                 [library::Credits; library::credits(<Self as library::ServiceList<Self>>::ABOUT, $has_forwarding)];
             const HAS_MODES: bool = $has_modes;
             const HAS_TEXTS: bool = ($texts) > 0;
+            const HAS_CONTROL: bool = <$OperatorControl as library::ControlGate>::IS_SOME;
             const SLOWS_STREAMS: bool = $slows_streams;
             $component_hooks
         }

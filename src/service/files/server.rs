@@ -476,7 +476,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             }
             let mut left = IDLE - idle;
             if V::UPLOADS && session.is_uploading() {
-                let is_in_control = session.id.is_none_or(|id| self.cx.shared.may_change(id.client.address.system));
+                let is_in_control =
+                    session.id.is_none_or(|id| self.cx.shared.may_change::<F>(id.client.address.system));
                 if !is_in_control {
                     // Another system has taken control.
                     self.close(index);

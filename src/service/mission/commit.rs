@@ -55,7 +55,7 @@ impl Missions {
         write: StorageWrite,
     ) -> Result<(), MavMissionResult> {
         // Another system may have taken control.
-        if !cx.shared.may_change(from.address.system) {
+        if !cx.shared.may_change::<F>(from.address.system) {
             return Err(MavMissionResult::DENIED);
         }
         let (vehicle, mut context) = cx.hook();
@@ -487,7 +487,7 @@ impl Missions {
     fn find_refusal<F: Firmware<Vehicle: Plans>>(cx: &mut Cx<'_, F>, commit: &Commit) -> Option<Problem> {
         let Commit { client, change, .. } = commit;
         // Another system may have taken control.
-        let is_in_control = cx.shared.may_change(client.address.system);
+        let is_in_control = cx.shared.may_change::<F>(client.address.system);
         let (vehicle, mut context) = cx.hook();
         PlanType::ALL.into_iter().find_map(|plan| {
             // A clear changes only the plans that have items.

@@ -116,7 +116,9 @@ impl Missions {
             // The staging area is in use while stored plans are loaded.
             _ if is_full || (names_plan && self.is_loading()) => return increment(&mut self.counters.no_answer_slot),
             _ if !names_plan => return client.refuse(MavMissionResult::UNSUPPORTED),
-            _ if changes_plans(id) && !received.may_change => return self.refuse_uncontrolled(cx.now, &mut client, id),
+            _ if F::HAS_CONTROL && !received.may_change && changes_plans(id) => {
+                return self.refuse_uncontrolled(cx.now, &mut client, id);
+            }
             MissionItemInt::ID | MissionItem::ID => return self.on_item(cx, &mut client, frame),
             MissionClearAll::ID if mission_type == MavMissionType::ALL => return self.on_clear(cx, &mut client, None),
             // Not part of the standard protocol (M-68).

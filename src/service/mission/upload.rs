@@ -495,16 +495,21 @@ impl Missions {
     /// whether it has ended.
     fn oust<F: Firmware>(&mut self, cx: &mut Cx<'_, F>, from: Peer) -> bool {
         let Transfer::Upload(upload) = &self.transfer else { return false };
-        let controllers = &cx.shared.controllers;
-        let takes_precedence =
-            controllers.is_owner(from.address.system) && !controllers.is_owner(upload.client.address.system);
-        if upload.is_of_file() || !(takes_precedence || upload.is_slow(cx.now, cx.plans.staged())) {
-            return false;
+        let is_needed = cx.shared.takes_precedence::<F>(from.address.system, upload.client.address.system);
+        let gives_way = !upload.is_of_file() && (is_needed || upload.is_slow(cx.now, cx.plans.staged()));
+        if gives_way {
+            self.cancel_upload(cx);
         }
-        event!("{} upload by {}: gives way to {}", upload.plan, upload.client, from);
-        self.ousted = Ousted { is_pending: true, client: upload.client, mission_type: upload.plan.mission_type() };
-        self.abandon_upload(&mut cx.plans);
-        true
+        gives_way
+    }
+
+    /// Ends an upload, and tells its client.
+    fn cancel_upload<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) {
+        if let Transfer::Upload(upload) = &self.transfer {
+            event!("{} upload by {}: cancelled", upload.plan, upload.client);
+            self.ousted = Ousted { is_pending: true, client: upload.client, mission_type: upload.plan.mission_type() };
+            self.abandon_upload(&mut cx.plans);
+        }
     }
 
     /// Ends the upload of a client that may not change the vehicle any more: another system is in control now.
@@ -512,10 +517,9 @@ impl Missions {
     pub(super) fn poll_control<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) -> Option<FinalAnswer> {
         if let Transfer::Upload(upload) = &self.transfer
             && !upload.is_of_file()
-            && !cx.shared.may_change(upload.client.address.system)
+            && !cx.shared.may_change::<F>(upload.client.address.system)
         {
-            self.ousted = Ousted { is_pending: true, client: upload.client, mission_type: upload.plan.mission_type() };
-            self.abandon_upload(&mut cx.plans);
+            self.cancel_upload(cx);
         }
         self.ousted.take()
     }
