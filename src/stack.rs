@@ -11,6 +11,8 @@ mod declare;
 #[cfg(feature = "defmt")]
 mod drops;
 mod fanout;
+#[cfg(test)]
+mod hostile;
 mod memory;
 mod parts;
 #[cfg(test)]

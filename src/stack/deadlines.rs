@@ -9,6 +9,8 @@
 
 pub(super) mod world;
 
+use std::format;
+use std::string::String;
 use std::vec::Vec;
 
 use core::cell::RefCell;
@@ -37,18 +39,18 @@ use crate::time::{Duration, Instant};
 use crate::{
     Camera, Command, CommandClient, CommandReply, CommandRule, Commands, Component, Components, Config, Context,
     ExtParameters, Files, Fill, FlightMode, GimbalDevice, GimbalManager, HealthChecks, LinkConfig, LinkId,
-    LogStreaming, Logs, ModeRequest, Modes, Outcome, OutgoingCommand, Parameters, Peer, PlanChange, PlanType, Plans,
-    Progress, Pulse, Stream, Telemetry, Vehicle, VehicleState,
+    LogStreaming, Logs, ModeRequest, Modes, Outcome, OutgoingCommand, ParamAnswer, ParamChange, Parameters, Peer,
+    PlanChange, PlanType, Plans, Progress, Pulse, Stream, Telemetry, Vehicle, VehicleState,
 };
 
-const LINKS: usize = 3;
-const STATION: Address = Address::new(255, 190);
-const COMPANION: Address = Address::new(1, 191);
-const WINGMAN: Address = Address::new(2, 1);
+pub(super) const LINKS: usize = 3;
+pub(super) const STATION: Address = Address::new(255, 190);
+pub(super) const COMPANION: Address = Address::new(1, 191);
+pub(super) const WINGMAN: Address = Address::new(2, 1);
 
 crate::parameters! {
     /// More than one step of the hash takes.
-    struct Tuning {
+    pub(super) struct Tuning {
         AXES: u8 = 3, 1..=6, "";
         BAT_LOW: f32 = 10.5, 9.0..=12.6, "V";
         CRUISE: f32 = 5.0, 0.5..=20.0, "m/s";
@@ -78,25 +80,35 @@ crate::parameters! {
     logs,
 )]
 #[cfg_attr(feature = "signing", stack(signing))]
-struct Everything {
-    time: crate::clock::Time,
+pub(super) struct Everything {
+    pub(super) time: crate::clock::Time,
     gimbal_manager: crate::gimbal::ManagerService,
     gimbal_device: crate::gimbal::DeviceService,
-    high_latency: crate::high_latency::HighLatency,
+    pub(super) high_latency: crate::high_latency::HighLatency,
     log_streaming: crate::logs::LogStreamer,
-    camera: crate::camera::CameraControl<[crate::camera::Image; 3]>,
+    pub(super) camera: crate::camera::CameraControl<[crate::camera::Image; 3]>,
     ext_parameters: crate::ext_parameters::ExtParamServer,
     tunes: Tunes,
 }
 
 /// Fills every message that it is asked for.
 #[derive(Debug)]
-struct Rover {
+pub(super) struct Rover {
     state: Option<VehicleState>,
     current: u16,
     /// Whether logs have no data yet, and how many reads found none.
     is_slow: bool,
     later: u32,
+    /// The calls of hooks that change the vehicle.
+    pub(super) changes: Vec<&'static str>,
+    /// What answers and claims of others have told it.
+    pub(super) told: Vec<String>,
+}
+
+impl Rover {
+    pub(super) const fn new(state: VehicleState) -> Self {
+        Self { state: Some(state), current: 0, is_slow: false, later: 0, changes: Vec::new(), told: Vec::new() }
+    }
 }
 
 impl Vehicle for Rover {
@@ -109,6 +121,7 @@ impl Commands for Rover {
     const POLICIES: &'static [CommandPolicy] = &[CommandPolicy::new(rules::DO_REPEAT_SERVO).once()];
 
     fn command(&mut self, cx: &mut Context<'_>, command: &Command) -> Outcome {
+        self.changes.push("command");
         match command.id {
             MavCmd::PREFLIGHT_CALIBRATION | MavCmd::DO_MOTOR_TEST => cx.start(),
             MavCmd::DO_REPEAT_SERVO => MavResult::ACCEPTED.into(),
@@ -117,6 +130,7 @@ impl Commands for Rover {
     }
 
     fn cancel_command(&mut self, _: &mut Context<'_>, _: MavCmd, _: Peer) -> bool {
+        self.changes.push("cancel_command");
         true
     }
 }
@@ -155,6 +169,7 @@ impl Logs for Rover {
     }
 
     fn erase_logs(&mut self, _: &mut Context<'_>, _: Peer) -> bool {
+        self.changes.push("erase_logs");
         true
     }
 }
@@ -186,12 +201,18 @@ impl CommandClient for Rover {
         (token != 3).then_some(OutgoingCommand::long(MavCmd(token % 2), [0.0; 7]))
     }
 
-    fn command_answered(&mut self, _: &mut Context<'_>, _: u16, _: CommandReply) {}
+    fn command_answered(&mut self, _: &mut Context<'_>, token: u16, reply: CommandReply) {
+        self.told.push(format!("command {token}: {reply:?}"));
+    }
 
     const READS_PARAMS: bool = true;
 
     fn param_for(&mut self, _: u16) -> Option<Text<16>> {
         Some(Text::new("TRIM"))
+    }
+
+    fn param_answered(&mut self, _: &mut Context<'_>, token: u16, answer: ParamAnswer<'_>) {
+        self.told.push(format!("parameter {token}: {answer:?}"));
     }
 }
 
@@ -203,11 +224,13 @@ impl Camera for Rover {
     fn camera_information(&self, _: &mut CameraInformation) {}
 
     fn take_image(&mut self, cx: &mut Context<'_>, index: u32) -> Shot {
+        self.changes.push("take_image");
         cx.announce::<SysStatus, Self>();
         if index.is_multiple_of(3) { Shot::Started } else { Shot::Taken(Image::at(cx.now())) }
     }
 
     fn record_video(&mut self, _: &mut Context<'_>, _: u8, _: bool) -> MavResult {
+        self.changes.push("record_video");
         MavResult::ACCEPTED
     }
 }
@@ -222,6 +245,7 @@ impl ExtParameters for Rover {
     }
 
     fn set_ext_param(&mut self, _: &mut Context<'_>, _: u16, _: ExtValue<'_>, _: Peer) -> ParamAck {
+        self.changes.push("set_ext_param");
         ParamAck::ACCEPTED
     }
 }
@@ -240,7 +264,16 @@ impl GimbalManager for Rover {
     }
 
     fn point_gimbal(&mut self, _: &mut Context<'_>, _: &GimbalSetpoint) -> MavResult {
+        self.changes.push("point_gimbal");
         MavResult::ACCEPTED
+    }
+
+    fn device_moved(&mut self, _: &mut Context<'_>, _: &GimbalDeviceAttitudeStatus) {
+        self.told.push("device_moved".into());
+    }
+
+    fn device_found(&mut self, _: &mut Context<'_>, _: &GimbalDeviceInformation) {
+        self.told.push("device_found".into());
     }
 
     fn device_setpoint(&mut self, _: Instant) -> Option<GimbalDeviceSetAttitude> {
@@ -254,7 +287,7 @@ impl GimbalManager for Rover {
 
 crate::events! {
     /// Events, and a check that fails with the current item.
-    struct RoverEvents in "rover" {
+    pub(super) struct RoverEvents in "rover" {
         modes Groups { /** All */ ALL = [1, 2] }
         components Parts { /** Wheel */ WHEEL }
         arming_checks {
@@ -290,6 +323,7 @@ impl Modes for Rover {
     const MODES: &'static [FlightMode] = &[FlightMode::new(1, "Hold"), FlightMode::new(2, "Drive")];
 
     fn set_mode(&mut self, _: &mut Context<'_>, mode: &'static FlightMode, _: &ModeRequest) -> Outcome {
+        self.changes.push("set_mode");
         if let Some(state) = &mut self.state {
             state.custom_mode = mode.custom_mode;
         }
@@ -299,12 +333,28 @@ impl Modes for Rover {
 
 impl Parameters for Rover {
     type Table = Tuning;
+
+    fn parameter_changed(&mut self, _: &mut Context<'_>, _: &ParamChange<Tuning>) {
+        self.changes.push("parameter_changed");
+    }
 }
 
 impl Plans for Rover {
     const MISSION_COMMANDS: &'static [CommandRule] = &[rules::NAV_WAYPOINT];
 
-    fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {}
+    fn plan_changed(&mut self, _: &mut Context<'_>, _: PlanChange<'_>) {
+        self.changes.push("plan_changed");
+    }
+
+    fn set_current(&mut self, _: &mut Context<'_>, _: u16, _: bool) -> MavResult {
+        self.changes.push("set_current");
+        MavResult::ACCEPTED
+    }
+
+    fn start_mission(&mut self, _: &mut Context<'_>, _: &Command, _: Option<u16>, _: Option<u16>) -> MavResult {
+        self.changes.push("start_mission");
+        MavResult::ACCEPTED
+    }
 
     fn progress(&self) -> Progress {
         Progress { current: self.current, state: MissionState::ACTIVE, in_mission_mode: true }

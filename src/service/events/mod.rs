@@ -228,7 +228,10 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         _: &mut EventLink,
         request: &Request,
     ) -> Option<Verdict> {
-        self.checks.on_command(cx, request.command.id).map(Verdict::done)
+        let result = self.checks.on_command(cx, request.command.id);
+        // The next poll reports what this link has asked for, on all of them.
+        cx.events.is_new |= result.is_some();
+        result.map(Verdict::done)
     }
 
     #[inline(always)]

@@ -9,34 +9,69 @@ use proptest::prelude::*;
 use super::*;
 use crate::stack::Memory;
 
-/// Makes a frame of this version, if it can carry the message, from this sender with this sequence number.
-type Request = Box<dyn Fn(Version, Address, u8) -> Vec<u8>>;
+/// A frame that peers may send.
+pub(in super::super) struct Request {
+    /// The message, or the command in it.
+    pub(in super::super) name: &'static str,
+    make: Box<dyn Fn(Version, Address, u8) -> Vec<u8>>,
+}
 
-fn of<M: Message + 'static>(message: M) -> Request {
-    Box::new(move |version, from, seq| {
+impl Request {
+    /// Makes a frame of this version, if it can carry the message, from this sender with this sequence number.
+    pub(in super::super) fn frame(&self, version: Version, from: Address, seq: u8) -> Vec<u8> {
+        (self.make)(version, from, seq)
+    }
+}
+
+pub(in super::super) fn of<M: Message + 'static>(message: M) -> Request {
+    let make = move |version, from, seq| {
         let mut frame = [0; 280];
         let len = encode(&message, version, from, seq, &mut frame);
         let len = len.or_else(|_| encode(&message, Version::V2, from, seq, &mut frame)).expect("a frame");
         frame[..len].to_vec()
-    })
+    };
+    Request { name: M::NAME, make: Box::new(make) }
 }
 
-fn command(command: MavCmd, params: [f32; 3]) -> Request {
+/// The names of these values of a type.
+macro_rules! names {
+    ($value:expr, $type:ident: $($name:ident)*) => {
+        match $value { $($type::$name => stringify!($name),)* $type(other) => panic!("no name for {other}") }
+    };
+}
+
+fn name_of(command: MavCmd) -> &'static str {
+    const REQUEST_OPERATOR_CONTROL: MavCmd = MavCmd(32_100);
+    if command == REQUEST_OPERATOR_CONTROL {
+        return "REQUEST_OPERATOR_CONTROL";
+    }
+    names!(command, MavCmd: REQUEST_MESSAGE GET_MESSAGE_INTERVAL SET_MESSAGE_INTERVAL RUN_PREARM_CHECKS PREFLIGHT_CALIBRATION
+        DO_MOTOR_TEST DO_REPEAT_SERVO PREFLIGHT_STORAGE CONTROL_HIGH_LATENCY DO_SET_MODE DO_SET_MISSION_CURRENT MISSION_START
+        LOGGING_START LOGGING_STOP NAV_LAND DO_SET_ROI_NONE DO_GIMBAL_MANAGER_CONFIGURE IMAGE_START_CAPTURE IMAGE_STOP_CAPTURE
+        VIDEO_START_CAPTURE VIDEO_STOP_CAPTURE STORAGE_FORMAT REQUEST_CAMERA_IMAGE_CAPTURE DO_SET_HOME)
+}
+
+pub(in super::super) fn command(command: MavCmd, params: [f32; 3]) -> Request {
     let [param1, param2, param3] = params;
-    of(CommandLong { param1, param2, param3, command, target_system: 1, target_component: 1, ..Default::default() })
+    let message =
+        CommandLong { param1, param2, param3, command, target_system: 1, target_component: 1, ..Default::default() };
+    Request { name: name_of(command), ..of(message) }
 }
 
-fn file_request(session: u8, opcode: MavFtpOpcode, path: &str) -> Request {
+pub(in super::super) fn file_request(session: u8, opcode: MavFtpOpcode, path: &str) -> Request {
     let mut payload = [0; 251];
     payload[2] = session;
     payload[3] = opcode.0;
     payload[4] = u8::try_from(path.len()).expect("a short path");
     payload[12..12 + path.len()].copy_from_slice(path.as_bytes());
-    of(FileTransferProtocol { payload, target_network: 0, target_system: 1, target_component: 1 })
+    let message = FileTransferProtocol { payload, target_network: 0, target_system: 1, target_component: 1 };
+    let name = names!(opcode, MavFtpOpcode: OPENFILERO CREATEFILE READFILE BURSTREADFILE WRITEFILE LISTDIRECTORY CALCFILECRC
+        TERMINATESESSION RESETSESSION);
+    Request { name, ..of(message) }
 }
 
 /// Frames that peers may send.
-fn requests() -> Vec<Request> {
+pub(in super::super) fn requests() -> Vec<Request> {
     let (target_system, target_component) = (1, 1);
     let mut pool = Vec::new();
     let station = Heartbeat { r#type: MavType::GCS, autopilot: MavAutopilot::INVALID, ..Default::default() };
@@ -114,7 +149,8 @@ fn requests() -> Vec<Request> {
     for (id, param1) in [(MavCmd::REQUEST_MESSAGE, 0.0), (MavCmd::DO_MOTOR_TEST, 1.0), (MavCmd::REQUEST_MESSAGE, 74.0)]
     {
         let (target_component, command) = (154, id);
-        pool.push(of(CommandLong { param1, command, target_system, target_component, ..Default::default() }));
+        let message = CommandLong { param1, command, target_system, target_component, ..Default::default() };
+        pool.push(Request { name: name_of(command), ..of(message) });
     }
     for result in [MavResult::ACCEPTED, MavResult::IN_PROGRESS] {
         pool.push(of(CommandAck { command: MavCmd(1), result, target_system, target_component, ..Default::default() }));
@@ -304,7 +340,7 @@ impl World {
         };
         Self {
             stack,
-            rover: Rover { state: Some(state), current: 0, is_slow: false, later: 0 },
+            rover: Rover::new(state),
             pulse,
             is_standing: false,
             now: Instant::from_millis(10),
@@ -330,7 +366,7 @@ impl World {
         match event {
             Event::Request { link, from, is_v1, number } => {
                 let version = if *is_v1 { Version::V1 } else { Version::V2 };
-                let frame = number.get(&self.pool)(version, *from, self.seq);
+                let frame = number.get(&self.pool).frame(version, *from, self.seq);
                 self.receive(*link, &frame);
             }
             Event::Item { link } => {
@@ -341,7 +377,7 @@ impl World {
                 let command = if seq == 2 { MavCmd::NAV_LAND } else { MavCmd::NAV_WAYPOINT };
                 let (target_system, target_component) = (1, 1);
                 let item = MissionItemInt { seq, command, frame, target_system, target_component, ..waypoint() };
-                let item = of(MissionItemInt { mission_type, ..item })(Version::V2, STATION, self.seq);
+                let item = of(MissionItemInt { mission_type, ..item }).frame(Version::V2, STATION, self.seq);
                 self.receive(*link, &item);
             }
             Event::Firmware { link, what } => self.act(*link, *what),
@@ -418,7 +454,7 @@ impl World {
                 for (opcode, path) in
                     [(MavFtpOpcode::OPENFILERO, "@MAV_LOG/log_0.ulg"), (MavFtpOpcode::BURSTREADFILE, "")]
                 {
-                    let frame = file_request(0, opcode, path)(Version::V2, STATION, self.seq);
+                    let frame = file_request(0, opcode, path).frame(Version::V2, STATION, self.seq);
                     self.receive(link, &frame);
                 }
             }
@@ -539,7 +575,7 @@ impl World {
     }
 }
 
-fn waypoint() -> MissionItemInt {
+pub(in super::super) fn waypoint() -> MissionItemInt {
     MissionItemInt {
         command: MavCmd::NAV_WAYPOINT,
         frame: MavFrame::GLOBAL_RELATIVE_ALT,
