@@ -8,12 +8,12 @@ use std::vec;
 use std::vec::Vec;
 
 use super::deadlines::world::{Request, command, file_request, of, requests, waypoint};
-use super::deadlines::{Everything, LINKS, Rover, STATION, WINGMAN};
+use super::deadlines::{COMPANION, Everything, LINKS, Rover, STATION, WINGMAN};
 use crate::StackOf;
 use crate::config::StreamProfile;
 use crate::dialect::*;
 use crate::frame::Version;
-use crate::message::{Address, Item};
+use crate::message::{Address, Item, Message};
 use crate::time::{Duration, Instant};
 use crate::{Config, LinkConfig, LinkId, PlanType, Pulse, VehicleState};
 
@@ -53,6 +53,8 @@ struct Field {
     /// The bytes that each line takes now, times 10^6.
     room: [i64; LINKS],
     sent: Vec<Sent>,
+    /// The item that each link asked for last.
+    asked: [Option<MissionRequestInt>; LINKS],
     /// The most hooks in a poll, or in a call of `receive`.
     hooks: u16,
 }
@@ -74,6 +76,7 @@ impl Field {
             seq: 0,
             room: [0; LINKS],
             sent: Vec::new(),
+            asked: [const { None }; LINKS],
             hooks: 0,
         };
         let items = vec![Item::from_int(&waypoint()); 2];
@@ -136,6 +139,9 @@ impl Field {
             _ => return 0,
         };
         let len = frame.len();
+        if message == MissionRequestInt::ID {
+            self.asked[link] = Some(MissionRequestInt::decode(&frame[10..len - 2]));
+        }
         self.sent.push(Sent { link, is_forwarded: system != 1, id: message, len });
         self.stack.transmitted(id, len);
         len
@@ -156,6 +162,16 @@ impl Field {
         let end = self.now + time;
         while self.now < end {
             self.step();
+        }
+    }
+
+    /// Receives the item that a link has asked for, if it has.
+    fn answer_with_item(&mut self, link: usize, from: Address) {
+        if let Some(MissionRequestInt { seq, mission_type, .. }) = self.asked[link].take() {
+            let (target_system, target_component) = (1, 1);
+            let z = f32::from(from.system.wire());
+            let item = MissionItemInt { seq, mission_type, target_system, target_component, z, ..waypoint() };
+            self.request(link, from, &of(item));
         }
     }
 

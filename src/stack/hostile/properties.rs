@@ -55,3 +55,118 @@ fn floods_leave_a_busy_link_to_its_own() {
         check(&calm, &shares, SECONDS, &std::format!("seed {seed}"));
     }
 }
+
+const NEW_OWNER: Address = Address::new(254, 190);
+
+/// A station requests control, and may let others take it over.
+fn take_control(field: &mut Field, link: usize, from: Address, allows_takeover: bool) {
+    let command = MavCmd(32_100);
+    let (param2, param4) = (f32::from(u8::from(allows_takeover)), f32::from(from.system.wire()));
+    let request = CommandLong { param1: 1.0, param2, param3: 10.0, param4, command, ..Default::default() };
+    field.request(link, from, &of(CommandLong { target_system: 1, target_component: 1, ..request }));
+    field.run_for(Duration::from_millis(40));
+    assert_eq!(field.stack.operator(field.now), Some(from.system));
+}
+
+/// another station takes control while the former owner is doing anything. From then on nothing of the former owner's changes the
+/// vehicle, what it has begun included, and the new owner's upload is taken at once. PARAM_SET is not among it: `Parameters::may_set`
+/// decides about it.
+#[test]
+fn former_owner_changes_nothing() {
+    let mut pool = requests();
+    pool.retain(|request| request.name != "PARAM_SET");
+    let mut allowed = 0;
+    for seed in 0..24 {
+        let mut random = Random(seed);
+        let mut field = prepared();
+        let beat = |field: &mut Field| {
+            field.beat(ASKING, STATION);
+            field.beat(IDLE, NEW_OWNER);
+        };
+        beat(&mut field);
+        take_control(&mut field, ASKING, STATION, true);
+        for _ in 0..40 {
+            let request = &pool[random.below(pool.len())];
+            // Images that are taken at an interval go on, whoever is in control.
+            if !["REQUEST_OPERATOR_CONTROL", "IMAGE_START_CAPTURE"].contains(&request.name) {
+                field.request(ASKING, STATION, request);
+            }
+            field.answer_with_item(ASKING, STATION);
+            field.step();
+        }
+        beat(&mut field);
+        take_control(&mut field, IDLE, NEW_OWNER, false);
+        let before = field.rover.changes.len();
+        allowed += before;
+        for round in 0..300 {
+            let sent = field.seq;
+            hostile(&mut field, &mut random, &pool, ASKING, STATION);
+            field.answer_with_item(ASKING, STATION);
+            field.step();
+            if round % 50 == 0 {
+                beat(&mut field);
+            }
+            let changes = &field.rover.changes[before..];
+            assert!(changes.is_empty(), "seed {seed}, round {round}, frames from {sent} on: {changes:?}");
+        }
+        assert_eq!(field.stack.operator(field.now), Some(NEW_OWNER.system), "seed {seed}");
+        let (target_system, target_component) = (1, 1);
+        let count = MissionCount { count: 3, target_system, target_component, ..MissionCount::default() };
+        field.asked = [const { None }; LINKS];
+        field.request(IDLE, NEW_OWNER, &of(count));
+        for _ in 0..50 {
+            field.answer_with_item(IDLE, NEW_OWNER);
+            field.step();
+        }
+        assert_eq!(field.rover.changes[before..], ["plan_changed"], "seed {seed}");
+        assert!(field.hooks <= 32, "seed {seed}: {} hooks in a poll", field.hooks);
+    }
+    assert!(allowed > 100, "{allowed} changes while it was in control");
+}
+
+/// What the vehicle was told of its companion in 15 s: a remote gimbal on a link that trusts our system, which moves and answers every
+/// fifth request. With an `attack`, others send anything in its name on another link.
+fn told(seed: u64, attack: Option<LinkConfig>, pool: &[Request]) -> Vec<std::string::String> {
+    const PASSES: u16 = 750;
+    let mut random = Random(seed);
+    let mut field = Field::new([attack.unwrap_or(quiet(FAST)), quiet(FAST).with_own_system(true), quiet(SLOW)]);
+    let gimbal = Heartbeat { r#type: MavType::GIMBAL, autopilot: MavAutopilot::INVALID, ..Heartbeat::default() };
+    for pass in 0..PASSES {
+        if pass % 50 == 0 {
+            field.request(IDLE, COMPANION, &of(gimbal));
+            field.beat(ASKING, STATION);
+        }
+        if pass % 10 == 0 {
+            field.request(IDLE, COMPANION, &of(GimbalDeviceAttitudeStatus::default()));
+        }
+        let second = pass / 50;
+        if pass % 50 == 20 && second % 5 == 0 {
+            assert!(field.stack.send_command(COMPANION, second / 5));
+        }
+        if pass % 50 == 30 && second == 5 {
+            let (result, command) = (MavResult::ACCEPTED, MavCmd(1));
+            let (target_system, target_component) = (1, 1);
+            let ack = CommandAck { command, result, target_system, target_component, ..CommandAck::default() };
+            field.request(IDLE, COMPANION, &of(ack));
+        }
+        for _ in 0..if attack.is_some() { random.below(3) } else { 0 } {
+            hostile(&mut field, &mut random, pool, ASKING, COMPANION);
+        }
+        field.step();
+    }
+    field.rover.told
+}
+
+/// whatever is sent in the name of a component of our system, on a link that does not trust our system, answers nothing that the
+/// vehicle has asked, and tells nothing of the component.
+#[test]
+fn claims_on_other_links_count_for_nothing() {
+    let pool = requests();
+    let calm = told(0, None, &pool);
+    let count = |what: &str| calm.iter().filter(|told| told.starts_with(what)).count();
+    assert!(count("device_moved") >= 70 && count("command 1") == 1 && count("command 0: TimedOut") == 1, "{calm:?}");
+    for seed in 0..12 {
+        assert_eq!(told(seed, Some(quiet(FAST)), &pool), calm, "seed {seed}");
+    }
+    assert_ne!(told(0, Some(quiet(FAST).with_own_system(true)), &pool), calm, "on a link that does, they count");
+}
