@@ -19,7 +19,7 @@ use crate::dialect::MavMissionResult;
 use crate::message::{Digest, Item};
 use crate::service::{Cx, increment};
 use crate::time::{Duration, Instant};
-use crate::types::{Durability, Firmware, Peer, PlanType, PlanView, PlansMut, Vehicle};
+use crate::types::{Durability, Firmware, Peer, PlanType, PlanView, PlansMut, Sender, Vehicle};
 
 /// A change that is not durable after this time is abandoned.
 const TIMEOUT: Duration = Duration::from_secs(5);
@@ -137,7 +137,7 @@ impl Missions {
         client: &mut Client<'_>,
         change: Change,
     ) {
-        let commit = Commit { client: client.peer, change, since: cx.now };
+        let commit = Commit { client: client.peer, trust: client.trust, change, since: cx.now };
         if !self.changes_nothing(&cx.plans, &change) {
             if self.is_attached() {
                 let tokens = tokens(&cx.plans, cx.plans.staged());
@@ -195,7 +195,7 @@ impl Missions {
         commit: &Commit,
         result: MavMissionResult,
     ) -> ReplyContent {
-        let &Commit { client, change, .. } = commit;
+        let &Commit { client, trust, change, .. } = commit;
         self.current.announce(cx.shared.normal);
         cx.plans.clear_staging();
         let id = match change {
@@ -203,7 +203,7 @@ impl Missions {
                 let mission_type = change.mission_type();
                 let id = if result == MavMissionResult::ACCEPTED { id } else { 0 };
                 if id != 0 {
-                    self.sessions.renew(cx.now, client, plan);
+                    self.sessions.renew(cx.now, Sender { peer: client, trust }, plan);
                     if cx.shared.config.second_mission_ack {
                         self.second_answer = Some(SecondAnswer { at: cx.now + SECOND_ACK, client, mission_type, id });
                     }

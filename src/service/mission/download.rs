@@ -20,7 +20,7 @@ use crate::link::Outbox;
 use crate::log::RefusalLog;
 use crate::message::{Address, CommandRule, Message};
 use crate::time::{Duration, Instant};
-use crate::types::{LinkId, Peer, PlanType, PlansMut};
+use crate::types::{LinkId, Peer, PlanType, PlansMut, Sender, Trust};
 
 /// Number of sessions. A new one evicts the session that has been silent for longest.
 const SESSIONS: usize = 4;
@@ -30,8 +30,9 @@ const EXPIRY: Duration = Duration::from_secs(10);
 
 #[derive(Clone, Copy, Debug)]
 struct Session {
-    /// The client and its link: two stations with the same ids on two links are two clients (M-45).
-    client: Peer,
+    /// The client, its link, and what has proved it: two stations with the same ids on two links are two clients (M-45), and so is one
+    /// with less proof.
+    client: Sender,
     plan: PlanType,
     /// Whether the plan was replaced since the client requested its count.
     is_stale: bool,
@@ -50,23 +51,25 @@ pub(super) struct Sessions {
 
 impl Sessions {
     pub(super) const fn new() -> Self {
-        let client = Peer { address: Address::new(0, 0), link: LinkId(0) };
+        let peer = Peer { address: Address::new(0, 0), link: LinkId(0) };
+        let client = Sender { peer, trust: Trust::None };
         let free = Session { client, plan: PlanType::Mission, is_stale: false, is_open: false, at: Instant::ZERO };
         Self { sessions: [free; SESSIONS], refused: RefusalLog::NEW }
     }
 
     /// Returns the open session of `client` for this plan, on the client's link or, if `on_any_link`, the first one
     /// with the client's ids; `None` if there is none.
-    fn find(&mut self, now: Instant, client: Peer, plan: PlanType, on_any_link: bool) -> Option<&mut Session> {
+    fn find(&mut self, now: Instant, client: Sender, plan: PlanType, on_any_link: bool) -> Option<&mut Session> {
         self.sessions.iter_mut().find(|session| {
-            let Session { client: Peer { address, link }, plan: session_plan, is_open, at, .. } = **session;
-            let is_client = address == client.address && (on_any_link || link == client.link);
+            let Session { client: known, plan: session_plan, is_open, at, .. } = **session;
+            let is_link = on_any_link || known.peer.link == client.peer.link;
+            let is_client = is_link && known.peer.address == client.peer.address && known.trust <= client.trust;
             is_client && session_plan == plan && is_open && now - at < EXPIRY
         })
     }
 
     /// Opens a session, because `client` is sent the count of the plan that is live now.
-    fn open(&mut self, now: Instant, client: Peer, plan: PlanType) {
+    fn open(&mut self, now: Instant, client: Sender, plan: PlanType) {
         let fresh = Session { client, plan, is_stale: false, is_open: true, at: now };
         if let Some(session) = self.find(now, client, plan, false) {
             *session = fresh;
@@ -78,7 +81,7 @@ impl Sessions {
     /// Renews the session of `client`, which requests an item. Returns whether the client expects a plan that has been
     /// replaced. A client without a session on this link may have requested the count on another link, and moved
     /// (M-11).
-    fn renew_and_check_stale(&mut self, now: Instant, client: Peer, plan: PlanType) -> bool {
+    fn renew_and_check_stale(&mut self, now: Instant, client: Sender, plan: PlanType) -> bool {
         let may_have_moved = self.find(now, client, plan, false).is_none();
         self.find(now, client, plan, may_have_moved).is_some_and(|session| {
             session.at = now;
@@ -87,8 +90,9 @@ impl Sessions {
     }
 
     /// Closes the session of `client`, which has finished or given up (M-65).
-    pub(super) fn close(&mut self, client: Peer, plan: PlanType) {
-        for session in self.sessions.iter_mut().filter(|session| (session.client, session.plan) == (client, plan)) {
+    pub(super) fn close(&mut self, client: Sender, plan: PlanType) {
+        let is_its = |session: &&mut Session| session.client.is_repeated_by(client) && session.plan == plan;
+        for session in self.sessions.iter_mut().filter(is_its) {
             (session.is_open, session.at) = (false, Instant::ZERO);
         }
     }
@@ -102,7 +106,7 @@ impl Sessions {
 
     /// Renews the session of `client` on its link: it has replaced the plan itself, so it knows the new one. A session
     /// with its ids on another link may be another station's (M-45).
-    pub(super) fn renew(&mut self, now: Instant, client: Peer, plan: PlanType) {
+    pub(super) fn renew(&mut self, now: Instant, client: Sender, plan: PlanType) {
         if let Some(session) = self.find(now, client, plan, false) {
             session.is_stale = false;
         }
@@ -122,10 +126,11 @@ impl Sessions {
         tx: &mut Outbox,
     ) -> bool {
         let Reply { to, mission_type, content } = *reply;
-        let client = Peer { address: to, link: tx.link() };
+        let (ReplyContent::Count { trust } | ReplyContent::Item { trust, .. }) = content else { return false };
+        let client = Sender { peer: Peer { address: to, link: tx.link() }, trust };
         // The plan was checked when the request was received.
         let plan = PlanType::from_mission_type(mission_type).unwrap_or(PlanType::Mission);
-        let ReplyContent::Item { seq, is_old_request } = content else {
+        let ReplyContent::Item { seq, is_old_request, .. } = content else {
             self.open(now, client, plan);
             return tx.send(&MissionCount {
                 count: plans.count(plan),

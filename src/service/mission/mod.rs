@@ -137,11 +137,11 @@ impl Missions {
                 return self.on_count(cx, &mut client, Count { plan, count, number });
             }
             MissionClearAll::ID => return self.on_clear(cx, &mut client, Some(plan)),
-            MissionRequestList::ID => ReplyContent::Count,
+            MissionRequestList::ID => ReplyContent::Count { trust: received.trust },
             // Both requests for an item have the same fields (M-60).
             _ => {
                 let seq = MissionRequestInt::decode(frame.payload()).seq.to_le_bytes();
-                ReplyContent::Item { seq, is_old_request: id == MissionRequest::ID }
+                ReplyContent::Item { seq, is_old_request: id == MissionRequest::ID, trust: received.trust }
             }
         };
         client.answer(content);

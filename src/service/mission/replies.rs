@@ -40,10 +40,10 @@ pub(super) enum ReplyContent {
     Accepted { id: [u8; 4] },
     /// MISSION_ACK with another result.
     Refused(MavMissionResult),
-    /// MISSION_COUNT.
-    Count,
+    /// MISSION_COUNT. `trust` is what has proved the client.
+    Count { trust: Trust },
     /// MISSION_ITEM_INT. MISSION_ITEM, if it was requested with the old MISSION_REQUEST and the configuration says so.
-    Item { seq: [u8; 2], is_old_request: bool },
+    Item { seq: [u8; 2], is_old_request: bool, trust: Trust },
 }
 
 /// The final answer to a client, and the link on which to send it.
@@ -85,7 +85,7 @@ impl Reply {
         let (result, id) = match self.content {
             ReplyContent::Accepted { id } => (MavMissionResult::ACCEPTED, u32::from_le_bytes(id)),
             ReplyContent::Refused(result) => (result, 0),
-            ReplyContent::None | ReplyContent::Count | ReplyContent::Item { .. } => return false,
+            ReplyContent::None | ReplyContent::Count { .. } | ReplyContent::Item { .. } => return false,
         };
         tx.send(&MissionAck {
             target_system: self.to.system.wire(),
@@ -251,12 +251,16 @@ mod tests {
             content: ReplyContent::of_result(result, id),
         };
         let other = |content| Reply { to: Address::new(255, 190), mission_type: MavMissionType(9), content };
-        let item = |seq: u16, is_old_request| ReplyContent::Item { seq: seq.to_le_bytes(), is_old_request };
+        let item = |seq: u16, is_old_request| ReplyContent::Item {
+            seq: seq.to_le_bytes(),
+            is_old_request,
+            trust: Trust::Open,
+        };
         let queued = [
             result(MavMissionResult::ACCEPTED, u32::MAX),
             result(MavMissionResult::ACCEPTED, 0),
             result(MavMissionResult(255), 0),
-            other(ReplyContent::Count),
+            other(ReplyContent::Count { trust: Trust::Open }),
             other(item(u16::MAX, false)),
             other(item(1, true)),
         ];

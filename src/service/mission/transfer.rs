@@ -123,14 +123,20 @@ impl Upload {
 /// A durable change that is being written.
 #[derive(Clone, Debug)]
 pub(super) struct Commit {
-    /// The client that waits for the result, and its link.
+    /// The client that waits for the result, its link, and what has proved it when the change began.
     pub(super) client: Peer,
+    pub(super) trust: Trust,
     pub(super) change: Change,
     /// When the write began.
     pub(super) since: Instant,
 }
 
 impl Commit {
+    /// Whether a frame from this address, with this proof, is the client's.
+    pub(super) fn is_by(&self, address: Address, trust: Trust) -> bool {
+        self.client.address == address && trust >= self.trust
+    }
+
     /// Moves the client to the link on which it was heard now, so that the result is sent there (M-11). Changes nothing
     /// if the result slot of that link, in `replies`, is taken.
     pub(super) fn move_client(&mut self, link: LinkId, replies: &Replies) {

@@ -349,12 +349,13 @@ impl Missions {
     pub(super) fn on_ack<F: Firmware>(
         &mut self,
         cx: &mut Cx<'_, F>,
-        Sender { peer: from, trust }: Sender,
+        sender: Sender,
         mission_type: MavMissionType,
         result: MavMissionResult,
     ) {
         let Some(plan) = PlanType::from_mission_type(mission_type) else { return };
-        self.sessions.close(from, plan);
+        let Sender { peer: from, trust } = sender;
+        self.sessions.close(sender, plan);
         if self.is_on_other_link(cx.now, from) {
             // The ACK ended another station's download, or is a duplicate (M-45).
             return self.count_dropped_frame();
@@ -395,7 +396,7 @@ impl Missions {
         let change = Change::Clear(plan);
         let is_on_other_link = self.is_on_other_link(cx.now, from);
         if let Some(commit) = self.committing_mut() {
-            let is_same_client = commit.client.address == from.address;
+            let is_same_client = commit.is_by(from.address, client.trust);
             let is_same_clear = matches!(commit.change, Change::Clear(cleared) if cleared == plan);
             if !(is_same_client && is_same_clear) {
                 return client.refuse_as_busy();
@@ -477,7 +478,7 @@ impl Missions {
     /// the client gets the result when the write ends. Frames of other clients are refused.
     fn on_frame_during_commit(&mut self, client: &mut Client<'_>) {
         let Some(commit) = self.committing_mut() else { return };
-        if commit.client.address == client.peer.address {
+        if commit.is_by(client.peer.address, client.trust) {
             commit.move_client(client.peer.link, client.replies);
             self.count_dropped_frame();
         } else {

@@ -166,3 +166,67 @@ fn stations_with_equal_ids_have_separate_downloads() {
     bench.upload(B, MISSION, &plan(2, 2));
     assert_eq!(bench.ask(A_MOVED, &request(MISSION, 1)), [to_a(Ack(CANCELLED, 0))]);
 }
+
+/// X-1, M-11: a frame that is proved less than the one with which a change began is not its client's. A forged COUNT, item or clear moved
+/// the result of the change to the forger's link; now it is refused, and the result stays.
+#[test]
+fn a_lesser_proof_does_not_move_a_commit() {
+    let messages: [fn(&mut Bench, Peer); 3] = [
+        |bench, from| bench.send(from, &count(MISSION, 1)),
+        |bench, from| bench.send(from, &int(MISSION, 0, &item(1, 0))),
+        |bench, from| bench.send(from, &clear(MISSION)),
+    ];
+    for (number, forge) in messages.into_iter().enumerate() {
+        for (trust, is_moved) in [(Trust::Open, false), (Trust::Signed, true)] {
+            let mut bench = Bench::new();
+            bench.upload(A, MISSION, &plan(2, 2));
+            bench.missions.attach_storage(Durability::Durable);
+            bench.saved();
+            bench.trust = Trust::Signed;
+            if number == 2 {
+                assert_eq!(bench.ask(A, &clear(MISSION)), []);
+            } else {
+                bench.ask(A, &count(MISSION, 1));
+                assert_eq!(bench.ask(A, &int(MISSION, 0, &item(1, 0))), []);
+            }
+            // The client is silent on its link for so long that it may move.
+            bench.now += Duration::from_secs(2);
+            bench.trust = trust;
+            forge(&mut bench, A_MOVED);
+            let refusal: &[Sent] = if is_moved { &[] } else { &[to_a(Ack(DENIED, 0))] };
+            assert_eq!(bench.drain(), refusal, "{number}");
+            bench.saved();
+            let result = [to_a(Ack(ACCEPTED, if number == 2 { 0 } else { id_of(&plan(1, 1)) }))];
+            let sent = [0, 1].map(|link| bench.drain_link(link));
+            assert_eq!(
+                sent,
+                if is_moved { [Vec::new(), result.to_vec()] } else { [result.to_vec(), Vec::new()] },
+                "{number}"
+            );
+        }
+    }
+}
+
+/// X-1, M-63: frames that are proved less than the one with which a download began neither end it nor begin it anew: after either the
+/// client got the items of two plans.
+#[test]
+fn a_lesser_proof_does_not_mix_two_plans() {
+    let messages: [fn(&mut Bench); 2] =
+        [|bench| bench.send(A, &ack(MISSION, ACCEPTED)), |bench| bench.send(A, &list(MISSION))];
+    for forge in messages {
+        for (trust, is_mixed) in [(Trust::Open, false), (Trust::Signed, true)] {
+            let mut bench = Bench::new();
+            bench.upload(A, MISSION, &plan(1, 3));
+            bench.trust = Trust::Signed;
+            bench.ask(A, &list(MISSION));
+            assert_eq!(bench.ask(A, &request(MISSION, 0)).len(), 1);
+            bench.upload(B, MISSION, &plan(2, 3));
+            bench.trust = trust;
+            forge(&mut bench);
+            bench.drain();
+            bench.trust = Trust::Signed;
+            let answer = if is_mixed { Part(1, 0, item(2, 1)) } else { Ack(CANCELLED, 0) };
+            assert_eq!(bench.ask(A, &request(MISSION, 1)), [to_a(answer)]);
+        }
+    }
+}

@@ -21,7 +21,7 @@ use crate::message::{Address, CommandRule, Item};
 use crate::service::param::NoParams;
 use crate::service::rest::{Rest, offer, sent_texts, take, with_frame};
 use crate::time::Duration;
-use crate::types::{Command, Context, Durability, LinkId, Outcome, Peer, StatusTexts, TextEntry};
+use crate::types::{Command, Context, Durability, LinkId, Outcome, Peer, StatusTexts, TextEntry, Trust};
 
 type Memory = crate::plan_memory!(mission: 5, fence: 3, rally: 0);
 
@@ -142,6 +142,8 @@ struct Bench {
     second_ack: bool,
     vehicle: Vehicle,
     texts: StatusTexts<[TextEntry; 8]>,
+    /// What proves the senders of received frames.
+    trust: Trust,
     now: Instant,
     /// The sequence number of received frames: constant, unless a test sets it.
     number: u8,
@@ -170,6 +172,7 @@ impl Bench {
                 changes: Vec::new(),
             },
             texts: StatusTexts::new(),
+            trust: Trust::Open,
             now: Instant::from_millis(60_000),
             number: 0,
             replies: [const { Replies::new() }; 2],
@@ -187,15 +190,8 @@ impl Bench {
         let len = encode(message, version, from.address, self.number, &mut bytes).expect("fits");
         with_frame(&bytes[..len], |frame| {
             assert!(is_handled(frame.id()));
-            let received = Received {
-                frame,
-                from,
-                trust: crate::types::Trust::Open,
-                counts: true,
-                may_change: true,
-                target: VEHICLE,
-                age: None,
-            };
+            let received =
+                Received { frame, from, trust: self.trust, counts: true, may_change: true, target: VEHICLE, age: None };
             self.with_link(usize::from(from.link.0), |missions, cx, port, replies| {
                 missions.receive(cx, port, replies, &received);
             });
