@@ -389,6 +389,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     pub fn with_context<R>(&mut self, now: Instant, work: impl FnOnce(&mut Context<'_>) -> R) -> R {
         let now = self.enter(now);
         let Self { shared, texts, requests, events, plans, parameters, services, .. } = self;
+        let own = crate::Peer { address: shared.config.address.get(), link: LinkId::NONE };
         work(&mut Context {
             now,
             normal: shared.normal,
@@ -397,7 +398,7 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
             events: events.view_mut(),
             plans: &PlanMemory::view(plans),
             values: parameters.values(),
-            can_start: services.command.slots.view_mut().is_some_and(|long| long.can_start()),
+            can_start: services.command.slots.view().is_some_and(|long| long.can_start(own)),
         })
     }
 

@@ -45,6 +45,8 @@ pub struct Shared {
     /// Until when a client is reading the file of a flight log.
     pub(crate) logs_read_until: Instant,
     pub(crate) faults: HookFaults,
+    /// The number of resets of all parameters, 0 or 1, that go on with the next poll and are answered after the last one.
+    pub(crate) pending_resets: u8,
     /// The number of hooks with a [`Context`] that were called in this poll of the stack or of a link, or by this job of storage.
     pub(crate) hooks: Saturating<u16>,
 }
@@ -73,6 +75,7 @@ impl Shared {
         log_numbering: 0,
         logs_read_until: Instant::ZERO,
         faults: HookFaults::ZERO,
+        pending_resets: 0,
         hooks: Saturating(0),
     };
 

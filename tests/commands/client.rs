@@ -212,7 +212,7 @@ fn position_is_sent_as_command_int() {
     assert!(param1 == -1.0 && param4.is_nan());
 }
 
-/// K-3: IN_PROGRESS ends the retransmissions. Silence for ten seconds after it is a timeout.
+/// K-3, X-3: IN_PROGRESS ends the retransmissions. Silence for thirty seconds after it is a timeout.
 #[test]
 fn progress_is_followed() {
     let mut world = sky();
@@ -220,7 +220,7 @@ fn progress_is_followed() {
     world.run_for(millis(20));
     for progress in [10, 55, 255] {
         answer(&mut world, COMPANION, GIMBAL, CommandAck { progress, ..ack(PITCHYAW, MavResult::IN_PROGRESS) });
-        world.run_for(millis(9_900));
+        world.run_for(millis(29_900));
     }
     answer(&mut world, COMPANION, GIMBAL, ack(PITCHYAW, MavResult::ACCEPTED));
     let running = [10, 55, 255].map(|progress| (POINT, CommandReply::InProgress(progress)));
@@ -232,7 +232,7 @@ fn progress_is_followed() {
     assert!(world.stack.send_command(GIMBAL, POINT));
     world.run_for(millis(20));
     answer(&mut world, COMPANION, GIMBAL, ack(PITCHYAW, MavResult::IN_PROGRESS));
-    world.run_for(millis(10_100));
+    world.run_for(millis(30_100));
     assert_eq!(world.vehicle.replies.last(), Some(&(POINT, CommandReply::TimedOut)));
 }
 

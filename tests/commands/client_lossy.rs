@@ -222,7 +222,7 @@ fn long_commands_end_once() {
         assert!(pair.asking.send_command(SERVER, LONGER));
         pair.run(secs(4));
         pair.serving.long_commands_mut().finish(LONG, MavResult::FAILED);
-        pair.run(secs(20));
+        pair.run(secs(40)); // Silence ends it after 30 s.
         let runs = pair.server.commands().len();
         match pair.end_of(LONGER) {
             end if end == done(MavResult::FAILED) && runs == 1 => answered += 1,
@@ -243,7 +243,7 @@ fn cancelled_commands_end_once() {
         assert!(pair.asking.send_command(SERVER, LONGER));
         pair.run(secs(2));
         assert!(pair.asking.cancel_sent_command(LONGER));
-        pair.run(secs(20));
+        pair.run(secs(40)); // Silence ends it after 30 s.
         let stops = pair.server.calls.iter().filter(|call| matches!(call, Call::CancelCommand(..))).count();
         match pair.end_of(LONGER) {
             end if end == done(MavResult::CANCELLED) && stops == 1 => cancelled += 1,

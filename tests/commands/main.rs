@@ -13,6 +13,7 @@ mod long;
 mod mode_requests;
 mod modes;
 mod once;
+mod places;
 mod promises;
 mod protocol;
 #[cfg(feature = "plan-texts")]

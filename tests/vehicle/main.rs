@@ -22,6 +22,7 @@ mod operator_model;
 mod own_messages;
 mod param_backend;
 mod param_places;
+mod param_reset;
 mod param_run_time;
 mod params;
 mod rc_over_mavlink;

@@ -7,8 +7,8 @@
 //!
 //! ```text
 //!                      ┌── five attempts of 700 ms ─────────▶ TimedOut; NotSent if no link took it
-//!   send_command ─▶ sent ─── IN_PROGRESS ──▶ running ── silent for 10 s ──▶ TimedOut
-//!                      │                        │
+//!   send_command ─▶ sent ─── IN_PROGRESS ──▶ running ── silent for 30 s ──▶ TimedOut
+//!                      │                        │                  │  unchanged for 30 s while another request waits
 //!                      └── any other result ────┴──▶ Done       cancel_sent_command: COMMAND_CANCEL, sent in the same way
 //! ```
 //!
@@ -59,6 +59,9 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> Service<F> for Client<
     };
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>) {
+        if cx.requests.has_request() {
+            self.make_room();
+        }
         self.run_timers(cx);
         self.start_waiting(cx.now);
         // Bounded: a hook may queue a new request for each one that is taken.
@@ -123,6 +126,18 @@ impl<F: Firmware<Vehicle: CommandClient>, const N: usize> OwnCommands<F> for Cli
 }
 
 impl<const N: usize> Client<N> {
+    /// A request waits. Without a slot for it, the running command of a peer whose progress has not changed for the longest time gives
+    /// way, after a while. One at a time: a slot that has ended is soon free (X-3).
+    fn make_room(&mut self) {
+        if !self.slots.iter().any(|slot| matches!(slot.state, SlotState::Free | SlotState::Ended)) {
+            let is_peers = |slot: &&mut Slot| slot.state == SlotState::Running && slot.to.link != LinkId::NONE;
+            let running = self.slots.iter_mut().filter(is_peers);
+            if let Some(oldest) = running.min_by_key(|slot| slot.changed_at) {
+                oldest.give_way();
+            }
+        }
+    }
+
     /// Sends unanswered requests again, or ends them.
     fn run_timers<F: Firmware<Vehicle: CommandClient>>(&mut self, cx: &mut Cx<'_, F>) {
         for slot in &mut self.slots {
@@ -231,7 +246,7 @@ impl<const N: usize> Client<N> {
         cx.requests.set_client_due(true);
         note_answer(cx.peers, from);
         let reply = if result == MavResult::IN_PROGRESS {
-            slot.on_progress(cx.now, from.address);
+            slot.on_progress(cx.now, from.address, progress);
             CommandReply::InProgress(progress)
         } else {
             slot.end(cx.now, true);

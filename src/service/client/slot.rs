@@ -14,8 +14,9 @@ use crate::types::{Command, CommandPosition, Component, LinkClass, LinkId, LinkM
 /// How long to wait for an answer before the request is sent again.
 const TIMEOUT: Duration = Duration::from_millis(700);
 
-/// How long to wait after IN_PROGRESS. Its sender repeats it about every second (C-20).
-const PROGRESS_TIMEOUT: Duration = Duration::from_secs(10);
+/// How long to wait after IN_PROGRESS, which its sender repeats about every second (C-20); and, if another request waits for the slot, how
+/// long for a change of the progress.
+const PROGRESS_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// How long more answers may be received to a command that was sent more than once.
 const LATE: Duration = Duration::from_secs(2);
@@ -54,6 +55,8 @@ pub struct Slot {
     pub(super) is_cancelled: bool,
     /// IN_PROGRESS was received.
     pub(super) is_running: bool,
+    /// The last progress.
+    progress: u8,
     /// The recipient, and the link on which it is sent. Component 0 is any component of the system.
     pub(super) to: Peer,
     /// The links on which it was sent: there an answer counts.
@@ -63,6 +66,8 @@ pub struct Slot {
     pub(super) token: u16,
     pub(super) request: ClientRequest,
     pub(super) deadline: Instant,
+    /// When the progress last changed.
+    pub(super) changed_at: Instant,
 }
 
 impl Slot {
@@ -73,12 +78,14 @@ impl Slot {
         transmissions: Saturating(0),
         is_cancelled: false,
         is_running: false,
+        progress: 0,
         to: Peer { address: Address::new(0, 0), link: LinkId(0) },
         asked: LinkMask::NONE,
         executor: ComponentId::ALL,
         token: 0,
         request: ClientRequest::Command(OutgoingCommand::NONE),
         deadline: Instant::ZERO,
+        changed_at: Instant::ZERO,
     };
 
     /// Returns a request that waits.
@@ -170,8 +177,11 @@ impl Slot {
 
     /// Records IN_PROGRESS. A running command is cancelled all the same, and that is requested again once it is known which
     /// component runs it.
-    pub(super) fn on_progress(&mut self, now: Instant, from: Address) {
+    pub(super) fn on_progress(&mut self, now: Instant, from: Address, progress: u8) {
         let was_for_all = self.to.address.component.is_all();
+        if !self.is_running || self.progress != progress {
+            (self.progress, self.changed_at) = (progress, now);
+        }
         (self.is_running, self.to.address) = (true, from);
         if !self.is_cancelled {
             self.expect_progress(now);
@@ -184,6 +194,11 @@ impl Slot {
     /// Waits for the end of a running command.
     pub(super) fn expect_progress(&mut self, now: Instant) {
         (self.state, self.deadline) = (SlotState::Running, now + PROGRESS_TIMEOUT);
+    }
+
+    /// Ends it when its progress has not changed for long, because another request waits for the slot.
+    pub(super) fn give_way(&mut self) {
+        self.deadline = self.deadline.min(self.changed_at + PROGRESS_TIMEOUT);
     }
 
     /// Ends it. Each transmission of a command may be answered, so a command that was sent more often than it was answered is

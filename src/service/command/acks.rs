@@ -68,6 +68,11 @@ impl CommandLink {
         self.queued == self.sent
     }
 
+    /// Whether this command, or none, is answered next.
+    pub(super) fn is_next(&self, command: MavCmd) -> bool {
+        self.answer(self.sent).is_some_and(|ack| ack.command == command)
+    }
+
     /// Whether an IN_PROGRESS is pending.
     pub(super) fn has_progress(&self) -> bool {
         let mut number = self.sent;

@@ -11,7 +11,7 @@ use crate::link::Outbox;
 use crate::message::{Address, ComponentId};
 use crate::time::{Duration, Instant};
 use crate::types::{
-    Command, CommandAnswer, CommandPosition, Context, Firmware, LinkClass, LinkId, LinkMask, Outcome, SignedAt,
+    Command, CommandAnswer, CommandPosition, Context, Firmware, LinkClass, LinkId, LinkMask, Outcome, Peer, SignedAt,
 };
 
 /// Interval between IN_PROGRESS acknowledgements (C-20).
@@ -21,7 +21,8 @@ const REPEAT_EVERY: Duration = Duration::from_secs(1);
 /// too.
 const CHANGE_EVERY: Duration = Duration::from_millis(100);
 
-/// A final ACK that a link has not accepted after this time is dropped: the slot is needed, and the client has given up.
+/// A final ACK that a link has not accepted after this time is dropped: the client has given up. It keeps its slot from no other
+/// command for so long (X-3).
 const DROP_AFTER: Duration = Duration::from_secs(10);
 
 /// COMMAND_ACK.progress of a command with unknown progress.
@@ -241,9 +242,15 @@ impl CommandSlot {
         self.state == CommandState::Done && !self.is_long && self.pending.is_empty() && self.is_same(command)
     }
 
-    /// Whether an ACK is pending on `link` in this state.
+    /// Whether an ACK is pending on `link`: an IN_PROGRESS for `Running`, and the final one for every other state.
     fn is_pending(&self, state: CommandState, link: LinkId) -> bool {
-        self.state == state && self.pending.contains(link)
+        let is_running = |state| state == CommandState::Running;
+        is_running(self.state) == is_running(state) && self.pending.contains(link)
+    }
+
+    /// Whether it was received from `sender` on its link. The same address on another link may be another station's (X-1).
+    fn is_by(&self, sender: Peer) -> bool {
+        self.from == sender.address && self.links.contains(sender.link)
     }
 
     fn ack(&self, outcome: Outcome, progress: u8) -> CommandAck {
@@ -312,11 +319,12 @@ impl CommandSlot {
 /// - It sends the final ACK on every link on which the command was received.
 /// - While the command runs, other commands with its id get `TEMPORARILY_REJECTED`, also those to another
 ///   [component](crate::Components) of the firmware.
-/// - It answers duplicates without running the command again, until its sender has given another command with its id; and it
-///   handles COMMAND_CANCEL.
+/// - It answers duplicates without running the command again, until its sender has given another command with its id.
+/// - It handles COMMAND_CANCEL of the command's sender, and of the system in control. While none is, every system may cancel (X-3).
 ///
-/// A slot is in use until three seconds after the command has ended. Without a free slot, a command is `TEMPORARILY_REJECTED`
-/// (C-22). A slot takes 88 bytes.
+/// A slot is in use until three seconds after the command has ended, whether or not its links take the final ACK. If none is free, the
+/// sender with the most slots loses the one that ended first to a sender with fewer; a running command keeps its slot (X-3).
+/// Otherwise the command is `TEMPORARILY_REJECTED` (C-22). A slot takes 88 bytes.
 ///
 /// A duplicate by satellite may arrive half a minute after its original. So a command that must be carried out only
 /// [once](crate::command::CommandPolicy::once) is remembered for a minute, for duplicates on a
@@ -330,14 +338,14 @@ impl CommandSlot {
 /// The states of a slot:
 ///
 /// ```text
-///            start                         finish, COMMAND_CANCEL             all final ACKs sent, and 3 s passed
+///            start                         finish, COMMAND_CANCEL                        3 s passed
 ///   free ───────────▶ running ──────────────────────────────────▶ done ──────────────────────────────────▶ evictable
 ///     │    IN_PROGRESS at once, at 1 Hz, on change                ▲  a duplicate gets the final ACK again
 ///     └────────────── not idempotent, carried out ────────────────┘
 /// ```
 ///
-/// An evictable slot becomes free after a minute, or when another command evicts it, the oldest first. Until then it recognises
-/// duplicates that arrive by satellite (L-16).
+/// An evictable slot becomes free after a minute, or when another command evicts it, the oldest first, and last those whose final ACK
+/// waits for a link. Until then it recognises duplicates that arrive by satellite (L-16).
 #[derive(Clone, Debug)]
 pub struct LongCommands<S: ?Sized = [CommandSlot]> {
     slots: S,
@@ -373,9 +381,9 @@ impl<const N: usize> DerefMut for LongCommands<[CommandSlot; N]> {
 }
 
 impl LongCommands {
-    /// Whether there is a free slot for another long-running command.
-    pub(crate) fn can_start(&self) -> bool {
-        self.free_slot().is_some()
+    /// Whether there is a slot for another long-running command of this sender.
+    pub(crate) fn can_start(&self, sender: Peer) -> bool {
+        self.free_slot(sender).is_some()
     }
 
     /// Sets the progress of `command` in percent; more than 100 means "unknown". Has no effect if it is not running.
@@ -408,20 +416,42 @@ impl LongCommands {
         self.slots.iter().any(|slot| slot.is_running(command))
     }
 
-    /// Whether `command` is running in a component for which `is_it` holds.
-    pub(super) fn is_running_in(&self, command: MavCmd, is_it: impl Fn(ComponentId) -> bool) -> bool {
-        self.slots.iter().any(|slot| slot.is_running(command) && is_it(slot.component))
+    /// Whether `command` is running in a component for which `is_it` holds. `of`: only if it is this sender's.
+    pub(super) fn is_running_in(&self, command: MavCmd, of: Option<Peer>, is_it: impl Fn(ComponentId) -> bool) -> bool {
+        let is_its = |slot: &CommandSlot| of.is_none_or(|sender| slot.is_by(sender));
+        self.slots.iter().any(|slot| slot.is_running(command) && is_it(slot.component) && is_its(slot))
     }
 
     fn running(&mut self, command: MavCmd) -> Option<&mut CommandSlot> {
         self.slots.iter_mut().find(|slot| slot.is_running(command))
     }
 
-    /// Returns the index of a slot for another command: a free one, or the evictable one that ended first.
-    fn free_slot(&self) -> Option<usize> {
+    /// Returns the index of a slot for another command: a free one, or the evictable one that ended first, or else, of the sender with
+    /// the most slots, if the asking one has fewer (X-3).
+    fn free_slot(&self, asking: Peer) -> Option<usize> {
+        let own = self.places(asking.address, LinkMask::of(asking.link));
+        let rank = |slot: &CommandSlot| {
+            let is_answered = slot.pending.is_empty();
+            let places = match slot.state {
+                CommandState::Free => return Some(0),
+                CommandState::Evictable => return Some(if is_answered { 1 } else { 2 }),
+                // Without links, it is the firmware's own.
+                CommandState::Done if is_answered && !slot.links.is_empty() => self.places(slot.from, slot.links),
+                CommandState::Running | CommandState::Done => return None,
+            };
+            (places > own).then_some(usize::MAX.saturating_sub(places))
+        };
         let slots = (0..self.slots.len()).zip(&self.slots);
-        let slots = slots.filter(|(_, slot)| matches!(slot.state, CommandState::Free | CommandState::Evictable));
-        slots.min_by_key(|(_, slot)| (slot.state == CommandState::Evictable, slot.at)).map(|(index, _)| index)
+        slots.filter_map(|(index, slot)| Some((rank(slot)?, slot.at, index))).min().map(|(_, _, index)| index)
+    }
+
+    /// Returns the number of slots that the commands of an address on one of these links have, while they run and for three seconds.
+    fn places(&self, from: Address, links: LinkMask) -> usize {
+        let is_its = |slot: &&CommandSlot| {
+            let is_held = matches!(slot.state, CommandState::Running | CommandState::Done);
+            is_held && slot.from == from && slot.links.intersects(links)
+        };
+        self.slots.iter().filter(is_its).count()
     }
 
     /// Returns the answer to `command` if it is known without carrying it out.
@@ -447,7 +477,7 @@ impl LongCommands {
                 return Some(answer);
             }
         }
-        let has_slot = self.can_start() || self.slots.iter().any(|slot| slot.is_run_of(command));
+        let has_slot = self.can_start(command.from) || self.slots.iter().any(|slot| slot.is_run_of(command));
         (limit != ExecutionLimit::None && !has_slot).then_some(MavResult::TEMPORARILY_REJECTED.into())
     }
 
@@ -496,7 +526,7 @@ impl LongCommands {
             CommandSlot { outcome, ..CommandSlot::new(command, CommandState::Done) }
         };
         // If there is no free slot, the vehicle must not have started it: no final ACK will be sent.
-        if let Some(slot) = known.or_else(|| self.free_slot()).and_then(|index| self.slots.get_mut(index)) {
+        if let Some(slot) = known.or_else(|| self.free_slot(command.from)).and_then(|index| self.slots.get_mut(index)) {
             let duplicates = if known.is_some() { slot.duplicates } else { Duplicates::NONE };
             *slot = CommandSlot { duplicates, at: now, signed_at, ..recorded };
             slot.duplicates.run(command.from.link);
@@ -516,11 +546,13 @@ impl LongCommands {
                     slot.pending = slot.links;
                     slot.at = now;
                 }
-                CommandState::Done if age >= DROP_AFTER || (age >= SOON && slot.pending.is_empty()) => {
-                    slot.state = CommandState::Evictable;
+                CommandState::Done if age >= SOON => slot.state = CommandState::Evictable,
+                CommandState::Evictable if age >= DROP_AFTER => {
                     slot.pending = LinkMask::NONE;
+                    if age >= LATE {
+                        slot.state = CommandState::Free;
+                    }
                 }
-                CommandState::Evictable if age >= LATE => slot.state = CommandState::Free,
                 _ => {}
             }
         }

@@ -139,6 +139,13 @@ impl<F: Firmware<Vehicle: Commands>, S: CommandMemory> Service<F> for CommandSer
         let ack = match turn {
             Turn::CommandProgress => long.filter(|long| long.has_progress(port.id)).map(|_| AckReply::Progress),
             _ if long.is_some_and(|long| long.has_final(port.id)) && !link.has_progress() => Some(AckReply::Final),
+            // The answer about a reset of all parameters comes after the last of them.
+            _ if size_of::<F::Parameters>() > 0
+                && view.shared.pending_resets > 0
+                && link.is_next(MavCmd::PREFLIGHT_STORAGE) =>
+            {
+                None
+            }
             _ => (!link.has_answered()).then_some(AckReply::Answer),
         };
         Some((view.now, ack?))
@@ -237,7 +244,7 @@ impl<S: CommandMemory> CommandService<S> {
         is_admitted: bool,
     ) -> Outcome {
         let Request { command, signed_at, .. } = request;
-        let may_start = verdict.is_none() && self.slots.view().is_some_and(LongCommands::can_start);
+        let may_start = verdict.is_none() && self.slots.view().is_some_and(|long| long.can_start(command.from));
         let mut outcome = match verdict {
             None => execute(cx, command, may_start),
             Some(Verdict::Done(outcome)) => outcome,
@@ -312,7 +319,8 @@ fn is_own<F: Firmware>(command: &Command) -> bool {
     !F::COMPONENTS.is_empty() && command.from.link == LinkId::NONE
 }
 
-/// Asks the vehicle to cancel a command if a component is running it (C-23).
+/// Asks the vehicle to cancel a command if a component is running it (C-23), and if `from` has given it or is in control. While
+/// nobody is, everyone may cancel.
 fn cancel<F: Firmware<Vehicle: Commands>>(
     cx: &mut Cx<'_, F>,
     long: &mut LongCommands,
@@ -322,7 +330,9 @@ fn cancel<F: Firmware<Vehicle: Commands>>(
 ) {
     let is_its =
         |component| F::COMPONENTS.is_empty() || component == of || !(F::is_component(component) || F::is_component(of));
-    if long.is_running_in(command, is_its) {
+    let is_free = cx.shared.controllers.owner().is_none_or(|owner| owner == from.address.system);
+    let only = if is_free || (!F::COMPONENTS.is_empty() && from.link == LinkId::NONE) { None } else { Some(from) };
+    if long.is_running_in(command, only, is_its) {
         let (vehicle, mut context) = cx.hook();
         if vehicle.cancel_command(&mut context, command, from) {
             long.finish(command, MavResult::CANCELLED);

@@ -52,8 +52,8 @@ pub trait Commands {
     }
 
     /// Cancels the running `command` at the request of `from`: COMMAND_CANCEL, or MAV_CMD_PREFLIGHT_CALIBRATION with all parameters 0,
-    /// which cancels a calibration as in PX4. Returns true if it was cancelled: the sender of
-    /// the command then gets CANCELLED. Returns false if it continues (C-23).
+    /// which cancels a calibration as in PX4. While a system is in control (O-5), only it and the sender of the command can.
+    /// Returns true if it was cancelled: the sender of the command then gets CANCELLED. Returns false if it continues (C-23).
     fn cancel_command(&mut self, cx: &mut Context<'_>, command: MavCmd, from: Peer) -> bool {
         let _ = (cx, command, from);
         false

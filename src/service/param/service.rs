@@ -11,9 +11,10 @@ use super::table::{ParamChange, ParamTable, Stored, TableMut};
 use super::vehicle::{ParamOptions, Parameters};
 use crate::dialect::{MavParamError, MavResult, MavSeverity};
 use crate::link::Port;
+use crate::message::Address;
 use crate::service::{About, Cx, Handled, Received, Request, Service, StackEvent, Turn, Verdict, View};
 use crate::time::{Duration, Instant};
-use crate::types::{Firmware, Peer, Vehicle};
+use crate::types::{Firmware, LinkId, Peer, Vehicle};
 
 /// Lists, reads and sets parameters. Its state for all links is in the table, next to the values. This type caches
 /// facts for calls without access to the table.
@@ -22,6 +23,22 @@ pub struct ParamService {
     pub(super) links: ParamLinks,
     /// When the next write to storage is due.
     write_due: Instant,
+    reset: Reset,
+}
+
+/// A reset of all parameters, which takes as many polls as it needs. Initially all bits are zero.
+#[derive(Debug)]
+struct Reset {
+    /// The number of parameters that are left, up to the last.
+    left: u16,
+    /// Whether read-only parameters are reset, too.
+    all: bool,
+    /// The client.
+    from: Peer,
+}
+
+impl Reset {
+    const NONE: Self = Self { left: 0, all: false, from: Peer { address: Address::new(0, 0), link: LinkId(0) } };
 }
 
 const fn options<V: Parameters>() -> ParamOptions {
@@ -55,19 +72,30 @@ impl ParamService {
         Ok(())
     }
 
-    /// Resets a parameter to its default for the client `from`.
-    fn reset<F>(&mut self, cx: &mut Cx<'_, F>, index: u16, resets_read_only: bool, from: Peer)
+    /// Resets the next parameters to their defaults, as many as a poll may tell the vehicle of, and stores all after the last.
+    fn continue_reset<F>(&mut self, cx: &mut Cx<'_, F>)
     where
         F: Firmware<Parameters: ParamTable, Vehicle: Parameters<Table = F::Parameters>>,
     {
-        let Some((info, _)) = cx.parameters.table_mut().get(index) else { return };
-        let bits = info.default_bits();
-        let is_reset = resets_read_only || !info.is_read_only();
-        if is_reset && self.with_table(cx.parameters, |table| table.change(index, bits, cx.shared.normal)) {
-            let change = ParamChange { index, bits, from: Some(from), table: PhantomData };
-            let (vehicle, mut context) = cx.hook();
-            vehicle.parameter_changed(&mut context, &change);
+        while let Some(left) = self.reset.left.checked_sub(1) {
+            if !cx.shared.may_continue() {
+                cx.shared.has_acted = true;
+                return;
+            }
+            let table = cx.parameters.table_mut();
+            let index = table.count().saturating_sub(self.reset.left);
+            self.reset.left = left;
+            let Some((info, _)) = table.get(index) else { continue };
+            let bits = info.default_bits();
+            let is_reset = self.reset.all || !info.is_read_only();
+            if is_reset && self.with_table(cx.parameters, |table| table.change(index, bits, cx.shared.normal)) {
+                let change = ParamChange { index, bits, from: Some(self.reset.from), table: PhantomData };
+                let (vehicle, mut context) = cx.hook();
+                vehicle.parameter_changed(&mut context, &change);
+            }
         }
+        cx.shared.pending_resets = 0;
+        self.write_now(cx.now, cx.parameters);
     }
 }
 
@@ -75,7 +103,7 @@ impl<F> Service<F> for ParamService
 where
     F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
 {
-    const NEW: Self = Self { links: ParamLinks::NEW, write_due: Instant::ZERO };
+    const NEW: Self = Self { links: ParamLinks::NEW, write_due: Instant::ZERO, reset: Reset::NONE };
     type Link = ParamList;
     const VACANT: ParamList = ParamList::NEW;
     type Reply = ParamReply;
@@ -92,6 +120,9 @@ where
             table.rows.saving.notice(cx.now);
             table.compute_hash();
         });
+        if cx.shared.pending_resets > 0 {
+            self.continue_reset(cx);
+        }
         if cx.shared.is_storage_busy || !cx.vehicle.may_persist() {
             // Nothing may be written, so no poll is needed for it.
             self.write_due = Instant::NEVER;
@@ -154,10 +185,9 @@ where
             }
             StorageAction::Write => self.write_now(cx.now, cx.parameters),
             StorageAction::Reset { all } => {
-                for index in 0..count {
-                    self.reset(cx, index, all, request.command.from);
-                }
-                self.write_now(cx.now, cx.parameters);
+                // The answer waits for the end. Another reset meanwhile starts again from the first one, and both are answered then.
+                self.reset = Reset { left: count, all, from: request.command.from };
+                cx.shared.pending_resets = 1;
             }
         }
         Some(Verdict::done(MavResult::ACCEPTED))

@@ -87,7 +87,8 @@ pub trait Parameters {
     }
 
     /// Called when a client has changed a parameter, or a different value was loaded from storage. Not called for values that the
-    /// vehicle sets itself.
+    /// vehicle sets itself. A reset of all parameters may take several polls of the stack, because each calls at most 32 hooks.
+    /// It is answered after the last one, and completed even if the vehicle arms meanwhile.
     fn parameter_changed(&mut self, cx: &mut Context<'_>, change: &ParamChange<Self::Table>) {
         let _ = (cx, change);
     }

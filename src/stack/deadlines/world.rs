@@ -519,7 +519,11 @@ impl World {
     pub(in super::super) fn wake(&mut self) {
         self.poll();
         // Work that takes several polls is due, and sends nothing.
-        while self.stack.services.files.is_working() || self.stack.services.param.is_working() || self.has_requests() {
+        while self.stack.services.files.is_working()
+            || self.stack.services.param.is_working()
+            || self.stack.shared.pending_resets > 0
+            || self.has_requests()
+        {
             self.poll();
         }
         for _ in 0..1_000 {
