@@ -12,7 +12,7 @@ use crate::link::Port;
 use crate::message::{Address, Message};
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::{Context, Firmware, LinkId, Peer, Refusal, RefusalReason};
+use crate::types::{Context, Firmware, LinkId, Peer, Refusal, RefusalReason, Sender, Trust};
 use core::num::{Saturating, Wrapping};
 
 /// A stream ends when its client was silent for this time.
@@ -111,8 +111,8 @@ pub struct LogStreamer {
     phase: StreamPhase,
     /// The link of the client was opened again: the next poll ends the stream.
     is_gone: bool,
-    /// The client of the last stream.
-    client: Peer,
+    /// The client of the last stream. A frame with less proof is another client's.
+    client: Sender,
     started: Instant,
     /// When the client was last heard.
     heard: Instant,
@@ -172,7 +172,7 @@ impl LogStreamer {
 
     /// Whether a stream goes to this link.
     fn is_on(&self, port: &Port) -> bool {
-        self.is_streaming() && !self.is_gone && self.client.link == port.id
+        self.is_streaming() && !self.is_gone && self.client.peer.link == port.id
     }
 }
 
@@ -184,7 +184,7 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
     const NEW: Self = Self {
         phase: StreamPhase::Off,
         is_gone: false,
-        client: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        client: Sender { peer: Peer { address: Address::new(0, 0), link: LinkId(0) }, trust: Trust::None },
         started: Instant::ZERO,
         heard: Instant::ZERO,
         due: Instant::ZERO,
@@ -218,7 +218,7 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
         }
         let sequence = u16::from_le_bytes([received.frame.byte(0), received.frame.byte(1)]);
         let is_pending = self.phase == StreamPhase::Definitions && self.tries.0 > 0;
-        if is_pending && sequence == self.sequence.0 && received.from == self.client {
+        if is_pending && sequence == self.sequence.0 && self.client.is_repeated_by(received.sender()) {
             self.sequence += 1;
             self.offset += u32::from(self.len);
             next_definitions(self, cx);
@@ -231,7 +231,8 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
         let refuse = |result, reason| Some(Verdict::Refused(Refusal { result, reason }));
         // The system in control takes and ends the stream of any other.
         let is_owner = cx.shared.controllers.is_owner(command.from.address.system);
-        let is_taken = self.phase != StreamPhase::Off && command.from != self.client && !is_owner;
+        let sender = Sender { peer: command.from, trust: command.trust };
+        let is_taken = self.phase != StreamPhase::Off && !self.client.is_repeated_by(sender) && !is_owner;
         let result = match command.id {
             MavCmd::LOGGING_START => {
                 let [format, ..] = command.params;
@@ -246,7 +247,7 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
                     increment(&mut self.counters.busy);
                     return refuse(MavResult::TEMPORARILY_REJECTED, RefusalReason::Taken);
                 } else {
-                    start(self, cx, command.from)
+                    start(self, cx, sender)
                 }
             }
             MavCmd::LOGGING_STOP if is_taken => return refuse(MavResult::DENIED, RefusalReason::Taken),
@@ -281,7 +282,7 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
         match event {
             StackEvent::Opened(port, ()) | StackEvent::Stalled(port, ()) => self.is_gone |= self.is_on(port),
-            StackEvent::Heard { now, from } if from == self.client => self.heard = now,
+            StackEvent::Heard { now, from } if from == self.client.peer => self.heard = now,
             _ => {}
         }
     }
@@ -310,15 +311,19 @@ fn data_due<F: Firmware<Vehicle: LogStreaming>>(cx: &Cx<'_, F>) -> Instant {
 }
 
 /// Starts a stream (LOG-10).
-fn start<F: Firmware<Vehicle: LogStreaming>>(streamer: &mut LogStreamer, cx: &mut Cx<'_, F>, from: Peer) -> MavResult {
+fn start<F: Firmware<Vehicle: LogStreaming>>(
+    streamer: &mut LogStreamer,
+    cx: &mut Cx<'_, F>,
+    from: Sender,
+) -> MavResult {
     let is_running = streamer.phase != StreamPhase::Off && !streamer.is_gone;
-    if is_running && streamer.client == from && cx.now - streamer.started < RETRANSMITTED {
+    if is_running && streamer.client.is_repeated_by(from) && cx.now - streamer.started < RETRANSMITTED {
         return MavResult::ACCEPTED;
     }
     // A client that was restarted needs the definitions again.
     stop(streamer, cx);
     let (vehicle, mut context) = cx.hook();
-    let result = vehicle.start_log_stream(&mut context, from);
+    let result = vehicle.start_log_stream(&mut context, from.peer);
     if result != MavResult::ACCEPTED {
         return result;
     }
@@ -383,7 +388,7 @@ fn send<F: Firmware<Vehicle: LogStreaming>>(
             streamer.len = u8::try_from(bytes.len()).unwrap_or(0);
         }
         let [low, high] = streamer.sequence.0.to_le_bytes();
-        let Address { system, component } = streamer.client.address;
+        let Address { system, component } = streamer.client.peer.address;
         if let Some(front) = payload.first_chunk_mut() {
             *front = [low, high, system.wire(), component.wire(), streamer.len, streamer.first];
         }

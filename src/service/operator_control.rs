@@ -12,13 +12,12 @@
 //! [`OperatorControl`] shows how control is requested, taken over and released.
 
 use super::{
-    About, ControlGate, Cx, Handled, Received, Request, Service, ShowCounters, Turn, Verdict, View, files, increment,
+    About, ControlGate, Cx, Handled, Received, Request, Service, ShowCounters, Turn, Verdict, View, increment,
 };
 use crate::dialect::{
-    CommandAck, CommandCancel, CommandLong, FileTransferProtocol, LogErase, ManualControl, MavCmd,
-    MavProtocolCapability, MavResult, MissionSetCurrent, RadioRcChannels, RcChannelsOverride, SetActuatorControlTarget,
-    SetAttitudeTarget, SetGpsGlobalOrigin, SetHomePosition, SetMode, SetPositionTargetGlobalInt,
-    SetPositionTargetLocalNed,
+    CommandAck, CommandCancel, CommandLong, LogErase, ManualControl, MavCmd, MavProtocolCapability, MavResult,
+    MissionSetCurrent, RadioRcChannels, RcChannelsOverride, SetActuatorControlTarget, SetAttitudeTarget,
+    SetGpsGlobalOrigin, SetHomePosition, SetMode, SetPositionTargetGlobalInt, SetPositionTargetLocalNed,
 };
 use crate::frame::Frame;
 use crate::link::Port;
@@ -70,8 +69,8 @@ counters! {
         count refused,
         /// Commands that were answered NOT_IN_CONTROL.
         drop commands,
-        /// Sticks, setpoints, messages that are equivalent to a command, and requests to change files, that were
-        /// dropped because their sender was not in control.
+        /// Sticks, setpoints, and messages that are equivalent to a command, that were dropped because their sender was
+        /// not in control.
         drop messages,
     }
 }
@@ -102,8 +101,8 @@ counters! {
 /// A refused command calls no hook of the vehicle. Everyone may request control, messages, their intervals, and the
 /// vehicle's capabilities. COMMAND_CANCEL, LOG_ERASE, MISSION_SET_CURRENT, SET_MODE, SET_HOME_POSITION and
 /// SET_GPS_GLOBAL_ORIGIN are treated like commands, but only SET_MODE has an answer that could say so, if the vehicle
-/// has modes. SET_ACTUATOR_CONTROL_TARGET is treated like a setpoint. FTP requests that change files are treated like
-/// commands, without an answer. Uploads of plans and parameters as files are such requests. All other messages reach
+/// has modes. SET_ACTUATOR_CONTROL_TARGET is treated like a setpoint. FTP requests that change files, such as uploads of
+/// plans and parameters as files, are refused by FileProtected. All other messages reach
 /// [`Vehicle::message`](crate::Vehicle::message).
 ///
 /// The owner is notified of a request by the same command, up to three times, until it has answered. CONTROL_STATUS is
@@ -359,7 +358,6 @@ impl ControlGate for OperatorControl {
             | SetMode::ID
             | SetHomePosition::ID
             | SetGpsGlobalOrigin::ID => self.may_command(is_ours, system),
-            FileTransferProtocol::ID if files::changes(frame) => self.may_command(is_ours, system),
             _ => true,
         };
         if !may {

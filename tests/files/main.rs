@@ -3,6 +3,7 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+mod leases;
 mod loss;
 mod model;
 mod operators;

@@ -11,6 +11,7 @@ mod pace;
 mod requests;
 mod shares;
 mod streaming;
+mod turns;
 
 use client::{Kind, LogClient};
 use mavstack::config::StreamProfile;

@@ -10,9 +10,13 @@
 //! ```text
 //!                open                     close, or 10 s without a request, a burst or a checksum
 //!   nothing ───────────────▶ open ──────────────────────────────────────────────▶ nothing
-//!                             │ ▲ burst                 another client opens after 3 s
+//!                             │ ▲ burst                 it gives way to another client
 //!                             └─┘
 //! ```
+//!
+//! An open file is a lease (X-3). If none is free, it gives way to a client that opens another: when it was idle for 3 s, when it
+//! was used at less than a twentieth of its link's rate over 10 s, when its client has several and the other has none, and at
+//! once when only the other is in control. Of several that may, the one that was idle for the longest does.
 //!
 //! `server.rs` executes requests and runs operations that take more than one call, and `send.rs` sends. They work on
 //! sessions (`session.rs`), open files (`file.rs`), directories, the checksum and the upload, which do not know them.
@@ -35,7 +39,6 @@ mod virtual_files;
 
 use core::num::Wrapping;
 
-pub use packet::changes;
 pub use send::{FileLink, FileReply};
 pub use server::{FileCounters, FileStatus, sessions};
 pub use session::Session;
@@ -113,7 +116,7 @@ where
         if port.is_stalled() {
             return Handled::NoRoom;
         }
-        let handled = self.server(cx).on_packet(received);
+        let handled = self.server(cx).on_packet(received, port.config.bytes_per_second);
         self.slow_streams::<F>(cx.now, port);
         handled
     }

@@ -4,14 +4,13 @@ use core::num::{NonZeroU32, Wrapping};
 
 use crate::crc32::Crc32;
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
-use crate::frame::Frame;
 use crate::message::zero_extend;
-use crate::types::Peer;
+use crate::service::Received;
+use crate::types::{Peer, Trust};
 
 /// The maximum length of the data in a packet.
 pub(super) const MAX_DATA: usize = 239;
 
-const OPCODE_AT: usize = 6;
 const DATA_AT: usize = 15;
 
 /// Identifies a session: the client, and the number that it has chosen (F-12).
@@ -44,6 +43,10 @@ impl Head {
 #[derive(Clone, Copy)]
 pub(super) struct Request<'a> {
     pub(super) session: SessionId,
+    /// What proves the client.
+    pub(super) trust: Trust,
+    /// The rate of its link (bytes/s; 0 for no limit).
+    pub(super) rate: u32,
     pub(super) head: Head,
     /// The data without trailing zeros, which MAVLink 2 does not send.
     pub(super) data: &'a [u8],
@@ -52,7 +55,8 @@ pub(super) struct Request<'a> {
 }
 
 impl<'a> Request<'a> {
-    pub(super) fn decode(payload: &'a [u8], client: Peer) -> Self {
+    pub(super) fn decode(received: &Received<'a>, rate: u32) -> Self {
+        let payload = received.frame.payload();
         let mut front = [0; DATA_AT];
         zero_extend(payload, &mut front);
         let [_, _, _, header @ ..] = front;
@@ -63,7 +67,9 @@ impl<'a> Request<'a> {
         digest.add(&header);
         digest.add(data);
         Self {
-            session: SessionId { client, number },
+            session: SessionId { client: received.from, number },
+            trust: received.trust,
+            rate,
             head: Head {
                 seq: Wrapping(u16::from_le_bytes([seq_low, seq_high])),
                 opcode: MavFtpOpcode(opcode),
@@ -74,22 +80,21 @@ impl<'a> Request<'a> {
             digest: NonZeroU32::MIN | digest.sum(),
         }
     }
-}
 
-/// Whether a frame is a request to change files or directories, or a part of an upload (O-5).
-pub fn changes(frame: &Frame<'_>) -> bool {
-    let opcode = frame.payload().get(OPCODE_AT).copied().unwrap_or(0);
-    matches!(
-        MavFtpOpcode(opcode),
-        MavFtpOpcode::CREATEFILE
-            | MavFtpOpcode::WRITEFILE
-            | MavFtpOpcode::REMOVEFILE
-            | MavFtpOpcode::CREATEDIRECTORY
-            | MavFtpOpcode::REMOVEDIRECTORY
-            | MavFtpOpcode::OPENFILEWO
-            | MavFtpOpcode::TRUNCATEFILE
-            | MavFtpOpcode::RENAME
-    )
+    /// Whether it changes files or directories, or is a part of an upload (O-5).
+    pub(super) fn is_change(&self) -> bool {
+        matches!(
+            self.head.opcode,
+            MavFtpOpcode::CREATEFILE
+                | MavFtpOpcode::WRITEFILE
+                | MavFtpOpcode::REMOVEFILE
+                | MavFtpOpcode::CREATEDIRECTORY
+                | MavFtpOpcode::REMOVEDIRECTORY
+                | MavFtpOpcode::OPENFILEWO
+                | MavFtpOpcode::TRUNCATEFILE
+                | MavFtpOpcode::RENAME
+        )
+    }
 }
 
 /// The payload of the message: the header, and the data.

@@ -73,7 +73,7 @@ fn send_answer<F: Firmware<Vehicle: Files>, V: VirtualFile<F>>(
     session: &mut Session<V>,
     state: State,
 ) -> bool {
-    let Session { id: Some(id), file, answers, touched, burst_began, .. } = session else { return false };
+    let Session { id: Some(id), file, lease, answers, touched, burst_began, .. } = session else { return false };
     let Some(answer) = answers.iter_mut().find(|answer| answer.state == state) else { return false };
     let head = answer.head;
     let is_burst = head.opcode == MavFtpOpcode::BURSTREADFILE;
@@ -118,6 +118,7 @@ fn send_answer<F: Firmware<Vehicle: Files>, V: VirtualFile<F>>(
     });
     if is_sent {
         answer.state = State::Sent;
+        lease.bytes += end.saturating_sub(head.offset);
         if is_burst {
             answer.head.seq += 1;
             answer.head.offset = end;

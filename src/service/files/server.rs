@@ -9,7 +9,7 @@ use super::directory::Directory;
 use super::file::{File, Origin};
 use super::packet::{MAX_DATA, Request};
 use super::path;
-use super::session::{self, Admission, Answer, Content, IDLE, Session, State, TAKEOVER, ticks};
+use super::session::{self, Admission, Answer, Content, IDLE, Session, State, TAKEOVER, Ticks, ticks};
 use super::upload::{STALLED, Taken, Upload, UploadState};
 use super::vehicle::{FileAccess, FileChange, Files};
 use super::virtual_files::{self, VirtualFile};
@@ -19,7 +19,7 @@ use crate::message::zero_extend;
 use crate::service::rate_limit::RETRY;
 use crate::service::{Cx, Handled, Received, increment};
 use crate::time::Instant;
-use crate::types::{Firmware, LinkMask, Peer};
+use crate::types::{Firmware, LinkMask, Peer, Trust};
 
 /// The number of sessions, besides the open ones, that hold answers to clients without an open file.
 const WITHOUT_FILE: usize = 2;
@@ -46,7 +46,7 @@ counters! {
         drop no_session,
         /// Sessions that ended because their client was silent for ten seconds, and uploads that received no part for eight.
         drop timed_out,
-        /// Sessions that another client took over after three seconds.
+        /// Open files that gave way to another client.
         drop taken_over,
     }
 }
@@ -111,14 +111,15 @@ pub(super) struct Server<'a, 'c, F: Firmware, V, const N: usize> {
 
 impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, '_, F, V, N> {
     /// Handles a packet.
-    pub(super) fn on_packet(&mut self, received: &Received<'_>) -> Handled {
-        let request = Request::decode(received.frame.payload(), received.from);
+    pub(super) fn on_packet(&mut self, received: &Received<'_>, rate: u32) -> Handled {
+        let request = Request::decode(received, rate);
         if request.head.opcode.0 >= MavFtpOpcode::ACK.0 {
             // It is an answer, which has none.
             return Handled::Yes;
         }
         let now = ticks(self.cx.now);
-        let Some((index, session)) = session::find_or_begin(self.sessions, request.session, now) else {
+        let is_in_control = self.cx.shared.controllers.is_owner(received.from.address.system);
+        let Some((index, session)) = session::find_or_begin(self.sessions, &request, is_in_control, now) else {
             return Handled::NoRoom;
         };
         self.status.wake = Instant::ZERO;
@@ -127,7 +128,9 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             Admission::Repeated => return Handled::Yes,
             Admission::NoSlot => return Handled::NoRoom,
         };
-        let content = match self.execute(index, &request) {
+        let is_protected = request.is_change() && !received.may_change;
+        let executed = if is_protected { Err(MavFtpErr::FILEPROTECTED) } else { self.execute(index, &request) };
+        let content = match executed {
             Ok(Response::Answer(content)) => Some(content),
             Ok(Response::Later) => None,
             Ok(Response::Dropped) => return Handled::NoRoom,
@@ -166,8 +169,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             }
             MavFtpOpcode::RESETSESSION => {
                 for other in 0..N {
-                    let id = self.sessions.get(other).and_then(|other| other.id);
-                    if id.is_some_and(|id| id.client == request.session.client) {
+                    let other_session = self.sessions.get(other);
+                    if other_session.is_some_and(|other| other.is_of(request.session.client, request.trust)) {
                         self.close(other);
                     }
                 }
@@ -183,7 +186,13 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
                 // In the slot of a burst, this answer is sent again and again, each time with the next part.
                 Ok(Response::Answer(Content::FilePart))
             }
-            MavFtpOpcode::WRITEFILE => self.write(index, request),
+            MavFtpOpcode::WRITEFILE => {
+                let response = self.write(index, request)?;
+                if let Some(session) = self.sessions.get_mut(index) {
+                    session.lease.bytes += u32::from(request.head.size);
+                }
+                Ok(response)
+            }
             _ => self.execute_on_path(index, request),
         }
     }
@@ -243,11 +252,9 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             self.upload.state = UploadState::Refused;
         }
         self.close(index);
-        let now = ticks(self.cx.now);
+        let (now, client) = (ticks(self.cx.now), request.session.client);
         if self.sessions.iter().filter(|session| !session.is_open()).count() <= WITHOUT_FILE {
-            let victim = session::longest_idle(self.sessions, true, now)
-                .filter(|index| self.sessions.get(*index).is_some_and(|session| session.idle_for(now) >= TAKEOVER));
-            let Some(victim) = victim else {
+            let Some(victim) = self.victim(now, client) else {
                 increment(&mut self.status.counters.no_session);
                 return Err(MavFtpErr::NOSESSIONSAVAILABLE);
             };
@@ -255,7 +262,17 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             increment(&mut self.status.counters.taken_over);
             self.close(victim);
         }
-        let client = request.session.client;
+        if V::UPLOADS
+            && access != FileAccess::Read
+            && path::is_virtual(path)
+            && self.upload.state != UploadState::Complete
+            && let Some(rival) = self.sessions.iter().position(Session::is_uploading)
+            && self.gives_way(rival, now, client)
+        {
+            // There is one upload at a time.
+            increment(&mut self.status.counters.taken_over);
+            self.close(rival);
+        }
         let may_upload = V::UPLOADS && !self.sessions.iter().any(Session::is_uploading);
         let file = File::open(self.cx, path, access, client, may_upload)?;
         let mut response = Response::Answer(Content::number(file.size));
@@ -274,9 +291,35 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
         }
         increment(&mut self.status.counters.opened);
         if let Some(session) = self.sessions.get_mut(index) {
-            session.set_file(file, request);
+            session.set_file(file, request, now);
         }
         Ok(response)
+    }
+
+    /// Returns the session whose file gives way to another client (F-6, X-3): of those that may, the one that was idle for the
+    /// longest.
+    fn victim(&mut self, now: Ticks, client: Peer) -> Option<usize> {
+        let has_none = session::count_open(self.sessions, client) == 0;
+        let mut victim: Option<(usize, Ticks)> = None;
+        for index in 0..N {
+            let Some(session) = self.sessions.get(index).filter(|session| session.is_open()) else { continue };
+            let (idle, id) = (session.idle_for(now), session.id);
+            let may_give_way = idle >= TAKEOVER
+                || self.gives_way(index, now, client)
+                || (has_none && id.is_some_and(|id| session::count_open(self.sessions, id.client) > 1));
+            if may_give_way && victim.is_none_or(|(_, longest)| idle > longest) {
+                victim = Some((index, idle));
+            }
+        }
+        victim.map(|(index, _)| index)
+    }
+
+    /// Whether an open file gives way to another client although it is in use.
+    fn gives_way(&mut self, index: usize, now: Ticks, client: Peer) -> bool {
+        let Some(session) = self.sessions.get_mut(index) else { return false };
+        let (system, shared) = (client.address.system, &self.cx.shared);
+        session.lease.is_slow(now)
+            || session.id.is_some_and(|id| shared.takes_precedence::<F>(system, id.client.address.system))
     }
 
     /// Writes to the open file of a session.
@@ -470,7 +513,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
                 }
                 self.close(index);
                 if let Some(session) = self.sessions.get_mut(index) {
-                    session.assign(None);
+                    session.assign(None, Trust::None);
                 }
                 continue;
             }

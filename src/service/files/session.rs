@@ -1,6 +1,6 @@
 //! The sessions of clients: the open file of each, and its answers (F-4, F-6, F-12, F-13).
 
-use core::num::{NonZeroU32, Wrapping};
+use core::num::{NonZeroU32, Saturating, Wrapping};
 use core::ops::Range;
 
 use super::directory::Directory;
@@ -8,7 +8,7 @@ use super::file::{File, Origin};
 use super::packet::{Head, Request, SessionId};
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
 use crate::time::{Duration, Instant};
-use crate::types::LinkId;
+use crate::types::{LinkId, Peer, Trust};
 
 /// A time in units of 1,024 µs. It wraps after 50 days, so only differences are compared.
 pub(super) type Ticks = Wrapping<u32>;
@@ -124,15 +124,55 @@ pub(super) enum Admission {
     Executed { slots: Range<usize> },
 }
 
+/// How much a client uses the file that it has open.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lease {
+    since: Ticks,
+    /// The bytes of data that were sent and taken since then.
+    pub(super) bytes: Saturating<u32>,
+    /// The rate of the client's link (bytes/s).
+    rate: u32,
+}
+
+impl Lease {
+    /// All zero bits.
+    const NONE: Self = Self { since: Wrapping(0), bytes: Saturating(0), rate: 0 };
+
+    fn new(now: Ticks, rate: u32) -> Self {
+        /// The assumed rate of a link without one.
+        const NOMINAL: u32 = 5_760;
+        Self { since: now, bytes: Saturating(0), rate: if rate == 0 { NOMINAL } else { rate } }
+    }
+
+    /// Whether the file was used at less than a twentieth of the link's rate, for ten seconds or more. Called when another client
+    /// waits: a file that was used enough is judged by what follows from then on.
+    pub(super) fn is_slow(&mut self, now: Ticks) -> bool {
+        /// Rounded.
+        const TICKS_PER_SECOND: u32 = 977;
+        let seconds = (now - self.since).0 / TICKS_PER_SECOND;
+        if seconds < 10 {
+            return false;
+        }
+        let is_slow = self.bytes.0 < (self.rate / 20).saturating_mul(seconds);
+        if !is_slow {
+            *self = Self::new(now, self.rate);
+        }
+        is_slow
+    }
+}
+
 /// A client's session, or the answers to a client without an open file.
 #[derive(Clone, Copy, Debug)]
 pub struct Session<V> {
     /// `None`: it has no client. If a file is open, its client is gone, and the next poll closes the file.
     pub(super) id: Option<SessionId>,
+    /// What proves the client. A frame with another proof is another client's.
+    pub(super) trust: Trust,
     /// When the client was last heard, a packet of a burst was sent to it, or its checksum advanced.
     pub(super) touched: Ticks,
     pub(super) burst_began: Ticks,
     pub(super) file: File<V>,
+    pub(super) lease: Lease,
     /// The request that opened the file.
     pub(super) opened_by: Option<NonZeroU32>,
     /// The answers, the oldest first, then the burst.
@@ -143,9 +183,11 @@ impl<V> Session<V> {
     /// All zero bits.
     pub(super) const FREE: Self = Self {
         id: None,
+        trust: Trust::None,
         touched: Wrapping(0),
         burst_began: Wrapping(0),
         file: File::CLOSED,
+        lease: Lease::NONE,
         opened_by: None,
         answers: [Answer::EMPTY; SLOTS],
     };
@@ -162,9 +204,15 @@ impl<V> Session<V> {
         matches!(self.file.origin, Origin::Upload(_))
     }
 
+    /// Whether the session has this client, with this proof.
+    pub(super) fn is_of(&self, client: Peer, trust: Trust) -> bool {
+        self.id.is_some_and(|id| id.client == client) && self.trust == trust
+    }
+
     /// Assigns the session, which has no open file, to a client or to none.
-    pub(super) fn assign(&mut self, id: Option<SessionId>) {
+    pub(super) fn assign(&mut self, id: Option<SessionId>, trust: Trust) {
         self.id = id;
+        self.trust = trust;
         self.opened_by = None;
         self.forget(|_| true);
     }
@@ -242,8 +290,9 @@ impl<V> Session<V> {
     }
 
     /// Assigns an open file. For another file, a request that was answered before is a new one.
-    pub(super) fn set_file(&mut self, file: File<V>, request: &Request<'_>) {
+    pub(super) fn set_file(&mut self, file: File<V>, request: &Request<'_>, now: Ticks) {
         self.file = file;
+        self.lease = Lease::new(now, request.rate);
         self.opened_by = Some(request.digest);
         self.forget(|answer| answer.state == State::Sent && answer.head.opcode != MavFtpOpcode::TERMINATESESSION);
     }
@@ -266,34 +315,38 @@ impl<V> Session<V> {
     }
 }
 
-/// Returns the session with this id, and its index. If there is none, begins one in place of an unused session, or else of the one
-/// that was idle for the longest and has neither an open file nor a pending answer. `None` if there is none.
-pub(super) fn find_or_begin<V>(
-    sessions: &mut [Session<V>],
-    id: SessionId,
+/// Returns the session of a request, and its index. If there is none, begins one in place of an unused session, or else of the one
+/// that was idle for the longest and has neither an open file nor, unless the client is in control, a pending answer. `None` if
+/// there is none.
+pub(super) fn find_or_begin<'a, V>(
+    sessions: &'a mut [Session<V>],
+    request: &Request<'_>,
+    is_in_control: bool,
     now: Ticks,
-) -> Option<(usize, &mut Session<V>)> {
-    if let Some(index) = sessions.iter().position(|session| session.id == Some(id)) {
+) -> Option<(usize, &'a mut Session<V>)> {
+    let (id, trust) = (request.session, request.trust);
+    let is_its = |session: &Session<V>| session.id == Some(id) && session.trust == trust;
+    if let Some(index) = sessions.iter().position(is_its) {
         return Some((index, sessions.get_mut(index)?));
     }
-    let index = longest_idle(sessions, false, now)?;
-    let session = sessions.get_mut(index)?;
-    session.assign(Some(id));
-    Some((index, session))
-}
-
-/// Returns the index of the session that was idle for the longest, among those with an open file or among those with neither an open
-/// file nor a pending answer.
-pub(super) fn longest_idle<V>(sessions: &[Session<V>], is_open: bool, now: Ticks) -> Option<usize> {
     let mut longest: Option<(usize, Ticks)> = None;
     for (index, session) in sessions.iter().enumerate() {
-        let is_candidate = session.is_open() == is_open && (is_open || session.answers.iter().all(Answer::is_free));
+        let is_candidate = !session.is_open() && (is_in_control || session.answers.iter().all(Answer::is_free));
         let idle = session.idle_for(now);
         if is_candidate && longest.is_none_or(|(_, longest)| idle > longest) {
             longest = Some((index, idle));
         }
     }
-    longest.map(|(index, _)| index)
+    let (index, _) = longest?;
+    let session = sessions.get_mut(index)?;
+    session.assign(Some(id), trust);
+    Some((index, session))
+}
+
+/// Returns how many files a client has open.
+pub(super) fn count_open<V>(sessions: &[Session<V>], client: Peer) -> usize {
+    let is_its = |session: &&Session<V>| session.is_open() && session.id.is_some_and(|id| id.client == client);
+    sessions.iter().filter(is_its).count()
 }
 
 /// Returns the index of the session of a link that sends next, from `first` on: one with an answer in this state.

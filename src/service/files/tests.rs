@@ -1,12 +1,14 @@
 //! Tests of virtual directories, without the rest of the service.
 
+use core::num::{NonZeroU32, Wrapping};
 use core::task::Poll;
 use std::string::String;
 use std::vec::Vec;
 
 use super::directory::{self, Directory, List};
 use super::file::{File, Origin};
-use super::packet::Head;
+use super::packet::{Head, Request, SessionId};
+use super::session::{self, Session};
 use super::virtual_files::{self, NoFile, OneOf, Part, VirtualEntry, VirtualFile};
 use super::{FileAccess, Files};
 use crate::dialect::{MavFtpErr, MavFtpOpcode};
@@ -15,7 +17,7 @@ use crate::service::Cx;
 use crate::service::param::NoParams;
 use crate::service::rest::Rest;
 use crate::time::Instant;
-use crate::types::{Firmware, LinkId, NoPlans, Peer};
+use crate::types::{Firmware, LinkId, NoPlans, Peer, Trust};
 
 /// A firmware whose vehicle has no files.
 struct Shelf;
@@ -182,4 +184,25 @@ fn uploads_need_a_directory_and_room() {
     assert_eq!(error, MavFtpErr::FILEPROTECTED);
     let busy = with(|cx| File::<All>::open(cx, b"@BIN/drop", FileAccess::Create, CLIENT, false).map(|_| ()));
     assert_eq!(busy, Err(MavFtpErr::FILEPROTECTED), "another upload is running");
+}
+
+/// a session belongs to a client with its proof. A frame in its name with less proof, or with more, has another session.
+#[test]
+fn sessions_belong_to_proofs() {
+    let mut sessions = [Session::<NoFile>::FREE; 4];
+    let mut session_of = |trust| {
+        let request = Request {
+            session: SessionId { client: CLIENT, number: 1 },
+            trust,
+            rate: 0,
+            head: Head::EMPTY,
+            data: &[],
+            digest: NonZeroU32::MIN,
+        };
+        session::find_or_begin(&mut sessions, &request, false, Wrapping(0)).map(|(index, _)| index)
+    };
+    let signed = session_of(Trust::Signed);
+    assert_ne!(session_of(Trust::Open), signed);
+    assert_eq!(session_of(Trust::Signed), signed);
+    assert!(sessions.iter().filter(|session| session.is_of(CLIENT, Trust::Signed)).count() == 1);
 }

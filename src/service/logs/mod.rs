@@ -5,7 +5,7 @@
 //! ArduPilot (`AP_Logger_MAVLinkLogTransfer.cpp`) as far as the two agree. They serve QGroundControl
 //! (`LogDownloadController.cc`), MAVSDK (`log_files_impl.cpp`), MAVProxy (`mavproxy_log.py`) and Mission Planner.
 //!
-//! Left out: more than one client at a time. LOG_ERASE has no answer in MAVLink, so a text reports its result.
+//! Left out: more than two clients at a time. LOG_ERASE has no answer in MAVLink, so a text reports its result.
 //!
 //! ```text
 //!          LOG_REQUEST_LIST, LOG_REQUEST_DATA
@@ -15,6 +15,9 @@
 //!    ▲                                           │
 //!    └───────────────────────────────────────────┘   LOG_REQUEST_END, the vehicle is armed, the client is silent for 10 s
 //! ```
+//!
+//! The request of a second client waits. The two then take turns (X-3): the one that is served gives way when all that it requested
+//! was sent, after 64 kB, or after 30 s. A third client is refused, but not the system in control: it is served at once.
 //!
 //! After a flight or an erasure, a number may belong to another log, but a client repeats its requests throughout a
 //! flight. A client therefore gets data only after it has listed the logs again (LOG-16). Only a text can report this:
@@ -32,12 +35,16 @@ use crate::frame::Frame;
 use crate::link::Port;
 use crate::message::{Address, Message};
 use crate::time::{Duration, Instant};
-use crate::types::{Firmware, LinkId, Peer};
+use crate::types::{Firmware, LinkId, Peer, Sender, Trust};
 use core::num::Saturating;
 
 /// Pending entries and data are dropped when the client was silent for this time. MAVProxy requests a whole log at
 /// once, and then only sends heartbeats.
 const SILENCE: Duration = Duration::from_secs(10);
+
+/// How long a client is served while another waits, and how many bytes it is sent.
+const LONGEST_TURN: Duration = Duration::from_secs(30);
+const TURN: Saturating<u32> = Saturating(64 * 1_024);
 
 /// The number of bytes of a log in a LOG_DATA.
 const BLOCK: usize = 90;
@@ -46,6 +53,8 @@ const LISTED: usize = 4;
 /// No frame is from system 0.
 const NO_CLIENT: Peer = Peer { address: Address::new(0, 0), link: LinkId(0) };
 
+/// The size of LOG_ENTRY.
+const LOG_ENTRY: u32 = 14;
 /// The size of LOG_DATA: offset, id and count come before the bytes.
 const LOG_DATA: usize = 7 + BLOCK;
 
@@ -56,8 +65,8 @@ counters! {
         count requests,
         /// Requests that were refused because the vehicle was armed.
         drop armed,
-        /// Requests that were refused because another client was being served, and erasures while a file was being
-        /// read.
+        /// Requests that were refused because one client was being served and another one waited, and erasures while
+        /// a client read a log.
         drop busy,
         /// Requests for a log that does not exist.
         drop unknown,
@@ -87,20 +96,54 @@ enum Transfer {
     },
 }
 
-/// The state of log downloads: declared by `logs` in [`#[stack]`](macro@crate::Stack), and read through
-/// [`Stack::logs`](crate::Stack::logs). The vehicle's part is [`Logs`].
-///
-/// It serves one client at a time. Its LOG_ENTRY and LOG_DATA use the capacity that other traffic leaves. Together with
-/// files and log streaming they have at least 30 % of the link's rate.
-#[derive(Debug)]
-pub struct LogServer {
+/// A client, and what it has requested.
+#[derive(Clone, Copy, Debug)]
+struct Download {
     transfer: Transfer,
-    /// The client that was served last.
-    client: Peer,
+    /// A frame with less proof is another client's (X-1).
+    client: Sender,
     /// When the client was last heard.
     heard: Instant,
     /// When to read the log again.
     ready_at: Instant,
+}
+
+impl Download {
+    const NONE: Self = Self {
+        transfer: Transfer::None,
+        client: Sender { peer: NO_CLIENT, trust: Trust::None },
+        heard: Instant::ZERO,
+        ready_at: Instant::ZERO,
+    };
+
+    fn is_idle(&self) -> bool {
+        self.transfer == Transfer::None
+    }
+
+    /// Whether another client has requested something that was not sent yet.
+    fn is_of_other(&self, sender: Sender) -> bool {
+        !self.is_idle() && !self.client.is_repeated_by(sender)
+    }
+
+    /// When it ends, unless its client is heard (LOG-5).
+    fn ends_at(&self) -> Instant {
+        if self.is_idle() { Instant::NEVER } else { self.heard + SILENCE }
+    }
+}
+
+/// The state of log downloads: declared by `logs` in [`#[stack]`](macro@crate::Stack), and read through
+/// [`Stack::logs`](crate::Stack::logs). The vehicle's part is [`Logs`].
+///
+/// It serves one client at a time; two of them take turns. Its LOG_ENTRY and LOG_DATA use the capacity that other traffic
+/// leaves. Together with files and log streaming they have at least 30 % of the link's rate.
+#[derive(Debug)]
+pub struct LogServer {
+    served: Download,
+    /// That of another client, whose turn is next.
+    waiting: Download,
+    /// When the turn of the client that is served ends if another one waits, and how many bytes it was sent in it.
+    turn_ends: Instant,
+    sent: Saturating<u32>,
     /// The clients that have listed the logs since the numbers may have changed; `None` if they did not change since
     /// startup.
     listed: Option<[Peer; LISTED]>,
@@ -122,6 +165,54 @@ impl LogServer {
         self.listed = Some([NO_CLIENT; LISTED]);
         self.is_reported = false;
     }
+
+    fn downloads(&mut self) -> [&mut Download; 2] {
+        [&mut self.served, &mut self.waiting]
+    }
+
+    /// When the client that waits is served, at the latest.
+    fn turn_deadline(&self) -> Instant {
+        match self.waiting.is_idle() {
+            true => Instant::NEVER,
+            false if self.served.is_idle() || self.sent >= TURN => Instant::ZERO,
+            false => self.turn_ends,
+        }
+    }
+
+    /// Serves the client that waits, and has the other one wait.
+    fn change_turns(&mut self, now: Instant) {
+        core::mem::swap(&mut self.served, &mut self.waiting);
+        self.begin_turn(now);
+    }
+
+    fn begin_turn(&mut self, now: Instant) {
+        (self.turn_ends, self.sent) = (now + LONGEST_TURN, Saturating(0));
+    }
+
+    /// Returns the place for a client's request (LOG-5); `None` if other clients have both.
+    fn place(&mut self, shared: &Shared, now: Instant, sender: Sender) -> Option<&mut Download> {
+        if now >= self.turn_deadline() {
+            self.change_turns(now);
+        }
+        if self.served.is_idle() {
+            self.begin_turn(now);
+        }
+        if !self.served.is_of_other(sender) {
+            return Some(&mut self.served);
+        }
+        let precedes = |other: &Download| {
+            shared.controllers.precedes(sender.peer.address.system, other.client.peer.address.system)
+        };
+        if self.waiting.is_of_other(sender) && !precedes(&self.waiting) {
+            return None;
+        }
+        if !precedes(&self.served) {
+            return Some(&mut self.waiting);
+        }
+        // The system in control takes what it needs at once (X-3).
+        self.change_turns(now);
+        Some(&mut self.served)
+    }
 }
 
 impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
@@ -130,33 +221,40 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
     const ABOUT: About = About { turns: &[Turn::LateBulk, Turn::Bulk], holds: true, ..About::AUTOPILOT };
     type Reply = ();
     const NEW: Self = Self {
-        transfer: Transfer::None,
-        client: NO_CLIENT,
-        heard: Instant::ZERO,
-        ready_at: Instant::ZERO,
+        served: Download::NONE,
+        waiting: Download::NONE,
+        turn_ends: Instant::ZERO,
+        sent: Saturating(0),
         listed: None,
         is_refusing: false,
         is_reported: false,
         counters: LogCounters::ZERO,
     };
 
-    /// Ends the transfer of a silent client (LOG-5), and in flight (LOG-6).
+    /// Ends the transfers of silent clients (LOG-5), and in flight (LOG-6), and changes turns.
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut ()>) {
-        if !update_permission(self, cx) {
-            self.transfer = Transfer::None;
+        let may_read = update_permission(self, cx);
+        let Self { served, waiting, counters, .. } = self;
+        for download in [served, waiting] {
+            let is_silent = cx.now >= download.ends_at();
+            if is_silent {
+                increment(&mut counters.timed_out);
+            }
+            if is_silent || !may_read {
+                download.transfer = Transfer::None;
+            }
         }
-        if self.transfer != Transfer::None && cx.now >= self.heard + SILENCE {
-            increment(&mut self.counters.timed_out);
-            self.transfer = Transfer::None;
+        if cx.now >= self.turn_deadline() {
+            self.change_turns(cx.now);
         }
     }
 
     fn deadline(&self) -> Instant {
-        if self.transfer == Transfer::None { Instant::NEVER } else { self.heard + SILENCE }
+        self.served.ends_at().min(self.waiting.ends_at()).min(self.turn_deadline())
     }
 
     fn on_frame(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), received: &Received<'_>) -> Handled {
-        let from = received.from;
+        let sender = received.sender();
         match received.frame.id() {
             LogRequestList::ID | LogRequestData::ID | LogRequestEnd::ID | LogErase::ID
                 if received.target.system.is_all() =>
@@ -165,11 +263,16 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
                 return Handled::OutOfPlace;
             }
             LogRequestList::ID | LogRequestData::ID if port.is_stalled() => return Handled::NoRoom,
-            LogRequestList::ID | LogRequestData::ID => on_request(self, cx, received.frame, from),
-            // MAVSDK sends it when it connects. It ends no transfer of another client (LOG-5).
-            LogRequestEnd::ID if from == self.client => self.transfer = Transfer::None,
-            LogRequestEnd::ID => {}
-            LogErase::ID => erase(self, cx, from),
+            LogRequestList::ID | LogRequestData::ID => on_request(self, cx, received.frame, sender),
+            // MAVSDK sends it when it connects. It ends no transfer of another client, not even for the system in control (LOG-5).
+            LogRequestEnd::ID => {
+                for download in self.downloads() {
+                    if !download.is_of_other(sender) {
+                        download.transfer = Transfer::None;
+                    }
+                }
+            }
+            LogErase::ID => erase(self, cx, sender),
             _ => return Handled::No,
         }
         Handled::Yes
@@ -177,11 +280,12 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
 
     #[inline(always)]
     fn pending(&self, _: &View<'_>, port: &Port, (): &(), _: Turn) -> Option<(Instant, ())> {
-        (self.transfer != Transfer::None && self.client.link == port.id).then_some((self.ready_at, ()))
+        let Download { client, ready_at, .. } = self.served;
+        (!self.served.is_idle() && client.peer.link == port.id).then_some((ready_at, ()))
     }
 
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), (): ()) -> bool {
-        match self.transfer {
+        match self.served.transfer {
             Transfer::None => false,
             Transfer::List { id, last } => send_entry(self, cx, port, id, last),
             Transfer::Data { id, offset, left } => send_data(self, cx, port, id, offset, left),
@@ -193,13 +297,16 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
     }
 
     fn on_event(&mut self, event: StackEvent<'_, Self::Link>) {
-        match event {
-            // The client is gone, or gets no data.
-            StackEvent::Opened(port, ()) | StackEvent::Stalled(port, ()) if self.client.link == port.id => {
-                self.transfer = Transfer::None
+        for download in self.downloads() {
+            let client = download.client.peer;
+            match event {
+                // The client is gone, or gets no data.
+                StackEvent::Opened(ref port, _) | StackEvent::Stalled(ref port, _) if client.link == port.id => {
+                    download.transfer = Transfer::None
+                }
+                StackEvent::Heard { now, from } if from == client => download.heard = now,
+                _ => {}
             }
-            StackEvent::Heard { now, from } if from == self.client => self.heard = now,
-            _ => {}
         }
     }
 }
@@ -223,23 +330,26 @@ fn update_permission<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mu
     may_read
 }
 
-/// Erases the logs, unless the vehicle is armed or a client reads them. A text reports the result: there is no other
-/// answer.
-fn erase<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, from: Peer) {
+/// Erases the logs, unless the vehicle is armed or another client reads them. That does not keep the system in control from
+/// it (X-3). A text reports the result: there is no other answer.
+fn erase<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, sender: Sender) {
     update_permission(server, cx);
     if cx.shared.observed.state.is_armed() {
         increment(&mut server.counters.armed);
         return cx.text(MavSeverity::NOTICE, b"Logs not erased: disarm first");
     }
-    let is_downloading = server.transfer != Transfer::None && server.client != from;
-    if is_downloading || cx.now < cx.shared.logs_read_until {
+    let is_read =
+        cx.now < cx.shared.logs_read_until || server.served.is_of_other(sender) || server.waiting.is_of_other(sender);
+    if is_read && !cx.shared.controllers.is_owner(sender.peer.address.system) {
         increment(&mut server.counters.busy);
         return cx.text(MavSeverity::NOTICE, b"Logs not erased: a client reads one");
     }
-    server.transfer = Transfer::None;
+    for download in server.downloads() {
+        download.transfer = Transfer::None;
+    }
     cx.shared.has_acted = true;
     let (vehicle, mut context) = cx.hook();
-    if !vehicle.erase_logs(&mut context, from) {
+    if !vehicle.erase_logs(&mut context, sender.peer) {
         return cx.text(MavSeverity::WARNING, b"Logs not erased");
     }
     server.forget_lists(cx.shared);
@@ -247,7 +357,13 @@ fn erase<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>,
 }
 
 /// Handles LOG_REQUEST_LIST or LOG_REQUEST_DATA.
-fn on_request<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>, frame: &Frame<'_>, from: Peer) {
+fn on_request<F: Firmware<Vehicle: Logs>>(
+    server: &mut LogServer,
+    cx: &mut Cx<'_, F>,
+    frame: &Frame<'_>,
+    sender: Sender,
+) {
+    let from = sender.peer;
     let is_data = frame.id() == LogRequestData::ID;
     let refusal = if !update_permission(server, cx) {
         increment(&mut server.counters.armed);
@@ -265,31 +381,27 @@ fn on_request<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_
         }
         return;
     }
-    if server.transfer != Transfer::None && server.client != from {
+    let Some(place) = server.place(cx.shared, cx.now, sender) else {
         increment(&mut server.counters.busy);
-        return cx.text(MavSeverity::NOTICE, b"Logs refused: another client reads them");
-    }
-    server.client = from;
-    server.heard = cx.now;
-    server.ready_at = Instant::ZERO;
+        return cx.text(MavSeverity::NOTICE, b"Logs refused: other clients read them");
+    };
+    *place = Download { client: sender, heard: cx.now, ..Download::NONE };
     if let Some(LogRequestData { ofs, count, id, .. }) = frame.decode() {
         let Some(info) = cx.vehicle.log_info(id) else {
-            server.transfer = Transfer::None;
             return increment(&mut server.counters.unknown);
         };
+        let rest = Saturating(info.size) - Saturating(ofs);
+        // A count of 0 ends a download for the client, so only an offset behind the log is answered by it (LOG-4).
+        if count > 0 || rest.0 == 0 {
+            place.transfer = Transfer::Data { id, offset: Saturating(ofs), left: rest.min(Saturating(count)) };
+        }
         increment(&mut server.counters.requests);
         event!("log {=u16} from {=u32}: {=u32} bytes", id, ofs, count);
-        let rest = Saturating(info.size) - Saturating(ofs);
-        server.transfer = Transfer::Data { id, offset: Saturating(ofs), left: rest.min(Saturating(count)) };
-        if count == 0 && rest.0 > 0 {
-            // A count of 0 ends a download for the client, so only an offset behind the log is answered by it (LOG-4).
-            server.transfer = Transfer::None;
-        }
     } else if let Some(LogRequestList { start, end, .. }) = frame.decode() {
         // Without a log, one entry says so (LOG-2).
         let newest = cx.vehicle.log_count().saturating_sub(1);
         let id = start.min(newest);
-        server.transfer = Transfer::List { id, last: end.min(newest).max(id) };
+        place.transfer = Transfer::List { id, last: end.min(newest).max(id) };
         if let Some(listed) = &mut server.listed
             && !listed.contains(&from)
         {
@@ -309,7 +421,8 @@ fn send_entry<F: Firmware<Vehicle: Logs>>(
 ) -> bool {
     let LogInfo { size, time_utc } = cx.vehicle.log_info(id).unwrap_or_default();
     let next = Transfer::List { id: id.saturating_add(1), last };
-    server.transfer = if id < last { next } else { Transfer::None };
+    server.served.transfer = if id < last { next } else { Transfer::None };
+    server.sent += LOG_ENTRY;
     port.outbox.send(&LogEntry { time_utc, size, id, num_logs: cx.vehicle.log_count(), last_log_num: last })
 }
 
@@ -340,14 +453,15 @@ fn send_data<F: Firmware<Vehicle: Logs>>(
     });
     let sent = Saturating(u32::from(count));
     match read {
-        LogRead::Done if left > sent => {
-            server.transfer = Transfer::Data { id, offset: offset + sent, left: left - sent };
+        LogRead::Done => {
+            let rest = Transfer::Data { id, offset: offset + sent, left: left - sent };
+            server.served.transfer = if left > sent { rest } else { Transfer::None };
+            server.sent += sent;
         }
-        LogRead::Done => server.transfer = Transfer::None,
-        LogRead::Later => server.ready_at = cx.now + RETRY,
+        LogRead::Later => server.served.ready_at = cx.now + RETRY,
         LogRead::Failed => {
             increment(&mut server.counters.failed);
-            server.transfer = Transfer::None;
+            server.served.transfer = Transfer::None;
         }
     }
     is_sent

@@ -1,0 +1,180 @@
+//! Open files are leases: rules X-3 and F-6.
+
+use super::operators::Field;
+use super::*;
+use MavFtpOpcode as Op;
+
+/// Two that hold the sessions, and one that waits.
+const HOLDERS: [Client; 2] = [Client::new(STATION, 0, 0), Client::new(Address::new(200, 1), 0, 7)];
+const WAITING: Client = Client::new(OTHER_STATION, 1, 3);
+
+/// A vehicle with two links of 57,600 bit/s, where a twentieth is 288 bytes/s.
+fn slow_world() -> Shelf {
+    let link = LinkConfig::uart(57_600).with_streams(StreamProfile::Off);
+    let mut world = Shelf::of(Setup { links: [link; 2], step: millis(5), ..Setup::new() });
+    world.vehicle.files.content.insert("log.bin".to_string(), pattern(100_000));
+    world.run_for(millis(10));
+    world
+}
+
+/// Opens the file for all who hold a session.
+fn holders(world: &mut Shelf) -> [Client; 2] {
+    let mut holders = HOLDERS;
+    for holder in &mut holders {
+        holder.open(world, "log.bin").unwrap();
+    }
+    holders
+}
+
+/// 27 bytes every two seconds from each of two clients kept both sessions for ever: 0 of 30 opens of others. Now it is 30 of 30,
+/// each within 12 s, although the two open their files again at once.
+#[test]
+fn trickle_keeps_no_session() {
+    let mut world = slow_world();
+    let mut waiting = WAITING;
+    let mut trickling = holders(&mut world);
+    let mut second = 0;
+    let mut longest = 0;
+    for round in 0..30 {
+        let begin = second;
+        while waiting.open(&mut world, "log.bin").is_err() {
+            assert!(second - begin < 12, "round {round}");
+            if second % 2 == 0 {
+                for client in &mut trickling {
+                    if client.read(&mut world, 0, 9).is_err() {
+                        client.open(&mut world, "log.bin").unwrap();
+                    }
+                }
+            }
+            world.run_for(millis(900));
+            second += 1;
+        }
+        longest = longest.max(second - begin);
+        waiting.end(&mut world).unwrap();
+        for client in &mut trickling {
+            if client.read(&mut world, 0, 9).is_err() {
+                client.open(&mut world, "log.bin").unwrap();
+            }
+        }
+    }
+    println!("30 of 30 opens, each after at most {longest} s");
+}
+
+/// a peer that had several files open and used them kept all others out for ever. Now one that has none gets the place of the
+/// file that was idle for the longest, at once. Of peers with one each, none gives way.
+#[test]
+fn peer_with_several_files_gives_one_up() {
+    let mut world = slow_world();
+    let mut several = [Client::new(STATION, 0, 0), Client::new(STATION, 0, 1)];
+    for client in &mut several {
+        client.open(&mut world, "log.bin").unwrap();
+    }
+    for _ in 0..40 {
+        for client in &mut several {
+            client.read(&mut world, 0, 239).unwrap();
+        }
+    }
+    let mut waiting = WAITING;
+    assert_eq!(waiting.open(&mut world, "log.bin"), Ok(100_000));
+    assert_eq!(several[0].read(&mut world, 0, 9), Err(MavFtpErr::INVALIDSESSION), "read before the other one");
+    assert!(several[1].read(&mut world, 0, 9).is_ok());
+    assert_eq!(several[0].open(&mut world, "log.bin"), Err(MavFtpErr::NOSESSIONSAVAILABLE), "it has one");
+    let mut third = Client::new(Address::new(77, 1), 1, 5);
+    assert_eq!(third.open(&mut world, "log.bin"), Err(MavFtpErr::NOSESSIONSAVAILABLE), "the others have one each");
+}
+
+/// a client that reads more than a twentieth of the link's rate keeps its session, however long others wait: here packet by packet,
+/// half a second apart.
+#[test]
+fn used_sessions_are_kept() {
+    let mut world = slow_world();
+    let (mut holders, mut waiting) = (holders(&mut world), WAITING);
+    for _ in 0..90 {
+        for holder in &mut holders {
+            assert!(holder.read(&mut world, 0, 239).is_ok());
+        }
+        assert_eq!(waiting.open(&mut world, "log.bin"), Err(MavFtpErr::NOSESSIONSAVAILABLE));
+        world.run_for(millis(350));
+    }
+}
+
+/// a session that was well used is judged by what followed: a client that has read fast for a minute gives way after ten seconds of
+/// trickling, not after as long as its average is good.
+#[test]
+fn past_use_keeps_no_session() {
+    let mut world = slow_world();
+    let (mut holders, mut waiting) = (holders(&mut world), WAITING);
+    for _ in 0..200 {
+        for holder in &mut holders {
+            holder.read(&mut world, 0, 239).unwrap();
+        }
+    }
+    let opened = (0..15).find(|_| {
+        for holder in &mut holders {
+            holder.read(&mut world, 0, 9).unwrap();
+        }
+        let is_open = waiting.open(&mut world, "log.bin").is_ok();
+        world.run_for(millis(850));
+        is_open
+    });
+    assert!(opened.is_some_and(|second| second <= 11), "{opened:?}");
+}
+
+/// nobody waits for a slow honest client, so it goes on: beside another one, for as long as it likes.
+#[test]
+fn slow_files_alone_go_on() {
+    let mut world = slow_world();
+    let mut holders = holders(&mut world);
+    for _ in 0..60 {
+        for holder in &mut holders {
+            assert!(holder.read(&mut world, 0, 9).is_ok());
+        }
+        world.run_for(millis(1_900));
+    }
+    holders[0].end(&mut world).unwrap();
+    assert_eq!({ WAITING }.open(&mut world, "log.bin"), Ok(100_000), "there is a free session");
+    assert!(holders[1].read(&mut world, 0, 9).is_ok());
+}
+
+/// an upload of one byte every two seconds refused all other uploads for ever (0 of 30). Now another client's begins within 12 s,
+/// and the first one learns that its upload has ended.
+#[test]
+fn trickle_keeps_no_upload() {
+    let mut world = slow_world();
+    let ([mut slow, _], mut waiting) = (HOLDERS, WAITING);
+    slow.create(&mut world, "@MISSION/mission.dat").unwrap();
+    let bytes = [0x3D, 0x76, 0, 0, 0, 0, 0, 0];
+    let mut sent = 0;
+    let begun = (0..30).find(|second| {
+        if second % 2 == 0 && sent < bytes.len() {
+            slow.write(&mut world, sent as u32, &bytes[sent..=sent]).unwrap();
+            sent += 1;
+        }
+        let is_open = waiting.create(&mut world, "@MISSION/mission.dat").is_ok();
+        world.run_for(millis(900));
+        is_open
+    });
+    assert!(begun.is_some_and(|second| second <= 12), "{begun:?}");
+    assert!(slow.write(&mut world, sent as u32, &[0]).is_err());
+}
+
+/// the one in control takes what it needs at once: before, its open was refused while the two were busy (0 of 20).
+#[test]
+fn operator_in_control_gets_a_session_at_once() {
+    let mut field = Field::new();
+    let others = [STATION, Address::new(200, 1)];
+    for from in others {
+        assert_eq!(field.ask(from, Op::OPENFILERO, b"log.bin"), Some(Ok(())));
+    }
+    field.take_control(OTHER_STATION);
+    for from in others {
+        assert_eq!(field.ask(from, Op::READFILE, b""), Some(Ok(())));
+    }
+    let begin = field.world.now();
+    assert_eq!(field.ask(OTHER_STATION, Op::OPENFILERO, b"log.bin"), Some(Ok(())));
+    assert!(field.world.now() - begin <= secs(1));
+    let has_lost = others.map(|from| field.ask(from, Op::READFILE, b"") == Some(Err(MavFtpErr::INVALIDSESSION)));
+    assert_eq!(has_lost, [true, false], "the one that was idle for longer");
+    let refused = field.ask(STATION, Op::OPENFILERO, b"log.bin");
+    assert_eq!(refused, Some(Err(MavFtpErr::NOSESSIONSAVAILABLE)), "it does not take it back");
+}
