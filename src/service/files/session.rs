@@ -344,6 +344,8 @@ pub(super) fn find_or_begin<'a, V>(
 }
 
 /// Returns how many files a client has open.
+// It has two callers.
+#[inline(never)]
 pub(super) fn count_open<V>(sessions: &[Session<V>], client: Peer) -> usize {
     let is_its = |session: &&Session<V>| session.is_open() && session.id.is_some_and(|id| id.client == client);
     sessions.iter().filter(is_its).count()

@@ -35,7 +35,7 @@ use crate::frame::Frame;
 use crate::link::Port;
 use crate::message::{Address, Message};
 use crate::time::{Duration, Instant};
-use crate::types::{Firmware, LinkId, Peer, Sender, Trust};
+use crate::types::{Controllers, Firmware, LinkId, Peer, Sender, Trust};
 use core::num::Saturating;
 
 /// Pending entries and data are dropped when the client was silent for this time. MAVProxy requests a whole log at
@@ -141,8 +141,8 @@ pub struct LogServer {
     served: Download,
     /// That of another client, whose turn is next.
     waiting: Download,
-    /// When the turn of the client that is served ends if another one waits, and how many bytes it was sent in it.
-    turn_ends: Instant,
+    /// When the turn of the client that is served began, and how many bytes it was sent in it.
+    turn_began: Instant,
     sent: Saturating<u32>,
     /// The clients that have listed the logs since the numbers may have changed; `None` if they did not change since
     /// startup.
@@ -175,7 +175,7 @@ impl LogServer {
         match self.waiting.is_idle() {
             true => Instant::NEVER,
             false if self.served.is_idle() || self.sent >= TURN => Instant::ZERO,
-            false => self.turn_ends,
+            false => self.turn_began + LONGEST_TURN,
         }
     }
 
@@ -186,31 +186,21 @@ impl LogServer {
     }
 
     fn begin_turn(&mut self, now: Instant) {
-        (self.turn_ends, self.sent) = (now + LONGEST_TURN, Saturating(0));
+        (self.turn_began, self.sent) = (now, Saturating(0));
     }
 
     /// Returns the place for a client's request (LOG-5); `None` if other clients have both.
-    fn place(&mut self, shared: &Shared, now: Instant, sender: Sender) -> Option<&mut Download> {
-        if now >= self.turn_deadline() {
+    fn place(&mut self, controllers: &Controllers, now: Instant, sender: Sender) -> Option<&mut Download> {
+        if self.served.is_of_other(sender) {
+            let (system, served) = (sender.peer.address.system, self.served.client.peer.address.system);
+            if !controllers.precedes(system, served) {
+                return Some(&mut self.waiting).filter(|waiting| !waiting.is_of_other(sender));
+            }
+            // The system in control takes what it needs at once.
             self.change_turns(now);
-        }
-        if self.served.is_idle() {
+        } else if self.served.is_idle() {
             self.begin_turn(now);
         }
-        if !self.served.is_of_other(sender) {
-            return Some(&mut self.served);
-        }
-        let precedes = |other: &Download| {
-            shared.controllers.precedes(sender.peer.address.system, other.client.peer.address.system)
-        };
-        if self.waiting.is_of_other(sender) && !precedes(&self.waiting) {
-            return None;
-        }
-        if !precedes(&self.served) {
-            return Some(&mut self.waiting);
-        }
-        // The system in control takes what it needs at once.
-        self.change_turns(now);
         Some(&mut self.served)
     }
 }
@@ -223,7 +213,7 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
     const NEW: Self = Self {
         served: Download::NONE,
         waiting: Download::NONE,
-        turn_ends: Instant::ZERO,
+        turn_began: Instant::ZERO,
         sent: Saturating(0),
         listed: None,
         is_refusing: false,
@@ -381,7 +371,7 @@ fn on_request<F: Firmware<Vehicle: Logs>>(
         }
         return;
     }
-    let Some(place) = server.place(cx.shared, cx.now, sender) else {
+    let Some(place) = server.place(&cx.shared.controllers, cx.now, sender) else {
         increment(&mut server.counters.busy);
         return cx.text(MavSeverity::NOTICE, b"Logs refused: other clients read them");
     };
