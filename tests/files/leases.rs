@@ -143,10 +143,12 @@ fn trickle_keeps_no_upload() {
     let mut world = slow_world();
     let ([mut slow, _], mut waiting) = (HOLDERS, WAITING);
     slow.create(&mut world, "@MISSION/mission.dat").unwrap();
-    let bytes = [0x3D, 0x76, 0, 0, 0, 0, 0, 0];
+    // The header of a mission of five items, and part of the first one.
+    let mut bytes = [0; 30];
+    (bytes[0], bytes[1], bytes[8]) = (0x3D, 0x76, 5);
     let mut sent = 0;
     let begun = (0..30).find(|second| {
-        if second % 2 == 0 && sent < bytes.len() {
+        if second % 2 == 0 {
             slow.write(&mut world, sent as u32, &bytes[sent..=sent]).unwrap();
             sent += 1;
         }
