@@ -118,7 +118,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             return Handled::Yes;
         }
         let now = ticks(self.cx.now);
-        let is_in_control = self.cx.shared.controllers.is_owner(received.from.address.system);
+        let is_in_control = F::HAS_CONTROL && self.cx.shared.controllers.is_owner(received.from.address.system);
         let Some((index, session)) = session::find_or_begin(self.sessions, &request, is_in_control, now) else {
             return Handled::NoRoom;
         };
@@ -128,7 +128,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             Admission::Repeated => return Handled::Yes,
             Admission::NoSlot => return Handled::NoRoom,
         };
-        let is_protected = request.is_change() && !received.may_change;
+        let is_protected = F::HAS_CONTROL && request.is_change() && !received.may_change;
         let executed = if is_protected { Err(MavFtpErr::FILEPROTECTED) } else { self.execute(index, &request) };
         let content = match executed {
             Ok(Response::Answer(content)) => Some(content),

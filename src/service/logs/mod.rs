@@ -35,7 +35,7 @@ use crate::frame::Frame;
 use crate::link::Port;
 use crate::message::{Address, Message};
 use crate::time::{Duration, Instant};
-use crate::types::{Controllers, Firmware, LinkId, Peer, Sender, Trust};
+use crate::types::{Firmware, LinkId, Peer, Sender, Trust};
 use core::num::Saturating;
 
 /// Pending entries and data are dropped when the client was silent for this time. MAVProxy requests a whole log at
@@ -190,10 +190,10 @@ impl LogServer {
     }
 
     /// Returns the place for a client's request (LOG-5); `None` if other clients have both.
-    fn place(&mut self, controllers: &Controllers, now: Instant, sender: Sender) -> Option<&mut Download> {
+    fn place<F: Firmware>(&mut self, shared: &Shared, now: Instant, sender: Sender) -> Option<&mut Download> {
         if self.served.is_of_other(sender) {
             let (system, served) = (sender.peer.address.system, self.served.client.peer.address.system);
-            if !controllers.precedes(system, served) {
+            if !shared.takes_precedence::<F>(system, served) {
                 return Some(&mut self.waiting).filter(|waiting| !waiting.is_of_other(sender));
             }
             // The system in control takes what it needs at once.
@@ -330,7 +330,8 @@ fn erase<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>,
     }
     let is_read =
         cx.now < cx.shared.logs_read_until || server.served.is_of_other(sender) || server.waiting.is_of_other(sender);
-    if is_read && !cx.shared.controllers.is_owner(sender.peer.address.system) {
+    let is_owner = F::HAS_CONTROL && cx.shared.controllers.is_owner(sender.peer.address.system);
+    if is_read && !is_owner {
         increment(&mut server.counters.busy);
         return cx.text(MavSeverity::NOTICE, b"Logs not erased: a client reads one");
     }
@@ -371,7 +372,7 @@ fn on_request<F: Firmware<Vehicle: Logs>>(
         }
         return;
     }
-    let Some(place) = server.place(&cx.shared.controllers, cx.now, sender) else {
+    let Some(place) = server.place::<F>(cx.shared, cx.now, sender) else {
         increment(&mut server.counters.busy);
         return cx.text(MavSeverity::NOTICE, b"Logs refused: other clients read them");
     };
