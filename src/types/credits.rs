@@ -52,8 +52,8 @@ pub enum Payer {
 #[derive(Clone, Debug)]
 pub struct Credits {
     pub(crate) config: CreditConfig,
-    open: Instant,
-    reserved: Instant,
+    /// When the reserved half will be full, and when the one for everyone will.
+    full_at: [Instant; 2],
     /// When the next text may say that they are used up.
     tell_at: Instant,
 }
@@ -64,7 +64,7 @@ impl Credits {
 
     /// Full, and without a limit. All zero bits.
     pub(crate) const FULL: Self =
-        Self { config: CreditConfig::VACANT, open: Instant::ZERO, reserved: Instant::ZERO, tell_at: Instant::ZERO };
+        Self { config: CreditConfig::VACANT, full_at: [Instant::ZERO; 2], tell_at: Instant::ZERO };
 
     /// Takes credits. Takes none and returns false if there are not enough. The reserved half is spent first.
     pub(crate) fn take(&mut self, now: Instant, payer: Payer, credits: u32) -> bool {
@@ -73,15 +73,15 @@ impl Credits {
         let Some(credit) = TWO_HOURS.checked_div(self.config.per_hour.into()) else { return true };
         let time = |credits: u32, of: u32| Duration::from_millis(credits.saturating_mul(of).into());
         let (cost, half) = (time(credits, credit), time(self.config.burst.into(), credit / 2));
-        let spend = |full_at: &mut Instant| {
+        let skipped = if payer == Payer::Privileged { 0 } else { 1 };
+        for full_at in self.full_at.iter_mut().skip(skipped) {
             let after = (*full_at).max(now) + cost;
-            let is_enough = after - now <= half.max(cost);
-            if is_enough {
+            if after - now <= half.max(cost) {
                 *full_at = after;
+                return true;
             }
-            is_enough
-        };
-        (payer == Payer::Privileged && spend(&mut self.reserved)) || spend(&mut self.open)
+        }
+        false
     }
 
     /// Whether a text may say now that the credits are used up. If so, the next one may a minute later.

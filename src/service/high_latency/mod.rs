@@ -22,7 +22,7 @@ use crate::message::Message;
 use crate::network::PeerInfo;
 use crate::num;
 use crate::time::{Clock, Duration, Instant};
-use crate::types::{Config, CreditConfig, CreditView, Firmware, LinkMask, Payer, Vehicle};
+use crate::types::{Config, CreditConfig, Firmware, LinkMask, Payer, Vehicle};
 
 /// The minimum period.
 const MIN_PERIOD: Duration = Duration::from_secs(1);
@@ -269,8 +269,6 @@ pub struct HighLatency {
     closed: Window,
     /// The links that have sent the closed window.
     reported: LinkMask,
-    /// What each message costs, as of the last poll.
-    credits: CreditConfig,
     counters: HighLatencyCounters,
 }
 
@@ -343,30 +341,23 @@ impl HighLatency {
         self.rescheduled = self.rescheduled.without(LinkMask::of(port.id));
     }
 
-    /// Returns when a message may be sent that is at least `pause` later than the last one.
-    fn after_last(&self, now: Instant, pause: Duration) -> Instant {
-        let is_first = self.counters.reports == 0;
-        if is_first { now } else { now.max(self.sent + pause) }
-    }
-
     /// Executes START: turns the service on, and forces a message if there are credits for it (L-17).
     fn start_for_peer<F: Firmware>(&mut self, cx: &mut Cx<'_, F>, payer: Payer) {
-        let was_on = self.is_on();
         event!("high latency: on");
+        let was_on = self.is_on();
         self.state = State::Commanded;
-        let satellites = cx.shared.satellites;
-        let at = self.after_last(cx.now, FORCED_PERIOD);
-        let is_due_anyway = was_on && self.rescheduled.intersects(satellites) && self.next <= at;
-        if is_due_anyway {
+        let is_pending = self.rescheduled.intersects(cx.shared.satellites) && self.next <= self.sent + FORCED_PERIOD;
+        if was_on && is_pending {
             return;
         }
-        if cx.pay(payer, MESSAGE_LEN, satellites.len()) {
-            self.schedule(at);
-            return;
+        let is_paid = cx.pay(payer, MESSAGE_LEN, cx.shared.satellites.len());
+        if !is_paid {
+            increment(&mut self.counters.refused);
         }
-        increment(&mut self.counters.refused);
-        if !was_on {
-            self.schedule(self.after_last(cx.now, self.config.period()));
+        if is_paid || !was_on {
+            let pause = if is_paid { FORCED_PERIOD } else { self.config.period() };
+            let is_first = self.counters.reports == 0;
+            self.schedule(if is_first { cx.now } else { self.sent + pause });
         }
     }
 
@@ -473,7 +464,6 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         open: Window::VACANT,
         closed: Window::VACANT,
         reported: LinkMask::NONE,
-        credits: CreditConfig::VACANT,
         counters: HighLatencyCounters { reports: 0, messages: 0, bytes: 0, credits: 0, refused: 0 },
     };
     /// When the next message is sent.
@@ -484,9 +474,6 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut Instant>) {
         self.clock = cx.shared.clock;
-        if let Some(credits) = cx.credits.credits() {
-            self.credits = credits.config;
-        }
         if self.config.announce_once && !self.has_announced && self.sampled.is_some() {
             self.has_announced = true;
             self.announcing = cx.shared.satellites;
@@ -560,7 +547,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
                 let counters = &mut self.counters;
                 increment(&mut counters.messages);
                 counters.bytes = counters.bytes.wrapping_add(u32::try_from(len).unwrap_or(0));
-                counters.credits = counters.credits.wrapping_add(self.credits.cost(len));
+                counters.credits = counters.credits.wrapping_add(CreditConfig::DEFAULT.cost(len));
             }
             _ => {}
         }
