@@ -476,7 +476,9 @@ impl<D: Declares> Services<D> {
         }
         let mut first = 0;
         if pace >= Pace::Room && port.shares.streams_first() {
-            let preferred = Turn::STREAMS | Turn::UrgentText.bit();
+            // Lists, files and logs keep their shares beside a flood of answers.
+            let late = Turn::LateParamList.bit() | Turn::LateBulk.bit();
+            let preferred = Turn::STREAMS | Turn::UrgentText.bit() | late;
             first = Turn::allowed(class, Pace::AtOnce) | Turn::allowed(class, Pace::Idle) & preferred;
         }
         let late = if Self::HAS_SHARES { Turn::of_shared(port.shares.deferred()) } else { 0 };

@@ -337,6 +337,8 @@ fn turns() -> Vec<&'static str> {
     rows.filter(|row| row[5] != "high-latency").map(|row| row[2]).collect()
 }
 
+/// The turns of transfers that are behind their own share.
+const LATE: [&str; 2] = ["LateParamList", "LateBulk"];
 /// The turns of streams and forwarded frames.
 const STREAMS: [&str; 6] = ["GimbalStatus", "GimbalAttitude", "Stream", "Report", "ForwardedFirst", "Forwarded"];
 /// The turns of lists, files and logs.
@@ -359,7 +361,8 @@ fn in_order<const N: usize>(
     }
     let (mut sent, mut forwarded) = (Vec::new(), 0);
     for len in lens {
-        let first = turns.iter().filter(|turn| behind >= 280 && (STREAMS.contains(turn) || AT_ONCE.contains(turn)));
+        let comes_first = |turn: &&&str| [&STREAMS[..], &AT_ONCE, &LATE].iter().any(|turns| turns.contains(turn));
+        let first = turns.iter().filter(|turn| behind >= 280 && comes_first(turn));
         let next = first.chain(turns).filter(|turn| **turn != "ForwardedFirst" || forwarded > 0).find_map(|turn| {
             let kind = if *turn == "ForwardedFirst" { "Forwarded" } else { turn };
             Some((*turn, pending.get_mut(kind)?.pop_front()?))
