@@ -120,7 +120,7 @@ where
             table.rows.saving.notice(cx.now);
             table.compute_hash();
         });
-        if cx.shared.pending_resets > 0 {
+        if self.reset.left > 0 {
             self.continue_reset(cx);
         }
         if cx.shared.is_storage_busy || !cx.vehicle.may_persist() {
@@ -187,7 +187,7 @@ where
             StorageAction::Reset { all } => {
                 // The answer waits for the end. Another reset meanwhile starts again from the first one, and both are answered then.
                 self.reset = Reset { left: count, all, from: request.command.from };
-                cx.shared.pending_resets = 1;
+                cx.shared.pending_resets = u8::from(count > 0);
             }
         }
         Some(Verdict::done(MavResult::ACCEPTED))

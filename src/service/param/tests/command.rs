@@ -51,6 +51,8 @@ fn all_are_reset() {
         bench.poll();
         bench.drain();
         assert_eq!(bench.command([action, -1.0, 0.0, 0.0]), ACCEPTED);
+        assert_eq!(bench.drain(), [vec![], vec![]], "the next poll begins (X-6)");
+        bench.poll();
         let indices = if action == 2.0 { vec![0, 5] } else { vec![0, 3, 5] };
         assert_eq!(bench.vehicle.changed.iter().map(|(index, _)| *index).collect::<Vec<_>>(), indices);
         let values: Vec<_> = indices.into_iter().map(|index| bench.value(index)).collect();
@@ -167,6 +169,7 @@ fn a_requested_write_begins_at_once() {
     assert!(bench.is_due());
     bench.params.on_saved(bench.now, &mut bench.table);
     assert_eq!(bench.command([2.0, -1.0, 0.0, 0.0]), ACCEPTED);
+    bench.poll();
     assert!(bench.is_due(), "nor after a reset");
     bench.params.on_saved(bench.now, &mut bench.table);
     assert_eq!(bench.command([1.0, -1.0, 0.0, 0.0]), ACCEPTED);
