@@ -219,6 +219,7 @@ pub fn session() -> Vec<Vec<u8>> {
         ]
         .concat(),
     ];
+    seeds.extend(hostile());
     // Every usual message, also addressed to others.
     for route in [0, 1 | 1 << 2, 3 | 0x80, 0x20 | 5 << 2] {
         let mut seed = vec![0x70, 0];
@@ -245,6 +246,105 @@ pub fn session() -> Vec<Vec<u8>> {
         );
     }
     seeds
+}
+
+/// Sessions of hostile and odd peers, whose steps are actor and link, what, how often, how far apart: see `session/hostile.rs`.
+fn hostile() -> Vec<Vec<u8>> {
+    const SECOND: &[u8] = &[11];
+    let [owner, other, authoriser, gimbal, companion, radio, wingman, invented] = [0, 4, 8, 12, 16, 20, 24, 28];
+    const SATELLITE: u8 = 2;
+    // All services, with a private second link, and with a key or without.
+    let setup = [0x64, 0];
+    let step = |actor: u8, what: u8, times: u8, gap: u8| vec![240, actor, what, times, gap];
+    let beats = [step(owner, 0, 0, 1), step(other | 1, 0, 0, 1)].concat();
+    vec![
+        // The first station takes control and begins everything; the second takes over, and the first goes on.
+        [
+            &setup[..],
+            &beats,
+            &step(owner, 2 | 1 << 5, 0, 5),
+            &step(owner, 11, 0, 5),
+            &step(owner, 13 | 2 << 5, 0, 5),
+            &step(owner, 14, 0, 5),
+            &step(owner, 18, 0, 5),
+            &step(owner, 24, 0, 5),
+            &step(other | 1, 2, 0, 5),
+            &step(owner, 14, 3, 5),
+            &step(owner, 10, 3, 5),
+            &step(owner, 12, 0, 5),
+            &step(owner, 16, 2, 5),
+            &step(owner, 19, 2, 5),
+            &step(owner | 2, 15, 0, 5),
+            &[9, 0, 9, 1],
+            SECOND,
+        ]
+        .concat(),
+        // The vehicle asks another system's component on one link; others answer in its name.
+        [
+            &setup[..],
+            &step(authoriser, 0, 0, 5),
+            &step(authoriser, 29, 0, 5),
+            &step(authoriser | 1, 4, 3, 5),
+            &step(authoriser | 2, 4, 0, 5),
+            &step(authoriser, 5, 0, 5),
+            &step(authoriser, 4, 0, 5),
+            SECOND,
+        ]
+        .concat(),
+        // The gimbal is on the private link; others speak in its name.
+        [
+            &setup[..],
+            &step(gimbal | 1, 1, 0, 5),
+            &step(gimbal | 1, 6, 1, 5),
+            &step(gimbal, 6, 7, 5),
+            &step(gimbal, 7, 1, 5),
+            &step(gimbal, 29, 1, 5),
+            &step(gimbal, 4, 3, 5),
+            &step(gimbal | 1, 4, 0, 5),
+            &step(companion, 10, 1, 5),
+            &step(companion | 1, 10, 1, 5),
+            SECOND,
+        ]
+        .concat(),
+        // What others forward and cause by satellite.
+        [
+            &setup[..],
+            &step(owner | SATELLITE, 10, 0, 5),
+            &step(wingman, 28, 15, 1),
+            &step(wingman | 1, 28, 15, 1),
+            &step(invented, 27, 15, 3),
+            SECOND,
+        ]
+        .concat(),
+        // Places: files, logs, commands, peers; and a station that comes late.
+        [
+            &setup[..],
+            &step(invented, 0, 15, 1),
+            &step(invented, 17, 15, 1),
+            &step(invented, 20, 15, 1),
+            &step(invented | 1, 23, 3, 1),
+            &step(invented | 1, 22, 7, 1),
+            &step(invented, 11, 7, 1),
+            &step(invented, 13, 3, 1),
+            &step(invented, 26, 1, 1),
+            &step(invented, 30, 1, 1),
+            &step(radio, 31, 15, 1),
+            &step(authoriser, 8, 3, 1),
+            &step(authoriser, 9, 3, 1),
+            SECOND,
+            SECOND,
+        ]
+        .concat(),
+        // Who signs.
+        [
+            &[0x74, 0][..],
+            &step(0x80 | gimbal | 3, 6, 1, 5),
+            &step(0x80 | owner | 3, 0, 0, 5),
+            &step(owner, 2, 0, 5),
+            SECOND,
+        ]
+        .concat(),
+    ]
 }
 
 /// A download, an upload, and clients that compete.

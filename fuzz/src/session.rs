@@ -3,6 +3,7 @@
 
 mod checks;
 mod declared;
+mod hostile;
 mod line;
 mod script;
 
@@ -51,6 +52,8 @@ struct Session<D: Declared> {
     /// Whether frames of each link's client may be lost.
     loses: [bool; LINKS],
     last_tag: u16,
+    /// Whether hostile peers have acted.
+    has_hostile: bool,
     checks: Checks,
 }
 
@@ -129,6 +132,7 @@ impl<D: Declared> Session<D> {
             uploads: [None; LINKS],
             loses: [false; LINKS],
             last_tag: 0,
+            has_hostile: false,
             checks: Checks::new(Instant::from_micros(start), setup[1] & 4 == 0),
         };
         new.restore();
@@ -171,18 +175,27 @@ impl<D: Declared> Session<D> {
         }
         let Self { stack, vehicle, now, .. } = self;
         let now = *now;
+        let operator = D::operator(stack, now);
         stack.poll(now, vehicle);
+        checks::assert_bounded(&vehicle.calls);
         for link in 0..LINKS {
             let line = &mut self.lines[link];
             line.begin();
             // Line errors are counted and have no other effect.
+            let before = vehicle.calls.len();
             let _ = stack.poll_link(now, LinkId(link as u8), line, vehicle);
+            checks::assert_bounded(&vehicle.calls[before..]);
         }
+        let operator = operator.filter(|system| D::operator(stack, now) == Some(*system));
         stack.persist(now, &mut self.store, vehicle);
         assert!(stack.next_deadline(now) >= now);
 
         let calls = std::mem::take(&mut self.vehicle.calls);
-        calls.into_iter().for_each(|call| self.checks.called(call));
+        for call in calls {
+            self.checks.assert_may(&call, operator, self.is_private());
+            self.checks.assert_asked(&call, &self.lines, self.is_private());
+            self.checks.called(call);
+        }
         let live = [self.stack.mission(), self.stack.fence(), self.stack.rally()];
         self.checks.assert_live(&live.map(|plan| plan.items()));
         let is_healthy = self.loop_runs && self.vehicle.state.is_some() && dt <= Duration::from_millis(50);
@@ -248,6 +261,9 @@ impl<D: Declared> Session<D> {
         self.vehicle.state = vehicle(self.setup).state;
         self.lines.iter_mut().for_each(Uart::repair);
         self.store.flash_mut().fuel = None;
+        if self.has_hostile && D::IS_FULL {
+            self.assert_serves();
+        }
         if !self.checks.has_commands() {
             return;
         }
@@ -257,6 +273,11 @@ impl<D: Declared> Session<D> {
         }
         (0..20).for_each(|_| self.pass(Duration::from_millis(50)));
         self.checks.finish();
+    }
+
+    /// Whether the second link is private, so that it carries components of our own system.
+    fn is_private(&self) -> bool {
+        self.setup[0] & 4 != 0
     }
 }
 
@@ -365,6 +386,9 @@ mod tests {
         assert_eq!([0, 1, 2].map(|plan| sessions[0].live[plan].len()), [5, 2, 3]);
         assert!(sessions[3].checks.answered() >= 5, "commands");
         assert!(sessions.iter().any(|session| session.checks.forwarded > 0), "forwarded frames");
+        assert!(sessions.iter().any(|session| session.checks.refused > 3), "another system is in control");
+        assert!(sessions.iter().any(|session| session.checks.told > 2), "answers and claims that count");
+        assert!(sessions.iter().any(|session| session.checks.credits > 5), "frames forwarded by satellite");
         let has_plans = |index: usize| !sessions[index].live[0].is_empty();
         let cut = sessions.iter().filter(|session| session.checks.restarts > 0).count();
         assert!(cut >= 8, "{cut} cuts");

@@ -33,16 +33,31 @@ mavstack::parameters! {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Call {
     Peer(PeerEvent),
-    Message { id: u32, from: Address, link: LinkId, payload: Vec<u8> },
+    Message {
+        id: u32,
+        from: Address,
+        link: LinkId,
+        payload: Vec<u8>,
+    },
     Command(Command),
     MayChange(PlanType, Peer),
     ParameterChanged(u16),
     CheckItem(PlanType, u16, Item),
     CheckPlan(PlanType, Vec<Item>),
-    PlanChanged { plan: PlanType, items: Vec<Item>, first: u16 },
+    PlanChanged {
+        plan: PlanType,
+        items: Vec<Item>,
+        first: u16,
+    },
     SetCurrent(u16, bool),
     StartMission(Option<u16>, Option<u16>),
     CancelCommand(MavCmd, Peer),
+    /// A setting of an extended parameter.
+    SetExtParam(Peer),
+    /// Another component has answered the request with this token.
+    Answered(u16),
+    /// The gimbal has told its attitude.
+    DeviceMoved,
 }
 
 /// Implements all traits of the stack. Its fields contain its answers.

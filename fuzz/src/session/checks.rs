@@ -5,14 +5,20 @@
 //! - The satellite link carries only commands, their answers and HIGH_LATENCY2 (L-4).
 //! - Frames are forwarded unchanged, and not to the only link on which they were received.
 //! - A command is executed at most once. Each executed command is answered once, on its link (C-3, D-3).
+//! - While a system is in control, no other one changes the vehicle, nor the plans (O-5, X-5).
+//! - Answers count on links that carried the request; those of our own system's components, and what they tell, on links that trust it
+//!
+//! - No poll calls more than 32 hooks. What peers cause on the satellite link is within its budget (L-17).
+//! - Whatever hostile peers have done, another one's requests are answered within 20 s: see `hostile.rs`.
 //! - A live plan was uploaded completely. After a reboot it is the old plan or the new one (M-39, SEC-11).
 
 use super::{Call, LINKS, SATELLITE, Tag, Uart, VEHICLE, parts, reference};
 use mavstack::dialect::{
-    CommandAck, CommandCancel, CommandInt, CommandLong, Common, Heartbeat, HighLatency2, MavMissionType,
+    CommandAck, CommandCancel, CommandInt, CommandLong, Common, GimbalDeviceAttitudeStatus, Heartbeat, HighLatency2,
+    MavMissionType, MavResult,
 };
-use mavstack::message::Dialect;
-use mavstack::{Duration, Instant, Item, Message, PlanType};
+use mavstack::message::{Dialect, SystemId};
+use mavstack::{Address, Duration, Instant, Item, Message, PlanType};
 
 /// The first of the command ids that are used only once.
 pub const FIRST: u16 = 50_000;
@@ -46,6 +52,37 @@ pub struct Checks {
     pub restarts: u32,
     /// All plans that the vehicle was asked to check.
     candidates: [Vec<Vec<Item>>; 3],
+    /// The links that carried a command to each component that the vehicle asks.
+    carried: [[bool; LINKS]; 2],
+    /// When the vehicle started, and the credits that forwarded frames have cost on the satellite link since then.
+    started: Instant,
+    pub credits: u64,
+    /// Number of commands that were refused because another system was in control, and of answers and claims that counted.
+    pub refused: u32,
+    pub told: u32,
+}
+
+/// The components that the vehicle asks: another system's, for even tokens, and one of our own, for odd ones.
+pub const ASKED: [Address; 2] = [Address::new(10, 1), Address::new(1, 154)];
+
+/// The link on which components sign.
+const SIGNED: usize = 3;
+const PRIVATE: usize = 1;
+
+/// Asserts that a poll has not called too many hooks.
+pub fn assert_bounded(calls: &[Call]) {
+    assert!(calls.len() <= 32, "{} hooks in a poll", calls.len());
+}
+
+/// Whether a line has received a message from this address.
+fn has_received<M: Message>(line: &Uart, from: Address) -> bool {
+    let [a, b, c, _] = M::ID.to_le_bytes();
+    let (system, component) = (from.system.wire(), from.component.wire());
+    line.history.windows(10).any(|window| match *window {
+        [0xFD, _, _, _, _, s, k, x, y, z] => (s, k, [x, y, z]) == (system, component, [a, b, c]),
+        [0xFE, _, _, s, k, id, ..] => (s, k, u32::from(id)) == (system, component, M::ID),
+        _ => false,
+    })
 }
 
 fn index(plan: PlanType) -> usize {
@@ -80,6 +117,45 @@ impl Checks {
             forwarded: 0,
             restarts: 0,
             candidates: Default::default(),
+            carried: Default::default(),
+            started: now,
+            credits: 0,
+            refused: 0,
+            told: 0,
+        }
+    }
+
+    /// Asserts that a call is one that its sender may cause, while `operator` is in control (O-5).
+    pub fn assert_may(&self, call: &Call, operator: Option<SystemId>, is_private: bool) {
+        let from = match call {
+            Call::Command(command) => command.from,
+            Call::MayChange(_, from) | Call::CancelCommand(_, from) | Call::SetExtParam(from) => *from,
+            _ => return,
+        };
+        let Some(operator) = operator else { return };
+        let link = usize::from(from.link.0);
+        let is_ours = from.address.system == VEHICLE.system;
+        let is_trusted = (link == PRIVATE && is_private) || link >= SIGNED;
+        let may = from.address.system == operator || (is_ours && is_trusted);
+        assert!(may, "{call:?} while {operator:?} is in control");
+    }
+
+    /// Asserts that an answer or a claim came from where it counts.
+    pub fn assert_asked(&mut self, call: &Call, lines: &[Uart; LINKS], is_private: bool) {
+        match call {
+            Call::Answered(token) => {
+                let which = usize::from(token % 2);
+                let is_answered = |link: usize| has_received::<CommandAck>(&lines[link], ASKED[which]);
+                assert!((0..LINKS).any(|link| self.carried[which][link] && is_answered(link)), "{call:?}");
+                self.told += 1;
+            }
+            Call::DeviceMoved => {
+                let [_, gimbal] = ASKED;
+                let is_told = |link: usize| has_received::<GimbalDeviceAttitudeStatus>(&lines[link], gimbal);
+                assert!((is_private && is_told(PRIVATE)) || is_told(SIGNED), "{call:?}");
+                self.told += 1;
+            }
+            _ => {}
         }
     }
 
@@ -163,6 +239,7 @@ impl Checks {
         }
         self.live = found;
         self.restarts += 1;
+        (self.started, self.credits) = (now, 0);
         self.heartbeat = [now; LINKS];
         self.seq = [None; LINKS];
         // Pending answers are lost with the reboot.
@@ -190,6 +267,11 @@ impl Checks {
             let came = |other: usize| lines[other].history.windows(frame.len()).any(|window| window == frame);
             assert!((0..LINKS).any(|other| other != link && came(other)), "message {id} returns on link {link}");
             self.forwarded += 1;
+            if link == SATELLITE {
+                self.credits += (frame.len() as u64).div_ceil(50);
+                let most = 21 + (now - self.started).as_millis() / 60_000;
+                assert!(self.credits <= most, "{} credits of {most}", self.credits);
+            }
             return;
         }
         let seq = if frame[0] == 0xFD { frame[4] } else { frame[2] };
@@ -201,8 +283,19 @@ impl Checks {
                 assert_ne!(link, SATELLITE);
                 self.heartbeat[link] = now;
             }
+            CommandLong::ID => {
+                let command = CommandLong::decode(payload);
+                let to = Address::new(command.target_system, command.target_component);
+                if let Some(which) = ASKED.iter().position(|asked| *asked == to) {
+                    self.carried[which][link] = true;
+                }
+            }
             CommandAck::ID => {
                 let ack = CommandAck::decode(payload);
+                if ack.result == MavResult::NOT_IN_CONTROL {
+                    self.refused += 1;
+                    return;
+                }
                 if let Some(unique) = self.unique(ack.command.0) {
                     unique.acks += 1;
                     assert!(unique.acks <= unique.calls && unique.link == link, "{ack:?} on link {link}");

@@ -15,6 +15,8 @@
 //!   9  a command with a unique id     route
 //!  10  an upload starts               link, plan and items
 //!  11  a second passes
+//!
+//! 240 and above: a hostile or an odd peer does something repeatedly: who, what, how often, how far apart (ms)
 //! ```
 //!
 //! A route is a link (bits 0 and 1), a sender (bits 2 to 4) and a flag for signed frames (bit 7).
@@ -37,6 +39,9 @@ impl<D: Declared> Session<D> {
     /// Executes the next step.
     pub fn step(&mut self, u: &mut Unstructured<'_>) -> Result<()> {
         let what: u8 = u.arbitrary()?;
+        if what >= 240 {
+            return self.hostile(u);
+        }
         match what % 12 {
             0 => {
                 let (steps, ms): (u8, u8) = (u.arbitrary()?, u.arbitrary()?);
