@@ -1,8 +1,12 @@
 //! Open files are leases: rules X-3 and F-6.
 
 use super::operators::Field;
+use super::plans::items;
 use super::*;
 use MavFtpOpcode as Op;
+use mavstack::PlanType;
+use mavstack::dialect::{MissionCount, MissionItemInt};
+use support::plan_file::file;
 
 /// Two that hold the sessions, and one that waits.
 const HOLDERS: [Client; 2] = [Client::new(STATION, 0, 0), Client::new(Address::new(200, 1), 0, 7)];
@@ -158,6 +162,41 @@ fn trickle_keeps_no_upload() {
     });
     assert!(begun.is_some_and(|second| second <= 12), "{begun:?}");
     assert!(slow.write(&mut world, sent as u32, &[0]).is_err());
+}
+
+/// a part of a plan's file every two seconds refused uploads by messages for ever, and an item in 4.8 s those of files. Each gives
+/// way to the other after 15 s: 0 of 12 and 0 of 20 were accepted before.
+#[test]
+fn slow_plans_by_files_and_messages() {
+    let whole = file(PlanType::Mission, &items(PlanType::Mission, 40, 1));
+    let mut world = slow_world();
+    let [mut slow, _] = HOLDERS;
+    slow.create(&mut world, "@MISSION/mission.dat").unwrap();
+    let accepted = (0..12).find(|number| {
+        slow.write(&mut world, number * 20, &whole[*number as usize * 20..][..20]).unwrap();
+        world.run_for(secs(2));
+        world.upload(1, &items(PlanType::Fence, 2, 1)).is_ok()
+    });
+    assert_eq!(accepted, Some(7), "after 16 s");
+    assert_eq!(slow.write(&mut world, 160, &whole[160..180]), Err(MavFtpErr::FAIL));
+    assert_eq!(slow.end(&mut world), Ok(vec![]), "it knows");
+    world.upload(1, &items(PlanType::Mission, 3, 1)).expect("the staging area is free");
+
+    let mut waiting = WAITING;
+    let count = MissionCount { count: 50, target_system: 1, target_component: 1, ..MissionCount::default() };
+    world.gcs[0].send(&count);
+    world.run_for(millis(100));
+    let accepted = (0..20).find(|second| {
+        if second % 4 == 0 {
+            let of_us =
+                MissionItemInt { target_system: 1, target_component: 1, ..items(PlanType::Mission, 1, 1)[0].clone() };
+            let item = MissionItemInt { seq: second / 4, ..of_us };
+            world.gcs[0].send(&item);
+        }
+        world.run_for(secs(1));
+        waiting.create(&mut world, "@MISSION/mission.dat").is_ok()
+    });
+    assert!(accepted.is_some_and(|second| (14..=16).contains(&second)), "{accepted:?}");
 }
 
 /// the one in control takes what it needs at once: before, its open was refused while the two were busy (0 of 20).

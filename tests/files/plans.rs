@@ -13,7 +13,7 @@ use proptest::prelude::{any, prop_assert, prop_assert_eq, proptest};
 const MISSION: &str = "@MISSION/mission.dat";
 
 /// Returns a plan of any kind: waypoints, circles or rally points.
-fn items(kind: PlanType, count: u16, variant: u16) -> Vec<MissionItemInt> {
+pub(super) fn items(kind: PlanType, count: u16, variant: u16) -> Vec<MissionItemInt> {
     let of_kind = |item| match kind {
         PlanType::Mission => item,
         _ => {
@@ -339,7 +339,7 @@ fn stalled_upload_is_closed() {
         let mut other = Client { link: 1, ..client };
         client.create(&mut world, MISSION).unwrap();
         for (number, part) in whole.chunks(100).take(parts).enumerate() {
-            world.run_for(millis(7_500));
+            world.run_for(millis(7_000));
             client.write(&mut world, number as u32 * 100, part).unwrap();
         }
         let since = world.now();
@@ -354,7 +354,7 @@ fn stalled_upload_is_closed() {
         let refused = world.upload(1, &items(PlanType::Fence, 2, 1));
         assert_eq!(refused, Err(TransferError::Refused(MavMissionResult::DENIED)), "{parts}");
         if parts == 0 {
-            // A slow one that has begun longer ago gives way to another file.
+            // One that is slow for ten seconds gives way to another file, and for fifteen to messages.
             assert_eq!(other.create(&mut world, "@PARAM/param.pck"), Err(MavFtpErr::FILEPROTECTED));
         }
         world.run_for(millis(400));

@@ -296,7 +296,7 @@ impl Missions {
                     self.abandon_upload(&mut cx.plans);
                     self.finished = None;
                     event!("{} upload as a file by {}: started", upload.plan, upload.client);
-                    self.transfer = Transfer::Upload(Upload::of_file(upload.plan));
+                    self.transfer = Transfer::Upload(Upload::of_file(upload.plan, cx.now));
                     UploadStep::Permitted
                 } else {
                     UploadStep::Refused
@@ -317,7 +317,8 @@ impl Missions {
 
     /// Returns whether an upload as a file may begin. A refusal is reported.
     fn admit_file<F: Firmware<Vehicle: Plans>>(&mut self, cx: &mut Cx<'_, F>, plan: PlanType, client: Peer) -> bool {
-        let is_free = !self.is_receiving() && self.committing().is_none() && !self.is_loading();
+        let is_free =
+            self.committing().is_none() && !self.is_loading() && (!self.is_receiving() || self.oust(cx, client));
         is_free && self.ask_permission(cx, plan, client).is_ok() && self.check_write_rate(cx, plan, client, 0).is_ok()
     }
 

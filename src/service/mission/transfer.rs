@@ -81,10 +81,10 @@ impl Upload {
 
     /// The upload of a file. No client of messages owns it, so all of them are refused (F-24). Its timers do not run:
     /// the file's session ends it.
-    pub(super) fn of_file(plan: PlanType) -> Self {
+    pub(super) fn of_file(plan: PlanType, now: Instant) -> Self {
         let client = Peer { address: Self::FILE, link: LinkId(0) };
         let upload = Self::new(client, plan, NO_ITEM, FrameNumber::NONE, Instant::NEVER);
-        Self { is_request_pending: false, ..upload }
+        Self { is_request_pending: false, began: now, ..upload }
     }
 
     pub(super) fn is_of_file(&self) -> bool {

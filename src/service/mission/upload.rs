@@ -17,7 +17,7 @@ use crate::frame::Frame;
 use crate::message::{Item, Message};
 use crate::service::{Cx, increment};
 use crate::time::{Duration, Instant};
-use crate::types::{Firmware, Peer, PlanType, PlansMut, Sender};
+use crate::types::{Firmware, Peer, PlanMemory, PlanType, PlansMut, Sender, UploadStep};
 
 /// For this long after an upload has ended, a COUNT equal to its COUNT may be a delayed duplicate (M-22).
 const DUPLICATE_WINDOW: Duration = Duration::from_secs(1);
@@ -494,21 +494,30 @@ impl Missions {
 
     /// Ends the upload of another client if it is too slow, or if `from` is in control and that client is not. Returns
     /// whether it has ended.
-    fn oust<F: Firmware>(&mut self, cx: &mut Cx<'_, F>, from: Peer) -> bool {
+    pub(super) fn oust<F: Firmware>(&mut self, cx: &mut Cx<'_, F>, from: Peer) -> bool {
         let Transfer::Upload(upload) = &self.transfer else { return false };
-        let is_needed = cx.shared.takes_precedence::<F>(from.address.system, upload.client.address.system);
-        let gives_way = !upload.is_of_file() && (is_needed || upload.is_slow(cx.now, cx.plans.staged()));
+        let holder = match cx.plans.upload() {
+            Some(file) if F::Plans::TAKES_FILES && upload.is_of_file() => file.client,
+            _ => upload.client,
+        };
+        let is_needed = cx.shared.takes_precedence::<F>(from.address.system, holder.address.system);
+        let gives_way = is_needed || upload.is_slow(cx.now, cx.plans.staged());
         if gives_way {
             self.cancel_upload(cx);
         }
         gives_way
     }
 
-    /// Ends an upload, and tells its client.
+    /// Ends an upload, and tells its client. That of a file learns it with its next part.
     fn cancel_upload<F: Firmware>(&mut self, cx: &mut Cx<'_, F>) {
         if let Transfer::Upload(upload) = &self.transfer {
             event!("{} upload by {}: cancelled", upload.plan, upload.client);
-            self.ousted = Ousted { is_pending: true, client: upload.client, mission_type: upload.plan.mission_type() };
+            if F::Plans::TAKES_FILES && upload.is_of_file() {
+                cx.plans.upload_mut().into_iter().for_each(|file| file.step = UploadStep::Refused);
+            } else {
+                let (client, mission_type) = (upload.client, upload.plan.mission_type());
+                self.ousted = Ousted { is_pending: true, client, mission_type };
+            }
             self.abandon_upload(&mut cx.plans);
         }
     }
