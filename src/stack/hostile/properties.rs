@@ -1,6 +1,7 @@
 //! Floods of anything: rules.
 
 use super::*;
+use crate::config::LinkClass;
 use crate::crc;
 use crate::message::Dialect;
 
@@ -169,4 +170,71 @@ fn claims_on_other_links_count_for_nothing() {
         assert_eq!(told(seed, Some(quiet(FAST)), &pool), calm, "seed {seed}");
     }
     assert_ne!(told(0, Some(quiet(FAST).with_own_system(true)), &pool), calm, "on a link that does, they count");
+}
+
+/// L-17: whatever strangers flood a link with, a minute of it costs no more by satellite than the part of the burst that everyone has,
+/// and a message by schedule.
+#[test]
+fn floods_cost_little_by_satellite() {
+    const CREDIT: usize = 50;
+    let mut pool = requests();
+    // The one in control has more.
+    pool.retain(|request| request.name != "REQUEST_OPERATOR_CONTROL");
+    let satellite = LinkConfig::uart(SLOW * 10).with_class(LinkClass::HighLatency);
+    for seed in 0..4 {
+        let mut random = Random(seed);
+        let mut field = Field::new([quiet(FAST), quiet(SLOW), satellite]);
+        // A peer that lives there, to whom others may write.
+        field.request(BUSY, WINGMAN, &command(MavCmd::NAV_LAND, [0.0; 3]));
+        field.run_for(Duration::from_secs(2));
+        field.sent.clear();
+        for _ in 0..3_000 {
+            let from = [STATION, STRANGER, Address::new(9, 1)];
+            let from = from[random.below(from.len())];
+            hostile(&mut field, &mut random, &pool, ASKING, from);
+            let (target_system, target_component) = (WINGMAN.system.wire(), WINGMAN.component.wire());
+            field.request(ASKING, from, &of(CommandLong { target_system, target_component, ..Default::default() }));
+            field.step();
+        }
+        let bytes = field.bytes(BUSY, |_| true);
+        assert!((1..=(10 + 1 + 2) * CREDIT).contains(&bytes), "seed {seed}: {bytes} bytes");
+    }
+}
+
+/// after strangers have done anything, one that was never there before is served within 20 s: a command, a parameter, a plan, a
+/// file and the list of logs.
+#[test]
+fn a_late_station_is_served() {
+    const LATE: Address = Address::new(200, 190);
+    let pool = requests();
+    let (target_system, target_component) = (1, 1);
+    for seed in 0..8 {
+        let mut random = Random(seed);
+        let mut field = prepared();
+        for _ in 0..1_000 {
+            let from = Address::new(u8::try_from(2 + random.below(100)).expect("a system"), 190);
+            hostile(&mut field, &mut random, &pool, ASKING, from);
+            field.step();
+        }
+        let mission_type = MavMissionType::MISSION;
+        let wanted = [
+            (77, command(MavCmd::NAV_LAND, [0.0; 3])),
+            (22, of(ParamRequestRead { param_index: 0, target_system, target_component, ..Default::default() })),
+            (44, of(MissionRequestList { target_system, target_component, mission_type })),
+            (110, file_request(0, MavFtpOpcode::OPENFILERO, "a")),
+            (118, of(LogRequestList { start: 0, end: u16::MAX, target_system, target_component })),
+        ];
+        field.run_for(Duration::from_secs(1));
+        field.sent.clear();
+        for _ in 0..19 {
+            for (_, request) in &wanted {
+                field.request(IDLE, LATE, request);
+            }
+            field.run_for(Duration::from_secs(1));
+        }
+        for (answer, request) in &wanted {
+            let is_answered = field.bytes(IDLE, |sent| sent.id == *answer) > 0;
+            assert!(is_answered, "seed {seed}: {} is not answered", request.name);
+        }
+    }
 }
