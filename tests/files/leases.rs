@@ -188,8 +188,7 @@ fn slow_plans_by_files_and_messages() {
     world.run_for(millis(100));
     let accepted = (0..20).find(|second| {
         if second % 4 == 0 {
-            let of_us =
-                MissionItemInt { target_system: 1, target_component: 1, ..items(PlanType::Mission, 1, 1)[0].clone() };
+            let of_us = MissionItemInt { target_system: 1, target_component: 1, ..items(PlanType::Mission, 1, 1)[0] };
             let item = MissionItemInt { seq: second / 4, ..of_us };
             world.gcs[0].send(&item);
         }

@@ -291,7 +291,7 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
             let client = download.client.peer;
             match event {
                 // The client is gone, or gets no data.
-                StackEvent::Opened(ref port, _) | StackEvent::Stalled(ref port, _) if client.link == port.id => {
+                StackEvent::Opened(port, _) | StackEvent::Stalled(port, _) if client.link == port.id => {
                     download.transfer = Transfer::None
                 }
                 StackEvent::Heard { now, from } if from == client => download.heard = now,
