@@ -138,6 +138,29 @@ fn the_one_in_control_erases_at_once() {
     assert_eq!(received(&field, 0), 0);
 }
 
+/// two strangers that take turns kept a third client out for as long as they were heard (0 bytes in two minutes). Now it takes the
+/// place of the one that waits, and all that repeat their requests take turns.
+#[test]
+fn strangers_keep_no_third_client_out() {
+    let mut field = two_logs(57_600, 10_000_000, 5);
+    let stranger = Address::new(77, 1);
+    for from in [STATION, stranger] {
+        send(&mut field, 0, from, &data(0, 0, u32::MAX));
+    }
+    for second in 0..120 {
+        send(&mut field, 0, stranger, &Heartbeat::default());
+        if second > 0 {
+            send(&mut field, 0, stranger, &data(0, 0, u32::MAX));
+        }
+        send(&mut field, 1, OTHER_STATION, &data(1, 1_000 * second, u32::MAX));
+        live(&mut field, 1, 1);
+    }
+    let [strangers, third] = [0, 1].map(|id| received(&field, id));
+    let share = third * 100 / (strangers + third);
+    println!("{share} % for the third client");
+    assert!(share >= 30, "{share} %");
+}
+
 /// LOG-5: a client that waits and is silent for ten seconds loses its place.
 #[test]
 fn a_silent_client_does_not_wait() {

@@ -17,7 +17,8 @@
 //! ```
 //!
 //! The request of a second client waits. The two then take turns (X-3): the one that is served gives way when all that it requested
-//! was sent, after 64 kB, or after 30 s. A third client is refused, but not the system in control: it is served at once.
+//! was sent, after 64 kB, or after 30 s. A third client is refused, until the one that waits has had its turn: it then takes
+//! its place. So more clients take turns if they repeat their requests, as all do. The system in control is served at once.
 //!
 //! After a flight or an erasure, a number may belong to another log, but a client repeats its requests throughout a
 //! flight. A client therefore gets data only after it has listed the logs again (LOG-16). Only a text can report this:
@@ -106,6 +107,8 @@ struct Download {
     heard: Instant,
     /// When to read the log again.
     ready_at: Instant,
+    /// Whether the client was served before it waited.
+    had_turn: bool,
 }
 
 impl Download {
@@ -114,6 +117,7 @@ impl Download {
         client: Sender { peer: NO_CLIENT, trust: Trust::None },
         heard: Instant::ZERO,
         ready_at: Instant::ZERO,
+        had_turn: false,
     };
 
     fn is_idle(&self) -> bool {
@@ -182,6 +186,7 @@ impl LogServer {
     /// Serves the client that waits, and has the other one wait.
     fn change_turns(&mut self, now: Instant) {
         core::mem::swap(&mut self.served, &mut self.waiting);
+        self.waiting.had_turn = true;
         self.begin_turn(now);
     }
 
@@ -194,7 +199,7 @@ impl LogServer {
         if self.served.is_of_other(sender) {
             let (system, served) = (sender.peer.address.system, self.served.client.peer.address.system);
             if !shared.takes_precedence::<F>(system, served) {
-                return Some(&mut self.waiting).filter(|waiting| !waiting.is_of_other(sender));
+                return Some(&mut self.waiting).filter(|waiting| waiting.had_turn || !waiting.is_of_other(sender));
             }
             // The system in control takes what it needs at once (X-3).
             self.change_turns(now);
@@ -376,7 +381,8 @@ fn on_request<F: Firmware<Vehicle: Logs>>(
         increment(&mut server.counters.busy);
         return cx.text(MavSeverity::NOTICE, b"Logs refused: other clients read them");
     };
-    *place = Download { client: sender, heard: cx.now, ..Download::NONE };
+    let had_turn = place.had_turn && place.client.is_repeated_by(sender);
+    *place = Download { client: sender, heard: cx.now, had_turn, ..Download::NONE };
     if let Some(LogRequestData { ofs, count, id, .. }) = frame.decode() {
         let Some(info) = cx.vehicle.log_info(id) else {
             return increment(&mut server.counters.unknown);
