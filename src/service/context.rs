@@ -1,6 +1,6 @@
 //! The data that a call of a service uses, besides the service itself and its link.
 
-use core::num::Saturating;
+use core::num::Wrapping;
 
 use super::Firmware;
 use crate::dialect::MavSeverity;
@@ -48,13 +48,15 @@ pub struct Shared {
     /// The number of resets of all parameters, 0 or 1, that go on with the next poll and are answered after the last one.
     pub(crate) pending_resets: u8,
     /// The number of hooks with a [`Context`] that were called in this poll of the stack or of a link, or by this job of storage.
-    pub(crate) hooks: Saturating<u16>,
+    pub(crate) hooks: Wrapping<u32>,
+    /// The shared turns of services that have handled a frame or a command.
+    pub(crate) asked: u32,
 }
 
 /// No poll calls more hooks.
-pub(crate) const MAX_HOOKS: Saturating<u16> = Saturating(32);
+pub(crate) const MAX_HOOKS: u32 = 32;
 /// What the next poll can continue leaves so many of them to the rest of the poll: a frame calls up to ten.
-const RESERVED: u16 = 16;
+const RESERVED: u32 = 16;
 
 impl Shared {
     /// All zero bits.
@@ -76,23 +78,24 @@ impl Shared {
         logs_read_until: Instant::ZERO,
         faults: HookFaults::ZERO,
         pending_resets: 0,
-        hooks: Saturating(0),
+        hooks: Wrapping(0),
+        asked: 0,
     };
 
     /// Whether so many more hooks may be called in this poll.
-    pub(crate) fn has_hooks(&self, count: u16) -> bool {
-        (MAX_HOOKS - self.hooks).0 >= count
+    pub(crate) fn has_hooks(&self, count: u32) -> bool {
+        (self.hooks + Wrapping(count)).0 <= MAX_HOOKS
     }
 
     /// Whether work that the next poll can continue may call another hook.
     pub(crate) fn may_continue(&self) -> bool {
-        self.has_hooks(RESERVED.saturating_add(1))
+        self.hooks.0 < MAX_HOOKS - RESERVED
     }
 
     /// Whether the hooks of another frame may be called in this poll. A larger [budget](crate::Config::budget) of frames has more:
     /// a hook for each frame.
     pub(crate) fn may_handle_frame(&self) -> bool {
-        self.may_continue() || u32::from(self.hooks.0) < self.config.budget.frames
+        self.may_continue() || self.hooks.0 < self.config.budget.frames
     }
 
     /// Whether the other components of the firmware are left out.
@@ -267,7 +270,7 @@ impl<F: Firmware> Cx<'_, F> {
 pub(crate) struct PeerHook<'a, F: Firmware> {
     vehicle: &'a mut F::Vehicle,
     context: Context<'a>,
-    count: &'a mut Saturating<u16>,
+    count: &'a mut Wrapping<u32>,
 }
 
 impl<F: Firmware<Vehicle: Vehicle>> PeerHook<'_, F> {

@@ -299,11 +299,11 @@ impl<D: Declares> Services<D> {
         states: &mut States<D>,
         received: &Received<'_>,
     ) -> Handled {
-        let mut visit = OnFrame { cx, port: &mut *port, received, handled: Handled::No, asked: 0 };
+        let mut visit = OnFrame { cx: &mut *cx, port, received, handled: Handled::No, asked: 0 };
         self.visit(states, &mut visit);
         let OnFrame { handled, asked, .. } = visit;
         if Self::HAS_SHARES {
-            port.shares.ask(asked);
+            cx.shared.asked |= asked;
         }
         handled
     }
@@ -322,7 +322,7 @@ impl<D: Declares> Services<D> {
         if self.visit(states, &mut visit) {
             let OnCommand { verdict, asked, .. } = visit;
             if Self::HAS_SHARES {
-                port.shares.ask(asked);
+                cx.shared.asked |= asked;
             }
             return verdict;
         }
@@ -509,7 +509,8 @@ macro_rules! send {
             pub(super) fn send(&mut self, cx: &mut Cx<'_, D>, port: &mut Port, states: &mut States<D>) -> bool {
                 let class = port.config.class;
                 let pace = if port.is_held() { Pace::Stalled } else { port.bucket.pace() };
-                for turns in Self::passes(port, class, pace) {
+                for turns in &Self::passes(port, class, pace) {
+                    let turns = *turns;
                     let mut sent = Turn::Heartbeat;
                     if false $(|| (
                         turns & Turn::$turn.bit() != 0

@@ -56,7 +56,7 @@ struct Field {
     /// The item that each link asked for last.
     asked: [Option<MissionRequestInt>; LINKS],
     /// The most hooks in a poll, or in a call of `receive`.
-    hooks: u16,
+    hooks: u32,
 }
 
 impl Field {

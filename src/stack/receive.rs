@@ -102,12 +102,12 @@ impl<D: Declares> Services<D> {
         own_frame
     }
 
-    /// Returns the shared turns for which hooks and services have queued something since the last call.
+    /// Returns the shared turns for which services and hooks have queued something since the last call.
     fn take_news(cx: &mut Cx<'_, D>) -> u32 {
-        let mut turns = 0;
         if !Self::HAS_SHARES {
-            return turns;
+            return 0;
         }
+        let mut turns = core::mem::take(&mut cx.shared.asked);
         if core::mem::take(&mut cx.requests.is_new) {
             turns |= const { Turn::shared(Turn::BY_HOOKS) };
         }

@@ -1,6 +1,6 @@
 //! The configuration of a stack.
 
-use core::num::Saturating;
+use core::num::Wrapping;
 
 use super::identity::Identity;
 use crate::dialect::{MavAutopilot, MavType};
@@ -100,7 +100,7 @@ impl PollBudget {
 
     /// Returns the allowance of one poll.
     pub(crate) const fn allowance(&self) -> Allowance {
-        Allowance { work: self.work, frames: self.frames, hooks: Saturating(0), answers: 0, has_sent: false }
+        Allowance { work: self.work, frames: self.frames, hooks: Wrapping(0), answers: 0, has_sent: false }
     }
 }
 
@@ -121,7 +121,7 @@ pub(crate) struct Allowance {
     /// The number of frames that may still be handled.
     pub(crate) frames: u32,
     /// The number of hooks that received frames have called.
-    pub(crate) hooks: Saturating<u16>,
+    pub(crate) hooks: Wrapping<u32>,
     /// The number of answers whose cost was already spent.
     answers: u32,
     /// Whether a frame was sent.

@@ -68,10 +68,10 @@ impl Credits {
 
     /// Takes credits. Takes none and returns false if there are not enough. The reserved half is spent first.
     pub(crate) fn take(&mut self, now: Instant, payer: Payer, credits: u32) -> bool {
-        /// In milliseconds: a half earns half of the hourly credits. A division of 64 bits takes 900 bytes of flash.
-        const TWO_HOURS: u32 = 2 * 3_600 * 1_000;
+        /// In units of 1,024 µs: a half earns half of the hourly credits. A division of 64 bits takes 900 bytes of flash.
+        const TWO_HOURS: u32 = 7_031_250;
         let Some(credit) = TWO_HOURS.checked_div(self.config.per_hour.into()) else { return true };
-        let time = |credits: u32, of: u32| Duration::from_millis(credits.saturating_mul(of).into());
+        let time = |credits: u32, of: u32| Duration::from_micros(u64::from(credits.saturating_mul(of)) << 10);
         let (cost, half) = (time(credits, credit), time(self.config.burst.into(), credit / 2));
         let skipped = if payer == Payer::Privileged { 0 } else { 1 };
         for full_at in self.full_at.iter_mut().skip(skipped) {
