@@ -270,7 +270,8 @@ pub(crate) fn record(
         since: now,
     };
     let is_heartbeat = heartbeat.is_some() || is_satellite;
-    let Some(Found { info, evicted }) = find_or_insert(peers, new, residents, is_heartbeat) else {
+    let (index, evicted) = find_or_insert(peers, new, residents, is_heartbeat);
+    let Some(info) = peers.get_mut(index) else {
         return Recorded { entry: SenderEntry::NoRoom, is_proven: false };
     };
     if let Some(Evicted { peer, was_alive: true }) = evicted {
@@ -289,11 +290,9 @@ pub(crate) fn record(
     }
     let is_due = settles || (trust > Trust::None && now - info.since >= SETTLED_AFTER);
     if is_due && !info.is_settled {
-        let peer = info.peer;
-        if has_place_to_settle(peers)
-            && let Some(info) = peers.iter_mut().find(|info| info.peer == peer)
-        {
-            info.is_settled = true;
+        let settles = has_place_to_settle(peers);
+        if let Some(info) = peers.get_mut(index) {
+            info.is_settled = settles;
         }
     }
     Recorded { entry: if evicted.is_some() { SenderEntry::Evicted } else { SenderEntry::Present }, is_proven }
@@ -333,13 +332,6 @@ pub(crate) fn deadline(peers: &[PeerInfo], timeout: Duration) -> Instant {
     alive.map(|info| info.heartbeat + timeout).min().unwrap_or(Instant::NEVER)
 }
 
-/// The entry of a sender.
-struct Found<'a> {
-    info: &'a mut PeerInfo,
-    /// The peer that had to leave the table.
-    evicted: Option<Evicted>,
-}
-
 /// A peer that left the table.
 #[derive(Clone, Copy)]
 struct Evicted {
@@ -347,14 +339,18 @@ struct Evicted {
     was_alive: bool,
 }
 
-/// Returns the entry of the sender of `new`; `None` if the table is full and the sender may evict no peer. `is_heartbeat`: the
-/// frame counts as a heartbeat.
-fn find_or_insert(peers: &mut Peers, new: PeerInfo, residents: Residents, is_heartbeat: bool) -> Option<Found<'_>> {
-    if let Some(index) = peers.iter().position(|info| info.peer == new.peer) {
-        return Some(Found { info: peers.get_mut(index)?, evicted: None });
-    }
-    if peers.push(new).is_ok() {
-        return Some(Found { info: peers.last_mut()?, evicted: None });
+/// Returns the place of the sender of `new`, and the peer that had to leave it. There is none if the table is full and the sender may
+/// evict no peer. `is_heartbeat`: the frame counts as a heartbeat.
+fn find_or_insert(
+    peers: &mut Peers,
+    new: PeerInfo,
+    residents: Residents,
+    is_heartbeat: bool,
+) -> (usize, Option<Evicted>) {
+    let known = peers.iter().position(|info| info.peer == new.peer);
+    let place = known.unwrap_or(peers.len());
+    if known.is_some() || peers.push(new).is_ok() {
+        return (place, None);
     }
     let Residents { owner, timeout } = residents;
     let mut held = [Saturating(0_u8); MAX_LINKS];
@@ -386,17 +382,18 @@ fn find_or_insert(peers: &mut Peers, new: PeerInfo, residents: Residents, is_hea
             true => u8::from(is_other_link || new.heard - old.since >= NEWCOMER_STAYS),
         }
     };
-    let (mut victim, mut highest) = (None, (1, Duration::ZERO));
-    for old in peers.iter_mut() {
+    let (mut victim, mut highest) = (place, (1, Duration::ZERO));
+    for (index, old) in peers.iter().enumerate() {
         let rank = (rank(old), new.heard - old.heard);
         if rank >= highest {
-            (victim, highest) = (Some(old), rank);
+            (victim, highest) = (index, rank);
         }
     }
-    let info = victim?;
-    let evicted = Evicted { peer: info.peer, was_alive: info.is_alive };
-    *info = new;
-    Some(Found { info, evicted: Some(evicted) })
+    let evicted = peers.get_mut(victim).map(|info| {
+        let old = core::mem::replace(info, new);
+        Evicted { peer: old.peer, was_alive: old.is_alive }
+    });
+    (victim, evicted)
 }
 
 /// Whether a frame is the heartbeat of another vehicle, or of a part of one: not of a ground station or a companion computer.
