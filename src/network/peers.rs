@@ -108,8 +108,8 @@ impl PeerInfo {
     }
 
     /// Whether it is settled, so that `new` cannot take its place.
-    fn keeps_its_place(&self, new: &Self, timeout: Duration) -> bool {
-        let is_recent = new.heard - self.heard < timeout.max(SETTLED_AFTER);
+    fn keeps_its_place(&self, new: &Self) -> bool {
+        let is_recent = self.is_alive || new.heard - self.heard < SETTLED_AFTER;
         let is_settled = self.is_settled && self.trust > Trust::None;
         is_settled && (is_recent || (self.trust == Trust::Signed && new.trust < Trust::Signed))
     }
@@ -270,7 +270,7 @@ pub(crate) fn record(
         since: now,
     };
     let is_heartbeat = heartbeat.is_some() || is_satellite;
-    let (index, evicted) = find_or_insert(peers, new, residents, is_heartbeat);
+    let (index, evicted) = find_or_insert(peers, new, residents.owner, is_heartbeat);
     let Some(info) = peers.get_mut(index) else {
         return Recorded { entry: SenderEntry::NoRoom, is_proven: false };
     };
@@ -344,7 +344,7 @@ struct Evicted {
 fn find_or_insert(
     peers: &mut Peers,
     new: PeerInfo,
-    residents: Residents,
+    owner: Option<SystemId>,
     is_heartbeat: bool,
 ) -> (usize, Option<Evicted>) {
     let known = peers.iter().position(|info| info.peer == new.peer);
@@ -352,7 +352,6 @@ fn find_or_insert(
     if known.is_some() || peers.push(new).is_ok() {
         return (place, None);
     }
-    let Residents { owner, timeout } = residents;
     let mut held = [Saturating(0_u8); MAX_LINKS];
     for old in peers.iter() {
         if let Some(held) = held.get_mut(usize::from(old.peer.link.0)) {
@@ -365,8 +364,7 @@ fn find_or_insert(
     let rank = |old: &PeerInfo| {
         let is_other_link = old.peer.link != new.peer.link;
         let (is_verified, new_is_verified) = (old.trust > Trust::None, new.trust > Trust::None);
-        let is_resident =
-            old.keeps_its_place(&new, timeout) || (old.is_alive && Some(old.peer.address.system) == owner);
+        let is_resident = old.keeps_its_place(&new) || (old.is_alive && Some(old.peer.address.system) == owner);
         if is_resident || (is_verified && !new_is_verified) {
             return 0;
         }
