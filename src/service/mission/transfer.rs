@@ -79,7 +79,7 @@ impl Upload {
         }
     }
 
-    /// The upload of a file. No client of messages owns it, so all of them are refused (F-24). Its timers do not run:
+    /// The upload of a file. No client of messages owns it, so all of them are refused (F-24) until it is slow. Its timers do not run:
     /// the file's session ends it.
     pub(super) fn of_file(plan: PlanType, now: Instant) -> Self {
         let client = Peer { address: Self::FILE, link: LinkId(0) };
