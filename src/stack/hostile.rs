@@ -209,9 +209,9 @@ struct Shares {
     rest: usize,
 }
 
-/// Has streams fill the busy link, and requests the asking one, for so many seconds. `send` makes the vehicle receive a request, and
+/// Has streams fill the busy link, and requests another one of this rate, for so many seconds. `send` makes the vehicle receive a request, and
 /// returns its length; 0 ends the requests. Returns what the busy link sends.
-fn flood(field: &mut Field, seconds: usize, mut send: impl FnMut(&mut Field) -> usize) -> Shares {
+fn flood(field: &mut Field, rate: u32, seconds: usize, mut send: impl FnMut(&mut Field) -> usize) -> Shares {
     const PASSES: usize = 200;
     field.step = Duration::from_millis(5);
     for id in STREAMS {
@@ -222,7 +222,7 @@ fn flood(field: &mut Field, seconds: usize, mut send: impl FnMut(&mut Field) -> 
     field.sent.clear();
     let mut room = 0;
     for _ in 0..seconds * PASSES {
-        room += i64::from(FAST) * 5;
+        room += i64::from(rate) * 5;
         while room > 0 {
             let len = send(field);
             if len == 0 {

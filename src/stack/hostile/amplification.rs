@@ -50,7 +50,7 @@ fn single(request: Option<&Request>) -> [usize; 2] {
 /// Floods with a request at the rate of its link, and checks what a busy link sends.
 fn flooded(calm: &Shares, request: &Request) {
     let mut field = prepared();
-    let shares = flood(&mut field, 1, |field| field.request(ASKING, STATION, request));
+    let shares = flood(&mut field, FAST, 1, |field| field.request(ASKING, STATION, request));
     assert!(field.hooks <= 32, "{}: {} hooks in a poll", request.name, field.hooks);
     check(calm, &shares, 1, request.name);
 }
@@ -59,7 +59,7 @@ fn flooded(calm: &Shares, request: &Request) {
 /// requests of others have a tenth.
 #[test]
 fn amplification() {
-    let calm = flood(&mut prepared(), 1, |_| 0);
+    let calm = flood(&mut prepared(), FAST, 1, |_| 0);
     let base = single(None);
     let mut rows: BTreeMap<&str, Row> = BTreeMap::new();
     for request in requests() {

@@ -39,13 +39,13 @@ fn hostile(field: &mut Field, random: &mut Random, pool: &[Request], link: usize
 fn floods_leave_a_busy_link_to_its_own() {
     const SECONDS: usize = 2;
     let pool = requests();
-    let calm = flood(&mut prepared(), SECONDS, |_| 0);
+    let calm = flood(&mut prepared(), FAST, SECONDS, |_| 0);
     for seed in 0..12 {
         let mut random = Random(seed);
         let chosen: Vec<usize> = (0..4).map(|_| random.below(pool.len())).collect();
         let from = [STATION, STRANGER, Address::new(9, 1)];
         let mut field = prepared();
-        let shares = flood(&mut field, SECONDS, |field| {
+        let shares = flood(&mut field, FAST, SECONDS, |field| {
             let from = from[random.below(from.len())];
             if seed % 3 == 0 {
                 return hostile(field, &mut random, &pool, ASKING, from);
@@ -236,5 +236,24 @@ fn a_late_station_is_served() {
             let is_answered = field.bytes(IDLE, |sent| sent.id == *answer) > 0;
             assert!(is_answered, "seed {seed}: {} is not answered", request.name);
         }
+    }
+}
+
+/// on a link that its own peers flood at its rate, streams keep a fifth of what they have: lists and files may have the rest.
+/// What changes the streams themselves is left out.
+#[test]
+fn floods_of_a_link_leave_its_streams_a_part() {
+    let mut pool = requests();
+    pool.retain(|request| !["SET_MESSAGE_INTERVAL", "REQUEST_DATA_STREAM", "RADIO_STATUS"].contains(&request.name));
+    let calm = flood(&mut prepared(), SLOW, 1, |_| 0);
+    for seed in 0..12 {
+        let mut random = Random(seed);
+        let chosen: Vec<usize> = (0..3).map(|_| random.below(pool.len())).collect();
+        let mut field = prepared();
+        let shares = flood(&mut field, SLOW, 1, |field| {
+            field.request(BUSY, STRANGER, &pool[chosen[random.below(chosen.len())]])
+        });
+        let names: Vec<_> = chosen.iter().map(|number| pool[*number].name).collect();
+        assert!(5 * shares.streams >= calm.streams, "{names:?}: {shares:?}, calm {calm:?}");
     }
 }
