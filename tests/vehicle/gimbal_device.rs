@@ -498,6 +498,25 @@ fn status_of_a_remote_device_is_followed() {
     assert_eq!(world.vehicle.moved, 1);
 }
 
+/// X-1, GIM-9: the gimbal is on a private wire. A radio that sends HEARTBEATs and attitudes in its name moved it 10 times of 10, and now
+/// never does; the wire does 10 times of 10.
+#[test]
+fn attitude_of_a_gimbal_on_a_private_wire() {
+    let radio = LinkConfig::uart(57_600).with_streams(StreamProfile::Off);
+    let mut world = Near::of(setup(VEHICLE, [radio, radio.with_class(LinkClass::Private), radio]));
+    for (link, moved) in [(0, 0), (1, 10), (0, 10)] {
+        for _ in 0..10 {
+            send(&mut world, link, GIMBAL, &heartbeat_of_gimbal());
+            send(&mut world, link, GIMBAL, &status());
+            world.run_for(millis(100));
+        }
+        assert_eq!(world.vehicle.moved, moved, "link {link}");
+    }
+    // Setpoints go to the wire only.
+    let [[radio, ..], [wire, ..], [other, ..]] = second(&mut world);
+    assert!(radio == 0 && other == 0 && wire > 0, "{radio} {wire} {other}");
+}
+
 /// GIM-9, S-10, L-2: nothing is sent to a device that is heard by MAVLink 1 only, except the question, and nothing on a high-latency link.
 #[test]
 fn remote_device_needs_a_link_that_can() {

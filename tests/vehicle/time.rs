@@ -120,6 +120,31 @@ fn vehicle_can_request_the_time() {
     world.expect_no::<Timesync>(1, secs(2));
 }
 
+/// T-2: a stranger on the same radio answers first, 20 times of 20: none of the station's answers was taken, now all are. The stranger's
+/// are taken once the station has been silent for ten seconds.
+#[test]
+fn a_stranger_displaces_no_answers() {
+    let mut world = world::<1>(millis(0));
+    let mut ask = |from: &[Address]| {
+        world.stack.time.ask(LINK);
+        let question: Timesync = world.expect(0, millis(100));
+        for from in from {
+            let answer = Timesync { tc1: 7, ts1: question.ts1, target_system: 1, target_component: 1 };
+            world.gcs[0].send_from(*from, &answer);
+            world.run_for(millis(20));
+        }
+        world.run_for(millis(500));
+        world.stack.time.take_sample().map(|sample| sample.from.address)
+    };
+    assert_eq!(ask(&[STATION]), Some(STATION));
+    for round in 0..20 {
+        assert_eq!(ask(&[OTHER_STATION, STATION]), Some(STATION), "round {round}");
+    }
+    let answered: Vec<_> = (0..30).map(|_| ask(&[OTHER_STATION])).collect();
+    let first = answered.iter().position(Option::is_some).expect("it is taken at last");
+    assert!((15..25).contains(&first) && answered[first] == Some(OTHER_STATION), "{answered:?}");
+}
+
 /// T-3: a high-latency link carries no time messages.
 #[test]
 fn high_latency_link_carries_no_time() {
