@@ -55,6 +55,9 @@ pub(crate) struct Shares {
     owed: Saturating<u8>,
     /// Shared turns, as `Turn` packs them, that are marked: what is pending there may be due to a request on another link.
     caused: u32,
+    /// The marked turns that have sent a frame since each of them has: they come after the others, so that a flood in one turn does
+    /// not take the whole tenth.
+    served: u32,
     /// Shared turns that requests on this link have given something to send since the last poll.
     pub(crate) asked: u32,
 }
@@ -67,6 +70,7 @@ impl Shares {
         debt: Saturating(0),
         owed: Saturating(0),
         caused: 0,
+        served: 0,
         asked: 0,
     };
 
@@ -114,6 +118,15 @@ impl Shares {
     /// Records that shared turns have nothing to send.
     pub(crate) const fn unmark(&mut self, turns: u32) {
         self.caused &= !turns;
+        self.serve(0);
+    }
+
+    /// Records that a marked turn has sent. After the last of them, all begin again.
+    const fn serve(&mut self, turn: u32) {
+        self.served = (self.served | turn) & self.caused;
+        if self.served == self.caused {
+            self.served = 0;
+        }
     }
 
     /// Charges a sent frame to the tenth if its turn is marked, or else to the rest.
@@ -121,16 +134,19 @@ impl Shares {
         let len = u16::try_from(len).unwrap_or(LONG_FRAME).min(LONG_FRAME);
         if self.caused & turn == 0 {
             self.debt -= len;
-        } else if self.owed.0 > 0 {
+            return;
+        }
+        if self.owed.0 > 0 {
             self.owed -= 1;
         } else if self.debt.0 == 0 {
             self.debt = Saturating(len.wrapping_mul(REST));
         }
+        self.serve(turn);
     }
 
     /// Returns the shared turns that are sent only while the link is idle.
     pub(crate) const fn deferred(&self) -> u32 {
-        if self.debt.0 == 0 || self.owed.0 > 0 { 0 } else { self.caused }
+        if self.debt.0 == 0 || self.owed.0 > 0 { self.served } else { self.caused }
     }
 
     /// Whether streams and forwarded frames are sent before answers.

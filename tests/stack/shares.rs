@@ -266,3 +266,45 @@ fn last_value() {
     assert!(last(OTHER).is_some());
     assert_eq!(last(RADIO), last(OTHER));
 }
+
+/// what is due to other links shares its tenth by turns. The other link floods with settings of all parameters, and has all turns
+/// marked twice a second. The radio's station asks for the camera once a second, the vehicle reaches an item and says something. Before,
+/// the values took all of the tenth: 0 of 20 each.
+#[test]
+fn turns_share_the_tenth() {
+    let mut world = site();
+    let sets: Vec<_> = (0..Tuning::INFO.len() as u16).map(|index| unchanged_set(&mut world, index)).collect();
+    for id in [Attitude::ID, GlobalPositionInt::ID] {
+        let interval = [id as f32, 5_000.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        world.gcs[RADIO].command_long(MavCmd::SET_MESSAGE_INTERVAL, interval);
+        world.run_for(millis(500));
+    }
+    world.gcs[RADIO].forget();
+    for ms in 0..20_000 {
+        if ms % 50 == 0 {
+            world.gcs[OTHER].send(&sets[ms / 50 % sets.len()]);
+        }
+        if ms % 500 == 250 {
+            let other = &mut world.gcs[OTHER];
+            other.command_long(MavCmd::REQUEST_CAMERA_INFORMATION, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            other.send(&MissionRequestList { target_system: 1, target_component: 1, ..Default::default() });
+            other.send(&LogErase { target_system: 1, target_component: 1 });
+        }
+        if ms % 1_000 == 500 {
+            let camera = [CameraInformation::ID as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+            world.gcs[RADIO].command_long(MavCmd::REQUEST_MESSAGE, camera);
+        }
+        if ms % 1_000 == 700 {
+            let now = world.now();
+            world.stack.mission_item_reached(now, (ms / 1_000) as u16);
+            world.stack.text(now, MavSeverity::ERROR, &*format!("Own {ms}"));
+        }
+        world.step();
+    }
+    let radio = &world.gcs[RADIO];
+    let is_own = |text: &(_, Statustext)| text.1.text.as_str().is_some_and(|text| text.starts_with("Own"));
+    let own = radio.all::<Statustext>().iter().filter(|text| is_own(text)).count();
+    let (camera, reached) = (radio.count_of::<CameraInformation>(), radio.count_of::<MissionItemReached>());
+    println!("camera {camera}, reached {reached}, texts {own} of 20; {} values", radio.count_of::<ParamValue>());
+    assert!([camera, reached, own].iter().all(|count| *count >= 15), "camera {camera}, reached {reached}, texts {own}");
+}
