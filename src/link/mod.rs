@@ -276,7 +276,8 @@ impl Port {
     pub(crate) fn has_stalled(&mut self, now: Instant) -> bool {
         /// Ten seconds.
         const STALL: Wrapping<u8> = Wrapping(39);
-        let [sent, ..] = self.counters.tx_bytes.to_le_bytes();
+        let [low, high, ..] = self.counters.tx_bytes.to_le_bytes();
+        let sent = u16::from_le_bytes([low, high]);
         let [_, at, ..] = now.coarse().to_le_bytes();
         let at = Wrapping(at);
         let has_failed = self.retry_at > now;

@@ -258,12 +258,12 @@ pub enum StreamProfile {
     Off,
 }
 
-/// When polls have last seen that a link takes bytes, or has none to send. In a byte each: both are compared with values of the
-/// last ten seconds, in each poll.
+/// When polls have last seen that a link takes bytes, or has none to send. In few bytes: both are compared with values of the last
+/// ten seconds, in each poll.
 #[derive(Clone, Debug)]
 pub(crate) struct Progress {
-    /// The counter of the sent bytes.
-    pub(crate) sent: u8,
+    /// The counter of the sent bytes. Not its low byte alone: a transport with a ring of 256 bytes may take as many in each poll.
+    pub(crate) sent: u16,
     /// The time, in units of 262.144 ms.
     pub(crate) at: Wrapping<u8>,
     /// It has taken no byte for ten seconds.
