@@ -176,3 +176,20 @@ fn a_silent_client_does_not_wait() {
     assert_eq!(received(&field, 1), 90);
     assert_eq!(field.stack.logs().counters().timed_out, 1);
 }
+
+/// a transport with a ring of 256 bytes, which is full after each pass, takes bytes. A download over it ended after 10 s.
+#[test]
+fn a_full_ring_is_not_stalled() {
+    for ring in [256, 512] {
+        let link = LinkConfig::uart(921_600).with_streams(StreamProfile::Off);
+        let down = Wire { bytes_per_second: 1_000_000, tx_fifo: ring, ..Wire::default() };
+        let lines = [LineConfig { down, ..LineConfig::default() }; 2];
+        let mut field = with_logs(Setup { links: [link; 2], lines, step: millis(10), ..Setup::new() }, &[4_000_000]);
+        send(&mut field, 0, STATION, &data(0, 0, u32::MAX));
+        for second in 0..20 {
+            field.gcs[0].forget();
+            live(&mut field, 1, 1);
+            assert!(received(&field, 0) > 9_000, "ring of {ring}, {second} s");
+        }
+    }
+}
