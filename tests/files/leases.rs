@@ -218,3 +218,29 @@ fn operator_in_control_gets_a_session_at_once() {
     let refused = field.ask(STATION, Op::OPENFILERO, b"log.bin");
     assert_eq!(refused, Some(Err(MavFtpErr::NOSESSIONSAVAILABLE)), "it does not take it back");
 }
+
+/// five clients on a link of 1,200 baud, each of which lists the directory once a second, kept all sessions with answers that waited
+/// for it: 1 of 60 requests on the other link was answered.
+#[test]
+fn slow_link_keeps_no_sessions() {
+    let bauds = [1_200, 57_600];
+    let links = bauds.map(|baud| LinkConfig::uart(baud).with_streams(StreamProfile::Off));
+    let lines = bauds.map(|baud| {
+        let down = Wire { bytes_per_second: u64::from(baud / 10), tx_fifo: 128, ..Wire::default() };
+        LineConfig { down, ..LineConfig::default() }
+    });
+    let mut world = Shelf::of(Setup { links, lines, step: millis(5), ..Setup::new() });
+    world.vehicle.files.content.insert("log.bin".to_string(), pattern(1_000));
+    world.run_for(millis(10));
+    let mut crowd = [200, 201, 202, 203, 204].map(|system| Client::new(Address::new(system, 1), 0, 0));
+    let mut waiting = WAITING;
+    for _ in 0..60 {
+        for client in &mut crowd {
+            client.seq += 1;
+            client.send(&mut world, &request(client.seq, 0, Op::LISTDIRECTORY, 1, 0, b"/"));
+        }
+        world.run_for(millis(900));
+        assert_eq!(waiting.open(&mut world, "log.bin"), Ok(1_000));
+        waiting.end(&mut world).unwrap();
+    }
+}

@@ -316,8 +316,8 @@ impl<V> Session<V> {
 }
 
 /// Returns the session of a request, and its index. If there is none, begins one in place of an unused session, or else of the one
-/// that was idle for the longest and has neither an open file nor, unless the client is in control, a pending answer. `None` if
-/// there is none.
+/// that was idle for the longest and has neither an open file nor, unless the client is in control, a pending answer. If all have
+/// one, takes one of another link that has more sessions, so that a slow link does not keep them. `None` if there is none.
 pub(super) fn find_or_begin<'a, V>(
     sessions: &'a mut [Session<V>],
     request: &Request<'_>,
@@ -329,12 +329,14 @@ pub(super) fn find_or_begin<'a, V>(
     if let Some(index) = sessions.iter().position(is_its) {
         return Some((index, sessions.get_mut(index)?));
     }
-    let mut longest: Option<(usize, Ticks)> = None;
-    for (index, session) in sessions.iter().enumerate() {
-        let is_candidate = !session.is_open() && (is_in_control || session.answers.iter().all(Answer::is_free));
-        let idle = session.idle_for(now);
-        if is_candidate && longest.is_none_or(|(_, longest)| idle > longest) {
-            longest = Some((index, idle));
+    let count_on = |link: LinkId| sessions.iter().filter(|session| session.is_on(link)).count();
+    let mut longest: Option<(usize, (bool, Ticks))> = None;
+    for (index, session) in sessions.iter().enumerate().filter(|(_, session)| !session.is_open()) {
+        let is_calm = is_in_control || session.answers.iter().all(Answer::is_free);
+        let has_more = |held: SessionId| count_on(held.client.link) > count_on(id.client.link).saturating_add(1);
+        let rank = (is_calm, session.idle_for(now));
+        if (is_calm || session.id.is_some_and(has_more)) && longest.is_none_or(|(_, longest)| rank > longest) {
+            longest = Some((index, rank));
         }
     }
     let (index, _) = longest?;
