@@ -2,7 +2,7 @@
 
 use super::*;
 use mavstack::__private::Declares;
-use mavstack::dialect::{MavParamError, MavResult, MavSeverity, ParamRequestList, ParamValue, Statustext};
+use mavstack::dialect::{MavCmd, MavParamError, MavResult, MavSeverity, ParamRequestList, ParamValue, Statustext};
 use mavstack::param::{ParamInfo, RuntimeTable};
 use mavstack::{
     Command, Commands, Context, Duration, Files, Instant, Outcome, ParamChange, Parameters, Vehicle, VehicleState,
@@ -553,7 +553,7 @@ impl Files for Noting {}
 const HUGE: usize = 2_300;
 
 #[derive(mavstack::Stack)]
-#[stack(vehicle: Noting, links: 1, parameters: RuntimeTable<HUGE>, files: { sessions: 1, upload: 16_500 })]
+#[stack(vehicle: Noting, links: 1, parameters: RuntimeTable<HUGE>, operator_control, files: { sessions: 1, upload: 16_500 })]
 struct Huge;
 
 /// Sends a file with new values for all parameters, up to the last packet, and then that one and the end of the session at once. Returns
@@ -633,5 +633,24 @@ fn permission_ends_when_the_vehicle_arms() {
         (MavFtpOpcode::TERMINATESESSION, Some(MavFtpErr::FAIL))
     );
     assert_eq!(world.vehicle.changed, []);
+    assert_eq!(world.stack.files().counters().refused_uploads, 1);
+}
+
+/// another system takes control while the vehicle is asked for the values of a file: none of them is set. Before, all 2,300 were.
+#[test]
+fn upload_ends_when_another_system_takes_control() {
+    let mut world = uploaded();
+    while world.vehicle.asked.len() < HUGE / 2 {
+        world.run_for(millis(1));
+    }
+    let request = world.gcs[0].long(MavCmd(32_100), [1.0, 1.0, 10.0, 254.0, 0.0, 0.0, 0.0]);
+    world.gcs[0].takes_unknown = true;
+    world.gcs[0].send_from(OTHER_STATION, &Gcs::heartbeat());
+    world.gcs[0].send_from(OTHER_STATION, &request);
+    world.run_for(millis(500));
+    let now = world.now();
+    assert_eq!(world.stack.operator(now), Some(OTHER_STATION.system));
+    world.run_for(secs(2));
+    assert_eq!(world.vehicle.changed.len(), 0);
     assert_eq!(world.stack.files().counters().refused_uploads, 1);
 }

@@ -147,6 +147,10 @@ impl ParamUpload {
     where
         F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
     {
+        if self.phase == UploadPhase::Check && !cx.shared.may_change::<F>(from.address.system) {
+            // Another system has taken control.
+            return Poll::Ready(Err(MavFtpErr::FAIL));
+        }
         let is_armed = cx.shared.observed.state.is_armed();
         if self.phase == UploadPhase::Check && self.is_armed != is_armed {
             // What the vehicle has permitted before it armed, it may not permit now.
