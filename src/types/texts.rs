@@ -68,10 +68,11 @@ impl TextEntry {
     };
 
     /// Returns a number that is the highest for the entry that a new text evicts: a sent one, otherwise one that is given up, of
-    /// those the least severe, and of those the oldest. A larger severity is less severe. An answer to a frame never counts a
-    /// critical text as given up.
+    /// those the least severe, and of those the oldest. A larger severity is less severe. For an answer to a frame, a critical text is
+    /// given up later, but not never: a link that takes no bytes would keep its place.
     fn eviction_rank(&self, now: Instant, newest: TextNumber, is_answering: bool) -> u32 {
-        let is_given_up = now - self.at >= GIVE_UP_AFTER && !(is_answering && self.severity.is_critical());
+        let patience = if is_answering && self.severity.is_critical() { 6 } else { 1 };
+        let is_given_up = now - self.at >= GIVE_UP_AFTER * patience;
         let (state, severity) = if self.pending.is_empty() {
             (SENT, 0)
         } else if is_given_up {
@@ -174,7 +175,7 @@ impl StatusTexts {
         if state != SENT {
             self.dropped += 1;
             let is_kept = is_answering && MavSeverity(evicted_severity).is_critical();
-            if is_kept || (state == PENDING && evicted_severity < severity.0) {
+            if state == PENDING && (is_kept || evicted_severity < severity.0) {
                 // All pending texts are more severe than the new one, or critical ones that no answer evicts.
                 return;
             }

@@ -2,7 +2,7 @@
 
 use crate::support::*;
 use mavstack::config::{LinkClass, TxVersion};
-use mavstack::dialect::{Heartbeat, MavSeverity, Statustext};
+use mavstack::dialect::{Heartbeat, MavCmd, MavSeverity, Statustext};
 use mavstack::limits::MAX_TEXT_LEN;
 use mavstack::{LinkConfig, LinkId, Text};
 use proptest::prelude::*;
@@ -243,6 +243,23 @@ fn dead_link_delays_no_text() {
         world.run_for(millis(100));
     }
     assert_eq!(texts(&world, 0).len(), 24);
+}
+
+/// critical texts that wait for a dead link leave no text that answers a command without a place for ever: after a minute they make
+/// room. Before, the operator never learned again why something was refused.
+#[test]
+fn dead_link_hides_no_answer_for_ever() {
+    let mut world = World::new(Setup::<2>::new());
+    world.uarts[1].stall_writes_until(mavstack::Instant::NEVER);
+    for i in 0..8 {
+        world.stack.text(world.now(), MavSeverity::CRITICAL, &format!("critical {i}"));
+        world.run_for(millis(100));
+    }
+    world.run_for(secs(61));
+    world.vehicle.is_talkative = true;
+    world.gcs[0].command_long(MavCmd::DO_REPEAT_SERVO, [1.0; 7]);
+    world.run_for(millis(500));
+    assert_eq!(texts(&world, 0).last().map(String::as_str), Some("in control?"));
 }
 
 /// L-4, T-5: a text is sent on all links except high-latency ones.
