@@ -184,7 +184,8 @@ impl<D: Declares> Services<D> {
     fn record_sender(&self, cx: &mut Cx<'_, D>, port: &mut Port, frame: &Frame<'_>) -> (SenderEntry, Standing) {
         port.note_version(frame.header().version);
         let trust = self.signing.trust(port, frame);
-        if trust > Trust::None && !network::is_of_vehicle(frame) {
+        // The heartbeat of a vehicle makes no station, but it keeps one.
+        if trust > Trust::None && (port.accepted != Accepted::Nothing || !network::is_of_vehicle(frame)) {
             port.accepted = Accepted::Again;
         }
         let is_ours = frame.source().system == cx.address().system;

@@ -655,6 +655,22 @@ fn second_frame_unlimits_a_station() {
     }
 }
 
+/// an antenna tracker that has asked for telemetry sends HEARTBEATs only, of its own type: they keep its link. Before, it lost it after
+/// 5 s.
+#[test]
+fn heartbeats_of_any_type_keep_a_station() {
+    let link = LinkConfig::uart(1_000_000).with_streams(StreamProfile::Onboard);
+    let mut lab = Lab::<Tested>::of(|_| (), link);
+    for second in 0..30 {
+        lab.send(A, &Heartbeat { r#type: MavType::ANTENNA_TRACKER, ..Heartbeat::default() });
+        if second < 2 {
+            lab.send(A, &RequestDataStream { req_message_rate: 4, start_stop: 1, target_system: 1, ..Default::default() });
+        }
+        lab.run_for(secs(1));
+    }
+    assert_eq!(lab.stations(), [(LinkId(1), A)]);
+}
+
 /// in a fault there are no HEARTBEATs, and a limited station gets no more than its bytes all the same. The loop sleeps.
 #[test]
 fn limit_holds_in_a_fault() {
