@@ -27,8 +27,8 @@ const WITHOUT_FILE: usize = 2;
 /// Returns the number of sessions of a server with so many open files.
 pub const fn sessions(open_files: usize) -> usize {
     assert!(
-        open_files > 0 && open_files < 100,
-        "a client needs a session: `files: {{ sessions: 2 }}`, or leave `files` out"
+        open_files > 0 && open_files <= 16,
+        "a client needs a session, and one request may close 16 (X-6): `files: {{ sessions: 2 }}`, or leave `files` out"
     );
     open_files.saturating_add(WITHOUT_FILE)
 }
