@@ -559,16 +559,23 @@ struct Huge;
 /// Sends a file with new values for all parameters, up to the last packet, and then that one and the end of the session at once. Returns
 /// the world before it handles these two.
 fn uploaded() -> World<1, Huge> {
+    uploaded_of(HUGE, |_| {})
+}
+
+/// The same with so many parameters, which the caller may change before.
+fn uploaded_of(count: usize, prepare: impl FnOnce(&mut [ParamInfo])) -> World<1, Huge> {
     let links = [LinkConfig::uart(921_600).with_streams(StreamProfile::Off)];
     let mut world = World::<1, Huge>::of(Setup { links, ..Setup::new() });
-    let names: Vec<_> = (0..HUGE).map(|number| format!("P{number:04}")).collect();
-    for name in &names {
-        world.stack.parameters_mut().add(ParamInfo::new(name, 1.0, 0.0..=9.0).expect("a parameter")).expect("room");
-    }
-    world.run_for(millis(100));
-    let entries: Vec<_> = names.iter().map(|name| (&**name, 4, 2.5)).collect();
+    let names: Vec<_> = (0..count).map(|number| format!("P{number:04}")).collect();
+    let mut infos: Vec<_> =
+        names.iter().map(|name| ParamInfo::new(name, 1.0, 0.0..=9.0).expect("a parameter")).collect();
+    prepare(&mut infos);
+    let value = |info: &ParamInfo| if info.is_read_only() { 1.0 } else { 2.5 };
+    let entries: Vec<_> = names.iter().zip(&infos).map(|(name, info)| (&**name, 4, value(info))).collect();
     let file = encode(&entries);
-    assert!((16_000..16_500).contains(&file.len()), "{}", file.len());
+    assert!(count < HUGE || (16_000..16_500).contains(&file.len()), "{}", file.len());
+    infos.into_iter().for_each(|info| world.stack.parameters_mut().add(info).map(drop).expect("room"));
+    world.run_for(millis(100));
     let packets = file.chunks(239).count();
     let ask = |world: &mut World<1, Huge>, seq, opcode, offset, data: &[u8]| {
         world.gcs[0].send(&request(seq, 0, opcode, data.len() as u8, offset, data));
@@ -653,4 +660,20 @@ fn upload_ends_when_another_system_takes_control() {
     world.run_for(secs(2));
     assert_eq!(world.vehicle.changed.len(), 0);
     assert_eq!(world.stack.files().counters().refused_uploads, 1);
+}
+
+/// X-6, P-22: a read-only value that the vehicle changes after it was checked keeps no other from being set. Before, the file ended there,
+/// with half of its values set.
+#[test]
+fn all_values_are_set_if_a_read_only_one_changes() {
+    const COUNT: usize = 80;
+    let mut world = uploaded_of(COUNT, |infos| infos[COUNT / 2] = infos[COUNT / 2].clone().read_only());
+    while world.vehicle.changed.is_empty() {
+        world.run_for(millis(1));
+    }
+    assert!(world.vehicle.changed.len() < COUNT / 2);
+    assert!(world.stack.parameters_mut().set_bits(COUNT as u16 / 2, 7.0f32.to_bits()));
+    let answer: FileTransferProtocol = world.expect(0, millis(500));
+    assert_eq!((Packet::of(&answer).error(), world.vehicle.changed.len()), (None, COUNT - 1));
+    assert_eq!(world.stack.parameters().bits(COUNT as u16 / 2), Some(7.0f32.to_bits()));
 }

@@ -190,7 +190,7 @@ impl ParamUpload {
         F: Firmware<Parameters: ParamTable, Vehicle: Vehicle + Parameters<Table = F::Parameters>>,
     {
         let mut table = cx.parameters.table_mut();
-        let Value { index, bits, is_new } = check(&table, record)?;
+        let Value { index, bits, is_new } = check(&table, record, self.phase)?;
         if !is_new {
             return Ok(index);
         }
@@ -215,13 +215,16 @@ struct Value {
     is_new: bool,
 }
 
-/// Checks a parameter of an uploaded file.
-fn check(table: &TableMut<'_>, record: &Uploaded) -> Result<Value, MavParamError> {
+/// Checks a parameter of an uploaded file. A read-only value that the vehicle has changed since it was checked stays: the file must not
+/// end there, with a part of its values set.
+fn check(table: &TableMut<'_>, record: &Uploaded, phase: UploadPhase) -> Result<Value, MavParamError> {
     let found = table.rows.find(&record.name).and_then(|index| Some((index, table.get(index)?)));
     let Some((index, (info, old))) = found else { return Err(MavParamError::DOES_NOT_EXIST) };
     match record.value_of(info.param_type()).filter(|bits| info.is_valid(*bits)) {
         None => Err(MavParamError::VALUE_OUT_OF_RANGE),
-        Some(bits) if bits != old && info.is_read_only() => Err(MavParamError::READ_ONLY),
-        Some(bits) => Ok(Value { index, bits, is_new: bits != old }),
+        Some(bits) if bits != old && info.is_read_only() && phase == UploadPhase::Check => {
+            Err(MavParamError::READ_ONLY)
+        }
+        Some(bits) => Ok(Value { index, bits, is_new: bits != old && !info.is_read_only() }),
     }
 }
