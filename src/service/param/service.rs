@@ -185,7 +185,9 @@ where
             }
             StorageAction::Write => self.write_now(cx.now, cx.parameters),
             StorageAction::Reset { all } => {
-                // The answer waits for the end. Another reset meanwhile starts again from the first one, and both are answered then.
+                // The answer waits for the end. Another reset meanwhile starts again from the first one, and both are answered then,
+                // so it must not leave out what the one before includes.
+                let all = all || (self.reset.left > 0 && self.reset.all);
                 self.reset = Reset { left: count, all, from: request.command.from };
                 cx.shared.pending_resets = u8::from(count > 0);
             }

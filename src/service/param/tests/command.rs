@@ -61,6 +61,22 @@ fn all_are_reset() {
     }
 }
 
+/// P-17, X-6: a reset of all parameters stays one when a reset of fewer is requested meanwhile: both are answered ACCEPTED.
+#[test]
+fn a_reset_of_all_stays_one() {
+    let mut bench = Bench::new();
+    bench.table.set(Table::LOCKED, 5);
+    bench.poll();
+    assert_eq!(bench.command([4.0, -1.0, 0.0, 0.0]), ACCEPTED);
+    assert_eq!(bench.command([2.0, -1.0, 0.0, 0.0]), ACCEPTED);
+    bench.poll();
+    assert_eq!(bench.table.get(Table::LOCKED), 4_000_000_000);
+    bench.table.set(Table::LOCKED, 5);
+    assert_eq!(bench.command([2.0, -1.0, 0.0, 0.0]), ACCEPTED);
+    bench.poll();
+    assert_eq!(bench.table.get(Table::LOCKED), 5, "the next one is of fewer again");
+}
+
 /// C-4, P-17: an unknown or unsupported action is DENIED, and nothing is done.
 #[test]
 fn unknown_actions_are_denied() {
