@@ -214,7 +214,7 @@ impl Answer {
 /// The server of extended parameters: `ext_parameters: ExtParamServer` in the struct of a [stack](macro@crate::Stack).
 ///
 /// Each PARAM_EXT_SET is answered by a PARAM_EXT_ACK on every normal link that carries MAVLink 2, so that all ground stations learn of
-/// it. It has the resulting value. At most three answers can be pending: a link that takes none loses those to the requests of
+/// it; that of a station which is not in control only on its link. It has the resulting value. At most three answers can be pending: a link that takes none loses those to the requests of
 /// others, and a link on which three are pending has further requests dropped and counted, without effect.
 #[derive(Debug)]
 pub struct ExtParamServer {
@@ -330,12 +330,22 @@ fn set<F: Firmware<Vehicle: ExtParameters>>(
     let name = name_of(payload.get(2..18).unwrap_or_default());
     let kind = MavParamExtType(received.frame.byte(146));
     let index = find(cx.vehicle, &name).unwrap_or(UNKNOWN);
-    let Some(slot) = server.slot_for(LinkMask::of(port.id), index) else { return Handled::NoRoom };
+    let link = LinkMask::of(port.id);
+    let Some(slot) = server.slot_for(link, index) else { return Handled::NoRoom };
+    if !received.may_change {
+        // Only those who may command change a setting. The answer names no client, so it takes the place of no other one, and
+        // reaches no other link.
+        let is_repeated = slot.index == index && slot.result == ParamAck::FAILED;
+        if !(slot.links.is_empty() || is_repeated) {
+            return Handled::NoRoom;
+        }
+        let links = if is_repeated { slot.links.with(link) } else { link };
+        *slot = Answer { links, index, name, kind, result: ParamAck::FAILED };
+        return Handled::Yes;
+    }
     let is_of_type = cx.vehicle.ext_param(index).is_some_and(|(_, now)| now.kind() == kind);
     let value = payload.get(18..146).filter(|_| is_of_type).and_then(|bytes| ExtValue::read(kind, bytes));
     let result = match value {
-        // Only those who may command change a setting.
-        _ if !received.may_change => ParamAck::FAILED,
         Some(value) => {
             let (vehicle, mut context) = cx.hook();
             vehicle.set_ext_param(&mut context, index, value, received.from())

@@ -249,3 +249,40 @@ fn long_upload_over_a_slow_link() {
     assert_eq!(taken.len(), 500);
     assert!(asked > 200, "{asked} of the other in {} s", at.as_millis() / 1_000);
 }
+
+/// a PARAM_EXT_ACK names no client. The refusal of a station that is not in control takes neither the place of the answer to the one
+/// in control, on whichever link, nor reaches another link. Before, the one in control was told that its change had failed.
+#[test]
+fn refusals_of_others_hide_no_answer() {
+    let link = LinkConfig::uart(921_600).with_streams(StreamProfile::Off);
+    let (target_system, target_component) = (1, 1);
+    let mut value = [0; 128];
+    value[0] = 1;
+    let (param_id, param_value) = (Text::new("CAM_ISO"), Text::from_wire(value));
+    let set =
+        ParamExtSet { target_system, target_component, param_id, param_value, param_type: MavParamExtType::UINT8 };
+    for other_link in [0, 1] {
+        let mut world = Loaded::of(Setup { links: [link; 2], ..Setup::new() });
+        world.gcs[0].heartbeat_period = Some(secs(1));
+        world.run_for(millis(1_500));
+        world.gcs[0].takes_unknown = true;
+        world.gcs[0].command_long(REQUEST_OPERATOR_CONTROL, [1.0, 0.0, 10.0, 255.0, 0.0, 0.0, 0.0]);
+        world.run_for(millis(100));
+        assert_eq!(world.stack.operator(world.now()), Some(STATION.system));
+        for (link, from) in [(0, STATION), (other_link, OTHER_STATION)] {
+            let frame = world.gcs[link].frame_from(from, &set);
+            world.stack.receive(world.clock.now(), LinkId(link as u8), &frame, &mut world.vehicle);
+        }
+        world.run_for(millis(100));
+        let results = |world: &Loaded, link: usize| -> Vec<_> {
+            world.gcs[link].all::<ParamExtAck>().into_iter().map(|(_, ack)| ack.param_result).collect()
+        };
+        assert_eq!([0, 1].map(|link| results(&world, link)), [[ParamAck::ACCEPTED]; 2], "link {other_link}");
+        // Alone, it is refused on its own link.
+        world.gcs.iter_mut().for_each(Gcs::forget);
+        world.gcs[other_link].send_from(OTHER_STATION, &set);
+        world.run_for(millis(100));
+        let is_told = [0, 1].map(|link| results(&world, link) == [ParamAck::FAILED]);
+        assert_eq!(is_told, [other_link == 0, other_link == 1]);
+    }
+}
