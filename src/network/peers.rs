@@ -38,10 +38,11 @@ use crate::types::{LinkClass, LinkId, MAX_LINKS, Peer, PeerEvent, Trust};
 /// | a verified peer that is not alive | a frame of a verified sender |
 /// | an unverified peer that is alive | a frame of a verified sender |
 /// | a living newcomer that is not a ground station | a ground station's heartbeat, or any heartbeat on another link |
-/// | a living newcomer | a heartbeat on another link, or any heartbeat after the newcomer's first 5 s |
+/// | a living newcomer | a heartbeat on another link, or any heartbeat after the newcomer's first 5 s, or a signed one if it does not sign |
 ///
 /// - The stations of the system in control are not evicted while they are alive, settled peers not before they have been silent
-///   for 30 s, and settled peers that sign only by one that signs.
+///   for 30 s, and settled peers that sign only by one that signs. One that signs is no newcomer for those that do not, even if there
+///   was no place left to settle.
 /// - A peer is verified once one of its signatures was valid, or once it was heard on an open link. Frames that other
 ///   links accept unsigned, such as RADIO_STATUS, verify no sender.
 /// - Links share the table. A sender evicts a peer of another link only if that link has at least two entries more than
@@ -110,8 +111,12 @@ impl PeerInfo {
     /// Whether it is settled, so that `new` cannot take its place.
     fn keeps_its_place(&self, new: &Self) -> bool {
         let is_recent = self.is_alive || new.heard - self.heard < SETTLED_AFTER;
-        let is_settled = self.is_settled && self.trust > Trust::None;
-        is_settled && (is_recent || (self.trust == Trust::Signed && new.trust < Trust::Signed))
+        let signs_alone = self.trust == Trust::Signed && new.trust < Trust::Signed;
+        match self.is_settled {
+            true => self.trust > Trust::None && (is_recent || signs_alone),
+            // It had no place to settle, because others have settled without a signature.
+            false => is_recent && signs_alone,
+        }
     }
 
     /// Whether its last heartbeat is `timeout` ago or longer.
@@ -377,7 +382,10 @@ fn find_or_insert(
             false => 5,
             true if !is_heartbeat => 0,
             true if old.r#type != MavType::GCS && (new.r#type == MavType::GCS || is_other_link) => 2,
-            true => u8::from(is_other_link || new.heard - old.since >= NEWCOMER_STAYS),
+            true => {
+                let has_stayed = new.heard - old.since >= NEWCOMER_STAYS;
+                u8::from(is_other_link || has_stayed || new.trust > old.trust)
+            }
         }
     };
     let (mut victim, mut highest) = (place, (1, Duration::ZERO));

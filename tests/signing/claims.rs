@@ -128,3 +128,33 @@ fn an_unsigned_answer_on_another_link_authorises_nothing() {
         assert_eq!((field.vehicle.armed, field.vehicle.unanswered), expected);
     }
 }
+
+/// on an open link, invented stations have settled in all places but those of newcomers, and go on inventing. A pilot who signs keeps
+/// an entry among them. Before, the next newcomer took it after 5 s, again and again.
+#[test]
+fn a_signer_keeps_an_entry_among_those_who_do_not_sign() {
+    let mut rig: Rig<1> = Rig::new([LinkConfig::uart(115_200).with_signing(LinkSigning::OPEN)]);
+    rig.set_key(KEY);
+    let (mut pilot, mut missed) = (Signer::new(KEY), 0);
+    let mut others: Vec<_> = (60..80).map(|system| Signer::new(KEY).of(Address::new(system, 190))).collect();
+    for second in 0..100 {
+        for (number, other) in others.iter_mut().enumerate() {
+            // Six of eight places are for those who stay.
+            if number < 6 || second >= 40 {
+                let frame = other.unsigned(Version::V2, &Gcs::heartbeat());
+                rig.receive(0, &frame);
+            }
+        }
+        rig.run_for(millis(500));
+        if second >= 40 {
+            let frame = pilot.frame(&Gcs::heartbeat());
+            rig.receive(0, &frame);
+        }
+        let is_there = rig.stack.peers(rig.now).any(|info| info.peer.address == STATION);
+        missed += u32::from(second >= 55 && !is_there);
+        rig.run_for(millis(500));
+        let is_there = rig.stack.peers(rig.now).any(|info| info.peer.address == STATION);
+        missed += u32::from(second >= 55 && !is_there);
+    }
+    assert_eq!(missed, 0);
+}
