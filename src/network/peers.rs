@@ -305,7 +305,8 @@ pub(crate) fn record(
 
 /// Whether a quarter of the places, at least one, is left for newcomers if another peer settles.
 fn has_place_to_settle(peers: &Peers) -> bool {
-    let settled = peers.iter().filter(|info| info.is_settled).count();
+    // `count` could overflow, as far as the compiler knows.
+    let settled = peers.iter().filter(|info| info.is_settled).fold(0_usize, |settled, _| settled.saturating_add(1));
     let kept_free = (peers.capacity() / 4).max(1);
     settled.saturating_add(kept_free) < peers.capacity()
 }
@@ -389,7 +390,8 @@ fn find_or_insert(
         }
     };
     let (mut victim, mut highest) = (place, (1, Duration::ZERO));
-    for (index, old) in peers.iter().enumerate() {
+    for index in 0..peers.len() {
+        let Some(old) = peers.get(index) else { break };
         let rank = (rank(old), new.heard - old.heard);
         if rank >= highest {
             (victim, highest) = (index, rank);

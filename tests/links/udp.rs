@@ -664,7 +664,10 @@ fn heartbeats_of_any_type_keep_a_station() {
     for second in 0..30 {
         lab.send(A, &Heartbeat { r#type: MavType::ANTENNA_TRACKER, ..Heartbeat::default() });
         if second < 2 {
-            lab.send(A, &RequestDataStream { req_message_rate: 4, start_stop: 1, target_system: 1, ..Default::default() });
+            lab.send(
+                A,
+                &RequestDataStream { req_message_rate: 4, start_stop: 1, target_system: 1, ..Default::default() },
+            );
         }
         lab.run_for(secs(1));
     }

@@ -27,7 +27,7 @@ use crate::types::{Config, CreditConfig, Firmware, LinkMask, Payer, Vehicle};
 /// The minimum period.
 const MIN_PERIOD: Duration = Duration::from_secs(1);
 
-/// The minimum time between a message that START forces and the one before it (L-17).
+/// The minimum time between two messages that START forces (L-17).
 const FORCED_PERIOD: Duration = Duration::from_secs(10);
 
 /// The length of HIGH_LATENCY2 in MAVLink 2, without a signature.
@@ -200,7 +200,7 @@ enum Ground {
 /// latest one counts. Both kinds of links run at the same time, so that a ground station can hand over from one to the
 /// other (L-15).
 ///
-/// START sends a message at once, even while the service is on, but not within ten seconds after the last one. It takes
+/// START sends a message at once, even while the service is on, but not within ten seconds after the last one that a START has forced: then later. It takes
 /// [credits](crate::Stack::set_credits) for it, as for two of a message's 50 bytes, on each high-latency link. Without credits
 /// it turns the service on, and messages are sent on schedule (L-17). Sent to all systems it is DENIED. Each later message is sent one period after the
 /// previous one was. A busy modem gets it as soon as it is ready, with the state of that moment, and the next one a
@@ -269,6 +269,8 @@ pub struct HighLatency {
     closed: Window,
     /// The links that have sent the closed window.
     reported: LinkMask,
+    /// Ten seconds after the last message that START forces, or will force.
+    forced_until: Instant,
     counters: HighLatencyCounters,
 }
 
@@ -346,18 +348,20 @@ impl HighLatency {
         event!("high latency: on");
         let was_on = self.is_on();
         self.state = State::Commanded;
-        let is_pending = self.rescheduled.intersects(cx.shared.satellites) && self.next <= self.sent + FORCED_PERIOD;
-        if was_on && is_pending {
+        let (now, soon) = (cx.now, cx.now + FORCED_PERIOD);
+        let is_pending = self.rescheduled.intersects(cx.shared.satellites) && self.next <= soon;
+        let comes_anyway = now < self.forced_until && self.config.period() <= FORCED_PERIOD;
+        if was_on && (is_pending || comes_anyway) {
             return;
         }
-        let is_paid = cx.pay(payer, MESSAGE_LEN, cx.shared.satellites.len());
-        if !is_paid {
-            increment(&mut self.counters.refused);
+        if cx.pay(payer, MESSAGE_LEN, cx.shared.satellites.len()) {
+            let at = now.max(self.forced_until.min(soon));
+            self.forced_until = at + FORCED_PERIOD;
+            return self.schedule(at);
         }
-        if is_paid || !was_on {
-            let pause = if is_paid { FORCED_PERIOD } else { self.config.period() };
-            let is_first = self.counters.reports == 0;
-            self.schedule(if is_first { cx.now } else { self.sent + pause });
+        increment(&mut self.counters.refused);
+        if !was_on {
+            self.schedule(self.sent + self.config.period());
         }
     }
 
@@ -464,6 +468,7 @@ impl<F: Firmware<Vehicle: Vehicle>> Service<F> for HighLatency {
         open: Window::VACANT,
         closed: Window::VACANT,
         reported: LinkMask::NONE,
+        forced_until: Instant::ZERO,
         counters: HighLatencyCounters { reports: 0, messages: 0, bytes: 0, credits: 0, refused: 0 },
     };
     /// When the next message is sent.
