@@ -529,3 +529,48 @@ fn slow_upload_gives_way() {
         }
     }
 }
+
+/// an upload that is begun again every five seconds, with or without a cancel, keeps no lease: all 140 of the
+/// pilot's uploads were refused. Now the time counts on, and the pilot's begins within 16 s.
+#[test]
+fn restarts_keep_no_upload() {
+    for cancels in [false, true] {
+        let mut world = TestWorld::<2>::of(Setup { links: [LinkConfig::uart(115_200); 2], ..Setup::new() });
+        world.gcs[1].address = OTHER_STATION;
+        let item = MissionItemInt { target_system: 1, target_component: 1, ..plan(CAPACITY, 0)[0] };
+        let count = |count| MissionCount { count, target_system: 1, target_component: 1, ..MissionCount::default() };
+        let (mut refused, mut last_accepted) = (0, 0);
+        for second in 0..140_u64 {
+            if second % 5 == 0 {
+                let result = MavMissionResult::OPERATION_CANCELLED;
+                if cancels {
+                    let ack =
+                        MissionAck { r#type: result, target_system: 1, target_component: 1, ..MissionAck::default() };
+                    world.gcs[0].send(&ack);
+                }
+                world.gcs[0].send(&count(CAPACITY));
+                world.run_for(millis(50));
+                world.gcs[0].send(&item);
+            } else {
+                world.run_for(millis(50));
+            }
+            world.run_for(millis(450));
+            world.gcs[1].forget();
+            world.gcs[1].send(&count(2));
+            world.run_for(millis(300));
+            if world.gcs[1].count_of::<MissionRequestInt>() > 0 {
+                assert!(second - last_accepted <= 16, "cancels: {cancels}: {second} s");
+                last_accepted = second;
+                // The pilot's upload ends at once, so that the other one may begin again.
+                let result = MavMissionResult::OPERATION_CANCELLED;
+                let ack = MissionAck { r#type: result, target_system: 1, target_component: 1, ..MissionAck::default() };
+                world.gcs[1].send(&ack);
+            } else {
+                refused += 1;
+            }
+            world.run_for(millis(200));
+        }
+        println!("{refused} of 140 refused");
+        assert!(last_accepted >= 120, "cancels: {cancels}: {refused} of 140 refused");
+    }
+}

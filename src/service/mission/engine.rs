@@ -4,6 +4,7 @@ use super::download::Sessions;
 use super::progress::{Current, Reached};
 use super::transfer::{FinishedUpload, Ousted, SecondAnswer, Transfer};
 use crate::log::RefusalLog;
+use crate::message::Address;
 use crate::service::write_schedule::WriteSchedule;
 use crate::time::Instant;
 use crate::types::{Durability, LinkMask};
@@ -40,6 +41,9 @@ pub struct Missions {
     pub(super) finished: Option<FinishedUpload>,
     pub(super) second_answer: Option<SecondAnswer>,
     pub(super) ousted: Ousted,
+    /// The last client that uploads or uploaded, and since when: its next upload does not always begin a new time.
+    pub(super) uploader: Address,
+    pub(super) uploads_since: Instant,
     pub(super) sessions: Sessions,
     pub(super) current: Current,
     pub(super) reached: Reached,
@@ -63,6 +67,8 @@ impl Missions {
         finished: None,
         second_answer: None,
         ousted: Ousted::NONE,
+        uploader: Address::new(0, 0),
+        uploads_since: Instant::ZERO,
         sessions: Sessions::new(),
         current: Current::new(),
         reached: Reached::new(),

@@ -280,23 +280,27 @@ impl Missions {
             UploadStep::Permitted => UploadStep::Refused,
             UploadStep::Nothing => {
                 self.abandon_upload(&mut cx.plans);
+                self.heard_at = cx.now;
                 UploadStep::Nothing
             }
             UploadStep::Refused => {
                 let seq = cx.plans.staged();
                 self.refuse_upload(cx, &mut client, seq, upload.result);
                 self.finished = None;
+                self.heard_at = cx.now;
                 UploadStep::Refused
             }
             UploadStep::Asked => {
                 if is_lent {
+                    self.heard_at = cx.now;
                     self.abandon_upload(&mut cx.plans);
                 }
                 if self.admit_file(cx, upload.plan, upload.client) {
+                    self.begin_time(cx.now, upload.client.address);
                     self.abandon_upload(&mut cx.plans);
                     self.finished = None;
                     event!("{} upload as a file by {}: started", upload.plan, upload.client);
-                    self.transfer = Transfer::Upload(Upload::of_file(upload.plan, cx.now));
+                    self.transfer = Transfer::Upload(Upload::of_file(upload.plan));
                     UploadStep::Permitted
                 } else {
                     UploadStep::Refused

@@ -31,8 +31,7 @@ pub(super) struct Upload {
     pub(super) client: Peer,
     /// What has proved the client when the upload began: a frame with less is another client's.
     pub(super) trust: Trust,
-    /// When the upload began, and the rate of its link then (bytes/s; 0 for no limit).
-    pub(super) began: Instant,
+    /// The rate of its link when it began (bytes/s; 0 for no limit).
     pub(super) rate: u32,
     pub(super) plan: PlanType,
     pub(super) count: u16,
@@ -64,7 +63,6 @@ impl Upload {
         Self {
             client,
             trust: Trust::None,
-            began: now,
             rate: 0,
             plan,
             count,
@@ -81,10 +79,10 @@ impl Upload {
 
     /// The upload of a file. No client of messages owns it, so all of them are refused (F-24) until it is slow. Its timers do not run:
     /// the file's session ends it.
-    pub(super) fn of_file(plan: PlanType, now: Instant) -> Self {
+    pub(super) fn of_file(plan: PlanType) -> Self {
         let client = Peer { address: Self::FILE, link: LinkId(0) };
         let upload = Self::new(client, plan, NO_ITEM, FrameNumber::NONE, Instant::NEVER);
-        Self { is_request_pending: false, began: now, ..upload }
+        Self { is_request_pending: false, ..upload }
     }
 
     pub(super) fn is_of_file(&self) -> bool {
@@ -96,14 +94,13 @@ impl Upload {
         self.client.address == address && trust >= self.trust
     }
 
-    /// Whether an upload with so many items is so slow that it ends if another client waits: slower than an item in two
-    /// seconds plus four times its bytes at the link's rate, after 15 s.
-    pub(super) fn is_slow(&self, now: Instant, items: u16) -> bool {
+    /// Returns how long an upload may take for so many items before it is slow: two seconds and four times an item's bytes at
+    /// the link's rate, for each.
+    pub(super) fn time_for(&self, items: u16) -> Duration {
         /// The µs of four times the bytes of an item and of its request at one byte a second.
         const FOUR_ITEMS: u32 = 4 * 70 * 1_000_000;
         let sending = FOUR_ITEMS.checked_div(self.rate).unwrap_or(0);
-        let allowed = (Duration::from_secs(2) + Duration::from_micros(sending.into())) * u32::from(items);
-        now - self.began > allowed.max(Duration::from_secs(15))
+        (Duration::from_secs(2) + Duration::from_micros(sending.into())) * u32::from(items)
     }
 
     /// Sends the request for item `seq`. Returns false if the link cannot send it.

@@ -14,7 +14,7 @@ use super::transfer::{Change, FinishedUpload, FrameNumber, Ousted, Transfer, Upl
 use super::vehicle::Plans;
 use crate::dialect::{MavMissionResult, MavMissionType, MissionItem, MissionItemInt};
 use crate::frame::Frame;
-use crate::message::{Item, Message};
+use crate::message::{Address, Item, Message};
 use crate::service::{Cx, increment};
 use crate::time::{Duration, Instant};
 use crate::types::{Firmware, Peer, PlanMemory, PlanType, PlansMut, Sender, UploadStep};
@@ -27,6 +27,12 @@ const LINK_HOLD: Duration = Duration::from_secs(2);
 
 /// For this long after an upload has ended, its last item is answered again (M-31).
 const ANSWER_REPEAT: Duration = Duration::from_secs(10);
+
+/// The time of a client goes on with its next upload, unless it was not heard for this long.
+const TIME_HOLD: Duration = Duration::from_secs(10);
+
+/// An upload does not give way to another client before this time.
+const SHORTEST_TIME: Duration = Duration::from_secs(15);
 
 /// A received MISSION_COUNT.
 #[derive(Clone, Copy)]
@@ -138,6 +144,7 @@ impl Missions {
             return self.start_change(cx, client, Change::Clear(Some(plan)));
         }
         event!("{} upload of {=u16} items by {}: started", plan, count, from);
+        self.begin_time(cx.now, from.address);
         self.transfer = Transfer::Upload(Upload {
             trust: client.trust,
             rate: client.rate,
@@ -145,7 +152,15 @@ impl Missions {
             last: last_of_previous.unwrap_or(number),
             ..Upload::new(from, plan, count, number, cx.now)
         });
-        self.heard_at = cx.now;
+    }
+
+    /// Begins the time of a client's upload. That of one that uploads again goes on: otherwise it would upload the first items
+    /// again and again, and others nothing.
+    pub(super) fn begin_time(&mut self, now: Instant, client: Address) {
+        if self.uploader != client || now - self.heard_at >= TIME_HOLD {
+            (self.uploader, self.uploads_since) = (client, now);
+        }
+        self.heard_at = now;
     }
 
     /// Whether a COUNT from another link belongs to the upload in progress or to the plan that is being written. That
@@ -268,7 +283,9 @@ impl Missions {
         client: &mut Client<'_>,
         last_seq: u16,
     ) {
-        let Transfer::Upload(Upload { plan, digest, first, last, .. }) = &self.transfer else { return };
+        let Transfer::Upload(upload) = &self.transfer else { return };
+        let Upload { plan, digest, first, last, .. } = upload;
+        let spent = self.uploads_since + upload.time_for(cx.plans.staged());
         let (plan, id, first, last) = (*plan, digest.id(), first.unwrap_or(0), *last);
         let change = Change::Upload { plan, id, first, last_seq, last };
         // The vehicle may have armed since COUNT, so it is asked for permission again.
@@ -283,6 +300,7 @@ impl Missions {
             return self.refuse_upload(cx, client, last_seq, problem.fault().result);
         }
         self.transfer = Transfer::Idle;
+        self.uploads_since = spent.min(cx.now);
         self.start_change(cx, client, change);
     }
 
@@ -501,7 +519,8 @@ impl Missions {
             _ => upload.client,
         };
         let is_needed = cx.shared.takes_precedence::<F>(from.address.system, holder.address.system);
-        let gives_way = is_needed || upload.is_slow(cx.now, cx.plans.staged());
+        let time = upload.time_for(cx.plans.staged()).max(SHORTEST_TIME);
+        let gives_way = is_needed || cx.now - self.uploads_since > time;
         if gives_way {
             self.cancel_upload(cx);
         }
