@@ -111,12 +111,14 @@ impl Shared {
     /// Whether a system that was admitted before may still change the vehicle: it is in control, or nobody is, or it is our
     /// own.
     pub(crate) fn may_change<F: Firmware>(&self, system: SystemId) -> bool {
-        !F::HAS_CONTROL || system == self.config.address.get().system || self.controllers.may_change(system)
+        !F::HAS_CONTROL
+            || system == self.config.address.get().system
+            || self.controllers.may_change(system, Trust::Signed)
     }
 
     /// Whether this system takes what another one holds: it is in control, and the other is not.
     pub(crate) fn takes_precedence<F: Firmware>(&self, system: SystemId, other: SystemId) -> bool {
-        F::HAS_CONTROL && self.controllers.is_owner(system) && !self.controllers.is_owner(other)
+        F::HAS_CONTROL && self.controllers.owner() == Some(system) && other != system
     }
 
     /// Whether a peer is believed on its link: a component of our own system must sign, or be on a link that trusts our

@@ -86,8 +86,8 @@ pub trait ControlGate {
     /// Whether a frame that is no command is dropped, because its sender is not in control. Counted. `is_ours`: the sender is
     /// a component of our own system, and is believed.
     /// `is_receiver`: the sender is the pilot's receiver, whose sticks are never dropped (J-11).
-    fn drops(&mut self, is_ours: bool, is_receiver: bool, frame: &Frame<'_>) -> bool {
-        let _ = (is_ours, is_receiver, frame);
+    fn drops(&mut self, is_ours: bool, is_receiver: bool, received: &Received<'_>) -> bool {
+        let _ = (is_ours, is_receiver, received);
         false
     }
 

@@ -230,7 +230,7 @@ impl<F: Firmware<Vehicle: LogStreaming>> Service<F> for LogStreamer {
         let command = &request.command;
         let refuse = |result, reason| Some(Verdict::Refused(Refusal { result, reason }));
         // The system in control takes and ends the stream of any other.
-        let is_owner = cx.shared.controllers.is_owner(command.from.address.system);
+        let is_owner = F::HAS_CONTROL && cx.shared.controllers.is_owner(command.from.address.system, command.trust);
         let sender = Sender { peer: command.from, trust: command.trust };
         let is_taken = self.phase != StreamPhase::Off && !self.client.is_repeated_by(sender) && !is_owner;
         let result = match command.id {

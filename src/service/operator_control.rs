@@ -19,13 +19,12 @@ use crate::dialect::{
     MissionSetCurrent, RadioRcChannels, RcChannelsOverride, SetActuatorControlTarget, SetAttitudeTarget,
     SetGpsGlobalOrigin, SetHomePosition, SetMode, SetPositionTargetGlobalInt, SetPositionTargetLocalNed,
 };
-use crate::frame::Frame;
 use crate::link::Port;
 use crate::message::{Address, Message, SystemId};
 use crate::network::{PeerInfo, Peers};
 use crate::num;
 use crate::time::{Duration, Instant};
-use crate::types::{Command, Controllers, Firmware, LinkId, LinkMask, Peer, Refusal, RefusalReason};
+use crate::types::{Command, Controllers, Firmware, LinkId, LinkMask, Peer, Refusal, RefusalReason, Trust};
 use core::num::{Saturating, Wrapping};
 
 /// MAV_CMD_REQUEST_OPERATOR_CONTROL: action, takeover, timeout, system.
@@ -135,6 +134,8 @@ counters! {
 #[derive(Clone, Debug)]
 pub struct OperatorControl {
     owner: Option<SystemId>,
+    /// What has proved the frame that took control: less does not count as the owner's.
+    trust: Trust,
     allows_takeover: bool,
     /// Control is not released when the owner is lost.
     keeps_lost: bool,
@@ -227,7 +228,7 @@ impl OperatorControl {
 
     /// Releases control: then no system is in control.
     pub fn release(&mut self) {
-        self.set_owner(None, false);
+        self.set_owner(None, Trust::None, false);
     }
 
     /// Returns the counters.
@@ -235,8 +236,9 @@ impl OperatorControl {
         self.counters
     }
 
-    fn set_owner(&mut self, owner: Option<SystemId>, allows_takeover: bool) {
+    fn set_owner(&mut self, owner: Option<SystemId>, trust: Trust, allows_takeover: bool) {
         self.notice.left.0 = 0;
+        self.trust = trust;
         if (self.owner, self.allows_takeover) != (owner, allows_takeover) {
             self.is_new = self.owner != owner;
             self.owner = owner;
@@ -254,14 +256,19 @@ impl OperatorControl {
         }
     }
 
-    /// Whether a system may steer.
-    fn may_steer(&self, is_ours: bool, system: SystemId) -> bool {
-        is_ours || self.owner.is_none_or(|owner| system == owner)
+    /// Whether a frame is the owner's.
+    fn is_owner(&self, system: SystemId, trust: Trust) -> bool {
+        self.owner == Some(system) && trust >= self.trust
     }
 
-    /// Whether a system may send commands.
-    fn may_command(&self, is_ours: bool, system: SystemId) -> bool {
-        self.may_steer(is_ours, system) || self.secondaries.iter().any(|secondary| *secondary == system.wire())
+    /// Whether the sender of a frame may steer.
+    fn may_steer(&self, is_ours: bool, system: SystemId, trust: Trust) -> bool {
+        is_ours || self.owner.is_none() || self.is_owner(system, trust)
+    }
+
+    /// Whether the sender of a frame may send commands.
+    fn may_command(&self, is_ours: bool, system: SystemId, trust: Trust) -> bool {
+        self.may_steer(is_ours, system, trust) || self.secondaries.iter().any(|secondary| *secondary == system.wire())
     }
 
     /// Handles MAV_CMD_REQUEST_OPERATOR_CONTROL.
@@ -279,9 +286,9 @@ impl OperatorControl {
             return Verdict::Refused(Refusal::denied(reason));
         };
         let is_accepted = if action == REQUEST {
-            self.request_for(cx, from, allow, num::integer(timeout).unwrap_or(0))
+            self.request_for(cx, command, allow, num::integer(timeout).unwrap_or(0))
         } else {
-            if self.owner == Some(from) {
+            if self.is_owner(from, command.trust) {
                 self.release();
             }
             self.owner.is_none()
@@ -295,12 +302,13 @@ impl OperatorControl {
         }
     }
 
-    /// Gives control to a system, or notifies the owner of the request. Returns whether the system is in control.
-    fn request_for<F: Firmware>(&mut self, cx: &Cx<'_, F>, system: SystemId, allow: u8, timeout: u8) -> bool {
+    /// Gives control to the sender's system, or notifies the owner of the request. Returns whether the system is in control.
+    fn request_for<F: Firmware>(&mut self, cx: &Cx<'_, F>, command: &Command, allow: u8, timeout: u8) -> bool {
+        let (system, trust) = (command.from.address.system, command.trust);
         let is_possible = self.keeps_lost || station(cx.peers, system, LinkMask::ALL).is_some();
-        if is_possible && (self.allows_takeover() || self.owner == Some(system)) {
+        if is_possible && (self.allows_takeover() || self.is_owner(system, trust)) {
             // A frame may have 0 as its source.
-            self.set_owner(Some(system).filter(|system| !system.is_all()), allow != 0);
+            self.set_owner(Some(system).filter(|system| !system.is_all()), trust, allow != 0);
             increment(&mut self.counters.granted);
             return true;
         }
@@ -340,24 +348,24 @@ const fn is_for_all(command: MavCmd) -> bool {
 impl ControlGate for OperatorControl {
     const IS_SOME: bool = true;
 
-    fn drops(&mut self, is_ours: bool, is_receiver: bool, frame: &Frame<'_>) -> bool {
-        let system = frame.source().system;
-        let may = match frame.id() {
+    fn drops(&mut self, is_ours: bool, is_receiver: bool, received: &Received<'_>) -> bool {
+        let (system, trust) = (received.from.address.system, received.trust);
+        let may = match received.frame.id() {
             // A receiver's rank is above operator control (J-11).
             ManualControl::ID | RcChannelsOverride::ID | RadioRcChannels::ID => {
-                is_receiver || self.may_steer(is_ours, system)
+                is_receiver || self.may_steer(is_ours, system, trust)
             }
             SetPositionTargetLocalNed::ID
             | SetPositionTargetGlobalInt::ID
             | SetAttitudeTarget::ID
-            | SetActuatorControlTarget::ID => self.may_steer(is_ours, system),
+            | SetActuatorControlTarget::ID => self.may_steer(is_ours, system, trust),
             // Only systems that may command erase logs (LOG-7).
             CommandCancel::ID
             | LogErase::ID
             | MissionSetCurrent::ID
             | SetMode::ID
             | SetHomePosition::ID
-            | SetGpsGlobalOrigin::ID => self.may_command(is_ours, system),
+            | SetGpsGlobalOrigin::ID => self.may_command(is_ours, system, trust),
             _ => true,
         };
         if !may {
@@ -367,7 +375,7 @@ impl ControlGate for OperatorControl {
     }
 
     fn refuses(&mut self, is_ours: bool, command: &Command) -> bool {
-        let may = is_for_all(command.id) || self.may_command(is_ours, command.from.address.system);
+        let may = is_for_all(command.id) || self.may_command(is_ours, command.from.address.system, command.trust);
         if !may {
             increment(&mut self.counters.commands);
         }
@@ -375,7 +383,7 @@ impl ControlGate for OperatorControl {
     }
 
     fn controllers(&self) -> Controllers {
-        Controllers::new(self.owner, self.secondaries)
+        Controllers::new(self.owner, self.trust, self.secondaries)
     }
 
     fn take_new_owner(&mut self) -> Option<SystemId> {
@@ -387,6 +395,7 @@ impl ControlGate for OperatorControl {
 impl<F: Firmware> Service<F> for OperatorControl {
     const NEW: Self = Self {
         owner: None,
+        trust: Trust::None,
         allows_takeover: false,
         keeps_lost: false,
         is_new: false,
@@ -420,7 +429,7 @@ impl<F: Firmware> Service<F> for OperatorControl {
         if ack.command != REQUEST_OPERATOR_CONTROL {
             return Handled::No;
         }
-        if self.owner == Some(received.from.address.system) {
+        if self.is_owner(received.from.address.system, received.trust) {
             self.notice.left.0 = 0;
         }
         Handled::Yes

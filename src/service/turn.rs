@@ -23,7 +23,7 @@ macro_rules! turns {
             SigningText signing AtOnce Normal "STATUSTEXT that answers SETUP_SIGNING" "at once";
             Time time Room Normal "PING, TIMESYNC" "while the link has room";
             HighLatency high_latency Stalled HighLatency "HIGH_LATENCY2" "at once";
-            UrgentText statustext Room Normal "STATUSTEXT of severity CRITICAL or higher" "while the link has room";
+            UrgentText statustext Room Normal "STATUSTEXT or EVENT of severity CRITICAL or higher" "while the link has room";
             MissionTransfer mission Room Normal "MISSION_REQUEST_INT or MISSION_REQUEST, MISSION_COUNT, MISSION_ITEM_INT or MISSION_ITEM" "while the link has room";
             ParamAnswer param Room Normal "PARAM_ERROR, PARAM_VALUE" "while the link has room";
             Text statustext Room Normal "STATUSTEXT" "while the link has room";

@@ -124,7 +124,7 @@ impl<D: Declares> Services<D> {
     /// in control of the vehicle is counted, and the caller drops it (O-5).
     fn is_sender_in_control(&mut self, cx: &Cx<'_, D>, received: &Received<'_>) -> bool {
         let is_receiver = self.manual_control.is_receiver(received.from);
-        !self.operator_control.drops(is_ours(cx, received), is_receiver, received.frame)
+        !self.operator_control.drops(is_ours(cx, received), is_receiver, received)
     }
 
     /// Returns the next frame that the decoder finds; `None` if it needs more bytes.
@@ -174,7 +174,9 @@ impl<D: Declares> Services<D> {
             increment(&mut port.counters.unknown);
             network::record_unchecked(cx.peers, from, frame.header().seq);
         }
-        let (payer, has_key) = (self.payer(frame), self.signing.has_key());
+        // A refused frame proves nothing, whatever signature it has.
+        let trust = if is_accepted { self.signing.trust(port, frame) } else { Trust::None };
+        let (payer, has_key) = (self.payer(from, trust), self.signing.has_key());
         let examined = Examined { frame, decision, sender, payer, has_key };
         allowance.spend(self.forwarding.forward(cx, port, &examined));
         served
@@ -201,7 +203,8 @@ impl<D: Declares> Services<D> {
             SenderEntry::Present => {}
         }
         let counts = is_proven && (settles || !is_ours);
-        let may_change = (is_ours && counts) || self.operator_control.controllers().may_change(frame.source().system);
+        let may_change =
+            (is_ours && counts) || self.operator_control.controllers().may_change(frame.source().system, trust);
         (entry, Standing { trust, counts, may_change })
     }
 
@@ -254,10 +257,9 @@ impl<D: Declares> Services<D> {
     }
 
     /// Returns whose credits pay for what a frame causes on the high-latency links (L-17).
-    fn payer(&self, frame: &Frame<'_>) -> Payer {
-        let is_in_control = self.operator_control.controllers().is_owner(frame.source().system);
-        let is_privileged = is_in_control || self.signing.signed_at(frame).is_some();
-        if is_privileged { Payer::Privileged } else { Payer::Anyone }
+    fn payer(&self, from: Peer, trust: Trust) -> Payer {
+        let is_in_control = self.operator_control.controllers().is_owner(from.address.system, trust);
+        if is_in_control || trust == Trust::Signed { Payer::Privileged } else { Payer::Anyone }
     }
 
     /// Returns the command in a frame; `None` if the frame contains none.
@@ -266,7 +268,7 @@ impl<D: Declares> Services<D> {
         let mut request = command::command_in(port, received).or_else(in_mode)?;
         request.signed_at = self.signing.signed_at(received.frame);
         if D::Credits::IS_SOME {
-            request.payer = self.payer(received.frame);
+            request.payer = self.payer(received.from, received.trust);
         }
         Some(request)
     }

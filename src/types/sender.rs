@@ -33,21 +33,23 @@ impl Sender {
     }
 }
 
-/// The systems that may change the vehicle while one of them is in control (O-5). Initially all bits are zero: nobody is.
+/// The systems that may change the vehicle while one of them is in control (O-5). All bits zero: nobody is.
 #[derive(Clone, Copy, Debug)]
 pub struct Controllers {
     /// The system in control; [`SystemId::ALL`] if none is.
     owner: SystemId,
+    /// What has proved the frame that took control. Frames that prove less are not the owner's.
+    trust: Trust,
     /// Other systems that may send commands; 0 is none.
     secondaries: [u8; 10],
 }
 
 impl Controllers {
     /// Nobody is in control, so everyone may change the vehicle.
-    pub(crate) const NOBODY: Self = Self { owner: SystemId::ALL, secondaries: [0; 10] };
+    pub(crate) const NOBODY: Self = Self { owner: SystemId::ALL, trust: Trust::None, secondaries: [0; 10] };
 
-    pub(crate) fn new(owner: Option<SystemId>, secondaries: [u8; 10]) -> Self {
-        Self { owner: owner.unwrap_or(SystemId::ALL), secondaries }
+    pub(crate) fn new(owner: Option<SystemId>, trust: Trust, secondaries: [u8; 10]) -> Self {
+        Self { owner: owner.unwrap_or(SystemId::ALL), trust, secondaries }
     }
 
     /// Returns the system in control.
@@ -55,15 +57,16 @@ impl Controllers {
         Some(self.owner).filter(|owner| !owner.is_all())
     }
 
-    /// Whether this system is in control.
-    pub(crate) fn is_owner(&self, system: SystemId) -> bool {
-        self.owner() == Some(system)
+    /// Whether a frame of this system, proved so well, is that of the system in control.
+    pub(crate) fn is_owner(&self, system: SystemId, trust: Trust) -> bool {
+        self.owner() == Some(system) && trust >= self.trust
     }
 
-    /// Whether this system may change the vehicle: it is in control, or nobody is, or it is a secondary one.
-    pub(crate) fn may_change(&self, system: SystemId) -> bool {
+    /// Whether a frame of this system, proved so well, may change the vehicle: the system is in control, or nobody is, or it is a
+    /// secondary one.
+    pub(crate) fn may_change(&self, system: SystemId, trust: Trust) -> bool {
         self.owner.is_all()
-            || self.owner == system
+            || self.is_owner(system, trust)
             || self.secondaries.iter().any(|secondary| *secondary == system.wire())
     }
 }

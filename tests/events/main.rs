@@ -11,7 +11,10 @@ mod requests;
 
 use mavstack::dialect::*;
 use mavstack::events::HealthReport;
-use mavstack::{Address, Command, Commands, Context, HealthChecks, LinkConfig, LinkId, Outcome, Vehicle, VehicleState};
+use mavstack::{
+    Address, Command, Commands, Context, Fill, HealthChecks, LinkConfig, LinkId, Outcome, Stream, Telemetry, Vehicle,
+    VehicleState,
+};
 use receiver::Receiver;
 use support::*;
 
@@ -120,6 +123,14 @@ impl HealthChecks for Rover {
     fn run_checks(&mut self, cx: &mut Context<'_>) -> MavResult {
         cx.text(MavSeverity::INFO, "Checked");
         self.run_checks.unwrap_or(MavResult::ACCEPTED)
+    }
+}
+
+impl Telemetry for Rover {
+    const STREAMS: &'static [Stream] = TestVehicle::STREAMS;
+
+    fn fill(&mut self, id: u32, out: &mut Fill<'_>) -> bool {
+        TestVehicle::new().fill(id, out)
     }
 }
 

@@ -2,8 +2,10 @@
 
 use crate::support::signer::*;
 use crate::support::*;
+use mavstack::config::LinkClass;
 use mavstack::dialect::*;
 use mavstack::frame::Version;
+use mavstack::high_latency::HighLatency;
 use mavstack::signing::{LinkSigning, SigningKey};
 use mavstack::{
     Address, Command, CommandClient, CommandReply, Commands, Config, Context, Instant, LinkConfig, LinkId, Message,
@@ -157,4 +159,140 @@ fn a_signer_keeps_an_entry_among_those_who_do_not_sign() {
         missed += u32::from(second >= 55 && !is_there);
     }
     assert_eq!(missed, 0);
+}
+
+/// A vehicle that one station controls, with a satellite link.
+#[derive(mavstack::Stack)]
+#[stack(
+    vehicle: TestVehicle,
+    links: 3,
+    plans: { mission: 4 },
+    commands: { slots: 2 },
+    forwarding,
+    operator_control,
+    signing: { streams: 4 },
+)]
+struct Controlled {
+    high_latency: HighLatency,
+}
+
+const SATELLITE: LinkId = LinkId(2);
+const REQUEST_OPERATOR_CONTROL: MavCmd = MavCmd(32_100);
+
+struct Flight {
+    stack: Box<StackOf<Controlled>>,
+    vehicle: TestVehicle,
+    now: Instant,
+    pulse: &'static Pulse,
+}
+
+impl Flight {
+    /// The owner may be silent. The satellite link knows a station.
+    fn new() -> Self {
+        let pulse: &'static Pulse = Box::leak(Box::new(Pulse::new()));
+        let [radio, wire] =
+            [LinkSigning::REQUIRED, LinkSigning::OPEN].map(|signing| LinkConfig::uart(57_600).with_signing(signing));
+        let satellite = wire.with_class(LinkClass::HighLatency);
+        let mut stack: Box<StackOf<Controlled>> = begun(Config::new(VEHICLE, pulse), [radio, wire, satellite]);
+        let now = Instant::from_millis(5_000);
+        stack.signing_mut().set_key(now, SigningKey::new(KEY), NOW);
+        stack.operator_control_mut().set_release_on_loss(false);
+        let mut flight = Self { stack, vehicle: TestVehicle::new(), now, pulse };
+        flight.exchange(SATELLITE, &Signer::new(KEY).unsigned(Version::V2, &Attitude::default()));
+        flight
+    }
+
+    /// Receives a frame, and runs for 200 ms. Returns what is sent on that link and by satellite.
+    fn exchange(&mut self, link: LinkId, frame: &[u8]) -> [Vec<Sent>; 2] {
+        assert_eq!(self.stack.receive(self.now, link, frame, &mut self.vehicle), frame.len());
+        let mut sent = [link, SATELLITE].map(|_| Vec::new());
+        for _ in 0..10 {
+            self.now += millis(20);
+            self.pulse.tick();
+            self.stack.poll(self.now, &mut self.vehicle);
+            for (link, sent) in [link, SATELLITE].into_iter().zip(&mut sent) {
+                loop {
+                    let raw = self.stack.transmit(self.now, link, &mut self.vehicle).to_vec();
+                    if raw.is_empty() {
+                        break;
+                    }
+                    self.stack.transmitted(link, raw.len());
+                    sent.push(Sent { raw });
+                }
+            }
+        }
+        sent
+    }
+
+    fn answer<M: Message>(&mut self, link: LinkId, frame: &[u8]) -> Option<M> {
+        let [sent, _] = self.exchange(link, frame);
+        sent.iter().filter(|sent| sent.id() == M::ID).find_map(Sent::decode)
+    }
+
+    fn result(&mut self, link: LinkId, frame: &[u8]) -> Option<MavResult> {
+        self.answer::<CommandAck>(link, frame).map(|ack| ack.result)
+    }
+
+    /// Receives 15 commands for the station. Returns the number of those that are forwarded by satellite.
+    fn forwarded(&mut self, link: LinkId, mut frame: impl FnMut(&CommandLong) -> Vec<u8>) -> usize {
+        let (target_system, target_component) = (STATION.system.wire(), STATION.component.wire());
+        let message = CommandLong { target_system, target_component, ..long(MavCmd::DO_SET_SERVO, 1.0) };
+        let mut all = 0;
+        for _ in 0..15 {
+            let [_, sent] = self.exchange(link, &frame(&message));
+            all += sent.iter().filter(|sent| sent.id() == CommandLong::ID).count();
+        }
+        all
+    }
+}
+
+fn long(command: MavCmd, param1: f32) -> CommandLong {
+    CommandLong { param1, command, target_system: 1, target_component: 1, ..CommandLong::default() }
+}
+
+const PLAN: MissionCount = MissionCount { count: 1, target_system: 1, target_component: 1, ..MissionCount::UNKNOWN };
+
+/// a station takes control with a signed frame. What an open wire sends in its name is not the owner's. Before, it landed the
+/// vehicle, uploaded a plan, released control, and used the credits that are reserved for the owner.
+#[test]
+fn only_signed_frames_are_those_of_a_signed_owner() {
+    let mut flight = Flight::new();
+    let (mut owner, mut forger) = (Signer::new(KEY).of(OTHER_STATION), Signer::new(KEY).of(OTHER_STATION));
+    let [take, release] = [1.0, 0.0].map(|action| long(REQUEST_OPERATOR_CONTROL, action));
+    let land = long(MavCmd::NAV_LAND, 0.0);
+    assert_eq!(flight.result(RADIO, &owner.frame(&take)), Some(MavResult::ACCEPTED));
+    for (message, expected) in
+        [(land, MavResult::NOT_IN_CONTROL), (take, MavResult::FAILED), (release, MavResult::FAILED)]
+    {
+        let frame = forger.unsigned(Version::V2, &message);
+        assert_eq!(flight.result(WIRE, &frame), Some(expected), "{message:?}");
+    }
+    let refused = flight.answer::<MissionAck>(WIRE, &forger.unsigned(Version::V2, &PLAN));
+    assert_eq!(refused.map(|ack| ack.r#type), Some(MavMissionResult::DENIED));
+    let forwarded = flight.forwarded(WIRE, |message| forger.unsigned(Version::V2, message));
+    assert_eq!(forwarded, 10, "the half of the burst that is for all");
+
+    assert_eq!(flight.result(RADIO, &owner.frame(&land)), Some(MavResult::ACCEPTED));
+    assert!(flight.answer::<MissionRequestInt>(RADIO, &owner.frame(&PLAN)).is_some());
+    // A signed command is longer than what one credit pays for.
+    assert_eq!(flight.forwarded(RADIO, |message| owner.frame(message)), 5, "the owner's half, two credits each");
+    assert_eq!(flight.result(RADIO, &owner.frame(&release)), Some(MavResult::ACCEPTED));
+}
+
+/// O-5: a station that has taken control on an open link goes on unsigned, and may sign too.
+#[test]
+fn an_unsigned_owner_goes_on() {
+    let mut flight = Flight::new();
+    let mut owner = Signer::new(KEY).of(OTHER_STATION);
+    let [take, release] = [1.0, 0.0].map(|action| long(REQUEST_OPERATOR_CONTROL, action));
+    let land = long(MavCmd::NAV_LAND, 0.0);
+    for message in [take, land, take] {
+        let frame = owner.unsigned(Version::V2, &message);
+        assert_eq!(flight.result(WIRE, &frame), Some(MavResult::ACCEPTED), "{message:?}");
+    }
+    assert!(flight.answer::<MissionRequestInt>(WIRE, &owner.unsigned(Version::V2, &PLAN)).is_some());
+    assert_eq!(flight.result(RADIO, &owner.frame(&land)), Some(MavResult::ACCEPTED));
+    let forwarded = flight.forwarded(WIRE, |message| owner.unsigned(Version::V2, message));
+    assert!(forwarded > 10, "{forwarded} of both halves");
+    assert_eq!(flight.result(WIRE, &owner.unsigned(Version::V2, &release)), Some(MavResult::ACCEPTED));
 }

@@ -174,7 +174,7 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
         limit: RateLimit::NEW,
         requested: [None; 2],
     };
-    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::Event]);
+    const ABOUT: About = About::AUTOPILOT.in_turns(&[Turn::UrgentText, Turn::Event]);
     type Reply = EventReply;
 
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut EventLink>) {
@@ -235,14 +235,16 @@ impl<F: Firmware, C: Checker<F>> Service<F> for EventService<C> {
     }
 
     #[inline(always)]
-    fn pending(&self, view: &View<'_>, port: &Port, link: &EventLink, _: Turn) -> Option<(Instant, EventReply)> {
-        if !port.outbox.takes(EventMessage::ID) {
+    fn pending(&self, view: &View<'_>, port: &Port, link: &EventLink, turn: Turn) -> Option<(Instant, EventReply)> {
+        let is_urgent = view.events.has_urgent(link.sent);
+        // The turn of events may wait for what other links cause; emergencies must not.
+        if !port.outbox.takes(EventMessage::ID) || (turn == Turn::UrgentText && !is_urgent) {
             return None;
         }
         let [requested, _] = &link.requested;
         let (at, reply) = match requested {
             // They do not wait for old ones that are requested again.
-            Some(_) if view.events.has_urgent(link.sent) => (view.now, EventReply::Next),
+            Some(_) if is_urgent => (view.now, EventReply::Next),
             _ if link.at <= view.now => (link.at, EventReply::Sequence),
             Some(_) => (view.now, EventReply::Requested),
             None if link.sent != view.events.newest() => (view.now, EventReply::Next),

@@ -118,7 +118,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             return Handled::Yes;
         }
         let now = ticks(self.cx.now);
-        let is_in_control = F::HAS_CONTROL && self.cx.shared.controllers.is_owner(received.from.address.system);
+        let is_in_control =
+            F::HAS_CONTROL && self.cx.shared.controllers.is_owner(received.from.address.system, received.trust);
         let Some((index, session)) = session::find_or_begin(self.sessions, &request, is_in_control, now) else {
             return Handled::NoRoom;
         };

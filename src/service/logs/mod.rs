@@ -335,7 +335,7 @@ fn erase<F: Firmware<Vehicle: Logs>>(server: &mut LogServer, cx: &mut Cx<'_, F>,
     }
     let is_read =
         cx.now < cx.shared.logs_read_until || server.served.is_of_other(sender) || server.waiting.is_of_other(sender);
-    let is_owner = F::HAS_CONTROL && cx.shared.controllers.is_owner(sender.peer.address.system);
+    let is_owner = F::HAS_CONTROL && cx.shared.controllers.is_owner(sender.peer.address.system, sender.trust);
     if is_read && !is_owner {
         increment(&mut server.counters.busy);
         return cx.text(MavSeverity::NOTICE, b"Logs not erased: a client reads one");
