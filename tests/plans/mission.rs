@@ -574,3 +574,34 @@ fn restarts_keep_no_upload() {
         assert!(last_accepted >= 120, "cancels: {cancels}: {refused} of 140 refused");
     }
 }
+
+/// forty items at once do not pay for an item in 4.8 s afterwards: such an upload gives way within 75 s to a client that
+/// waits. Before, it kept the staging area to its end.
+#[test]
+fn quick_beginning_pays_for_no_slow_end() {
+    let mut world = TestWorld::<2>::of(Setup { links: [LinkConfig::uart(115_200); 2], ..Setup::new() });
+    world.gcs[1].address = OTHER_STATION;
+    world.run_for(secs(200));
+    let (items, began) = (plan(CAPACITY, 0), world.now());
+    let count = |count| MissionCount { count, target_system: 1, target_component: 1, ..MissionCount::default() };
+    world.gcs[0].send(&count(CAPACITY));
+    world.run_for(millis(300));
+    let mut accepted_at = None;
+    for (round, item) in items.iter().enumerate() {
+        world.gcs[0].send(&MissionItemInt { target_system: 1, target_component: 1, ..*item });
+        if round < 40 {
+            world.run_for(millis(50));
+            continue;
+        }
+        world.run_for(millis(4_500));
+        world.gcs[1].forget();
+        world.gcs[1].send(&count(2));
+        world.run_for(millis(300));
+        if world.gcs[1].count_of::<MissionRequestInt>() > 0 {
+            accepted_at = Some(world.now() - began);
+            break;
+        }
+    }
+    let bounds = millis(30_000)..millis(75_000);
+    assert!(accepted_at.is_some_and(|at| bounds.contains(&at)), "{accepted_at:?}");
+}

@@ -34,6 +34,9 @@ const TIME_HOLD: Duration = Duration::from_secs(10);
 /// An upload does not give way to another client before this time.
 const SHORTEST_TIME: Duration = Duration::from_secs(15);
 
+/// The most of its time that an upload saves by quick items.
+const LONGEST_SAVED: Duration = Duration::from_secs(30);
+
 /// A received MISSION_COUNT.
 #[derive(Clone, Copy)]
 pub(super) struct Count {
@@ -521,6 +524,9 @@ impl Missions {
         let is_needed = cx.shared.takes_precedence::<F>(from.address.system, holder.address.system);
         let time = upload.time_for(cx.plans.staged()).max(SHORTEST_TIME);
         let gives_way = is_needed || cx.now - self.uploads_since > time;
+        // Quick items do not pay for a long pause.
+        let saved = time - (cx.now - self.uploads_since);
+        self.uploads_since = self.uploads_since - (saved - LONGEST_SAVED);
         if gives_way {
             self.cancel_upload(cx);
         }
