@@ -667,7 +667,7 @@ fn upload_ends_when_another_system_takes_control() {
 #[test]
 fn all_values_are_set_if_a_read_only_one_changes() {
     const COUNT: usize = 80;
-    let mut world = uploaded_of(COUNT, |infos| infos[COUNT / 2] = infos[COUNT / 2].clone().read_only());
+    let mut world = uploaded_of(COUNT, |infos| infos[COUNT / 2] = infos[COUNT / 2].read_only());
     while world.vehicle.changed.is_empty() {
         world.run_for(millis(1));
     }
