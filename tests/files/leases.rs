@@ -87,19 +87,89 @@ fn peer_with_several_files_gives_one_up() {
     assert_eq!(third.open(&mut world, "log.bin"), Err(MavFtpErr::NOSESSIONSAVAILABLE), "the others have one each");
 }
 
-/// a client that reads more than a twentieth of the link's rate keeps its session, however long others wait: here packet by packet,
-/// half a second apart.
+/// a client that reads more than a twentieth of the link's rate keeps its session for a turn of 30 s, though others wait: here packet
+/// by packet, half a second apart. It kept it for as long as it liked, and the waiting one got nothing. Now each of the three reads two
+/// thirds of the time, if it opens the file again.
 #[test]
-fn used_sessions_are_kept() {
+fn used_sessions_take_turns() {
     let mut world = slow_world();
-    let (mut holders, mut waiting) = (holders(&mut world), WAITING);
-    for _ in 0..90 {
-        for holder in &mut holders {
-            assert!(holder.read(&mut world, 0, 239).is_ok());
+    let [first, second] = holders(&mut world);
+    let (mut clients, mut read) = ([first, second, WAITING], [0; 3]);
+    for round in 0..240 {
+        for (client, read) in clients.iter_mut().zip(&mut read) {
+            if client.read(&mut world, 0, 239).is_ok() || client.open(&mut world, "log.bin").is_ok() {
+                *read += 1;
+            }
         }
-        assert_eq!(waiting.open(&mut world, "log.bin"), Err(MavFtpErr::NOSESSIONSAVAILABLE));
-        world.run_for(millis(350));
+        assert!(round > 50 || read[2] == 0, "round {round}: {read:?}");
+        world.run_for(millis(300));
     }
+    println!("of 240 rounds: {read:?}");
+    assert!(read.iter().all(|read| *read > 100), "{read:?}");
+}
+
+/// two clients with a burst every four seconds, or that open their file again every two seconds, with or without an end, kept the
+/// sessions for ever: 0 of 120 and 0 of 60 opens of others. Now a client waits for 30 s at most.
+#[test]
+fn bursts_and_new_opens_keep_no_session() {
+    for (way, period) in [("bursts", 4), ("opens", 2), ("ends", 2)] {
+        let mut world = slow_world();
+        let mut waiting = WAITING;
+        let mut clients = holders(&mut world);
+        let (mut opened, mut waited) = (0, 0);
+        for second in 0..120 {
+            for client in clients.iter_mut().filter(|_| second % period == 0) {
+                if way == "ends" {
+                    client.seq += 1;
+                    client.send(&mut world, &request(client.seq, 0, Op::TERMINATESESSION, 0, 0, &[]));
+                }
+                let (opcode, path) = (Op::OPENFILERO, b"log.bin");
+                let mut ask = |world: &mut Shelf, opcode, data: &[u8], size| {
+                    client.seq += 100;
+                    client.send(world, &request(client.seq, client.session, opcode, size, 0, data));
+                };
+                ask(&mut world, opcode, path, 7);
+                if way == "bursts" && second % 28 > 0 {
+                    ask(&mut world, Op::BURSTREADFILE, &[], 239);
+                }
+            }
+            world.run_for(millis(500));
+            if waiting.open(&mut world, "log.bin").is_ok() {
+                (opened, waited) = (opened + 1, 0);
+                waiting.end(&mut world).unwrap();
+            } else {
+                waited += 1;
+                assert!(waited <= 35, "{way}: {second} s");
+            }
+            world.run_for(millis(400));
+        }
+        println!("{way}: {opened} of 120");
+    }
+}
+
+/// two clients that asked for the checksum of a large file again and again left 0 of 60 to others. Now they take turns: whoever has
+/// waited for longest is next.
+#[test]
+fn checksums_take_turns() {
+    let mut world = slow_world();
+    world.vehicle.files.content.insert("large.bin".to_string(), pattern(200_000));
+    let (mut clients, mut waiting) = (HOLDERS, WAITING);
+    let mut answered = 0;
+    for round in 0..600 {
+        for client in &mut clients {
+            client.seq += 1;
+            client.send(&mut world, &request(client.seq, client.session, Op::CALCFILECRC, 9, 0, b"large.bin"));
+        }
+        if round % 5 == 0 {
+            waiting.seq += 1;
+            waiting.send(&mut world, &request(waiting.seq, waiting.session, Op::CALCFILECRC, 9, 0, b"large.bin"));
+        }
+        for _ in 0..4 {
+            answered += waiting.packets(&mut world).iter().filter(|packet| packet.error().is_none()).count();
+        }
+    }
+    println!("{answered} checksums");
+    assert!(answered >= 6, "{answered}");
 }
 
 /// a session that was well used is judged by what followed: a client that has read fast for a minute gives way after ten seconds of

@@ -423,7 +423,7 @@ proptest! {
 }
 
 /// answers that were pending on a link that takes no bytes held all sessions for ever, and none of a living link's requests
-/// was answered. Now they are after ten seconds.
+/// was answered. Now they are, and a file is opened after ten seconds.
 #[test]
 fn dead_link_holds_no_sessions() {
     use MavFtpOpcode as Op;
@@ -441,7 +441,8 @@ fn dead_link_holds_no_sessions() {
         }
         living.seq += 1;
         living.send(&mut world, &request(living.seq, 9, Op::OPENFILERO, 7, 0, b"log.bin"));
-        answers += living.packets(&mut world).len();
+        // It is refused at first: a slow link keeps no sessions with answers, but the two files are still open.
+        answers += living.packets(&mut world).iter().filter(|packet| packet.error().is_none()).count();
         if answers > 0 {
             break;
         }

@@ -15,8 +15,8 @@
 //! ```
 //!
 //! An open file is a lease (X-3). If none is free, it gives way to a client that opens another: when it was idle for 3 s, when it
-//! was used at less than a twentieth of its link's rate over 10 s, when its client has several and the other has none, and at
-//! once when only the other is in control. Of several that may, the one that was idle for the longest does.
+//! was used at less than a twentieth of its link's rate over 10 s, when its client has several and the other has none, when
+//! its client has held files for 30 s and the other has none, and at once when only the other is in control. Of several that may, the one that was idle for the longest does.
 //!
 //! `server.rs` executes requests and runs operations that take more than one call, and `send.rs` sends. They work on
 //! sessions (`session.rs`), open files (`file.rs`), directories, the checksum and the upload, which do not know them.

@@ -1,5 +1,6 @@
 //! Executes requests when they are received (F-1 to F-7, F-13), and runs the operations that take more than one call (P-22).
 
+use core::num::Wrapping;
 use core::task::Poll;
 
 use heapless::vec::VecView;
@@ -9,7 +10,9 @@ use super::directory::Directory;
 use super::file::{File, Origin};
 use super::packet::{MAX_DATA, Request};
 use super::path;
-use super::session::{self, Admission, Answer, Content, IDLE, Session, State, TAKEOVER, Ticks, ticks};
+use super::session::{
+    self, Admission, Answer, CHECKSUM_TURN, Content, IDLE, Lease, Session, State, TAKEOVER, TURN, Ticks, ticks,
+};
 use super::upload::{STALLED, Taken, Upload, UploadState};
 use super::vehicle::{FileAccess, FileChange, Files};
 use super::virtual_files::{self, VirtualFile};
@@ -150,6 +153,8 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
     fn execute(&mut self, index: usize, request: &Request<'_>) -> Result<Response, MavFtpErr> {
         let Some(session) = self.sessions.get_mut(index) else { return Ok(Response::Dropped) };
         let head = &request.head;
+        // It waits for a checksum no more, unless it asks again.
+        session.checksum_refused = Wrapping(0);
         if usize::from(head.size) > MAX_DATA {
             return Err(MavFtpErr::INVALIDDATASIZE);
         }
@@ -262,6 +267,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             // First: the vehicle may have no room for another open file.
             increment(&mut self.status.counters.taken_over);
             self.close(victim);
+            self.end_time(victim);
         }
         if V::UPLOADS
             && access != FileAccess::Read
@@ -273,6 +279,7 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             // There is one upload at a time.
             increment(&mut self.status.counters.taken_over);
             self.close(rival);
+            self.end_time(rival);
         }
         let may_upload = V::UPLOADS && !self.sessions.iter().any(Session::is_uploading);
         let file = File::open(self.cx, path, access, client, may_upload)?;
@@ -291,8 +298,12 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             response = Response::Later;
         }
         increment(&mut self.status.counters.opened);
+        // The time that its client holds files goes on, with whichever number it opens the next one.
+        let is_held = |other: &&Session<V>| other.lease.has_begun() && other.id.is_some_and(|id| id.client == client);
+        let held = self.sessions.iter().filter(is_held).map(|other| now - other.lease.held).max();
         if let Some(session) = self.sessions.get_mut(index) {
             session.set_file(file, request, now);
+            session.lease.held = now - held.unwrap_or_default();
         }
         Ok(response)
     }
@@ -305,14 +316,27 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
         for index in 0..N {
             let Some(session) = self.sessions.get(index).filter(|session| session.is_open()) else { continue };
             let (idle, id) = (session.idle_for(now), session.id);
+            // An upload cannot go on in a new session, and is the only one.
+            let has_had_turn = !session.is_uploading() && now - session.lease.held >= TURN;
             let may_give_way = idle >= TAKEOVER
                 || self.gives_way(index, now, client)
+                || (has_none && has_had_turn)
                 || (has_none && id.is_some_and(|id| session::count_open(self.sessions, id.client) > 1));
             if may_give_way && victim.is_none_or(|(_, longest)| idle > longest) {
                 victim = Some((index, idle));
             }
         }
         victim.map(|(index, _)| index)
+    }
+
+    /// The file of this session has given way: the time of its client begins with the next file that it opens.
+    fn end_time(&mut self, index: usize) {
+        let Some(id) = self.sessions.get(index).and_then(|session| session.id) else { return };
+        for session in self.sessions.iter_mut() {
+            if !session.is_open() && session.id.is_some_and(|other| other.client == id.client) {
+                session.lease = Lease::NONE;
+            }
+        }
     }
 
     /// Whether an open file gives way to another client although it is in use.
@@ -377,13 +401,49 @@ impl<F: Firmware<Vehicle: Files>, V: VirtualFile<F>, const N: usize> Server<'_, 
             running.file.close(self.cx);
             *self.operation = Operation::Nothing;
         }
-        if self.operation.is_running() {
+        let now = ticks(self.cx.now);
+        if !self.has_checksum_turn(index, now, from) {
+            if let Some(session) = self.sessions.get_mut(index) {
+                session.checksum_refused = now;
+            }
             return Ok(Response::Dropped);
+        }
+        // First: the vehicle may have no room for another open file.
+        self.abort_checksum();
+        if let Some(session) = self.sessions.get_mut(index) {
+            session.checksum_began = now;
         }
         let may_upload = false;
         let file = File::open(self.cx, path, FileAccess::Read, from, may_upload)?;
-        *self.operation = Operation::Checksum(Checksum::new(index, path_crc, ticks(self.cx.now), file));
+        *self.operation = Operation::Checksum(Checksum::new(index, path_crc, now, file));
         Ok(Response::Later)
+    }
+
+    /// Whether a checksum of this session may begin: none is running, or one that has had its time or is of a system that is not in
+    /// control; and of the clients that wait for one, none has waited for longer.
+    fn has_checksum_turn(&self, index: usize, now: Ticks, from: Peer) -> bool {
+        let running = match &*self.operation {
+            Operation::Nothing => None,
+            Operation::Checksum(running) => Some(running),
+            _ => return false,
+        };
+        let (system, shared) = (from.address.system, &self.cx.shared);
+        if let Some(running) = running {
+            let holder = self.sessions.get(running.session).and_then(|session| session.id);
+            let holder = holder.map_or(system, |id| id.client.address.system);
+            if shared.takes_precedence::<F>(system, holder) {
+                return true;
+            }
+            if now - running.began < CHECKSUM_TURN || shared.takes_precedence::<F>(holder, system) {
+                return false;
+            }
+        }
+        let last = self.sessions.get(index).map_or(now, |session| session.checksum_began);
+        let waits = |other: &Session<V>| {
+            let asked = other.checksum_refused;
+            asked.0 > 0 && now - asked < TAKEOVER && now - other.checksum_began > now - last
+        };
+        !self.sessions.iter().any(waits)
     }
 
     /// Aborts a running checksum: opening and storing a file has priority.

@@ -18,6 +18,10 @@ pub(super) type Ticks = Wrapping<u32>;
 pub(super) const IDLE: Ticks = seconds(10);
 /// Another client takes over a session that was idle for three seconds.
 pub(super) const TAKEOVER: Ticks = seconds(3);
+/// A file that its client has held for so long gives way to a client without one, and a checksum that runs for so long to another
+/// client's.
+pub(super) const TURN: Ticks = seconds(30);
+pub(super) const CHECKSUM_TURN: Ticks = seconds(10);
 /// A repeat is an identical request within two seconds of the client's last one (F-13): clients repeat after half a
 /// second or one, and a client that was started again numbers its requests from 0 again.
 const REPEAT: Ticks = seconds(2);
@@ -127,6 +131,8 @@ pub(super) enum Admission {
 /// How much a client uses the file that it has open.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lease {
+    /// When the client opened its first file. Another client's file in its place ends this time; the same client's does not.
+    pub(super) held: Ticks,
     since: Ticks,
     /// The bytes of data that were sent and taken since then.
     pub(super) bytes: Saturating<u32>,
@@ -136,12 +142,16 @@ pub(super) struct Lease {
 
 impl Lease {
     /// All zero bits.
-    const NONE: Self = Self { since: Wrapping(0), bytes: Saturating(0), rate: 0 };
+    pub(super) const NONE: Self = Self { held: Wrapping(0), since: Wrapping(0), bytes: Saturating(0), rate: 0 };
 
     fn new(now: Ticks, rate: u32) -> Self {
         /// The assumed rate of a link without one.
         const NOMINAL: u32 = 5_760;
-        Self { since: now, bytes: Saturating(0), rate: if rate == 0 { NOMINAL } else { rate } }
+        Self { held: now, since: now, bytes: Saturating(0), rate: if rate == 0 { NOMINAL } else { rate } }
+    }
+
+    pub(super) const fn has_begun(&self) -> bool {
+        self.rate > 0
     }
 
     /// Whether the file was used at less than a twentieth of the link's rate, for ten seconds or more. Called when another client
@@ -155,7 +165,7 @@ impl Lease {
         }
         let is_slow = self.bytes.0 < (self.rate / 20).saturating_mul(seconds);
         if !is_slow {
-            *self = Self::new(now, self.rate);
+            *self = Self { held: self.held, ..Self::new(now, self.rate) };
         }
         is_slow
     }
@@ -173,6 +183,9 @@ pub struct Session<V> {
     pub(super) burst_began: Ticks,
     pub(super) file: File<V>,
     pub(super) lease: Lease,
+    /// When its client last asked for a checksum in vain, and when its last one began.
+    pub(super) checksum_refused: Ticks,
+    pub(super) checksum_began: Ticks,
     /// The request that opened the file.
     pub(super) opened_by: Option<NonZeroU32>,
     /// The answers, the oldest first, then the burst.
@@ -188,6 +201,8 @@ impl<V> Session<V> {
         burst_began: Wrapping(0),
         file: File::CLOSED,
         lease: Lease::NONE,
+        checksum_refused: Wrapping(0),
+        checksum_began: Wrapping(0),
         opened_by: None,
         answers: [Answer::EMPTY; SLOTS],
     };
@@ -213,6 +228,8 @@ impl<V> Session<V> {
     pub(super) fn assign(&mut self, id: Option<SessionId>, trust: Trust) {
         self.id = id;
         self.trust = trust;
+        self.lease = Lease::NONE;
+        (self.checksum_refused, self.checksum_began) = (Wrapping(0), Wrapping(0));
         self.opened_by = None;
         self.forget(|_| true);
     }
@@ -292,7 +309,9 @@ impl<V> Session<V> {
     /// Assigns an open file. For another file, a request that was answered before is a new one.
     pub(super) fn set_file(&mut self, file: File<V>, request: &Request<'_>, now: Ticks) {
         self.file = file;
-        self.lease = Lease::new(now, request.rate);
+        if !self.lease.has_begun() {
+            self.lease = Lease::new(now, request.rate);
+        }
         self.opened_by = Some(request.digest);
         self.forget(|answer| answer.state == State::Sent && answer.head.opcode != MavFtpOpcode::TERMINATESESSION);
     }
