@@ -147,7 +147,10 @@ impl Lease {
     fn new(now: Ticks, rate: u32) -> Self {
         /// The assumed rate of a link without one.
         const NOMINAL: u32 = 5_760;
-        Self { held: now, since: now, bytes: Saturating(0), rate: if rate == 0 { NOMINAL } else { rate } }
+        /// A client that sends one request after the other uses no more of a faster link.
+        const FASTEST: u32 = 24_000;
+        let rate = if rate == 0 { NOMINAL } else { rate.min(FASTEST) };
+        Self { held: now, since: now, bytes: Saturating(0), rate }
     }
 
     pub(super) const fn has_begun(&self) -> bool {
