@@ -20,6 +20,10 @@ use crate::types::{
     Allowance, CommandAnswer, CreditMemory, LinkId, MAX_TEXT_LEN, Payer, Peer, PeerEvent, Trust, Vehicle,
 };
 
+/// What a sender for which the peer table has no free place takes of the allowance of a poll, besides its frame: a look at all peers, and
+/// calls of hooks if it evicts one.
+const COST_OF_NEWCOMER: u32 = 300;
+
 /// A received frame with our own address: an echo, if a link has sent such a frame.
 #[derive(Clone, Copy)]
 pub(super) struct OwnFrame {
@@ -162,6 +166,9 @@ impl<D: Declares> Services<D> {
                 return None;
             }
             let (entry, standing) = self.record_sender(cx, port, frame);
+            if entry != SenderEntry::Present {
+                allowance.spend(COST_OF_NEWCOMER);
+            }
             // Only what proves its sender teaches a route, and keeps something alive.
             if standing.trust > Trust::None {
                 sender = Some(entry);
