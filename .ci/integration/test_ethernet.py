@@ -140,7 +140,9 @@ def test_a_station_that_dies_is_forgotten(call, ports):
         if late.wait("PING", 0.5):
             break
         assert time.monotonic() < deadline, "the dead stations are not forgotten"
-    # Its link carries everything now.
+    # Its link carries everything now that it was heard for a second.
+    time.sleep(1.1)
+    late.mav.ping_send(0, 3, 0, 0)
     assert late.wait("HEARTBEAT") and late.wait("ATTITUDE")
 
 

@@ -70,7 +70,7 @@ def is_close(a, b):
 class MavProxy:
     """A running MAVProxy: commands in, lines out."""
 
-    def __init__(self, port, folder, modules="wp,fence,rally,arm", prelude=None):
+    def __init__(self, port, folder, modules="wp,fence,rally,arm", prelude=None, options=()):
         """`prelude` is a program that runs MAVProxy, whose path is its first argument."""
         program = pathlib.Path(sys.executable).parent / "mavproxy.py"
         self.process = subprocess.Popen(
@@ -82,6 +82,7 @@ class MavProxy:
                 f"--master=tcp:127.0.0.1:{port}",
                 f"--state-basedir={folder}",
                 f"--default-modules={modules}",
+                *options,
             ],
             cwd=folder,
             text=True,

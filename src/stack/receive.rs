@@ -183,7 +183,7 @@ impl<D: Declares> Services<D> {
         }
         // A refused frame proves nothing, whatever signature it has.
         let trust = if is_accepted { self.signing.trust(port, frame) } else { Trust::None };
-        let (payer, has_key) = (self.payer(from, trust), self.signing.has_key());
+        let (payer, has_key) = (self.payer(cx, port, from, trust), self.signing.has_key());
         let examined = Examined { frame, decision, sender, payer, has_key };
         allowance.spend(self.forwarding.forward(cx, port, &examined));
         served
@@ -263,19 +263,22 @@ impl<D: Declares> Services<D> {
         Received { frame, from, trust, counts, may_change, target, age: self.signing.age(now, frame) }
     }
 
-    /// Returns whose credits pay for what a frame causes on the high-latency links (L-17).
-    fn payer(&self, from: Peer, trust: Trust) -> Payer {
-        let is_in_control = self.operator_control.controllers().is_owner(from.address.system, trust);
-        if is_in_control || trust == Trust::Signed { Payer::Privileged } else { Payer::Anyone }
+    /// Returns whose credits pay for what a frame causes on the high-latency links (L-17). A component of our own system, such as one that
+    /// answers a command, has the reserved ones too if it is believed.
+    fn payer(&self, cx: &Cx<'_, D>, port: &Port, from: Peer, trust: Trust) -> Payer {
+        let system = from.address.system;
+        let is_ours = port.config.trusts_own_system && system == cx.address().system;
+        let is_in_control = self.operator_control.controllers().is_owner(system, trust);
+        if is_ours || is_in_control || trust == Trust::Signed { Payer::Privileged } else { Payer::Anyone }
     }
 
     /// Returns the command in a frame; `None` if the frame contains none.
-    fn request(&self, port: &Port, received: &Received<'_>) -> Option<Request> {
+    fn request(&self, cx: &Cx<'_, D>, port: &Port, received: &Received<'_>) -> Option<Request> {
         let in_mode = || if D::HAS_MODES { mode::command_in(port, received) } else { None };
         let mut request = command::command_in(port, received).or_else(in_mode)?;
         request.signed_at = self.signing.signed_at(received.frame);
         if D::Credits::IS_SOME {
-            request.payer = self.payer(received.from, received.trust);
+            request.payer = self.payer(cx, port, received.from, received.trust);
         }
         Some(request)
     }
@@ -293,7 +296,7 @@ impl<D: Declares> Services<D> {
         state: &mut States<D>,
         received: &Received<'_>,
     ) -> bool {
-        let mut request = self.request(port, received);
+        let mut request = self.request(cx, port, received);
         // By reference: it is large.
         let Some(request) = &mut request else { return false };
         if !CommandService::<D::Commands>::has_room(&state.command) {

@@ -190,6 +190,12 @@ impl LogServer {
         self.begin_turn(now);
     }
 
+    fn change_turns_if_due(&mut self, now: Instant) {
+        if now >= self.turn_deadline() {
+            self.change_turns(now);
+        }
+    }
+
     fn begin_turn(&mut self, now: Instant) {
         (self.turn_began, self.sent) = (now, Saturating(0));
     }
@@ -239,9 +245,7 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
                 download.transfer = Transfer::None;
             }
         }
-        if cx.now >= self.turn_deadline() {
-            self.change_turns(cx.now);
-        }
+        self.change_turns_if_due(cx.now);
     }
 
     fn deadline(&self) -> Instant {
@@ -280,11 +284,13 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
     }
 
     fn send(&mut self, cx: &mut Cx<'_, F>, port: &mut Port, (): &mut (), (): ()) -> bool {
-        match self.served.transfer {
+        let is_sent = match self.served.transfer {
             Transfer::None => false,
             Transfer::List { id, last } => send_entry(self, cx, port, id, last),
             Transfer::Data { id, offset, left } => send_data(self, cx, port, id, offset, left),
-        }
+        };
+        self.change_turns_if_due(cx.now);
+        is_sent
     }
 
     fn counters(&self, show: &mut impl ShowCounters) {
