@@ -308,10 +308,12 @@ def test_command_for_the_companion_is_forwarded(satellite, other):
         companion.end()
 
 
-def test_mavproxy_over_the_satellite(other, port, tmp_path):
+def test_mavproxy_over_the_satellite(vehicle, port, tmp_path):
     """L-24: MAVProxy's user switches high latency on, and MAVProxy detects the vehicle."""
+    # The tests before have used up the credits (L-17).
+    vehicle.cut()
     # Without the vehicle's id it sends START to all systems, which is DENIED because each would pay (L-17).
-    mavproxy = MavProxy(port + 2, tmp_path, options=["--target-system=1"])
+    mavproxy = MavProxy(getattr(vehicle, "port", port) + 2, tmp_path, options=["--target-system=1"])
     try:
         mavproxy.say("link hl on")
         mavproxy.expect_all("CONTROL_HIGH_LATENCY: ACCEPTED", "Detected vehicle 1:1")
@@ -319,4 +321,4 @@ def test_mavproxy_over_the_satellite(other, port, tmp_path):
         mavproxy.expect("CONTROL_HIGH_LATENCY: ACCEPTED")
     finally:
         mavproxy.end()
-        other.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, STOP)
+        vehicle.gcs.command(mavlink.MAV_CMD_CONTROL_HIGH_LATENCY, STOP)

@@ -44,7 +44,7 @@ impl PollBudget {
     /// It is enough for the traffic of a ground station at 1 Mbit/s with a poll every millisecond, or at 57,600 bit/s
     /// with a poll every 20 ms. More frames than that are not handled, however short they are: 150 a second with a poll
     /// every 20 ms. For a link that others keep fully loaded, use [`for_link`](Self::for_link).
-    pub const DEFAULT: Self = Self { rx_bytes: 128, work: 1_660, frames: 8, tx_bytes: 280 };
+    pub const DEFAULT: Self = Self { rx_bytes: 128, work: 1_700, frames: 8, tx_bytes: 280 };
 
     /// Returns a budget for a link of `baud` bit/s, ten bits for each byte, that is polled every `period`. It is enough for
     /// a link that is fully loaded, with frames of any length, signed or not. It adds a quarter, for the backlog after a

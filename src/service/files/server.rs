@@ -29,9 +29,10 @@ const WITHOUT_FILE: usize = 2;
 
 /// Returns the number of sessions of a server with so many open files.
 pub const fn sessions(open_files: usize) -> usize {
+    assert!(open_files > 0, "a client needs a session: `files: {{ sessions: 2 }}`, or leave `files` out");
     assert!(
-        open_files > 0 && open_files <= 16,
-        "a client needs a session, and one request may close 16 (X-6): `files: {{ sessions: 2 }}`, or leave `files` out"
+        open_files <= 16,
+        "one request may close all open files, of which 16 are the most: `files: {{ sessions: 2 }}`"
     );
     open_files.saturating_add(WITHOUT_FILE)
 }
