@@ -33,6 +33,8 @@ type Flash = RamFlash<8, 512>;
 const MAX_STEPS: usize = 64;
 /// Maximum number of polls per script.
 const MAX_POLLS: u32 = 600;
+/// The same with hostile peers: each poll has more to do, and what follows the steps has more polls.
+const MAX_HOSTILE_POLLS: u32 = 200;
 
 static PULSE: Pulse = Pulse::new();
 
@@ -106,7 +108,8 @@ impl<D: Declared> Session<D> {
     fn play(setup: [u8; 2], mut u: Unstructured<'_>) -> Played {
         let mut session = Self::new(setup);
         for _ in 0..MAX_STEPS {
-            if u.is_empty() || session.polls > MAX_POLLS || session.step(&mut u).is_err() {
+            let most = if session.has_hostile { MAX_HOSTILE_POLLS } else { MAX_POLLS };
+            if u.is_empty() || session.polls > most || session.step(&mut u).is_err() {
                 break;
             }
         }
