@@ -32,9 +32,9 @@ type Flash = RamFlash<8, 512>;
 
 const MAX_STEPS: usize = 64;
 /// Maximum number of polls per script.
-const MAX_POLLS: u32 = 600;
-/// The same with hostile peers: each poll has more to do, and what follows the steps has more polls.
-const MAX_HOSTILE_POLLS: u32 = 200;
+const MAX_POLLS: u32 = 450;
+/// The same for a vehicle with all services: each poll has more to do.
+const MAX_FULL_POLLS: u32 = 100;
 
 static PULSE: Pulse = Pulse::new();
 
@@ -108,7 +108,7 @@ impl<D: Declared> Session<D> {
     fn play(setup: [u8; 2], mut u: Unstructured<'_>) -> Played {
         let mut session = Self::new(setup);
         for _ in 0..MAX_STEPS {
-            let most = if session.has_hostile { MAX_HOSTILE_POLLS } else { MAX_POLLS };
+            let most = if D::IS_FULL { MAX_FULL_POLLS } else { MAX_POLLS };
             if u.is_empty() || session.polls > most || session.step(&mut u).is_err() {
                 break;
             }

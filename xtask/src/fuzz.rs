@@ -17,8 +17,6 @@ pub const TARGETS: [&str; 8] = ["decode", "wpl", "roundtrip", "sign", "record", 
 const TIMEOUT: u32 = 10;
 /// No input may take longer than this (ms), measured alone. The best of several runs counts, because other programs share the machine.
 const SLOWEST: u64 = 10;
-/// The same for `session`, which with hostile peers ends with up to twenty seconds of a station that comes late.
-const SLOWEST_SESSION: u64 = 25;
 /// Maximum number of runs of an input, and their duration, to find one within the bound.
 const MAX_RUNS: u32 = 60;
 const MAX_TIME: Duration = Duration::from_secs(30);
@@ -201,15 +199,10 @@ impl Target {
         if executions == 0 {
             return Err(format!("{}: nothing was run", self.name));
         }
-        let bound = self.bound();
-        if ms > bound {
-            return Err(format!("{}: {} takes {ms} ms, bound {bound}", self.name, slowest.display()));
+        if ms > SLOWEST {
+            return Err(format!("{}: {} takes {ms} ms, bound {SLOWEST}", self.name, slowest.display()));
         }
         Ok(())
-    }
-
-    fn bound(&self) -> u64 {
-        if self.name == "session" { SLOWEST_SESSION } else { SLOWEST }
     }
 
     /// The input that takes longest by itself, and how long that is (ms).
@@ -220,7 +213,7 @@ impl Target {
             for (file, ms) in files.iter().zip(self.times(&files)?) {
                 let (mut best, began) = (ms, Instant::now());
                 for _ in 1..MAX_RUNS {
-                    if best <= self.bound() || began.elapsed() > MAX_TIME {
+                    if best <= SLOWEST || began.elapsed() > MAX_TIME {
                         break;
                     }
                     best = self.times(&[file])?.into_iter().fold(best, u64::min);

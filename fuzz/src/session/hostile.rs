@@ -4,7 +4,7 @@
 //! is anything that costs the vehicle, or that is worth something to an attacker.
 
 use super::checks::ASKED;
-use super::{Declared, LINKS, MAX_HOSTILE_POLLS, Session, VEHICLE, parts};
+use super::{Declared, LINKS, MAX_FULL_POLLS, Session, VEHICLE, parts};
 use crate::support::TestVehicle;
 use arbitrary::{Result, Unstructured};
 use mavstack::camera::{Image, Shot};
@@ -124,7 +124,7 @@ impl<D: Declared> Session<D> {
             let invented = Address::new(100 + (times ^ number) % 32, 190);
             let from = *ACTORS.get(usize::from(actor >> 2 & 7)).unwrap_or(&invented);
             self.attack(link, from, actor & 0x80 != 0, what, number);
-            if gap > 0 && self.polls < MAX_HOSTILE_POLLS {
+            if gap > 0 && self.polls < MAX_FULL_POLLS {
                 self.pass(Duration::from_millis(4 * u64::from(gap)));
             }
         }
