@@ -156,6 +156,8 @@ struct Notice {
     left: Saturating<u8>,
     /// The owner's ground station, and the link on which it is alive.
     to: Peer,
+    /// The system that the owner was last notified of: the next one has the next higher id, so that all have their turn.
+    notified: SystemId,
     /// The system that requests control, whether it would allow a takeover, and how long it waits (s).
     requester: SystemId,
     allow: u8,
@@ -169,11 +171,17 @@ impl Notice {
     const NONE: Self = Self {
         left: Saturating(0),
         to: Peer { address: Address::new(0, 0), link: LinkId(0) },
+        notified: SystemId::ALL,
         requester: SystemId::ALL,
         allow: 0,
         timeout: 0,
         at: Instant::ZERO,
     };
+
+    /// How many systems come before this one.
+    fn turn(&self, system: SystemId) -> u8 {
+        system.wire().wrapping_sub(self.notified.wire()).wrapping_sub(1)
+    }
 }
 
 /// The state of the service on a link.
@@ -199,8 +207,7 @@ impl OperatorControl {
     /// [`Stack::operator`](crate::Stack::operator).
     pub(crate) fn operator(&self, mut peers: impl Iterator<Item = PeerInfo>) -> Option<SystemId> {
         let owner = self.owner?;
-        let is_kept =
-            self.keeps_lost || peers.any(|info| info.is_living_station() && info.peer.address.system == owner);
+        let is_kept = self.keeps_lost || peers.any(|info| is_station(&info, owner, self.trust));
         is_kept.then_some(owner)
     }
 
@@ -305,7 +312,7 @@ impl OperatorControl {
     /// Gives control to the sender's system, or notifies the owner of the request. Returns whether the system is in control.
     fn request_for<F: Firmware>(&mut self, cx: &Cx<'_, F>, command: &Command, allow: u8, timeout: u8) -> bool {
         let (system, trust) = (command.from.address.system, command.trust);
-        let is_possible = self.keeps_lost || station(cx.peers, system, LinkMask::ALL).is_some();
+        let is_possible = self.keeps_lost || station(cx.peers, system, Trust::None, LinkMask::ALL).is_some();
         if is_possible && (self.allows_takeover() || self.is_owner(system, trust)) {
             // A frame may have 0 as its source.
             self.set_owner(Some(system).filter(|system| !system.is_all()), trust, allow != 0);
@@ -313,23 +320,31 @@ impl OperatorControl {
             return true;
         }
         increment(&mut self.counters.refused);
+        let Notice { left, notified, requester, at, .. } = self.notice;
+        let is_next = left.0 == 0 || self.notice.turn(system) <= self.notice.turn(requester);
         if is_possible
+            && is_next
             && let Some(owner) = self.owner
-            && let Some(to) = station(cx.peers, owner, cx.shared.normal)
+            && let Some(to) = station(cx.peers, owner, self.trust, cx.shared.normal)
         {
             let (left, timeout) = (Saturating(NOTICES), timeout.clamp(3, 60));
             // The time stays that after the last notice, so that requests in a row cause no more notices.
-            let at = cx.now.max(self.notice.at);
-            self.notice = Notice { left, to, requester: system, allow, timeout, at };
+            let at = cx.now.max(at);
+            self.notice = Notice { left, to, notified, requester: system, allow, timeout, at };
         }
         false
     }
 }
 
-/// Returns a ground station of a system that is alive on one of the links.
-fn station(peers: &Peers, system: SystemId, links: LinkMask) -> Option<Peer> {
-    let mut stations = peers.iter().filter(|info| info.is_living_station()).map(|info| info.peer);
-    stations.find(|peer| peer.address.system == system && links.contains(peer.link))
+/// Whether a peer is a ground station of a system that is alive, and proves itself so well.
+fn is_station(info: &PeerInfo, system: SystemId, trust: Trust) -> bool {
+    info.is_living_station() && info.peer.address.system == system && info.trust >= trust
+}
+
+/// Returns such a station on one of the links.
+fn station(peers: &Peers, system: SystemId, trust: Trust, links: LinkMask) -> Option<Peer> {
+    let is_it = |info: &&PeerInfo| is_station(info, system, trust) && links.contains(info.peer.link);
+    peers.iter().find(is_it).map(|info| info.peer)
 }
 
 /// Whether everyone may send this command: it requests control, or information.
@@ -417,7 +432,7 @@ impl<F: Firmware> Service<F> for OperatorControl {
     fn poll<'l>(&mut self, cx: &mut Cx<'_, F>, _: impl Iterator<Item = &'l mut OperatorLink>) {
         if let Some(owner) = self.owner
             && !self.keeps_lost
-            && station(cx.peers, owner, LinkMask::ALL).is_none()
+            && station(cx.peers, owner, self.trust, LinkMask::ALL).is_none()
         {
             self.release();
         }
@@ -465,6 +480,7 @@ impl<F: Firmware> Service<F> for OperatorControl {
                 let notice = &mut self.notice;
                 let confirmation = Saturating(NOTICES) - notice.left;
                 notice.left -= 1;
+                notice.notified = notice.requester;
                 notice.at = cx.now + NOTICE_PERIOD;
                 port.outbox.send(&CommandLong {
                     param1: f32::from(REQUEST),

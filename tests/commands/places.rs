@@ -81,6 +81,20 @@ fn oldest_of_the_most_gives_way() {
     assert_eq!(world.vehicle.commands().len(), given);
 }
 
+/// invented senders on another link take no slot of a pilot who has as many as that link: a late duplicate of the pilot's command is
+/// still known. Before, the third of them made the vehicle forget it, and it was carried out twice.
+#[test]
+fn invented_senders_make_no_link_forget() {
+    let mut world = world();
+    assert_eq!(give(&mut world, PILOT, STATION, ONCE, 1), Some(MavResult::ACCEPTED));
+    for number in 0..20 {
+        give(&mut world, OTHERS, Address::new(10 + number, 1), ONCE, 100 + u16::from(number));
+    }
+    let given = world.vehicle.commands().len();
+    assert_eq!(give(&mut world, PILOT, STATION, ONCE, 1), Some(MavResult::ACCEPTED), "a known duplicate");
+    assert_eq!(world.vehicle.commands().len(), given);
+}
+
 /// whoever waits, a running command goes on, and its end is answered.
 #[test]
 fn running_commands_keep_their_slots() {

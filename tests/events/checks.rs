@@ -92,7 +92,8 @@ fn report_is_sent_after_a_change() {
     site.expect_no::<Event>(0, secs(5));
 }
 
-/// EVT-7: MAV_CMD_RUN_PREARM_CHECKS reports at once, also what has not changed. The vehicle decides about the answer.
+/// EVT-7: MAV_CMD_RUN_PREARM_CHECKS reports at once, also what has not changed, unless the last report is younger than two seconds. The
+/// vehicle decides about the answer.
 #[test]
 fn report_is_sent_on_command() {
     let mut site = site();
@@ -100,6 +101,7 @@ fn report_is_sent_on_command() {
     site.run_for(secs(3));
     for result in [MavResult::ACCEPTED, MavResult::TEMPORARILY_REJECTED] {
         site.vehicle.run_checks = Some(result);
+        site.run_for(secs(2));
         site.gcs[0].command_long(MavCmd::RUN_PREARM_CHECKS, [0.0; 7]);
         assert_eq!(report(&mut site, millis(50)).len(), 3);
         assert_eq!(site.expect::<CommandAck>(0, millis(10)).result, result);
@@ -107,6 +109,31 @@ fn report_is_sent_on_command() {
     site.run_for(secs(6));
     site.gcs[0].command_long(MavCmd::RUN_PREARM_CHECKS, [0.0; 7]);
     assert_eq!(site.expect::<Statustext>(0, millis(100)).text.as_str(), Some("Checked"), "the vehicle's text");
+}
+
+/// 1,000 MAV_CMD_RUN_PREARM_CHECKS a second made 1,000 reports, whose events overwrote 17 of 20 others before a slow link had sent
+/// them. Now all are sent, and the reports come every two seconds.
+#[test]
+fn requested_reports_leave_the_history_to_others() {
+    let down = Wire { bytes_per_second: 960, tx_fifo: 128, ..Wire::default() };
+    let lines = [LineConfig { down, ..LineConfig::default() }, LineConfig::default()];
+    let links = [9_600, 921_600].map(LinkConfig::uart);
+    let mut site = Site::of(Setup { links, lines, ..Setup::new() });
+    site.run_for(secs(3));
+    site.gcs[0].forget();
+    for number in 0..20_u64 {
+        let at = site.now();
+        site.stack.event(at, &Full { a: number, b: 0, c: 0, d: 0, e: 0 });
+        for _ in 0..1_000 {
+            site.gcs[1].command_long(MavCmd::RUN_PREARM_CHECKS, [0.0; 7]);
+            site.run_for(millis(1));
+        }
+    }
+    let sent = site.gcs[0].all::<Event>().into_iter().filter(|(_, event)| event.log_levels & 0xF == 0).count();
+    assert_eq!((sent, site.stack.event_counters().overwritten), (20, 0));
+    let reports =
+        site.gcs[1].all::<Event>().into_iter().filter(|(_, event)| event.id == RoverEvents::HEALTH_SUMMARY.id());
+    assert!((9..=11).contains(&reports.count()));
 }
 
 /// EVT-7: the report is repeated when a link was opened and a peer is heard on it, at most every two seconds.

@@ -120,6 +120,23 @@ fn the_one_in_control_is_served_at_once() {
     assert_eq!(field.stack.logs().counters().busy, 0);
 }
 
+/// a request for nothing takes no place: it ended the download of a client that waited, which had its turn.
+#[test]
+fn requests_for_nothing_take_no_place() {
+    let mut field = two_logs(57_600, 1_000_000, 5);
+    send(&mut field, 0, STATION, &data(0, 0, u32::MAX));
+    send(&mut field, 1, OTHER_STATION, &data(1, 0, u32::MAX));
+    // The first turn ends after 64 kB.
+    live(&mut field, 1, 16);
+    assert!(received(&field, 1) > 0);
+    for nothing in [data(7, 0, 90), data(0, 0, 0)] {
+        send(&mut field, 1, Address::new(77, 1), &nothing);
+    }
+    field.gcs.iter_mut().for_each(|gcs| gcs.forget());
+    live(&mut field, 1, 60);
+    assert!([0, 1].into_iter().all(|id| received(&field, id) > 60_000));
+}
+
 /// LOG-7, X-3: the one in control erases the logs, whoever reads them: its LOG_ERASE was refused. Its LOG_REQUEST_END, which clients send
 /// when they connect, ends nothing of others.
 #[test]

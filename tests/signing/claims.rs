@@ -279,6 +279,22 @@ fn only_signed_frames_are_those_of_a_signed_owner() {
     assert_eq!(flight.result(RADIO, &owner.frame(&release)), Some(MavResult::ACCEPTED));
 }
 
+/// X-1, O-5: a station that took control with a signed frame is lost. Heartbeats in its name from an open wire kept it in control; now
+/// control is released as without them.
+#[test]
+fn forged_heartbeats_keep_no_signed_owner_in_control() {
+    let mut flight = Flight::new();
+    flight.stack.operator_control_mut().set_release_on_loss(true);
+    let (mut owner, mut forger) = (Signer::new(KEY).of(OTHER_STATION), Signer::new(KEY).of(OTHER_STATION));
+    flight.exchange(RADIO, &owner.frame(&Gcs::heartbeat()));
+    let take = owner.frame(&long(REQUEST_OPERATOR_CONTROL, 1.0));
+    assert_eq!(flight.result(RADIO, &take), Some(MavResult::ACCEPTED));
+    for _ in 0..50 {
+        flight.exchange(WIRE, &forger.unsigned(Version::V2, &Gcs::heartbeat()));
+    }
+    assert_eq!(flight.stack.operator(flight.now), None);
+}
+
 /// O-5: a station that has taken control on an open link goes on unsigned, and may sign too.
 #[test]
 fn an_unsigned_owner_goes_on() {

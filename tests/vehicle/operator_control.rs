@@ -385,6 +385,38 @@ fn notices_are_rare() {
     assert!((1..=2).contains(&notices), "{notices}");
 }
 
+/// the owner is notified of each system that requests control, also beside four that request it 100 times a second. Before, it was
+/// notified of the last one only, which was that of a request in 100.
+#[test]
+fn requesters_have_their_turn() {
+    let mut world = world();
+    request(&mut world, STATION, 0.0);
+    world.gcs[0].forget();
+    let ask = |world: &mut Shared, system: u8| {
+        let message = world.gcs[1].long(REQUEST_OPERATOR_CONTROL, [1.0, 0.0, 10.0, f32::from(system), 0.0, 0.0, 0.0]);
+        send(world, 1, Address::new(system, 190), &message);
+    };
+    for ms in 0..20_000 {
+        if ms % 1_000 == 0 {
+            beat(&mut world);
+            for system in [60, 120, 180, 240] {
+                send(&mut world, 1, Address::new(system, 190), &Gcs::heartbeat());
+            }
+        }
+        if ms % 1_000 == 300 {
+            ask(&mut world, 254);
+        }
+        if ms % 10 == 5 {
+            [60, 120, 180, 240].into_iter().for_each(|system| ask(&mut world, system));
+        }
+        world.run_for(millis(1));
+        world.gcs[1].forget();
+    }
+    let notices = world.gcs[0].all::<CommandLong>();
+    assert!(notices.iter().any(|(_, notice)| notice.param4 == 254.0), "{notices:?}");
+    assert!(notices.len() <= 7, "{}", notices.len());
+}
+
 /// O-5: control is released when the owner's heartbeats stop, unless the firmware keeps it.
 #[test]
 fn lost_owner_releases_control() {

@@ -427,16 +427,22 @@ impl LongCommands {
     }
 
     /// Returns the index of a slot for another command: a free one, or the evictable one that ended first, or else, of the sender with
-    /// the most slots, if the asking one has fewer.
+    /// the most slots, if the asking one has fewer. Of another link, if its own link has fewer: invented senders on one link leave
+    /// half of the slots to the others.
     fn free_slot(&self, asking: Peer) -> Option<usize> {
-        let own = self.places(asking.address, LinkMask::of(asking.link));
+        let link = LinkMask::of(asking.link);
         let rank = |slot: &CommandSlot| {
             let is_answered = slot.pending.is_empty();
-            let places = match slot.state {
+            let (places, own) = match slot.state {
                 CommandState::Free => return Some(0),
                 CommandState::Evictable => return Some(if is_answered { 1 } else { 2 }),
                 // Without links, it is the firmware's own.
-                CommandState::Done if is_answered && !slot.links.is_empty() => self.places(slot.from, slot.links),
+                CommandState::Done if is_answered && !slot.links.is_empty() => {
+                    let is_near = slot.links.contains(asking.link);
+                    let [theirs, own] = [(slot.from, slot.links), (asking.address, link)]
+                        .map(|(from, links)| self.places(Some(from).filter(|_| is_near), links));
+                    (theirs, own)
+                }
                 CommandState::Running | CommandState::Done => return None,
             };
             (places > own).then_some(usize::MAX.saturating_sub(places))
@@ -445,11 +451,12 @@ impl LongCommands {
         slots.filter_map(|(index, slot)| Some((rank(slot)?, slot.at, index))).min().map(|(_, _, index)| index)
     }
 
-    /// Returns the number of slots that the commands of an address on one of these links have, while they run and for three seconds.
-    fn places(&self, from: Address, links: LinkMask) -> usize {
+    /// Returns the number of slots that the commands on one of these links have, while they run and for three seconds; of all senders or
+    /// of one.
+    fn places(&self, from: Option<Address>, links: LinkMask) -> usize {
         let is_its = |slot: &&CommandSlot| {
             let is_held = matches!(slot.state, CommandState::Running | CommandState::Done);
-            is_held && slot.from == from && slot.links.intersects(links)
+            is_held && from.is_none_or(|from| slot.from == from) && slot.links.intersects(links)
         };
         // `count` could overflow, as far as the compiler knows.
         self.slots.iter().filter(is_its).fold(0, |places: usize, _| places.saturating_add(1))

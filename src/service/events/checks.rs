@@ -26,7 +26,7 @@ use crate::types::{Context, EventEntry, EventLog, Firmware, MAX_EVENT_ARGUMENTS}
 /// The interval at which the vehicle is asked for its checks.
 const PERIOD: Duration = Duration::from_millis(500);
 
-/// The shortest time between two unrequested reports, as in PX4.
+/// The shortest time between two reports, as in PX4.
 const REPORT_INTERVAL: Duration = Duration::from_secs(2);
 
 /// The events of a report besides its checks.
@@ -35,8 +35,8 @@ const SUMMARIES: usize = 2;
 /// The arming checks, for a vehicle that declares `events: { history: N, checks }` in [`#[stack]`](macro@crate::Stack).
 ///
 /// The stack calls the hook twice a second. It reports the result as events when it has changed, and when a peer is
-/// heard on a link that was opened; at most every two seconds. It reports at once on MAV_CMD_RUN_PREARM_CHECKS, which
-/// QGroundControl and MAVSDK send when they connect. The ground station then shows the failing checks, and the flight
+/// heard on a link that was opened, and on MAV_CMD_RUN_PREARM_CHECKS, which QGroundControl and MAVSDK send when they
+/// connect; at most every two seconds, so that requests leave the other events in the history (X-2). The ground station then shows the failing checks, and the flight
 /// modes in which the vehicle can arm (EVT-6).
 ///
 /// ```
@@ -368,8 +368,8 @@ impl<const N: usize, F: Firmware<Vehicle: HealthChecks>> Checker<F> for Checking
         if command != MavCmd::RUN_PREARM_CHECKS {
             return None;
         }
-        self.at = Instant::ZERO;
-        self.next_report = NextReport::AtOnce;
+        Checker::<F>::repeat(self);
+        self.at = self.at.min(self.reported_at + REPORT_INTERVAL);
         let (vehicle, mut context) = cx.hook();
         Some(vehicle.run_checks(&mut context))
     }

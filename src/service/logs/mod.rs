@@ -174,6 +174,15 @@ impl LogServer {
         [&mut self.served, &mut self.waiting]
     }
 
+    /// Ends what a client has requested.
+    fn end(&mut self, sender: Sender) {
+        for download in self.downloads() {
+            if !download.is_of_other(sender) {
+                download.transfer = Transfer::None;
+            }
+        }
+    }
+
     /// When the client that waits is served, at the latest.
     fn turn_deadline(&self) -> Instant {
         match self.waiting.is_idle() {
@@ -264,13 +273,7 @@ impl<F: Firmware<Vehicle: Logs>> Service<F> for LogServer {
             LogRequestList::ID | LogRequestData::ID if port.is_stalled() => return Handled::NoRoom,
             LogRequestList::ID | LogRequestData::ID => on_request(self, cx, received.frame, sender),
             // MAVSDK sends it when it connects. It ends no transfer of another client, not even for the system in control (LOG-5).
-            LogRequestEnd::ID => {
-                for download in self.downloads() {
-                    if !download.is_of_other(sender) {
-                        download.transfer = Transfer::None;
-                    }
-                }
-            }
+            LogRequestEnd::ID => self.end(sender),
             LogErase::ID => erase(self, cx, sender),
             _ => return Handled::No,
         }
@@ -383,35 +386,44 @@ fn on_request<F: Firmware<Vehicle: Logs>>(
         }
         return;
     }
+    // Decided before a place is taken: a request for nothing must not take another client's.
+    let transfer = requested(server, cx.vehicle, frame);
+    if transfer == Transfer::None {
+        return server.end(sender);
+    }
     let Some(place) = server.place::<F>(cx.shared, cx.now, sender) else {
         increment(&mut server.counters.busy);
         return cx.text(MavSeverity::NOTICE, b"Logs refused: other clients read them");
     };
     let had_turn = place.had_turn && place.client.is_repeated_by(sender);
-    *place = Download { client: sender, heard: cx.now, had_turn, ..Download::NONE };
-    if let Some(LogRequestData { ofs, count, id, .. }) = frame.decode() {
-        let Some(info) = cx.vehicle.log_info(id) else {
-            return increment(&mut server.counters.unknown);
-        };
-        let rest = Saturating(info.size) - Saturating(ofs);
-        // A count of 0 ends a download for the client, so only an offset behind the log is answered by it (LOG-4).
-        if count > 0 || rest.0 == 0 {
-            place.transfer = Transfer::Data { id, offset: Saturating(ofs), left: rest.min(Saturating(count)) };
-        }
-        increment(&mut server.counters.requests);
-        event!("log {=u16} from {=u32}: {=u32} bytes", id, ofs, count);
-    } else if let Some(LogRequestList { start, end, .. }) = frame.decode() {
-        // Without a log, one entry says so (LOG-2).
-        let newest = cx.vehicle.log_count().saturating_sub(1);
-        let id = start.min(newest);
-        place.transfer = Transfer::List { id, last: end.min(newest).max(id) };
-        if let Some(listed) = &mut server.listed
-            && !listed.contains(&from)
-        {
-            let [first, second, third, _] = *listed;
-            *listed = [from, first, second, third];
-        }
+    *place = Download { transfer, client: sender, heard: cx.now, had_turn, ..Download::NONE };
+    if !is_data
+        && let Some(listed) = &mut server.listed
+        && !listed.contains(&from)
+    {
+        let [first, second, third, _] = *listed;
+        *listed = [from, first, second, third];
     }
+}
+
+/// Returns what LOG_REQUEST_LIST or LOG_REQUEST_DATA has requested: nothing if there is no such log.
+fn requested(server: &mut LogServer, vehicle: &mut impl Logs, frame: &Frame<'_>) -> Transfer {
+    let Some(LogRequestData { ofs, count, id, .. }) = frame.decode() else {
+        let LogRequestList { start, end, .. } = frame.decode().unwrap_or_default();
+        // Without a log, one entry says so (LOG-2).
+        let newest = vehicle.log_count().saturating_sub(1);
+        let id = start.min(newest);
+        return Transfer::List { id, last: end.min(newest).max(id) };
+    };
+    let Some(info) = vehicle.log_info(id) else {
+        increment(&mut server.counters.unknown);
+        return Transfer::None;
+    };
+    increment(&mut server.counters.requests);
+    event!("log {=u16} from {=u32}: {=u32} bytes", id, ofs, count);
+    let left = (Saturating(info.size) - Saturating(ofs)).min(Saturating(count));
+    // A count of 0 ends a download for the client, so only an offset behind the log is answered by it (LOG-4).
+    if count == 0 && info.size > ofs { Transfer::None } else { Transfer::Data { id, offset: Saturating(ofs), left } }
 }
 
 /// Sends a LOG_ENTRY.

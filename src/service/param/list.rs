@@ -6,6 +6,7 @@ use core::num::Saturating;
 use crate::message::Address;
 use crate::service::rate_limit::{RateLimit, cost};
 use crate::time::{Duration, Instant};
+use crate::types::{LinkId, Peer, Sender, Trust};
 
 /// The cost of a value: the size of a PARAM_VALUE in MAVLink 2, for a share of 40 % of the link (P-11).
 const COST: u32 = cost(37, 40);
@@ -23,7 +24,7 @@ pub struct ParamList {
     next: Saturating<u16>,
     is_active: bool,
     /// The client that has requested it, and whether no other has (P-20).
-    client: Address,
+    client: Sender,
     is_of_one: bool,
     /// Where the search for the next pending single value starts, so that each one has its turn (round robin).
     pub(super) search_from: Saturating<u16>,
@@ -34,13 +35,13 @@ impl ParamList {
         limit: RateLimit::NEW,
         next: Saturating(0),
         is_active: false,
-        client: Address::new(0, 0),
+        client: Sender { peer: Peer { address: Address::new(0, 0), link: LinkId(0) }, trust: Trust::None },
         is_of_one: false,
         search_from: Saturating(0),
     };
 
     /// Starts or restarts the list, for a client or for all (P-10).
-    pub(super) fn begin(&mut self, now: Instant, client: Option<Address>) {
+    pub(super) fn begin(&mut self, now: Instant, client: Option<Sender>) {
         self.next = Saturating(0);
         self.limit.begin(now);
         let was_active = core::mem::replace(&mut self.is_active, true);
@@ -49,8 +50,8 @@ impl ParamList {
     }
 
     /// Whether this client alone waits for the list (P-20).
-    pub(super) fn is_only_for(&self, client: Address) -> bool {
-        self.is_of_one && self.client == client
+    pub(super) fn is_only_for(&self, client: Sender) -> bool {
+        self.is_of_one && self.client.is_repeated_by(client)
     }
 
     /// Ends the list.

@@ -60,7 +60,7 @@ impl<R: Rows> Table<'_, R> {
             _ => {
                 // A client that restarts a list has ignored the hash, so it gets none (P-10).
                 let is_restart = list.is_active();
-                list.begin(client.now, Some(client.from.address));
+                list.begin(client.now, Some(received.sender()));
                 if !is_restart && client.options.hash == ParamHash::InList {
                     self.queue_hash(client.from.link);
                 }
@@ -110,7 +110,7 @@ impl<R: Rows> Table<'_, R> {
             // The client sets the hash to say that it has all values, so it needs no list. It gets no answer: QGroundControl
             // would take the answer for a new hash, and set the hash again. A wrong hash, or one from another client, must
             // not end the list.
-            if self.has_hash(set.param_value.to_bits()) && list.is_only_for(client.from.address) {
+            if self.has_hash(set.param_value.to_bits()) && list.is_only_for(received.sender()) {
                 list.end();
             }
             return ParamRequest::Handled(Handled::Yes);
