@@ -195,7 +195,7 @@ impl<D: Declared> Session<D> {
 
         let calls = std::mem::take(&mut self.vehicle.calls);
         for call in calls {
-            self.checks.assert_may(&call, operator, self.is_private());
+            self.checks.assert_may(&call, operator, &self.lines, self.is_private());
             self.checks.assert_asked(&call, &self.lines, self.is_private());
             self.checks.called(call);
         }

@@ -79,18 +79,20 @@ pub fn assert_bounded(calls: &[Call]) {
 
 /// Whether a line has received a message from this address.
 fn has_received<M: Message>(line: &Uart, from: Address) -> bool {
-    has_received_with::<M>(line, from, 0)
-}
-
-/// The same, with these incompatibility flags.
-fn has_received_with<M: Message>(line: &Uart, from: Address, wanted: u8) -> bool {
     let [a, b, c, _] = M::ID.to_le_bytes();
     let (system, component) = (from.system.wire(), from.component.wire());
     line.history.windows(10).any(|window| match *window {
-        [0xFD, _, flags, _, _, s, k, x, y, z] => {
-            flags & wanted == wanted && (s, k, [x, y, z]) == (system, component, [a, b, c])
-        }
-        [0xFE, _, _, s, k, id, ..] => wanted == 0 && (s, k, u32::from(id)) == (system, component, M::ID),
+        [0xFD, _, _, _, _, s, k, x, y, z] => (s, k, [x, y, z]) == (system, component, [a, b, c]),
+        [0xFE, _, _, s, k, id, ..] => (s, k, u32::from(id)) == (system, component, M::ID),
+        _ => false,
+    })
+}
+
+/// Whether a line has received a signed frame from this address, which is believed on every link.
+fn has_signed(line: &Uart, from: Address) -> bool {
+    let from = (from.system.wire(), from.component.wire());
+    line.history.windows(7).any(|window| match *window {
+        [0xFD, _, flags, _, _, system, component] => flags & FLAG_SIGNED != 0 && (system, component) == from,
         _ => false,
     })
 }
@@ -136,7 +138,7 @@ impl Checks {
     }
 
     /// Asserts that a call is one that its sender may cause, while `operator` is in control (O-5).
-    pub fn assert_may(&self, call: &Call, operator: Option<SystemId>, is_private: bool) {
+    pub fn assert_may(&self, call: &Call, operator: Option<SystemId>, lines: &[Uart; LINKS], is_private: bool) {
         let from = match call {
             Call::Command(command) => command.from,
             Call::MayChange(_, from) | Call::CancelCommand(_, from) | Call::SetExtParam(from) => *from,
@@ -145,7 +147,7 @@ impl Checks {
         let Some(operator) = operator else { return };
         let link = usize::from(from.link.0);
         let is_ours = from.address.system == VEHICLE.system;
-        let is_trusted = (link == PRIVATE && is_private) || link >= SIGNED;
+        let is_trusted = (link == PRIVATE && is_private) || link >= SIGNED || has_signed(&lines[link], from.address);
         let may = from.address.system == operator || (is_ours && is_trusted);
         assert!(may, "{call:?} while {operator:?} is in control");
     }
@@ -162,8 +164,7 @@ impl Checks {
             Call::DeviceMoved => {
                 let [_, gimbal] = ASKED;
                 let is_told = |link: usize| has_received::<GimbalDeviceAttitudeStatus>(&lines[link], gimbal);
-                // A signed frame is believed on every link.
-                let signs = |line| has_received_with::<GimbalDeviceAttitudeStatus>(line, gimbal, FLAG_SIGNED);
+                let signs = |line| has_signed(line, gimbal);
                 assert!((is_private && is_told(PRIVATE)) || is_told(SIGNED) || lines.iter().any(signs), "{call:?}");
                 self.told += 1;
             }
