@@ -295,7 +295,7 @@ pub(crate) fn record(
     }
     let is_due = settles || (trust > Trust::None && now - info.since >= SETTLED_AFTER);
     if is_due && !info.is_settled {
-        let settles = has_place_to_settle(peers);
+        let settles = has_place_to_settle(peers, now);
         if let Some(info) = peers.get_mut(index) {
             info.is_settled = settles;
         }
@@ -304,9 +304,12 @@ pub(crate) fn record(
 }
 
 /// Whether a quarter of the places, at least one, is left for newcomers if another peer settles.
-fn has_place_to_settle(peers: &Peers) -> bool {
+fn has_place_to_settle(peers: &Peers, now: Instant) -> bool {
+    // Those that have gone keep no place from others.
+    let since = now - SETTLED_AFTER;
+    let settled = peers.iter().filter(|info| info.is_settled && (info.is_alive || info.heard >= since));
     // `count` could overflow, as far as the compiler knows.
-    let settled = peers.iter().filter(|info| info.is_settled).fold(0_usize, |settled, _| settled.saturating_add(1));
+    let settled = settled.fold(0_usize, |settled, _| settled.saturating_add(1));
     let kept_free = (peers.capacity() / 4).max(1);
     settled.saturating_add(kept_free) < peers.capacity()
 }

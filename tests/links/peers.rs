@@ -380,6 +380,32 @@ fn invented_stations_leave_places_for_newcomers() {
     assert_eq!((60..68).filter(|&system| !lost(system)).count(), 6, "the settled ones are not evicted");
 }
 
+/// peers that have settled and gone leave their places to others. Before, the pilot did not settle for as long as they were in the
+/// table, and any newcomers evicted it.
+#[test]
+fn silent_peers_leave_their_places() {
+    let mut world = World::<1, Tested<NoPlans, 8>>::of(Setup::new());
+    let beat = |world: &mut World<1, Tested<NoPlans, 8>>, system| {
+        world.gcs[0].send_from(Address::new(system, 190), &Gcs::heartbeat());
+        world.run_for(millis(10));
+    };
+    for _ in 0..32 {
+        for system in 60..66 {
+            beat(&mut world, system);
+        }
+        world.run_for(millis(940));
+    }
+    for _ in 0..62 {
+        beat(&mut world, STATION.system.wire());
+        world.run_for(millis(990));
+    }
+    world.vehicle.calls.clear();
+    for system in 70..110 {
+        beat(&mut world, system);
+    }
+    assert!(!world.vehicle.peer_events().contains(&PeerEvent::Lost(on_link_0(STATION))));
+}
+
 /// a peer that was heard for 30 s keeps its entry, whoever comes and on whichever link. One that pauses for `peer_timeout` begins
 /// again.
 #[test]
