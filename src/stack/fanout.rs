@@ -477,8 +477,8 @@ impl<D: Declares> Services<D> {
         let mut first = 0;
         if pace >= Pace::Room && port.shares.streams_first() {
             // Lists, files and logs keep their shares beside a flood of answers.
-            let late = Turn::LateParamList.bit() | Turn::LateBulk.bit();
-            let preferred = Turn::STREAMS | Turn::UrgentText.bit() | late;
+            let late = const { Turn::LateParamList.bit() | Turn::LateBulk.bit() };
+            let preferred = const { Turn::STREAMS | Turn::UrgentText.bit() } | late;
             first = Turn::allowed(class, Pace::AtOnce) | Turn::allowed(class, Pace::Idle) & preferred;
         }
         let late = if Self::HAS_SHARES { Turn::of_shared(port.shares.deferred()) } else { 0 };
@@ -513,7 +513,7 @@ macro_rules! send {
                     let turns = *turns;
                     let mut sent = Turn::Heartbeat;
                     if false $(|| (
-                        turns & Turn::$turn.bit() != 0
+                        turns & const { Turn::$turn.bit() } != 0
                             && self.offer(cx, port, states, Turn::$turn)
                             && {
                                 sent = Turn::$turn;
@@ -561,7 +561,7 @@ macro_rules! send {
                     let at = self.when(view, port, states, Turn::$turn);
                     due = due.min(at.max(match Turn::$turn.pace() {
                         Pace::Stalled | Pace::AtOnce => Instant::ZERO,
-                        Pace::Room if Turn::SHARED & deferred & Turn::$turn.bit() != 0 => idle_at,
+                        Pace::Room if deferred & const { Turn::SHARED & Turn::$turn.bit() } != 0 => idle_at,
                         Pace::Room => ready_at,
                         Pace::Idle if Turn::$turn.is_stream() => stream_at,
                         Pace::Idle => idle_at,
