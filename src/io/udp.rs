@@ -237,7 +237,7 @@ impl<E: Copy + PartialEq, const N: usize> UdpLinks<E, N> {
         self.refused
     }
 
-    /// Frees the links of stations of which no frame was accepted for `timeout`.
+    /// Frees the links of stations that have sent no accepted frame for `timeout`.
     fn forget_silent(&mut self, now: Instant, timeout: Duration) {
         for station in &mut self.stations {
             if station.is_some_and(|station| !station.is_remote() && now - station.heard >= timeout) {

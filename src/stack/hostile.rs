@@ -1,5 +1,5 @@
-//! What hostile and clumsy peers may cause: rules, over all services. A new service is covered without a line of
-//! its own by messages with random payloads, and by its requests in the list of [`requests`].
+//! What hostile and clumsy peers may cause: rules over all services. Messages with random payloads cover a new
+//! service without a line of its own; its requests in the list of [`requests`] cover it better.
 
 mod amplification;
 mod properties;
@@ -186,7 +186,8 @@ fn quiet(rate: u32) -> LinkConfig {
     LinkConfig::uart(rate * 10).with_streams(StreamProfile::Off)
 }
 
-/// A vehicle of which a station on the first link has asked what others ask for first: a list of logs and plans, an open file.
+/// A vehicle and a station on its first link. The station has already sent what other requests depend on: it has listed logs and plans,
+/// and has opened a file.
 fn prepared() -> Field {
     let mut field = Field::new([quiet(FAST), quiet(SLOW), quiet(SLOW)]);
     field.beat(ASKING, STATION);

@@ -289,8 +289,8 @@ fn operator_in_control_gets_a_session_at_once() {
     assert_eq!(refused, Some(Err(MavFtpErr::NOSESSIONSAVAILABLE)), "it does not take it back");
 }
 
-/// five clients on a link of 1,200 baud, each of which lists the directory once a second, kept all sessions with answers that waited
-/// for it: 1 of 60 requests on the other link was answered.
+/// five clients on a link of 1,200 baud each list the directory once a second. Their answers wait for the link, and kept all
+/// sessions: 1 of 60 requests on the other link was answered.
 #[test]
 fn slow_link_keeps_no_sessions() {
     let bauds = [1_200, 57_600];

@@ -184,7 +184,7 @@ fn floods_cost_little_by_satellite() {
     for seed in 0..4 {
         let mut random = Random(seed);
         let mut field = Field::new([quiet(FAST), quiet(SLOW), satellite]);
-        // A peer that lives there, to whom others may write.
+        // A peer on that link, so that others may write to it.
         field.request(BUSY, WINGMAN, &command(MavCmd::NAV_LAND, [0.0; 3]));
         field.run_for(Duration::from_secs(2));
         field.sent.clear();
