@@ -194,9 +194,8 @@ impl<D: Declared> Session<D> {
         assert!(stack.next_deadline(now) >= now);
 
         let calls = std::mem::take(&mut self.vehicle.calls);
-        for call in calls {
-            self.checks.assert_may(&call, operator, &self.lines, self.is_private());
-            self.checks.assert_asked(&call, &self.lines, self.is_private());
+        for call in &calls {
+            self.checks.assert_may(call, operator, &self.lines, self.is_private());
             self.checks.called(call);
         }
         let live = [self.stack.mission(), self.stack.fence(), self.stack.rally()];
@@ -210,6 +209,10 @@ impl<D: Declared> Session<D> {
             }
             let is_free = self.lines[link].is_free();
             self.checks.passed(self.now, link, dt, is_healthy && is_free);
+        }
+        // After the frames: the answer to a request may be handled in the poll that sends it.
+        for call in &calls {
+            self.checks.assert_asked(call, &self.lines, self.is_private());
         }
         if self.store.flash().is_off() {
             self.reboot();

@@ -198,7 +198,7 @@ impl Checks {
     }
 
     /// Records a call of the vehicle's hooks.
-    pub fn called(&mut self, call: Call) {
+    pub fn called(&mut self, call: &Call) {
         match call {
             Call::Command(command) => {
                 if let Some(unique) = self.unique(command.id.0) {
@@ -206,11 +206,11 @@ impl Checks {
                     assert_eq!((unique.calls, unique.link), (1, usize::from(command.from.link.0)), "{command:?}");
                 }
             }
-            Call::CheckPlan(plan, items) => self.candidates[index(plan)].push(items),
+            Call::CheckPlan(plan, items) => self.candidates[index(*plan)].push(items.clone()),
             Call::PlanChanged { plan, items, .. } => {
-                self.assert_complete(plan, &items);
-                self.stored[index(plan)].clone_from(&items);
-                self.live[index(plan)] = items;
+                self.assert_complete(*plan, items);
+                self.stored[index(*plan)].clone_from(items);
+                self.live[index(*plan)].clone_from(items);
             }
             _ => {}
         }
