@@ -323,8 +323,9 @@ impl CommandSlot {
 /// - It handles COMMAND_CANCEL of the command's sender, and of the system in control. While none is, every system may cancel.
 ///
 /// A slot is in use until three seconds after the command has ended, whether or not its links take the final ACK. If none is free, the
-/// sender with the most slots loses the one that ended first to a sender with fewer; a running command keeps its slot.
-/// Otherwise the command is `TEMPORARILY_REJECTED` (C-22). A slot takes 88 bytes.
+/// sender with the most slots loses the one that ended first to a sender with fewer on the same link, and a link with more slots loses
+/// one to a link with fewer; a running command keeps its slot. Otherwise the command is `TEMPORARILY_REJECTED` (C-22). A slot
+/// takes 88 bytes.
 ///
 /// A duplicate by satellite may arrive half a minute after its original. So a command that must be carried out only
 /// [once](crate::command::CommandPolicy::once) is remembered for a minute, for duplicates on a
@@ -427,8 +428,8 @@ impl LongCommands {
     }
 
     /// Returns the index of a slot for another command: a free one, or the evictable one that ended first, or else, of the sender with
-    /// the most slots, if the asking one has fewer. Of another link, if its own link has fewer: invented senders on one link leave
-    /// half of the slots to the others.
+    /// the most slots, if the asking one has fewer. A slot of another link is taken only if that link has more slots than the asking
+    /// one's: invented senders on one link leave half of the slots to the others.
     fn free_slot(&self, asking: Peer) -> Option<usize> {
         let link = LinkMask::of(asking.link);
         let rank = |slot: &CommandSlot| {

@@ -36,8 +36,8 @@ const SUMMARIES: usize = 2;
 ///
 /// The stack calls the hook twice a second. It reports the result as events when it has changed, and when a peer is
 /// heard on a link that was opened, and on MAV_CMD_RUN_PREARM_CHECKS, which QGroundControl and MAVSDK send when they
-/// connect; at most every two seconds, so that requests leave the other events in the history (X-2). The ground station then shows the failing checks, and the flight
-/// modes in which the vehicle can arm (EVT-6).
+/// connect. Reports come at most every two seconds, so that requests leave the other events in the history (X-2). The ground
+/// station then shows the failing checks, and the flight modes in which the vehicle can arm (EVT-6).
 ///
 /// ```
 /// # use mavstack::prelude::*;
@@ -276,7 +276,7 @@ pub trait Checker<F: Firmware>: fmt::Debug {
         None
     }
 
-    /// Reports the checks again soon: a link was opened.
+    /// Reports the checks again soon: a link was opened, or a peer has requested it.
     fn repeat(&mut self) {}
 }
 
