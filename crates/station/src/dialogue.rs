@@ -1,0 +1,371 @@
+//! Dialogues with a vehicle, and what drives them.
+
+use crate::names::Named;
+use crate::station::Sender;
+use crate::{Client, Received, Seen, Station};
+use mavstack::dialect::{MavCmd, MavFtpErr, MavMissionResult, MavParamError, MavResult};
+use mavstack::{Address, Duration, Instant, Message};
+
+/// How long [`Drive::run`] waits for the text with the reason of a refusal: the answer is sent first.
+const TEXT_WITHIN: Duration = Duration::from_millis(500);
+
+/// A dialogue with a vehicle: a state machine that sends, times out and retries.
+///
+/// [`poll`](Self::poll) is called first, then in turn with [`receive`](Self::receive) until it returns a result.
+pub trait Dialogue {
+    /// What it ends with.
+    type Output;
+
+    /// Sends what is due. Returns the result once the dialogue has ended; it is not called again then.
+    fn poll(&mut self, io: &mut Io<'_>) -> Option<Result<Self::Output, Failure>>;
+
+    /// Takes a received frame, of any sender.
+    fn receive(&mut self, io: &mut Io<'_>, frame: &Received);
+}
+
+impl<D: Dialogue + ?Sized> Dialogue for &mut D {
+    type Output = D::Output;
+
+    fn poll(&mut self, io: &mut Io<'_>) -> Option<Result<Self::Output, Failure>> {
+        (**self).poll(io)
+    }
+
+    fn receive(&mut self, io: &mut Io<'_>, frame: &Received) {
+        (**self).receive(io, frame);
+    }
+}
+
+/// The station as a dialogue sees it.
+#[derive(Debug)]
+pub struct Io<'a> {
+    now: Instant,
+    sender: &'a mut Sender,
+    seen: &'a Seen,
+}
+
+impl<'a> Io<'a> {
+    pub(crate) fn new(now: Instant, sender: &'a mut Sender, seen: &'a Seen) -> Self {
+        Self { now, sender, seen }
+    }
+
+    /// Returns the time.
+    pub fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Returns the client that the station behaves as.
+    pub fn client(&self) -> Client {
+        self.sender.client
+    }
+
+    /// Returns the station's own address.
+    pub fn address(&self) -> Address {
+        self.sender.address
+    }
+
+    /// Returns the vehicle that the station speaks with; component 1 of system 1 as long as none was heard.
+    pub fn target(&self) -> Address {
+        self.sender.target.unwrap_or(Address::new(1, 1))
+    }
+
+    /// Returns what was received.
+    pub fn seen(&self) -> &'a Seen {
+        self.seen
+    }
+
+    /// Sends a message.
+    pub fn send<M: Message>(&mut self, message: &M) {
+        self.sender.send(self.now, message);
+    }
+
+    /// Whether a message with these target fields is for this station: addressed to it, or to all.
+    pub fn is_for_us(&self, target_system: u8, target_component: u8) -> bool {
+        let Address { system, component } = self.sender.address;
+        [0, system.wire()].contains(&target_system) && [0, component.wire()].contains(&target_component)
+    }
+}
+
+/// A timer of retries: a request is repeated at an interval, a limited number of times.
+///
+/// ```
+/// use mavstack::{Duration, Instant};
+/// use mavstack_station::{Due, Retry};
+/// let mut retry = Retry::new(Duration::from_millis(500), 2);
+/// assert_eq!(retry.due(Instant::ZERO), Due::Send);
+/// assert_eq!(retry.due(Instant::from_millis(499)), Due::Wait);
+/// assert_eq!(retry.due(Instant::from_millis(500)), Due::Send);
+/// assert_eq!(retry.due(Instant::from_millis(1_000)), Due::GiveUp);
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Retry {
+    interval: Duration,
+    limit: u32,
+    tries: u32,
+    due: Instant,
+}
+
+/// What a [`Retry`] wants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Due {
+    /// Nothing yet.
+    Wait,
+    /// Send the request, for the first time or again.
+    Send,
+    /// The last try was not answered in time.
+    GiveUp,
+}
+
+impl Retry {
+    /// Creates a timer: `limit` tries, each with `interval` to be answered.
+    pub fn new(interval: Duration, limit: u32) -> Self {
+        Self { interval, limit, tries: 0, due: Instant::ZERO }
+    }
+
+    /// Returns what is due, and counts a try.
+    pub fn due(&mut self, now: Instant) -> Due {
+        if self.tries > 0 && now < self.due {
+            return Due::Wait;
+        }
+        if self.tries >= self.limit {
+            return Due::GiveUp;
+        }
+        self.tries += 1;
+        self.due = now + self.interval;
+        Due::Send
+    }
+
+    /// Begins again, for another request: the first try is due now.
+    pub fn restart(&mut self) {
+        self.tries = 0;
+    }
+
+    /// Waits from now on without counting: something was heard.
+    pub fn extend(&mut self, now: Instant, by: Duration) {
+        self.tries = self.tries.max(1);
+        self.due = now + by;
+    }
+
+    /// Returns the tries so far.
+    pub fn tries(&self) -> u32 {
+        self.tries
+    }
+}
+
+/// Two dialogues at once. Ends when the first one ends; the second one, for example sticks at a rate, runs beside it.
+///
+/// An end of the second one is ignored.
+#[derive(Debug)]
+pub struct Beside<A, B> {
+    main: A,
+    side: Option<B>,
+}
+
+impl<A: Dialogue, B: Dialogue> Beside<A, B> {
+    /// Runs `side` for as long as `main` takes.
+    pub fn new(main: A, side: B) -> Self {
+        Self { main, side: Some(side) }
+    }
+}
+
+impl<A: Dialogue, B: Dialogue> Dialogue for Beside<A, B> {
+    type Output = A::Output;
+
+    fn poll(&mut self, io: &mut Io<'_>) -> Option<Result<A::Output, Failure>> {
+        if self.side.as_mut().is_some_and(|side| side.poll(io).is_some()) {
+            self.side = None;
+        }
+        self.main.poll(io)
+    }
+
+    fn receive(&mut self, io: &mut Io<'_>, frame: &Received) {
+        if let Some(side) = &mut self.side {
+            side.receive(io, frame);
+        }
+        self.main.receive(io, frame);
+    }
+}
+
+/// Why a dialogue failed.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Failure {
+    /// No autopilot was heard.
+    NoVehicle,
+    /// The vehicle did not answer in the time that the client waits.
+    Timeout {
+        /// What was not answered.
+        request: String,
+        /// How often it was sent.
+        tries: u32,
+    },
+    /// A command was refused.
+    Command {
+        /// The command.
+        command: MavCmd,
+        /// The result.
+        result: MavResult,
+        /// The vehicle's text, if one came.
+        text: Option<String>,
+    },
+    /// A plan was refused.
+    Plan {
+        /// The result.
+        result: MavMissionResult,
+        /// The vehicle's text, if one came.
+        text: Option<String>,
+    },
+    /// A parameter was refused.
+    Param {
+        /// Its name.
+        name: String,
+        /// The reason; `None` if the vehicle answered with another value.
+        error: Option<MavParamError>,
+        /// The vehicle's text, if one came.
+        text: Option<String>,
+    },
+    /// A file operation was refused.
+    File {
+        /// The path.
+        path: String,
+        /// The reason.
+        error: MavFtpErr,
+        /// The vehicle's text, if one came.
+        text: Option<String>,
+    },
+    /// The vehicle broke the protocol, or does not have what the client needs.
+    Protocol(String),
+    /// The transport failed.
+    Transport(String),
+}
+
+impl Failure {
+    /// Returns a timeout.
+    pub fn timeout(request: impl Into<String>, tries: u32) -> Self {
+        Self::Timeout { request: request.into(), tries }
+    }
+
+    /// Returns the vehicle's text with the reason of a refusal, if one came.
+    pub fn text(&self) -> Option<&str> {
+        match self {
+            Self::Command { text, .. }
+            | Self::Plan { text, .. }
+            | Self::Param { text, .. }
+            | Self::File { text, .. } => text.as_deref(),
+            _ => None,
+        }
+    }
+
+    /// Returns the place for the vehicle's text; `None` if it is no refusal.
+    fn text_mut(&mut self) -> Option<&mut Option<String>> {
+        match self {
+            Self::Command { text, .. }
+            | Self::Plan { text, .. }
+            | Self::Param { text, .. }
+            | Self::File { text, .. } => Some(text),
+            _ => None,
+        }
+    }
+}
+
+impl std::fmt::Display for Failure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::NoVehicle => f.write_str("no heartbeat of an autopilot was received: is the link connected?")?,
+            Self::Timeout { request, tries: 1 } => write!(f, "{request} was not answered")?,
+            Self::Timeout { request, tries } => write!(f, "{request} was not answered, sent {tries} times")?,
+            Self::Command { command, result, .. } => {
+                write!(f, "the vehicle refused {}: {}", command.named(), result.named())?
+            }
+            Self::Plan { result, .. } => write!(f, "the vehicle refused the plan: {}", result.named())?,
+            Self::Param { name, error: Some(error), .. } => {
+                write!(f, "the vehicle refused parameter {name}: {}", error.named())?
+            }
+            Self::Param { name, .. } => write!(f, "the vehicle kept another value of parameter {name}")?,
+            Self::File { path, error, .. } => write!(f, "the vehicle refused file {path}: {}", error.named())?,
+            Self::Protocol(what) | Self::Transport(what) => f.write_str(what)?,
+        }
+        self.text().map_or(Ok(()), |text| write!(f, " ({text})"))
+    }
+}
+
+impl std::error::Error for Failure {}
+
+/// Something that connects a [`Station`] with a vehicle: the kit's rig, or a program with a serial port.
+pub trait Drive {
+    /// Returns the station.
+    fn station(&mut self) -> &mut Station;
+
+    /// Lets a little time pass: sends [`take_output`](Station::take_output), hands what arrived to
+    /// [`receive`](Station::receive), and calls [`poll`](Station::poll). Returns the new time.
+    ///
+    /// # Errors
+    ///
+    /// The transport failed.
+    fn step(&mut self) -> Result<Instant, Failure>;
+
+    /// Runs a dialogue to its end. A refusal waits up to 500 ms for the vehicle's text with the reason.
+    ///
+    /// # Errors
+    ///
+    /// See [`Failure`].
+    fn run<D: Dialogue>(&mut self, mut dialogue: D) -> Result<D::Output, Failure>
+    where
+        Self: Sized,
+    {
+        let station = self.station();
+        station.forget_inbox();
+        let (mark, mut now) = (station.seen().text_mark(), station.now());
+        loop {
+            match self.station().advance(now, &mut dialogue) {
+                Some(Ok(output)) => return Ok(output),
+                Some(Err(failure)) => return Err(explained(self, failure, mark)),
+                None => now = self.step()?,
+            }
+        }
+    }
+}
+
+impl<T: Drive> Drive for &mut T {
+    fn station(&mut self) -> &mut Station {
+        (**self).station()
+    }
+
+    fn step(&mut self) -> Result<Instant, Failure> {
+        (**self).step()
+    }
+}
+
+/// Adds the vehicle's text to a refusal, which may come after the answer.
+fn explained<T: Drive>(drive: &mut T, mut failure: Failure, mark: usize) -> Failure {
+    let Some(text @ None) = failure.text_mut() else { return failure };
+    let end = drive.station().now() + TEXT_WITHIN;
+    loop {
+        *text = drive.station().seen().reason_since(mark);
+        if text.is_some() || !matches!(drive.step(), Ok(now) if now < end) {
+            return failure;
+        }
+    }
+}
+
+/// What a ground station does, in the field's words: one method for each [`Dialogue`], on everything that can [`Drive`] it.
+pub trait GroundStation: Drive + Sized {
+    /// Connects as the client does: see [`connect`](crate::connect::Connect).
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::NoVehicle`], or the vehicle lacks what the client needs.
+    fn connect(&mut self) -> Result<crate::connect::Connected, Failure> {
+        self.run(crate::connect::Connect::new())
+    }
+
+    /// Sends a command in the form that the client uses, with parameters 1 to 7, and waits for the result.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Command`] if it is refused, [`Failure::Timeout`] if it is not answered.
+    fn command(&mut self, command: MavCmd, params: [f32; 7]) -> Result<crate::command::Accepted, Failure> {
+        self.run(crate::command::Send::long(command, params))
+    }
+}
+
+impl<T: Drive> GroundStation for T {}

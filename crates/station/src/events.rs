@@ -1,0 +1,1 @@
+//! Events, and requests of those that were lost.

@@ -1,0 +1,1 @@
+//! Gimbal manager and gimbal device.

@@ -1,0 +1,1 @@
+//! Plans: missions, fences and rally points.

@@ -1,0 +1,1 @@
+//! Message signing: keys that a vehicle is given.

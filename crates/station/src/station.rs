@@ -1,0 +1,289 @@
+//! The ground station: bytes to frames and back, heartbeats, and what was seen.
+
+use crate::dialogue::{Dialogue, Failure, Io};
+use crate::{Client, Seen};
+use mavstack::dialect::Common;
+use mavstack::frame::{Decoder, Header, MAX_FRAME_LEN, RxCounters, SigningKey, Version, encode, encode_signed};
+use mavstack::message::Dialect;
+use mavstack::{Address, Duration, Frame, Instant, Message};
+use std::collections::VecDeque;
+
+/// The most frames that are kept for the next dialogue; the oldest are dropped.
+const MAX_INBOX: usize = 10_000;
+
+/// A received frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Received {
+    /// When its last byte was received.
+    pub at: Instant,
+    /// Its header.
+    pub header: Header,
+    /// Its payload as sent, without trailing zeros.
+    pub payload: Vec<u8>,
+    /// Whether it has a signature made with the station's key.
+    pub is_signed: bool,
+}
+
+impl Received {
+    /// Returns the message if it is an `M`.
+    pub fn decode<M: Message>(&self) -> Option<M> {
+        (self.header.id == M::ID).then(|| M::decode(&self.payload))
+    }
+
+    /// Returns the sender.
+    pub fn source(&self) -> Address {
+        self.header.source
+    }
+}
+
+/// A ground station on one link: a state machine without a clock and without a transport.
+///
+/// Give it the bytes that arrive ([`receive`](Self::receive)) and the time ([`poll`](Self::poll)), and send what
+/// [`take_output`](Self::take_output) returns. [`advance`](Self::advance) drives a [`Dialogue`]. Usually a
+/// [`Drive`](crate::Drive) does all of that.
+#[derive(Debug)]
+pub struct Station {
+    decoder: Decoder,
+    inbox: VecDeque<Received>,
+    now: Instant,
+    seen: Seen,
+    sender: Sender,
+    heartbeats: Heartbeats,
+}
+
+/// When a station sends heartbeats.
+#[derive(Clone, Copy, Debug)]
+struct Heartbeats {
+    interval: Option<Duration>,
+    due: Instant,
+}
+
+/// The sending half of a station.
+#[derive(Debug)]
+pub(crate) struct Sender {
+    pub(crate) client: Client,
+    pub(crate) address: Address,
+    pub(crate) target: Option<Address>,
+    version: Version,
+    seq: u8,
+    signing: Option<Signing>,
+    output: Vec<u8>,
+}
+
+/// How sent frames are signed.
+#[derive(Clone, Debug)]
+struct Signing {
+    key: SigningKey,
+    /// The timestamp at `since`, in units of 10 µs.
+    timestamp: u64,
+    since: Instant,
+    /// The timestamp of the last frame.
+    last: u64,
+}
+
+impl Station {
+    /// Creates a station that behaves as `client`, with its address, its heartbeats and its MAVLink version.
+    pub fn new(client: Client) -> Self {
+        Self {
+            // Ground stations wait for the rest of a frame without a timeout.
+            decoder: Decoder::new(Duration::MAX),
+            inbox: VecDeque::new(),
+            now: Instant::ZERO,
+            seen: Seen::default(),
+            sender: Sender {
+                client,
+                address: client.address(),
+                target: None,
+                // pymavlink speaks MAVLink 1 until it hears MAVLink 2.
+                version: if client == Client::Pymavlink { Version::V1 } else { Version::V2 },
+                seq: 0,
+                signing: None,
+                output: Vec::new(),
+            },
+            heartbeats: Heartbeats { interval: client.heartbeat_interval(), due: Instant::ZERO },
+        }
+    }
+
+    /// Uses another address.
+    #[must_use]
+    pub fn with_address(mut self, address: Address) -> Self {
+        self.sender.address = address;
+        self
+    }
+
+    /// Speaks with this vehicle; by default with the first autopilot that it hears.
+    #[must_use]
+    pub fn with_target(mut self, target: Address) -> Self {
+        self.sender.target = Some(target);
+        self
+    }
+
+    /// Sends another MAVLink version.
+    #[must_use]
+    pub fn with_version(mut self, version: Version) -> Self {
+        self.sender.version = version;
+        self
+    }
+
+    /// Sends heartbeats at another interval, or none.
+    #[must_use]
+    pub fn with_heartbeats(mut self, interval: Option<Duration>) -> Self {
+        self.heartbeats.interval = interval;
+        self
+    }
+
+    /// Signs sent frames with this key, see [`set_signing`](Self::set_signing).
+    #[must_use]
+    pub fn with_signing(mut self, key: [u8; 32], timestamp: u64) -> Self {
+        self.set_signing(Some((key, timestamp)));
+        self
+    }
+
+    /// Sets the key with which sent frames are signed from now on, or none. `timestamp` is that of the next frame, in units of
+    /// 10 µs since 2015-01-01 00:00 UTC. It grows with the time.
+    pub fn set_signing(&mut self, key: Option<([u8; 32], u64)>) {
+        let since = self.now;
+        self.sender.signing =
+            key.map(|(key, timestamp)| Signing { key: SigningKey::new(key), timestamp, since, last: 0 });
+    }
+
+    /// Sends heartbeats at another interval from now on, or none.
+    pub fn set_heartbeats(&mut self, interval: Option<Duration>) {
+        self.heartbeats = Heartbeats { interval, due: self.now };
+    }
+
+    /// Speaks with this vehicle from now on.
+    pub fn set_target(&mut self, target: Address) {
+        self.sender.target = Some(target);
+    }
+
+    /// Returns the client that it behaves as.
+    pub fn client(&self) -> Client {
+        self.sender.client
+    }
+
+    /// Returns its own address.
+    pub fn address(&self) -> Address {
+        self.sender.address
+    }
+
+    /// Returns the vehicle that it speaks with: the one that was set, or the first autopilot heard.
+    pub fn target(&self) -> Option<Address> {
+        self.sender.target
+    }
+
+    /// Returns the time of the last call.
+    pub fn now(&self) -> Instant {
+        self.now
+    }
+
+    /// Takes received bytes.
+    pub fn receive(&mut self, now: Instant, mut bytes: &[u8]) {
+        self.now = self.now.max(now);
+        while !bytes.is_empty() {
+            let taken = self.decoder.push(bytes, now);
+            bytes = &bytes[taken..];
+            self.decode(now);
+        }
+    }
+
+    fn decode(&mut self, now: Instant) {
+        let Self { decoder, inbox, seen, sender, .. } = self;
+        while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut u32::MAX.clone(), |_| false) {
+            let received = sender.accept(now, &frame);
+            seen.note(&received);
+            if sender.target.is_none() && seen.component(received.source()).is_some_and(|heard| heard.is_autopilot()) {
+                sender.target = Some(received.source());
+            }
+            if inbox.len() == MAX_INBOX {
+                inbox.pop_front();
+            }
+            inbox.push_back(received);
+        }
+    }
+
+    /// Sends the heartbeats that are due.
+    pub fn poll(&mut self, now: Instant) {
+        self.now = self.now.max(now);
+        if let Some(interval) = self.heartbeats.interval
+            && now >= self.heartbeats.due
+        {
+            self.heartbeats.due = now + interval;
+            self.send(&self.client().heartbeat());
+        }
+    }
+
+    /// Sends a message.
+    pub fn send<M: Message>(&mut self, message: &M) {
+        self.sender.send(self.now, message);
+    }
+
+    /// Sends bytes as they are, for tests of frames that no client sends.
+    pub fn send_raw(&mut self, bytes: &[u8]) {
+        self.sender.output.extend(bytes);
+    }
+
+    /// Takes the bytes to send: whole frames.
+    pub fn take_output(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.sender.output)
+    }
+
+    /// Drops the frames that no dialogue has taken. [`seen`](Self::seen) still knows them.
+    pub fn forget_inbox(&mut self) {
+        self.inbox.clear();
+    }
+
+    /// Hands a dialogue the frames received since the last call, then the time. Returns its result once it has ended.
+    ///
+    /// Several dialogues may run at once as one, see [`dialogue::Beside`](crate::dialogue::Beside).
+    pub fn advance<D: Dialogue>(&mut self, now: Instant, dialogue: &mut D) -> Option<Result<D::Output, Failure>> {
+        self.now = self.now.max(now);
+        let mut io = Io::new(self.now, &mut self.sender, &self.seen);
+        while let Some(frame) = self.inbox.pop_front() {
+            dialogue.receive(&mut io, &frame);
+        }
+        dialogue.poll(&mut io)
+    }
+
+    /// Returns what was received.
+    pub fn seen(&self) -> &Seen {
+        &self.seen
+    }
+
+    /// Returns the counters of received bytes and frames.
+    pub fn counters(&self) -> RxCounters {
+        self.decoder.counters()
+    }
+}
+
+impl Sender {
+    /// Takes a frame. The first one decides the version of pymavlink, as it does in `mavutil`.
+    fn accept(&mut self, now: Instant, frame: &Frame<'_>) -> Received {
+        if self.client == Client::Pymavlink && frame.header().version == Version::V2 {
+            self.version = Version::V2;
+        }
+        Received {
+            at: now,
+            header: *frame.header(),
+            payload: frame.payload().to_vec(),
+            is_signed: self.signing.as_ref().is_some_and(|signing| frame.is_signed_with(&signing.key)),
+        }
+    }
+
+    /// Sends a message. With MAVLink 1, a message that needs MAVLink 2 is not sent, as the real clients do.
+    pub(crate) fn send<M: Message>(&mut self, now: Instant, message: &M) {
+        let mut frame = [0; MAX_FRAME_LEN];
+        let len = match &mut self.signing {
+            Some(signing) => {
+                let elapsed = (now - signing.since).as_micros() / 10;
+                signing.last = (signing.timestamp + elapsed).max(signing.last + 1);
+                encode_signed(message, self.address, self.seq, &signing.key, 0, signing.last, &mut frame)
+            }
+            None => encode(message, self.version, self.address, self.seq, &mut frame),
+        };
+        if let Ok(len) = len {
+            self.seq = self.seq.wrapping_add(1);
+            self.output.extend(&frame[..len]);
+        }
+    }
+}

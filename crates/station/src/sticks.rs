@@ -1,0 +1,1 @@
+//! Manual control: sticks and setpoints at a rate.

@@ -1,0 +1,1 @@
+//! TIMESYNC and SYSTEM_TIME.
