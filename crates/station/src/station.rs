@@ -256,6 +256,13 @@ impl Station {
     }
 }
 
+/// A station that behaves as this client.
+impl From<Client> for Station {
+    fn from(client: Client) -> Self {
+        Self::new(client)
+    }
+}
+
 impl Sender {
     /// Takes a frame. The first one decides the version of pymavlink, as it does in `mavutil`.
     fn accept(&mut self, now: Instant, frame: &Frame<'_>) -> Received {

@@ -26,12 +26,17 @@ use mavstack::telemetry::{Battery, GpsFix, Home, Motion};
 pub static PULSE: Pulse = Pulse::new();
 
 /// The configuration: a rover with system id 1, component id 1.
-pub const CONFIG: Config = Config {
-    r#type: MavType::GROUND_ROVER,
-    // An erase of internal flash may take longer than a ground station waits for the answer to an upload.
-    durability: Durability::Deferred,
-    ..Config::new(Address::new(1, 1), &PULSE)
-};
+pub const CONFIG: Config = config(&PULSE);
+
+/// Returns the configuration with another pulse. Tests run in threads, and each has its own.
+pub const fn config(pulse: &'static Pulse) -> Config {
+    Config {
+        r#type: MavType::GROUND_ROVER,
+        // An erase of internal flash may take longer than a ground station waits for the answer to an upload.
+        durability: Durability::Deferred,
+        ..Config::new(Address::new(1, 1), pulse)
+    }
+}
 
 /// The number of links: your board has one, or two.
 pub const LINKS: usize = if cfg!(feature = "two-links") { 2 } else { 1 };
@@ -88,6 +93,7 @@ pub struct Rover {
     pub home: Option<Home>,
     /// Your battery.
     pub battery: Battery<'static>,
+    pulse: &'static Pulse,
     armed: bool,
     mode: u32,
     sticks: Option<Sticks>,
@@ -101,11 +107,19 @@ pub struct Rover {
 
 impl Default for Rover {
     fn default() -> Self {
+        Self::new(&PULSE)
+    }
+}
+
+impl Rover {
+    /// Creates a rover with the pulse of its configuration.
+    pub const fn new(pulse: &'static Pulse) -> Self {
         Self {
             motion: Motion::UNKNOWN,
             gps: GpsFix::UNKNOWN,
             home: None,
             battery: Battery::UNKNOWN,
+            pulse,
             armed: false,
             mode: HOLD,
             sticks: None,
@@ -117,9 +131,7 @@ impl Default for Rover {
             is_restored: false,
         }
     }
-}
 
-impl Rover {
     /// Runs one pass of the driving loop, and ticks the pulse.
     pub fn drive(&mut self, now: Instant, stack: &mut StackOf<Mavlink>) {
         let (minimum, voltage) = (stack.parameters().get(Tuning::BAT_V_LOW), self.battery.total_voltage());
@@ -137,7 +149,7 @@ impl Rover {
         self.is_station_lost = is_lost;
         let limit = stack.parameters().get(Tuning::SPEED_MAX);
         let _ = (self.target(stack), self.sticks(), limit); // Your navigation and motors; call `self.reached(now, stack)` at the item.
-        PULSE.tick();
+        self.pulse.tick();
     }
 
     /// Reads the sticks of the pilot's receiver, or of a joystick while it is silent. Without either the rover holds.
