@@ -66,6 +66,15 @@ impl Client {
         }
     }
 
+    /// Returns how long a user of this client waits for an answer where the client itself has no timeout: MAVProxy prints answers
+    /// whenever they come, and a script of pymavlink waits as long as it was told to.
+    pub const fn patience(self) -> Duration {
+        match self {
+            Self::QGroundControl | Self::Mavsdk | Self::MavProxy => Duration::from_secs(5),
+            Self::Pymavlink => Duration::from_secs(3),
+        }
+    }
+
     /// Returns how long without any frame it takes a vehicle for lost.
     pub const fn lost_after(self) -> Duration {
         match self {

@@ -1,6 +1,7 @@
 //! Dialogues with a vehicle, and what drives them.
 
 use crate::names::Named;
+use crate::parameters::{self, Parameter, Value};
 use crate::station::Sender;
 use crate::{Client, Received, Seen, Station};
 use mavstack::dialect::{MavCmd, MavFtpErr, MavMissionResult, MavParamError, MavResult};
@@ -143,6 +144,18 @@ impl Retry {
     pub fn extend(&mut self, now: Instant, by: Duration) {
         self.tries = self.tries.max(1);
         self.due = now + by;
+    }
+
+    /// Is due now: the next try does not wait.
+    pub fn hurry(&mut self, now: Instant) {
+        self.due = now;
+    }
+
+    /// Waits for the last time: something was heard, and the request is not repeated.
+    pub fn finish(&mut self, now: Instant, within: Duration) {
+        self.tries = self.tries.max(1);
+        self.limit = self.tries;
+        self.due = now + within;
     }
 
     /// Returns the tries so far.
@@ -358,13 +371,40 @@ pub trait GroundStation: Drive + Sized {
         self.run(crate::connect::Connect::new())
     }
 
-    /// Sends a command in the form that the client uses, with parameters 1 to 7, and waits for the result.
+    /// Sends a COMMAND_LONG with these first parameters, and waits for the result. The client fills the other parameters.
     ///
     /// # Errors
     ///
     /// [`Failure::Command`] if it is refused, [`Failure::Timeout`] if it is not answered.
-    fn command(&mut self, command: MavCmd, params: [f32; 7]) -> Result<crate::command::Accepted, Failure> {
-        self.run(crate::command::Send::long(command, params))
+    fn command(&mut self, command: MavCmd, params: &[f32]) -> Result<crate::command::Accepted, Failure> {
+        self.run(crate::command::Send::new(command, params))
+    }
+
+    /// Reads a parameter by its name.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Param`] if there is none, [`Failure::Timeout`] if it is not answered.
+    fn get(&mut self, name: &str) -> Result<Value, Failure> {
+        self.run(parameters::Read::new(name)).map(|parameter| parameter.value)
+    }
+
+    /// Sets a parameter, and waits until it is confirmed. Returns the value that the vehicle has then.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Param`] if it is refused, [`Failure::Timeout`] if it is not answered.
+    fn set(&mut self, name: &str, value: impl Into<Value>) -> Result<Value, Failure> {
+        self.run(parameters::Set::new(name, value)).map(|parameter| parameter.value)
+    }
+
+    /// Downloads all parameters, in order of their indices.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Timeout`] if some of them did not come.
+    fn parameters(&mut self) -> Result<Vec<Parameter>, Failure> {
+        self.run(parameters::List::new())
     }
 }
 
