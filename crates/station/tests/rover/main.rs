@@ -3,20 +3,18 @@
 mod rig;
 
 use mavstack::Duration;
-use mavstack::dialect::MavCmd;
 use mavstack_station::kit::LineConfig;
 use mavstack_station::{Client, Failure, GroundStation};
 
 use rig::rig;
 
 const SECOND: Duration = Duration::from_secs(1);
-const ARM: [f32; 7] = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 
 #[test]
 fn arms() -> Result<(), Failure> {
     let mut rig = rig(LineConfig::uart(57_600), Client::QGroundControl);
     rig.connect()?;
-    rig.command(MavCmd::COMPONENT_ARM_DISARM, ARM)?;
+    rig.arm()?;
     rig.until(SECOND, |rig| rig.seen().vehicles().all(|vehicle| vehicle.is_armed()));
     Ok(())
 }
