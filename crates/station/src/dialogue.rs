@@ -439,6 +439,78 @@ pub trait GroundStation: Drive + Sized {
     fn parameters(&mut self) -> Result<Vec<Parameter>, Failure> {
         self.run(parameters::List::new())
     }
+
+    /// Lists a directory of the vehicle; `/` is the root.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::File`] if it is refused, [`Failure::Timeout`] if it is not answered.
+    fn list_files(&mut self, directory: &str) -> Result<Vec<crate::files::Entry>, Failure> {
+        self.run(crate::files::Listing::new(directory))
+    }
+
+    /// Reads a file of the vehicle.
+    ///
+    /// # Errors
+    ///
+    /// As [`list_files`](Self::list_files); [`Failure::Protocol`] if its parts do not make up the announced size.
+    fn read_file(&mut self, path: &str) -> Result<Vec<u8>, Failure> {
+        self.run(crate::files::Download::new(path))
+    }
+
+    /// Creates or replaces a file of the vehicle.
+    ///
+    /// # Errors
+    ///
+    /// As [`list_files`](Self::list_files).
+    fn write_file(&mut self, path: &str, content: &[u8]) -> Result<(), Failure> {
+        self.run(crate::files::Upload::new(path, content))
+    }
+
+    /// Removes a file of the vehicle. For other changes see [`files::Operation`](crate::files::Operation).
+    ///
+    /// # Errors
+    ///
+    /// As [`list_files`](Self::list_files).
+    fn remove_file(&mut self, path: &str) -> Result<(), Failure> {
+        self.run(crate::files::Operation::remove(path))
+    }
+
+    /// Returns the checksum of a file of the vehicle, see [`files::crc32`](crate::files::crc32).
+    ///
+    /// # Errors
+    ///
+    /// As [`list_files`](Self::list_files).
+    fn checksum(&mut self, path: &str) -> Result<u32, Failure> {
+        self.run(crate::files::Checksum::new(path))
+    }
+
+    /// Lists the flight logs.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Timeout`] if entries are missing.
+    fn list_logs(&mut self) -> Result<Vec<crate::logs::Log>, Failure> {
+        self.run(crate::logs::Listing::new())
+    }
+
+    /// Reads a flight log.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Timeout`] if data are missing, [`Failure::Protocol`] if it is empty and the client cannot read such.
+    fn read_log(&mut self, log: crate::logs::Log) -> Result<Vec<u8>, Failure> {
+        self.run(crate::logs::Download::new(log))
+    }
+
+    /// Erases all flight logs. Returns those that are left.
+    ///
+    /// # Errors
+    ///
+    /// As [`list_logs`](Self::list_logs).
+    fn erase_logs(&mut self) -> Result<Vec<crate::logs::Log>, Failure> {
+        self.run(crate::logs::Erasure::new())
+    }
 }
 
 impl<T: Drive> GroundStation for T {}

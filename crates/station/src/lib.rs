@@ -12,6 +12,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod again;
 pub mod camera;
 mod client;
 pub mod command;
@@ -34,6 +35,7 @@ pub mod sticks;
 pub mod streams;
 pub mod time;
 
+pub use again::Again;
 pub use client::Client;
 pub use dialogue::{Beside, Dialogue, Drive, Due, Failure, GroundStation, Io, Retry};
 pub use seen::{Heard, Seen, SeenText, SeenVehicle};
