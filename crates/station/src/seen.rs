@@ -44,6 +44,11 @@ impl SeenVehicle {
             .is_some_and(|heartbeat| heartbeat.autopilot != MavAutopilot::INVALID && heartbeat.r#type != MavType::GCS)
     }
 
+    /// Returns when the last heartbeat was received; [`Instant::ZERO`] if there was none.
+    pub fn last_heartbeat(&self) -> Instant {
+        self.heartbeats.last().copied().unwrap_or(Instant::ZERO)
+    }
+
     /// Whether its last heartbeat said that it is armed.
     pub fn is_armed(&self) -> bool {
         self.heartbeat.is_some_and(|heartbeat| heartbeat.base_mode.contains(MavModeFlag::SAFETY_ARMED))

@@ -15,7 +15,6 @@ mod params;
 mod partners;
 mod progress;
 mod rally;
-mod reboot;
 mod refusals;
 mod routing;
 mod satellite;

@@ -1,0 +1,142 @@
+//! The demo vehicle in the rig of `mavstack-station`, as its ground stations see it.
+
+use mavstack::dialect::MavCmd;
+use mavstack::storage::Store;
+use mavstack::{Duration, Instant, LinkId, StackOf};
+use mavstack_demo::{App, LogMemory, Mavlink, Mode, Quadrotor};
+use mavstack_station::kit::{self, Board, Firmware, LineConfig, Port, RamFlash, Rig};
+use mavstack_station::parameters::Value;
+use mavstack_station::{Client, Failure, GroundStation};
+
+const SECOND: Duration = Duration::from_secs(1);
+
+type Flash = RamFlash<4, 4_096>;
+
+/// The demo as the rig runs it.
+struct Demo {
+    app: App<Box<StackOf<Mavlink>>>,
+    store: Store<Flash>,
+}
+
+impl Demo {
+    fn boot(board: &Board, logs: &'static LogMemory) -> Self {
+        let len = Store::<Flash>::region_len::<Mavlink>();
+        let mut store = Store::new(board.flash(len), 0..len);
+        let mut app = App::in_fleet(Box::new(StackOf::<Mavlink>::VACANT), kit::pulse(), 1);
+        app.keep_logs(logs);
+        app.restore(Instant::ZERO, &mut store).expect("what is stored can be read");
+        Self { app, store }
+    }
+}
+
+impl Demo {
+    fn vehicle(&self) -> &Quadrotor {
+        self.app.vehicle()
+    }
+}
+
+impl Firmware for Demo {
+    fn fly(&mut self, now: Instant) {
+        self.app.fly(now);
+    }
+
+    fn poll(&mut self, now: Instant, ports: &mut [Port]) {
+        self.app.poll(now);
+        for (link, port) in (0..).map(LinkId).zip(ports) {
+            self.app.serve(now, link, port).expect("the line has no faults");
+        }
+        self.app.persist(now, &mut self.store);
+    }
+
+    fn wants_reboot(&self) -> bool {
+        self.app.wants_reboot()
+    }
+}
+
+/// Returns a vehicle with a GPS fix, and a station that is connected by a radio.
+fn rig(client: Client) -> Rig<Demo> {
+    // Logs are in memory that a reset keeps.
+    let logs: &'static LogMemory = Box::leak(Box::new(LogMemory::new()));
+    let radio = LineConfig::uart(115_200).with_delay(Duration::from_millis(20));
+    let mut rig = Rig::new(move |board| Demo::boot(board, logs)).with_line(radio, client);
+    rig.connect().expect("a vehicle");
+    rig.until(SECOND * 5, |rig| rig.firmware().vehicle().has_fix());
+    rig
+}
+
+/// The simplest flight, as each client flies it.
+#[test]
+fn takes_off_and_lands() -> Result<(), Failure> {
+    for client in Client::ALL {
+        let mut rig = rig(client);
+        rig.arm()?;
+        rig.takeoff(10.0)?;
+        rig.until(SECOND * 20, |rig| rig.firmware().vehicle().mode() == Mode::Hold);
+        rig.command(MavCmd::NAV_LAND, &[])?;
+        rig.until(SECOND * 60, |rig| rig.seen().has_text("Landed, disarmed"));
+    }
+    Ok(())
+}
+
+#[test]
+fn parameters_are_listed_set_and_read() -> Result<(), Failure> {
+    for client in Client::ALL {
+        let mut rig = rig(client);
+        let all = rig.parameters()?;
+        assert!(all.iter().any(|parameter| parameter.name == "MPC_XY_CRUISE"), "{all:?}");
+        assert_eq!(rig.set("MPC_XY_CRUISE", 5.0_f32)?, Value::F32(5.0));
+        assert_eq!(rig.get("MPC_XY_CRUISE")?, Value::F32(5.0));
+    }
+    Ok(())
+}
+
+/// Each refusal has a reason, which the pilot reads.
+#[test]
+fn refusals_have_reasons() -> Result<(), Failure> {
+    let mut rig = rig(Client::QGroundControl);
+    let failure = rig.set("MPC_XY_CRUISE", 99.0_f32).unwrap_err();
+    assert_eq!(failure.text(), Some("MPC_XY_CRUISE: out of range"));
+    let failure = rig.command(MavCmd::MISSION_START, &[]).unwrap_err();
+    assert_eq!(failure.text(), Some("Command 300 refused: there is no such item"));
+    let failure = rig.takeoff(10.0).unwrap_err();
+    assert_eq!(failure.text(), Some("Command refused: not armed"));
+    Ok(())
+}
+
+/// A vehicle must not seem alive when nothing flies it.
+#[test]
+fn a_hung_flight_loop_ends_the_heartbeats() {
+    let mut rig = rig(Client::QGroundControl);
+    rig.hang_flight_loop();
+    rig.run_for(SECOND * 5);
+    assert!(rig.now() - rig.seen().vehicles().next().unwrap().last_heartbeat() > SECOND * 3);
+}
+
+/// A log of a flight is downloaded over a radio that loses frames.
+#[test]
+fn logs_are_downloaded() -> Result<(), Failure> {
+    for client in [Client::QGroundControl, Client::Mavsdk, Client::MavProxy] {
+        let mut rig = rig(client);
+        rig.arm()?;
+        rig.run_for(SECOND * 2);
+        rig.disarm()?;
+        let logs = rig.list_logs()?;
+        rig.line(0).set_loss(0.05);
+        let content = rig.read_log(logs[0])?;
+        assert!(content.starts_with(b"ULog") && content.len() == logs[0].size as usize, "{client}");
+    }
+    Ok(())
+}
+
+/// C-30, P-17: parameters set right before a reboot are written before it, without the usual delay.
+#[test]
+fn a_reboot_restores_the_parameters() -> Result<(), Failure> {
+    let mut rig = rig(Client::QGroundControl);
+    for (reboots, speed) in (1..).zip([5.0, 6.0, 7.0]) {
+        rig.set("MPC_XY_CRUISE", speed)?;
+        rig.command(MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0])?;
+        rig.until(SECOND, |rig| rig.reboots() == reboots);
+        assert_eq!(rig.get("MPC_XY_CRUISE")?, Value::F32(speed));
+    }
+    Ok(())
+}
