@@ -2,10 +2,11 @@
 
 use crate::names::Named;
 use crate::parameters::{self, Parameter, Value};
+use crate::plans;
 use crate::station::Sender;
 use crate::{Client, Received, Seen, Station};
 use mavstack::dialect::{MavCmd, MavFtpErr, MavMissionResult, MavParamError, MavResult};
-use mavstack::{Address, Duration, Instant, Message};
+use mavstack::{Address, Duration, Instant, Item, Message, PlanType};
 
 /// How long [`Drive::run`] waits for the text with the reason of a refusal: the answer is sent first.
 const TEXT_WITHIN: Duration = Duration::from_millis(500);
@@ -156,6 +157,11 @@ impl Retry {
         self.tries = self.tries.max(1);
         self.limit = self.tries;
         self.due = now + within;
+    }
+
+    /// Whether the last try may still be answered.
+    pub fn is_waiting(&self, now: Instant) -> bool {
+        self.tries > 0 && now < self.due
     }
 
     /// Returns the tries so far.
@@ -510,6 +516,95 @@ pub trait GroundStation: Drive + Sized {
     /// As [`list_logs`](Self::list_logs).
     fn erase_logs(&mut self) -> Result<Vec<crate::logs::Log>, Failure> {
         self.run(crate::logs::Erasure::new())
+
+    /// Uploads the mission. Returns the vehicle's id of the plan (`opaque_id`), or 0.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Plan`] if it is refused, [`Failure::Timeout`] if the vehicle falls silent.
+    fn upload_mission(&mut self, items: &[Item]) -> Result<u32, Failure> {
+        self.run(plans::Upload::new(PlanType::Mission, items))
+    }
+
+    /// Downloads the mission.
+    ///
+    /// # Errors
+    ///
+    /// As for the upload.
+    fn download_mission(&mut self) -> Result<Vec<Item>, Failure> {
+        self.run(plans::Download::new(PlanType::Mission)).map(|plan| plan.items)
+    }
+
+    /// Clears the mission.
+    ///
+    /// # Errors
+    ///
+    /// As for the upload.
+    fn clear_mission(&mut self) -> Result<(), Failure> {
+        self.run(plans::Clear::new(PlanType::Mission))
+    }
+
+    /// Uploads the geofence. Returns the vehicle's id of the plan (`opaque_id`), or 0.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Plan`] if it is refused, [`Failure::Timeout`] if the vehicle falls silent.
+    fn upload_fence(&mut self, items: &[Item]) -> Result<u32, Failure> {
+        self.run(plans::Upload::new(PlanType::Fence, items))
+    }
+
+    /// Downloads the geofence.
+    ///
+    /// # Errors
+    ///
+    /// As for the upload.
+    fn download_fence(&mut self) -> Result<Vec<Item>, Failure> {
+        self.run(plans::Download::new(PlanType::Fence)).map(|plan| plan.items)
+    }
+
+    /// Clears the geofence.
+    ///
+    /// # Errors
+    ///
+    /// As for the upload.
+    fn clear_fence(&mut self) -> Result<(), Failure> {
+        self.run(plans::Clear::new(PlanType::Fence))
+    }
+
+    /// Uploads the rally points. Returns the vehicle's id of the plan (`opaque_id`), or 0.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Plan`] if it is refused, [`Failure::Timeout`] if the vehicle falls silent.
+    fn upload_rally(&mut self, items: &[Item]) -> Result<u32, Failure> {
+        self.run(plans::Upload::new(PlanType::Rally, items))
+    }
+
+    /// Downloads the rally points.
+    ///
+    /// # Errors
+    ///
+    /// As for the upload.
+    fn download_rally(&mut self) -> Result<Vec<Item>, Failure> {
+        self.run(plans::Download::new(PlanType::Rally)).map(|plan| plan.items)
+    }
+
+    /// Clears the rally points.
+    ///
+    /// # Errors
+    ///
+    /// As for the upload.
+    fn clear_rally(&mut self) -> Result<(), Failure> {
+        self.run(plans::Clear::new(PlanType::Rally))
+    }
+
+    /// Makes an item of the mission the current one.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Command`] if it is refused, [`Failure::Timeout`] if it is not answered.
+    fn set_current(&mut self, seq: u16) -> Result<(), Failure> {
+        self.run(plans::SetCurrent::new(seq))
     }
 }
 

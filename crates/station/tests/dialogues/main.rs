@@ -1,0 +1,6 @@
+//! The dialogues with a vehicle that has every service, as each client leads them, on good and on bad lines.
+
+mod commands;
+mod parameters;
+mod plans;
+mod vehicle;
