@@ -516,6 +516,7 @@ pub trait GroundStation: Drive + Sized {
     /// As [`list_logs`](Self::list_logs).
     fn erase_logs(&mut self) -> Result<Vec<crate::logs::Log>, Failure> {
         self.run(crate::logs::Erasure::new())
+    }
 
     /// Uploads the mission. Returns the vehicle's id of the plan (`opaque_id`), or 0.
     ///
