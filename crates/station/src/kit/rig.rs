@@ -6,7 +6,7 @@ use mavstack::{Duration, Instant};
 
 use super::board::Board;
 use super::flash::FlashChip;
-use super::line::{Line, LineConfig, Port};
+use super::line::{Clock, Line, LineConfig, Port};
 use crate::{Drive, Failure, Seen, Station};
 
 /// The environment variable with the seed of all rigs; 1 if it is not set.
@@ -93,7 +93,7 @@ pub struct Rig<F> {
     board: Board,
     ends: Vec<End>,
     ports: Vec<Port>,
-    now: Instant,
+    clock: Clock,
     booted: Instant,
     pass: Duration,
     poll_interval: Duration,
@@ -128,7 +128,7 @@ impl<F: Firmware> Rig<F> {
             board: Board::default(),
             ends: Vec::new(),
             ports: Vec::new(),
-            now: Instant::ZERO,
+            clock: Clock::default(),
             booted: Instant::ZERO,
             pass: Duration::from_millis(1),
             poll_interval: Duration::ZERO,
@@ -143,9 +143,8 @@ impl<F: Firmware> Rig<F> {
 
     /// Adds a line to the vehicle's next link, with a station at its far end: a [`Client`](crate::Client) or a [`Station`].
     pub fn with_line(mut self, config: LineConfig, station: impl Into<Station>) -> Self {
-        let line = Line::new(config, self.seed_of(self.ends.len()));
-        line.advance(self.now);
-        self.ports.push(line.port());
+        let line = Line::new(&self.clock, config, self.seed_of(self.ends.len()));
+        self.ports.push(line.ends().0);
         self.ends.push(End { line, station: station.into() });
         self
     }
@@ -177,17 +176,17 @@ impl<F: Firmware> Rig<F> {
     /// Polls the stack at this interval instead of in each pass. The flight loop is not affected.
     pub fn set_poll_interval(&mut self, interval: Duration) {
         self.poll_interval = interval;
-        self.poll_due = self.now;
+        self.poll_due = self.now();
     }
 
     /// Returns the simulated time since the rig was created.
     pub fn now(&self) -> Instant {
-        self.now
+        self.clock.now()
     }
 
     /// Returns the simulated time since the vehicle booted, as the firmware sees it.
     pub fn since_boot(&self) -> Instant {
-        Instant::ZERO + (self.now - self.booted)
+        Instant::ZERO + (self.now() - self.booted)
     }
 
     /// Returns the firmware.
@@ -245,7 +244,7 @@ impl<F: Firmware> Rig<F> {
 
     /// Stalls the processor: nothing of the firmware runs for this long, while bytes keep arriving. An erase of internal flash does that.
     pub fn stall(&mut self, duration: Duration) {
-        self.stalled_until = self.stalled_until.max(self.now + duration);
+        self.stalled_until = self.stalled_until.max(self.now() + duration);
     }
 
     /// Cuts the vehicle's power. RAM is lost, and time passes without it until [`restore_power`](Self::restore_power).
@@ -279,17 +278,17 @@ impl<F: Firmware> Rig<F> {
 
     fn start(&mut self) {
         self.ends.iter().for_each(|end| end.line.reset_vehicle());
-        self.booted = self.now;
+        self.booted = self.now();
         self.flight_loop = FlightLoop::Runs;
-        self.poll_due = self.now;
+        self.poll_due = self.now();
         self.firmware = Some((self.boot)(&self.board));
-        self.stalled_until = self.now + self.board.take_busy();
+        self.stalled_until = self.now() + self.board.take_busy();
     }
 
     /// Runs for this long.
     pub fn run_for(&mut self, duration: Duration) {
-        let end = self.now + duration;
-        while self.now < end {
+        let end = self.now() + duration;
+        while self.now() < end {
             self.step_once();
         }
     }
@@ -306,12 +305,12 @@ impl<F: Firmware> Rig<F> {
 
     /// Runs until `is_reached` returns true, as [`until`](Self::until) does. Returns false if that does not happen within `limit`.
     pub fn reaches(&mut self, limit: Duration, mut is_reached: impl FnMut(&Self) -> bool) -> bool {
-        let end = self.now + limit;
+        let end = self.now() + limit;
         loop {
             if is_reached(self) {
                 return true;
             }
-            if self.now >= end {
+            if self.now() >= end {
                 return false;
             }
             self.step_once();
@@ -320,28 +319,28 @@ impl<F: Firmware> Rig<F> {
 
     /// Runs one pass of the vehicle, then the stations.
     fn step_once(&mut self) {
-        self.now += self.pass;
-        self.ends.iter().for_each(|end| end.line.advance(self.now));
-        if self.now >= self.stalled_until {
+        let now = self.now() + self.pass;
+        self.clock.set(now);
+        if now >= self.stalled_until {
             self.run_firmware();
         }
         for End { line, station } in &mut self.ends {
-            station.receive(self.now, &line.receive());
-            station.poll(self.now);
+            station.receive(now, &line.receive());
+            station.poll(now);
             line.send(&station.take_output());
         }
     }
 
     fn run_firmware(&mut self) {
-        let since_boot = self.since_boot();
+        let (now, since_boot) = (self.now(), self.since_boot());
         let Some(firmware) = &mut self.firmware else { return };
         if self.flight_loop == FlightLoop::Runs {
             firmware.fly(since_boot);
         }
-        if self.now < self.poll_due {
+        if now < self.poll_due {
             return;
         }
-        self.poll_due = self.now + self.poll_interval;
+        self.poll_due = now + self.poll_interval;
         firmware.poll(since_boot, &mut self.ports);
         let wants_reboot = firmware.wants_reboot();
         let busy = self.board.take_busy();
@@ -361,13 +360,13 @@ impl<F: Firmware> Drive for Rig<F> {
 
     fn step(&mut self) -> Result<Instant, Failure> {
         self.step_once();
-        Ok(self.now)
+        Ok(self.now())
     }
 }
 
 impl<F> fmt::Debug for Rig<F> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Rig").field("now", &self.now).field("seed", &self.seed).finish_non_exhaustive()
+        f.debug_struct("Rig").field("now", &self.clock.now()).field("seed", &self.seed).finish_non_exhaustive()
     }
 }
 
@@ -377,7 +376,7 @@ impl<F> Drop for Rig<F> {
         if !std::thread::panicking() {
             return;
         }
-        eprintln!("the rig, after {} ms, with {SEED}={}:", self.now.as_millis(), self.seed);
+        eprintln!("the rig, after {} ms, with {SEED}={}:", self.clock.now().as_millis(), self.seed);
         for (link, End { station, .. }) in self.ends.iter().enumerate() {
             let seen = station.seen();
             for text in seen.texts_since(seen.text_mark().saturating_sub(LAST_TEXTS)) {

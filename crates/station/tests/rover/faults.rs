@@ -114,7 +114,7 @@ fn the_vehicle_comes_back_after_a_power_cut() {
 fn a_power_cut_keeps_the_old_value_or_the_new_one() {
     let (mut old, mut new) = (0, 0);
     for steps in (0..).step_by(7) {
-        let mut rig = connected(LineConfig::IDEAL).with_pass(Duration::from_millis(10));
+        let mut rig = connected(LineConfig::default()).with_pass(Duration::from_millis(10));
         set_speed(&mut rig, 3.0);
         rig.run_for(SECOND * 3);
         set_speed(&mut rig, 4.0);
@@ -136,7 +136,7 @@ fn a_power_cut_keeps_the_old_value_or_the_new_one() {
 #[test]
 fn a_goal_that_is_not_reached_fails_the_test() {
     let failure = std::panic::catch_unwind(|| {
-        connected(LineConfig::IDEAL).until(SECOND, |rig| rig.seen().has_text("never"));
+        connected(LineConfig::default()).until(SECOND, |rig| rig.seen().has_text("never"));
     });
     assert_eq!(failure.unwrap_err().downcast_ref::<String>().unwrap(), "not reached within 1000 ms");
 }

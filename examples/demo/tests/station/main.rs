@@ -57,7 +57,7 @@ impl Firmware for Demo {
 fn rig(client: Client) -> Rig<Demo> {
     // Logs are in memory that a reset keeps.
     let logs: &'static LogMemory = Box::leak(Box::new(LogMemory::new()));
-    let radio = LineConfig::uart(115_200).with_delay(Duration::from_millis(20));
+    let radio = LineConfig::radio(115_200, Duration::from_millis(20));
     let mut rig = Rig::new(move |board| Demo::boot(board, logs)).with_line(radio, client);
     rig.connect().expect("a vehicle");
     rig.until(SECOND * 5, |rig| rig.firmware().vehicle().has_fix());
