@@ -7,10 +7,10 @@ use mavstack_station::kit::{LineConfig, Rig};
 use mavstack_station::{Client, Drive, GroundStation};
 
 use crate::SECOND;
-use crate::rig::{Tested, rig};
+use crate::rig::Tested;
 
 fn connected(line: LineConfig) -> Rig<Tested> {
-    let mut rig = rig(line, Client::QGroundControl);
+    let mut rig = Rig::new(Tested::boot).with_line(line, Client::QGroundControl);
     rig.connect().unwrap();
     rig
 }
@@ -39,7 +39,7 @@ fn speed(rig: &Rig<Tested>) -> f32 {
 fn equal_seeds_give_equal_runs() {
     let run = |seed| {
         let line = LineConfig::uart(57_600).with_loss(0.2).with_damage(0.001).with_chunks(7);
-        let mut rig = rig(line, Client::Mavsdk).with_seed(seed);
+        let mut rig = Rig::new(Tested::boot).with_line(line, Client::Mavsdk).with_seed(seed);
         rig.run_for(SECOND * 20);
         let vehicle = rig.seen().vehicles().next().unwrap();
         (vehicle.frames, vehicle.lost, vehicle.heartbeats.clone())
