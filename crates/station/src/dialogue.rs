@@ -80,6 +80,11 @@ impl<'a> Io<'a> {
         self.sender.send(self.now, message);
     }
 
+    /// Sets the key with which frames are signed from now on, see [`Station::set_signing`].
+    pub fn set_signing(&mut self, key: Option<([u8; 32], u64)>) {
+        self.sender.set_signing(self.now, key);
+    }
+
     /// Whether a message with these target fields is for this station: addressed to it, or to all.
     pub fn is_for_us(&self, target_system: u8, target_component: u8) -> bool {
         let Address { system, component } = self.sender.address;
@@ -606,6 +611,93 @@ pub trait GroundStation: Drive + Sized {
     /// [`Failure::Command`] if it is refused, [`Failure::Timeout`] if it is not answered.
     fn set_current(&mut self, seq: u16) -> Result<(), Failure> {
         self.run(plans::SetCurrent::new(seq))
+    }
+
+    /// Runs another dialogue beside all that follow, for example [`Sticks`](crate::sticks::Sticks) or
+    /// [`events::Follow`](crate::events::Follow). Give it by reference to read it afterwards.
+    fn alongside<B: Dialogue>(&mut self, side: B) -> crate::Alongside<'_, Self, B> {
+        crate::Alongside::new(self, side)
+    }
+
+    /// Lets time pass.
+    ///
+    /// # Errors
+    ///
+    /// Only those of the transport.
+    fn wait(&mut self, time: Duration) -> Result<(), Failure> {
+        self.run(crate::Wait::new(time))
+    }
+
+    /// Holds the sticks, or sends a setpoint, for a time.
+    ///
+    /// # Errors
+    ///
+    /// Only those of the transport: sticks are not answered.
+    fn hold(&mut self, input: impl Into<crate::sticks::Input>, time: Duration) -> Result<(), Failure> {
+        self.run(crate::sticks::Sticks::new(input).for_time(time))
+    }
+
+    /// Returns the events of the next `time`.
+    ///
+    /// # Errors
+    ///
+    /// Only those of the transport.
+    fn events_for(&mut self, time: Duration) -> Result<Vec<mavstack::dialect::Event>, Failure> {
+        self.run(crate::events::Follow::new().for_time(time))
+    }
+
+    /// Requests control of the vehicle, see [`control::Request`](crate::control::Request).
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Command`] if it is refused, [`Failure::Timeout`] if it is not answered.
+    fn request_control(&mut self, takeover: crate::control::Takeover) -> Result<crate::control::Answer, Failure> {
+        self.run(crate::control::Request::new(takeover, Duration::from_secs(10)))
+    }
+
+    /// Releases control of the vehicle.
+    ///
+    /// # Errors
+    ///
+    /// As [`request_control`](Self::request_control).
+    fn release_control(&mut self) -> Result<(), Failure> {
+        self.run(crate::control::Release::new())
+    }
+
+    /// Gives the vehicle a key, and signs from then on, see [`signing::Setup`](crate::signing::Setup).
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Timeout`] if the vehicle does not sign then.
+    fn setup_signing(&mut self, key: [u8; 32], timestamp: u64) -> Result<(), Failure> {
+        self.run(crate::signing::Setup::new(key, timestamp))
+    }
+
+    /// Makes the vehicle forget its key, and signs nothing from then on.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Timeout`] if the vehicle still signs.
+    fn remove_signing(&mut self) -> Result<(), Failure> {
+        self.run(crate::signing::Remove::new())
+    }
+
+    /// Measures the vehicle's clock by TIMESYNC.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Timeout`] if it is not answered.
+    fn timesync(&mut self) -> Result<crate::time::Sample, Failure> {
+        self.run(crate::time::Timesync::new())
+    }
+
+    /// Sends PING. Returns the time until its answer.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Timeout`] if it is not answered.
+    fn ping(&mut self) -> Result<Duration, Failure> {
+        self.run(crate::time::Ping::new())
     }
 }
 

@@ -13,6 +13,7 @@
 #![forbid(unsafe_code)]
 
 mod again;
+mod alongside;
 pub mod camera;
 mod client;
 pub mod command;
@@ -36,6 +37,7 @@ pub mod streams;
 pub mod time;
 
 pub use again::Again;
+pub use alongside::{Alongside, Wait};
 pub use client::Client;
 pub use dialogue::{Beside, Dialogue, Drive, Due, Failure, GroundStation, Io, Retry};
 pub use seen::{Heard, Seen, SeenText, SeenVehicle};

@@ -2,11 +2,15 @@
 
 use crate::dialogue::{Dialogue, Failure, Io};
 use crate::{Client, Seen};
-use mavstack::dialect::Common;
 use mavstack::frame::{Decoder, Header, MAX_FRAME_LEN, RxCounters, SigningKey, Version, encode, encode_signed};
 use mavstack::message::Dialect;
 use mavstack::{Address, Duration, Frame, Instant, Message};
 use std::collections::VecDeque;
+
+mavstack::dialect! {
+    /// The messages that a station understands: all of common, and those of `development.xml` that it has dialogues for.
+    struct Known: [crate::control::ControlStatus] + mavstack::dialect::Common;
+}
 
 /// The most frames that are kept for the next dialogue; the oldest are dropped.
 const MAX_INBOX: usize = 10_000;
@@ -45,6 +49,8 @@ impl Received {
 pub struct Station {
     decoder: Decoder,
     inbox: VecDeque<Received>,
+    /// The number of frames that were put into the inbox.
+    heard: u64,
     now: Instant,
     seen: Seen,
     sender: Sender,
@@ -88,6 +94,7 @@ impl Station {
             // Ground stations wait for the rest of a frame without a timeout.
             decoder: Decoder::new(Duration::MAX),
             inbox: VecDeque::new(),
+            heard: 0,
             now: Instant::ZERO,
             seen: Seen::default(),
             sender: Sender {
@@ -142,9 +149,7 @@ impl Station {
     /// Sets the key with which sent frames are signed from now on, or none. `timestamp` is that of the next frame, in units of
     /// 10 µs since 2015-01-01 00:00 UTC. It grows with the time.
     pub fn set_signing(&mut self, key: Option<([u8; 32], u64)>) {
-        let since = self.now;
-        self.sender.signing =
-            key.map(|(key, timestamp)| Signing { key: SigningKey::new(key), timestamp, since, last: 0 });
+        self.sender.set_signing(self.now, key);
     }
 
     /// Sends heartbeats at another interval from now on, or none.
@@ -188,8 +193,8 @@ impl Station {
     }
 
     fn decode(&mut self, now: Instant) {
-        let Self { decoder, inbox, seen, sender, .. } = self;
-        while let Some(frame) = decoder.next(now, Common::MESSAGES, &mut u32::MAX.clone(), |_| false) {
+        let Self { decoder, inbox, heard, seen, sender, .. } = self;
+        while let Some(frame) = decoder.next(now, Known::MESSAGES, &mut u32::MAX.clone(), |_| false) {
             let received = sender.accept(now, &frame);
             seen.note(&received);
             if sender.target.is_none() && seen.component(received.source()).is_some_and(|heard| heard.is_autopilot()) {
@@ -199,6 +204,7 @@ impl Station {
                 inbox.pop_front();
             }
             inbox.push_back(received);
+            *heard += 1;
         }
     }
 
@@ -245,6 +251,29 @@ impl Station {
         dialogue.poll(&mut io)
     }
 
+    /// Returns the number of frames that dialogues could take so far: a mark for [`overhear`](Self::overhear).
+    pub fn frames_heard(&self) -> u64 {
+        self.heard
+    }
+
+    /// Hands a dialogue the frames received since `heard`, which it moves on, then the time. The frames stay for
+    /// [`advance`](Self::advance). Returns the dialogue's result once it has ended.
+    pub fn overhear<D: Dialogue>(
+        &mut self,
+        now: Instant,
+        dialogue: &mut D,
+        heard: &mut u64,
+    ) -> Option<Result<D::Output, Failure>> {
+        self.now = self.now.max(now);
+        let new = usize::try_from(self.heard - *heard).unwrap_or(usize::MAX).min(self.inbox.len());
+        *heard = self.heard;
+        let mut io = Io::new(self.now, &mut self.sender, &self.seen);
+        for frame in self.inbox.iter().skip(self.inbox.len() - new) {
+            dialogue.receive(&mut io, frame);
+        }
+        dialogue.poll(&mut io)
+    }
+
     /// Returns what was received.
     pub fn seen(&self) -> &Seen {
         &self.seen
@@ -269,12 +298,22 @@ impl Sender {
         if self.client == Client::Pymavlink && frame.header().version == Version::V2 {
             self.version = Version::V2;
         }
-        Received {
-            at: now,
-            header: *frame.header(),
-            payload: frame.payload().to_vec(),
-            is_signed: self.signing.as_ref().is_some_and(|signing| frame.is_signed_with(&signing.key)),
+        Received { at: now, header: *frame.header(), payload: frame.payload().to_vec(), is_signed: self.verify(frame) }
+    }
+
+    /// Whether a frame is signed with the station's key. Its timestamp then raises the station's.
+    fn verify(&mut self, frame: &Frame<'_>) -> bool {
+        let (Some(signing), Some(signature)) = (&mut self.signing, frame.signature()) else { return false };
+        let is_signed = frame.is_signed_with(&signing.key);
+        if is_signed {
+            signing.last = signing.last.max(signature.timestamp);
         }
+        is_signed
+    }
+
+    pub(crate) fn set_signing(&mut self, now: Instant, key: Option<([u8; 32], u64)>) {
+        self.signing =
+            key.map(|(key, timestamp)| Signing { key: SigningKey::new(key), timestamp, since: now, last: 0 });
     }
 
     /// Sends a message. With MAVLink 1, a message that needs MAVLink 2 is not sent, as the real clients do.

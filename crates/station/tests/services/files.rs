@@ -1,8 +1,9 @@
 //! MAVLink FTP, as each client does it.
 
-use crate::rig::Rig;
+use crate::rig::{self, Tested};
 use mavstack::dialect::MavFtpErr;
 use mavstack_station::files::{Checksum, Download, EntryKind, Listing, Operation, Reading, Upload, crc32};
+use mavstack_station::kit::Rig;
 use mavstack_station::{Again, Client, Drive, Failure, GroundStation};
 
 /// The size of the longest file.
@@ -13,11 +14,11 @@ fn content(len: usize) -> Vec<u8> {
     (0..len).map(|at| (at * 7 + at / 256) as u8).collect()
 }
 
-fn rig(client: Client, loss: f64, seed: u64) -> Rig {
-    let mut rig = Rig::new(client, loss, seed);
-    rig.vehicle.files.insert("long.bin".to_owned(), content(LONG));
-    rig.vehicle.files.insert("short.txt".to_owned(), b"short".to_vec());
-    rig.vehicle.files.insert("whole.bin".to_owned(), content(2 * 239));
+fn rig(client: Client, loss: f64, seed: u64) -> Rig<Tested> {
+    let mut rig = rig::rig(client, loss, seed);
+    rig.firmware_mut().boat.files.insert("long.bin".to_owned(), content(LONG));
+    rig.firmware_mut().boat.files.insert("short.txt".to_owned(), b"short".to_vec());
+    rig.firmware_mut().boat.files.insert("whole.bin".to_owned(), content(2 * 239));
     rig
 }
 
@@ -26,7 +27,7 @@ fn every_client_reads_files() {
     for client in Client::ALL {
         let mut rig = rig(client, 0.0, 0);
         for name in ["long.bin", "short.txt", "whole.bin"] {
-            let expected = rig.vehicle.files[name].clone();
+            let expected = rig.firmware().boat.files[name].clone();
             assert_eq!(rig.read_file(name), Ok(expected.clone()), "{client}: {name}");
             let single = Download::new(name).with_reading(Reading::Single);
             assert_eq!(rig.run(single), Ok(expected), "{client}: {name} without a burst");
@@ -49,7 +50,7 @@ fn every_client_reads_and_writes_on_a_lossy_line() {
             let new = content(5_000);
             let written = rig.run(Again::new(50, || Upload::new("new.bin", new.clone())));
             assert_eq!(written, Ok(()), "{client}, seed {seed}");
-            assert_eq!(rig.vehicle.files["new.bin"], new, "{client}, seed {seed}");
+            assert_eq!(rig.firmware().boat.files["new.bin"], new, "{client}, seed {seed}");
         }
     }
 }
@@ -61,7 +62,7 @@ fn every_client_lists_on_a_lossy_line() {
             let mut rig = rig(client, 0.2, seed);
             // pymavlink repeats nothing, so a list of many parts never arrives.
             let more = if client == Client::Pymavlink { 0 } else { 60 };
-            rig.vehicle.files.extend((0..more).map(|n| (format!("file number {n}"), content(n))));
+            rig.firmware_mut().boat.files.extend((0..more).map(|n| (format!("file number {n}"), content(n))));
             let entries = rig.run(Again::new(50, || Listing::new("/"))).expect("a list");
             let files = entries.iter().filter(|entry| matches!(entry.kind, EntryKind::File { .. })).count();
             assert_eq!(files, 3 + more, "{client}, seed {seed}: {entries:?}");
@@ -83,14 +84,18 @@ fn operations_are_carried_out_on_a_lossy_line() {
             let sum = rig.run(Again::new(50, || Checksum::new("short.txt")));
             assert_eq!(sum, Ok(crc32(b"short")), "{client}, seed {seed}");
             let cut = rig.run(Again::new(50, || Operation::truncate("short.txt", 2)));
-            assert_eq!((cut, &rig.vehicle.files["short.txt"][..]), (Ok(()), &b"sh"[..]), "{client}, seed {seed}");
+            assert_eq!(
+                (cut, &rig.firmware().boat.files["short.txt"][..]),
+                (Ok(()), &b"sh"[..]),
+                "{client}, seed {seed}"
+            );
             // A repetition after the first one was carried out finds nothing any more.
             let moved = rig.run(Again::new(50, || Operation::rename("short.txt", "renamed.txt")));
             assert!(moved.is_ok() || is_not_found(&moved), "{client}, seed {seed}: {moved:?}");
-            assert!(rig.vehicle.files.contains_key("renamed.txt"), "{client}, seed {seed}");
+            assert!(rig.firmware().boat.files.contains_key("renamed.txt"), "{client}, seed {seed}");
             let removed = rig.run(Again::new(50, || Operation::remove("renamed.txt")));
             assert!(removed.is_ok() || is_not_found(&removed), "{client}, seed {seed}: {removed:?}");
-            assert!(!rig.vehicle.files.contains_key("renamed.txt"), "{client}, seed {seed}");
+            assert!(!rig.firmware().boat.files.contains_key("renamed.txt"), "{client}, seed {seed}");
             assert_eq!(rig.run(Again::new(50, Operation::reset_sessions)), Ok(()), "{client}, seed {seed}");
         }
     }
@@ -120,7 +125,7 @@ fn refusals_have_their_reason() {
 fn clients_give_up_as_the_real_ones() {
     for (client, is_read) in Client::ALL.into_iter().zip([true, false, true, true]) {
         let mut rig = rig(client, 0.0, 0);
-        rig.vehicle.files.insert("empty".to_owned(), Vec::new());
+        rig.firmware_mut().boat.files.insert("empty".to_owned(), Vec::new());
         assert_eq!(rig.read_file("empty").is_ok(), is_read, "{client}");
     }
     for (client, millis, sends) in [
@@ -130,10 +135,10 @@ fn clients_give_up_as_the_real_ones() {
         (Client::Pymavlink, 3_000, 3),
     ] {
         let mut rig = rig(client, 1.0, 0);
-        let begin = rig.now;
+        let begin = rig.now();
         let result = rig.run(Download::new("long.bin"));
         assert!(matches!(result, Err(Failure::Timeout { tries, .. }) if tries == sends), "{client}: {result:?}");
-        let took = (rig.now - begin).as_millis();
+        let took = (rig.now() - begin).as_millis();
         assert!(took.abs_diff(millis) < 100, "{client}: {took} ms");
     }
 }

@@ -1,12 +1,13 @@
 //! Flight logs, as each client reads them.
 
-use crate::rig::Rig;
+use crate::rig::{self, Tested};
+use mavstack_station::kit::Rig;
 use mavstack_station::logs::{Download, Listing, Log};
 use mavstack_station::{Again, Client, Drive, Failure, GroundStation};
 
-fn rig(client: Client, loss: f64, seed: u64) -> Rig {
-    let mut rig = Rig::new(client, loss, seed);
-    rig.vehicle.logs =
+fn rig(client: Client, loss: f64, seed: u64) -> Rig<Tested> {
+    let mut rig = rig::rig(client, loss, seed);
+    rig.firmware_mut().boat.logs =
         [100, 0, 90 * 20, 50_000].map(|len| (0..len).map(|at| (at * 3 + at / 90) as u8).collect()).to_vec();
     rig
 }
@@ -24,7 +25,11 @@ fn every_client_lists_and_reads() {
             if log.size == 0 && is_app {
                 assert!(matches!(read, Err(Failure::Protocol(_))), "{client}: {read:?}");
             } else {
-                assert!(read.as_ref() == Ok(&rig.vehicle.logs[usize::from(log.id)]), "{client}: log {}", log.id);
+                assert!(
+                    read.as_ref() == Ok(&rig.firmware().boat.logs[usize::from(log.id)]),
+                    "{client}: log {}",
+                    log.id
+                );
             }
         }
     }
@@ -44,7 +49,7 @@ fn every_client_lists_and_reads_on_a_lossy_line() {
             assert_eq!(logs.len(), 4, "{client}, seed {seed}");
             let read = rig.run(Again::new(50, || Download::new(logs[3])));
             let result = read.as_ref().map(Vec::len);
-            assert!(read.as_ref() == Ok(&rig.vehicle.logs[3]), "{client}, seed {seed}: {result:?}");
+            assert!(read.as_ref() == Ok(&rig.firmware().boat.logs[3]), "{client}, seed {seed}: {result:?}");
         }
     }
 }
@@ -54,6 +59,6 @@ fn an_erasure_tells_what_is_left() {
     for client in Client::ALL {
         let mut rig = rig(client, 0.0, 0);
         assert_eq!(rig.erase_logs(), Ok(Vec::new()), "{client}");
-        assert!(rig.vehicle.logs.is_empty(), "{client}");
+        assert!(rig.firmware().boat.logs.is_empty(), "{client}");
     }
 }

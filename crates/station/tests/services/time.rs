@@ -1,0 +1,39 @@
+//! TIMESYNC and PING both ways.
+
+use crate::rig::rig;
+use mavstack::{Duration, LinkId};
+use mavstack_station::time::{Answering, Tell, Timesync};
+use mavstack_station::{Client, Drive, GroundStation};
+
+#[test]
+fn clocks_are_measured_on_a_lossy_line() {
+    for client in Client::ALL {
+        for seed in 0..5 {
+            let mut rig = rig(client, 0.2, seed);
+            rig.run_for(Duration::from_secs(3));
+            rig.reset();
+            rig.connect().unwrap();
+            let ahead = rig.since_boot().as_micros() as i64 * 1_000 - rig.now().as_micros() as i64 * 1_000;
+            let sample = rig.run(Timesync::of(5)).unwrap();
+            assert!((sample.offset - ahead).abs() < 20_000_000, "{client}, seed {seed}: {sample:?}, {ahead} ns");
+            assert!(sample.round_trip < Duration::from_millis(40), "{client}, seed {seed}: {sample:?}");
+            assert!(rig.ping().unwrap() < Duration::from_millis(40), "{client}, seed {seed}");
+        }
+    }
+}
+
+/// The vehicle's own requests are answered as the client does: QGroundControl does not know TIMESYNC.
+#[test]
+fn the_vehicle_is_answered_as_the_client_does() {
+    for (client, answers) in Client::ALL.into_iter().zip([0, 1, 1, 0]) {
+        let mut rig = rig(client, 0.0, 0);
+        rig.connect().unwrap();
+        rig.wait(Duration::from_secs(1)).unwrap();
+        rig.firmware_mut().stack.time.ask(LinkId(0));
+        let mut answering = Answering::new();
+        rig.alongside(&mut answering).wait(Duration::from_secs(1)).unwrap();
+        assert_eq!(answering.answers(), answers, "{client}");
+    }
+    let mut rig = rig(Client::QGroundControl, 0.0, 0);
+    assert_eq!(rig.run(Tell::new(1_800_000_000_000_000)), Ok(()));
+}
