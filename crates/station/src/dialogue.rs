@@ -1,11 +1,15 @@
 //! Dialogues with a vehicle, and what drives them.
 
+use crate::modes::{self, Mode};
 use crate::names::Named;
 use crate::parameters::{self, Parameter, Value};
 use crate::plans;
 use crate::station::Sender;
+use crate::streams::{self, Interval};
 use crate::{Client, Received, Seen, Station};
-use mavstack::dialect::{MavCmd, MavFtpErr, MavMissionResult, MavParamError, MavResult};
+use mavstack::dialect::{
+    MavCmd, MavFtpErr, MavMissionResult, MavParamError, MavResult, MavStandardMode, MessageInterval,
+};
 use mavstack::{Address, Duration, Instant, Item, Message, PlanType};
 
 /// How long [`Drive::run`] waits for the text with the reason of a refusal: the answer is sent first.
@@ -611,6 +615,80 @@ pub trait GroundStation: Drive + Sized {
     /// [`Failure::Command`] if it is refused, [`Failure::Timeout`] if it is not answered.
     fn set_current(&mut self, seq: u16) -> Result<(), Failure> {
         self.run(plans::SetCurrent::new(seq))
+    }
+
+    /// Downloads all parameters in one file.
+    ///
+    /// # Errors
+    ///
+    /// As [`read_file`](Self::read_file); [`Failure::Protocol`] if the file is damaged.
+    fn parameter_file(&mut self) -> Result<Vec<Parameter>, Failure> {
+        self.run(parameters::FileList::new())
+    }
+
+    /// Lists the flight modes.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Command`] if the vehicle has none, [`Failure::Timeout`] if some of them did not come.
+    fn modes(&mut self) -> Result<Vec<Mode>, Failure> {
+        self.run(modes::List::new())
+    }
+
+    /// Sets the flight mode by its number in HEARTBEAT, and waits until the vehicle reports it.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Command`] if it is refused, [`Failure::Timeout`] if it is not answered, [`Failure::Protocol`] if it was accepted and
+    /// is not reported.
+    fn set_mode(&mut self, custom_mode: u32) -> Result<(), Failure> {
+        self.run(modes::Set::new(custom_mode))
+    }
+
+    /// Sets a standard mode, and waits until the vehicle reports it.
+    ///
+    /// # Errors
+    ///
+    /// As [`set_mode`](Self::set_mode).
+    fn set_standard_mode(&mut self, mode: MavStandardMode) -> Result<(), Failure> {
+        self.run(modes::Set::standard(mode))
+    }
+
+    /// Requests one message, and waits for it.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Command`] if it is refused, [`Failure::Timeout`] if it does not come.
+    fn request_message<M: Message>(&mut self) -> Result<M, Failure> {
+        self.run(streams::Request::new())
+    }
+
+    /// Sets the interval of a message on this link: a [`Duration`] or an [`Interval`].
+    ///
+    /// # Errors
+    ///
+    /// As [`command`](Self::command).
+    fn set_interval<M: Message>(&mut self, interval: impl Into<Interval>) -> Result<(), Failure> {
+        self.run(streams::set_interval::<M>(interval)).map(drop)
+    }
+
+    /// Returns the interval of a message on this link; `None` if the vehicle does not have the message.
+    ///
+    /// # Errors
+    ///
+    /// As [`request_message`](Self::request_message).
+    fn interval<M: Message>(&mut self) -> Result<Option<Interval>, Failure> {
+        let request = streams::Request::<MessageInterval>::new().with_index(M::ID);
+        self.run(request).map(|message| Interval::from_message(&message))
+    }
+
+    /// Waits for the next `M` of the vehicle.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Protocol`] if none comes within the time.
+    fn expect<M: Message>(&mut self, within: Duration) -> Result<M, Failure> {
+        self.run(streams::Await::new(within))
     }
 
     /// Runs another dialogue beside all that follow, for example [`Sticks`](crate::sticks::Sticks) or

@@ -12,12 +12,14 @@
 //!
 //! So MAVProxy shows an integer parameter of a generic vehicle wrongly, and never sees a set of it confirmed: `REAL32` is safe.
 
+mod file;
 mod list;
 mod packed;
 mod read;
 mod set;
 mod value;
 
+pub use file::FileList;
 pub use list::List;
 pub use packed::{PackedError, decode_packed};
 pub use read::Read;

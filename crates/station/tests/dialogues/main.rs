@@ -1,6 +1,9 @@
 //! The dialogues with a vehicle that has every service, as each client leads them, on good and on bad lines.
 
 mod commands;
+mod connect;
+mod modes;
 mod parameters;
 mod plans;
+mod streams;
 mod vehicle;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use mavstack::dialect::commands::{ComponentArmDisarm, NavTakeoff};
 use mavstack::dialect::rules::{DO_CHANGE_SPEED, DO_JUMP, NAV_LAND, NAV_TAKEOFF, NAV_WAYPOINT};
-use mavstack::dialect::{Attitude, MavCmd, MavMissionResult, MavStandardMode, MissionState};
+use mavstack::dialect::{Attitude, MavCmd, MavDataStream, MavMissionResult, MavStandardMode, MissionState};
 use mavstack::parameters;
 use mavstack::prelude::*;
 use mavstack_station::kit::{self, Board, LineConfig, Port, Rig};
@@ -59,6 +59,8 @@ pub struct Mavlink {
 pub struct Copter {
     pub armed: bool,
     pub mode: u32,
+    /// Whether it accepts modes without entering them.
+    pub ignores_modes: bool,
     pub current: u16,
     /// When the calibration ends.
     calibrated_at: Option<Instant>,
@@ -133,7 +135,7 @@ impl Parameters for Copter {
 }
 
 impl Telemetry for Copter {
-    const STREAMS: &'static [Stream] = &[Stream::of::<Attitude>()];
+    const STREAMS: &'static [Stream] = &[Stream::of::<Attitude>().in_group(MavDataStream::EXTRA1)];
 
     fn fill(&mut self, _: u32, out: &mut Fill<'_>) -> bool {
         let time_boot_ms = out.now().time_boot_ms();
@@ -154,7 +156,9 @@ impl Modes for Copter {
             cx.text(MavSeverity::WARNING, "Follow refused: nobody to follow");
             return MavResult::DENIED.into();
         }
-        self.mode = mode.custom_mode;
+        if !self.ignores_modes {
+            self.mode = mode.custom_mode;
+        }
         MavResult::ACCEPTED.into()
     }
 }
@@ -175,6 +179,7 @@ impl Firmware {
         let vehicle = Copter {
             armed: false,
             mode: 1,
+            ignores_modes: false,
             current: 0,
             calibrated_at: None,
             is_cancelled: false,
@@ -220,7 +225,9 @@ pub fn rig(client: Client, loss: f64, seed: u64) -> Rig<Firmware> {
 /// Returns the vehicle with a station of its own making.
 pub fn with_station(station: Station, loss: f64, seed: u64) -> Rig<Firmware> {
     let line = LineConfig::uart(115_200).with_loss(loss);
-    Rig::new(Firmware::boot).with_seed(seed).with_line(line, station)
+    let rig = Rig::new(Firmware::boot).with_seed(seed).with_line(line, station);
+    // Losses take simulated minutes: a slower loop saves real seconds.
+    if loss > 0.0 { rig.with_pass(Duration::from_millis(5)) } else { rig }
 }
 
 /// Does something as an operator does: again, at most `times` in all, until it succeeds.

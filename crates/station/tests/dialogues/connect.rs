@@ -1,0 +1,62 @@
+//! What each client does when it finds a vehicle.
+
+use crate::vehicle::rig;
+use mavstack::Duration;
+use mavstack_station::{Client, Failure, GroundStation};
+
+#[test]
+fn qgroundcontrol_loads_everything() -> Result<(), Failure> {
+    let mut rig = rig(Client::QGroundControl, 0.0, 1);
+    let connected = rig.connect()?;
+    assert_eq!((connected.modes.len(), connected.parameters.len()), (4, 22));
+    assert!(connected.version.is_some() && connected.plans.iter().all(Option::is_some));
+    // The vehicle has no metadata, and says so at once.
+    let failures: Vec<_> = connected.failures.iter().map(ToString::to_string).collect();
+    assert_eq!(failures, ["the vehicle refused REQUEST_MESSAGE: DENIED"]);
+    assert!(rig.now().as_millis() < 4_000, "{:?}", rig.now());
+    Ok(())
+}
+
+#[test]
+fn mavproxy_takes_the_file_of_parameters() -> Result<(), Failure> {
+    let mut rig = rig(Client::MavProxy, 0.0, 1);
+    let connected = rig.connect()?;
+    assert_eq!((connected.parameters.len(), connected.failures.len()), (22, 0));
+    assert_eq!(connected.parameters[4].name, "CRUISE");
+    assert!(connected.version.is_none());
+    // REQUEST_DATA_STREAM has started the streams.
+    rig.run_for(Duration::from_secs(1));
+    assert!(rig.seen().count::<mavstack::dialect::Attitude>() >= 3);
+    Ok(())
+}
+
+#[test]
+fn mavsdk_and_scripts_want_little() -> Result<(), Failure> {
+    let connected = rig(Client::Mavsdk, 0.0, 1).connect()?;
+    assert!(connected.version.is_some() && connected.parameters.is_empty());
+    let connected = rig(Client::Pymavlink, 0.0, 1).connect()?;
+    assert!(connected.version.is_none() && connected.failures.is_empty());
+    Ok(())
+}
+
+#[test]
+fn a_line_without_a_vehicle_is_told() {
+    let mut rig = rig(Client::QGroundControl, 1.0, 1);
+    assert_eq!(rig.connect(), Err(Failure::NoVehicle));
+    assert_eq!(rig.now().as_millis(), 10_000);
+}
+
+/// On a bad line QGroundControl gets what matters, but gives up a parameter that was lost five times.
+#[test]
+fn qgroundcontrol_connects_on_a_line_that_loses_a_fifth() {
+    let mut whole = 0;
+    for seed in 0..10 {
+        let mut rig = rig(Client::QGroundControl, 0.2, seed);
+        let connected = rig.connect().expect("a heartbeat");
+        let is_whole = connected.parameters.len() == 22;
+        let gave_up = connected.failures.iter().any(|failure| failure.to_string().contains("parameters"));
+        assert!(is_whole != gave_up, "seed {seed}: {:?}", connected.failures);
+        whole += u32::from(is_whole);
+    }
+    assert!(whole >= 8, "{whole} of 10");
+}
