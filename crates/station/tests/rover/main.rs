@@ -10,6 +10,7 @@ use mavstack_rover::{HOLD, MISSION};
 use mavstack_station::command::Place;
 use mavstack_station::parameters::Value;
 use mavstack_station::plans::waypoint;
+use mavstack_station::sticks::{Input, Sticks};
 use mavstack_station::{Client, Failure, GroundStation};
 
 use rig::{mode, rig};
@@ -95,6 +96,19 @@ fn holds_when_the_station_is_lost() -> Result<(), Failure> {
     rig.until(SECOND * 10, |rig| rig.firmware().rover.target(&rig.firmware().stack).is_none());
     rig.line(0).restore();
     rig.until(SECOND * 3, |rig| mode(rig) == Some(HOLD));
+    Ok(())
+}
+
+/// The rover drives by hand for as long as the sticks arrive.
+#[test]
+fn holds_when_the_sticks_are_lost() -> Result<(), Failure> {
+    let mut rig = rig(Client::QGroundControl);
+    rig.arm()?;
+    let mut driver = rig.alongside(Sticks::new(Input::joystick(0.5, 0.0, 0.5, 0.0)));
+    driver.wait(SECOND)?;
+    driver.command(MavCmd::DO_SET_MODE, &[1.0, 3.0, 0.0])?;
+    assert_eq!(driver.inner().firmware().rover.sticks(), Some([500, 0]));
+    rig.until(SECOND * 2, |rig| rig.seen().has_text("Sticks lost: holding"));
     Ok(())
 }
 
