@@ -10,6 +10,9 @@
 //! | mission | | | |
 //! | geofence and rally points, if the capabilities say so | | | |
 //!
+//! QGroundControl takes the file of parameters from ArduPilot, else the list. The hash of PX4's parameters is not asked for: there is no
+//! cache.
+//!
 //! A step that fails does not end the dialogue, as in the real clients: [`Connected::failures`] tells what the user will miss.
 
 use crate::modes::{self, Mode};
@@ -17,7 +20,7 @@ use crate::parameters::{self, Parameter};
 use crate::plans::{self, Plan};
 use crate::streams::{DataStreams, Request};
 use crate::{Client, Dialogue, Failure, Io, Received};
-use mavstack::dialect::{AutopilotVersion, ComponentMetadata, Heartbeat, MavProtocolCapability};
+use mavstack::dialect::{AutopilotVersion, ComponentMetadata, Heartbeat, MavAutopilot, MavProtocolCapability};
 use mavstack::{Address, Duration, Instant, PlanType};
 use std::collections::VecDeque;
 
@@ -97,6 +100,7 @@ impl Step {
                 Self::Version(Request::new()),
                 Self::Modes(modes::List::new()),
                 Self::Metadata(Request::new()),
+                Self::ParameterFile(parameters::FileList::new()),
                 Self::Parameters(parameters::List::new()),
                 Self::plan(PlanType::Mission),
                 Self::plan(PlanType::Fence),
@@ -113,12 +117,15 @@ impl Step {
     }
 
     /// Whether the client leaves the step out, after what it has learned.
-    fn is_left_out(&self, connected: &Connected) -> bool {
+    fn is_left_out(&self, client: Client, connected: &Connected) -> bool {
         let lacks = |capability| !connected.capabilities().contains(capability);
         match self {
             Self::Plan(PlanType::Fence, _) => lacks(MavProtocolCapability::MISSION_FENCE),
             Self::Plan(PlanType::Rally, _) => lacks(MavProtocolCapability::MISSION_RALLY),
-            // MAVProxy takes the list only if there is no file.
+            Self::ParameterFile(_) => {
+                client == Client::QGroundControl && connected.heartbeat.autopilot != MavAutopilot::ARDUPILOTMEGA
+            }
+            // The list is for vehicles without the file.
             Self::Parameters(_) => !connected.parameters.is_empty(),
             _ => false,
         }
@@ -183,7 +190,7 @@ impl Dialogue for Connect {
         }
         let connected = self.connected.as_mut()?;
         while let Some(step) = self.steps.front_mut() {
-            if !step.is_left_out(connected)
+            if !step.is_left_out(io.client(), connected)
                 && let Err(failure) = step.poll(io, connected)?
             {
                 connected.failures.push(failure);

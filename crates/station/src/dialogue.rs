@@ -319,6 +319,48 @@ impl std::fmt::Display for Failure {
 impl std::error::Error for Failure {}
 
 /// Something that connects a [`Station`] with a vehicle: the kit's rig, or a program with a serial port.
+///
+/// ```no_run
+/// use std::io::{ErrorKind, Read, Write};
+/// use std::net::TcpStream;
+/// use mavstack::Instant;
+/// use mavstack_station::{Client, Drive, Failure, GroundStation, Station};
+///
+/// struct Tcp {
+///     /// It does not block.
+///     stream: TcpStream,
+///     station: Station,
+///     started: std::time::Instant,
+/// }
+///
+/// impl Drive for Tcp {
+///     fn station(&mut self) -> &mut Station {
+///         &mut self.station
+///     }
+///
+///     fn step(&mut self) -> Result<Instant, Failure> {
+///         std::thread::sleep(std::time::Duration::from_millis(2));
+///         let now = Instant::ZERO + self.started.elapsed().into();
+///         let failed = |error: std::io::Error| Failure::Transport(error.to_string());
+///         self.stream.write_all(&self.station.take_output()).map_err(failed)?;
+///         let mut bytes = [0; 1024];
+///         match self.stream.read(&mut bytes) {
+///             Ok(len) => self.station.receive(now, &bytes[..len]),
+///             Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+///             Err(error) => return Err(failed(error)),
+///         }
+///         self.station.poll(now);
+///         Ok(now)
+///     }
+/// }
+///
+/// let stream = TcpStream::connect("127.0.0.1:5760")?;
+/// stream.set_nonblocking(true)?;
+/// let station = Station::new(Client::Mavsdk);
+/// let mut tcp = Tcp { stream, station, started: std::time::Instant::now() };
+/// println!("{} parameters", tcp.parameters()?.len());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub trait Drive {
     /// Returns the station.
     fn station(&mut self) -> &mut Station;

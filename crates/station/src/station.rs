@@ -3,7 +3,7 @@
 use crate::dialogue::{Dialogue, Failure, Io};
 use crate::{Client, Seen};
 use mavstack::frame::{Decoder, Header, MAX_FRAME_LEN, RxCounters, SigningKey, Version, encode, encode_signed};
-use mavstack::message::Dialect;
+use mavstack::message::{Dialect, MessageTable};
 use mavstack::{Address, Duration, Frame, Instant, Message};
 use std::collections::VecDeque;
 
@@ -45,9 +45,28 @@ impl Received {
 /// Give it the bytes that arrive ([`receive`](Self::receive)) and the time ([`poll`](Self::poll)), and send what
 /// [`take_output`](Self::take_output) returns. [`advance`](Self::advance) drives a [`Dialogue`]. Usually a
 /// [`Drive`](crate::Drive) does all of that.
+///
+/// ```
+/// use mavstack::dialect::{Heartbeat, MavAutopilot, MavType};
+/// use mavstack::frame::{Version, encode};
+/// use mavstack::{Address, Instant};
+/// use mavstack_station::{Client, Station};
+/// let mut station = Station::new(Client::QGroundControl);
+/// station.poll(Instant::ZERO);
+/// assert_eq!(station.take_output().len(), 21, "its first heartbeat");
+///
+/// // The vehicle's heartbeat arrives.
+/// let heartbeat = Heartbeat { r#type: MavType::GROUND_ROVER, autopilot: MavAutopilot::GENERIC, ..Heartbeat::default() };
+/// let mut frame = [0; 64];
+/// let len = encode(&heartbeat, Version::V2, Address::new(7, 1), 0, &mut frame)?;
+/// station.receive(Instant::from_millis(20), &frame[..len]);
+/// assert_eq!(station.target(), Some(Address::new(7, 1)));
+/// # Ok::<(), mavstack::frame::EncodeError>(())
+/// ```
 #[derive(Debug)]
 pub struct Station {
     decoder: Decoder,
+    messages: MessageTable,
     inbox: VecDeque<Received>,
     /// The number of frames that were put into the inbox.
     heard: u64,
@@ -93,6 +112,7 @@ impl Station {
         Self {
             // Ground stations wait for the rest of a frame without a timeout.
             decoder: Decoder::new(Duration::MAX),
+            messages: Known::MESSAGES,
             inbox: VecDeque::new(),
             heard: 0,
             now: Instant::ZERO,
@@ -129,6 +149,13 @@ impl Station {
     #[must_use]
     pub fn with_version(mut self, version: Version) -> Self {
         self.sender.version = version;
+        self
+    }
+
+    /// Receives the messages of another dialect, which must contain common: frames with other ids cannot be verified, and are dropped.
+    #[must_use]
+    pub fn with_messages(mut self, messages: MessageTable) -> Self {
+        self.messages = messages;
         self
     }
 
@@ -194,7 +221,7 @@ impl Station {
 
     fn decode(&mut self, now: Instant) {
         let Self { decoder, inbox, heard, seen, sender, .. } = self;
-        while let Some(frame) = decoder.next(now, Known::MESSAGES, &mut u32::MAX.clone(), |_| false) {
+        while let Some(frame) = decoder.next(now, self.messages, &mut u32::MAX.clone(), |_| false) {
             let received = sender.accept(now, &frame);
             seen.note(&received);
             if sender.target.is_none() && seen.component(received.source()).is_some_and(|heard| heard.is_autopilot()) {

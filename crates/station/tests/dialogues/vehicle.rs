@@ -7,8 +7,8 @@ use mavstack::dialect::rules::{DO_CHANGE_SPEED, DO_JUMP, NAV_LAND, NAV_TAKEOFF, 
 use mavstack::dialect::{Attitude, MavCmd, MavDataStream, MavMissionResult, MavStandardMode, MissionState};
 use mavstack::parameters;
 use mavstack::prelude::*;
+use mavstack_station::Client;
 use mavstack_station::kit::{self, Board, LineConfig, Port, Rig};
-use mavstack_station::{Client, Station};
 
 parameters! {
     /// More parameters than a batch of any client.
@@ -219,15 +219,14 @@ impl kit::Firmware for Firmware {
 
 /// Returns the vehicle on a UART of 115,200 bit/s that loses frames with this probability, each way.
 pub fn rig(client: Client, loss: f64, seed: u64) -> Rig<Firmware> {
-    with_station(Station::new(client), loss, seed)
+    on(LineConfig::uart(115_200).with_loss(loss), client, seed)
 }
 
-/// Returns the vehicle with a station of its own making.
-pub fn with_station(station: Station, loss: f64, seed: u64) -> Rig<Firmware> {
-    let line = LineConfig::uart(115_200).with_loss(loss);
-    let rig = Rig::new(Firmware::boot).with_seed(seed).with_line(line, station);
-    // Losses take simulated minutes: a slower loop saves real seconds.
-    if loss > 0.0 { rig.with_pass(Duration::from_millis(5)) } else { rig }
+/// Returns the vehicle on another line.
+pub fn on(line: LineConfig, client: Client, seed: u64) -> Rig<Firmware> {
+    let rig = Rig::new(Firmware::boot).with_seed(seed).with_line(line, client);
+    // Faults take simulated minutes: a slower loop saves real seconds.
+    if line == LineConfig::uart(115_200) { rig } else { rig.with_pass(Duration::from_millis(5)) }
 }
 
 /// Does something as an operator does: again, at most `times` in all, until it succeeds.
