@@ -70,6 +70,7 @@
 
 mod again;
 mod alongside;
+mod beside;
 pub mod camera;
 mod client;
 pub mod command;
@@ -77,6 +78,7 @@ pub mod connect;
 pub mod control;
 pub mod dialogue;
 pub mod events;
+mod failure;
 pub mod files;
 pub mod gimbal;
 pub mod kit;
@@ -85,6 +87,7 @@ pub mod modes;
 pub mod names;
 pub mod parameters;
 pub mod plans;
+mod retry;
 mod seen;
 pub mod signing;
 mod station;
@@ -94,7 +97,10 @@ pub mod time;
 
 pub use again::Again;
 pub use alongside::{Alongside, Wait};
+pub use beside::Beside;
 pub use client::Client;
-pub use dialogue::{Beside, Dialogue, Drive, Due, Failure, GroundStation, Io, Retry};
+pub use dialogue::{Dialogue, Drive, GroundStation, Io};
+pub use failure::Failure;
+pub use retry::{Due, Retry};
 pub use seen::{Heard, Seen, SeenText, SeenVehicle};
 pub use station::{Received, Station};

@@ -83,22 +83,13 @@ fn send_ack(io: &mut Io<'_>, plan: PlanType, result: MavMissionResult) {
     });
 }
 
-/// Returns the failure of a refusal.
-fn refused(result: MavMissionResult) -> Failure {
-    Failure::Plan { result, text: None }
+/// Returns the failure of a refusal, at an item if one was transferred.
+fn refused(plan: PlanType, seq: Option<u16>, result: MavMissionResult) -> Failure {
+    Failure::Plan { plan, seq, result, text: None }
 }
 
 /// Whether the vehicle is ArduPilot, with which MAVSDK accepts MISSION_REQUEST.
 fn is_ardupilot(io: &Io<'_>) -> bool {
     let heartbeat = io.seen().component(io.target()).and_then(|component| component.heartbeat);
     heartbeat.is_some_and(|heartbeat| heartbeat.autopilot == MavAutopilot::ARDUPILOTMEGA)
-}
-
-/// Returns what is transferred, for a timeout.
-fn name_of(plan: PlanType) -> &'static str {
-    match plan {
-        PlanType::Mission => "mission",
-        PlanType::Fence => "fence",
-        PlanType::Rally => "rally points",
-    }
 }

@@ -1,7 +1,6 @@
 //! The ground station: bytes to frames and back, heartbeats, and what was seen.
 
-use crate::dialogue::{Dialogue, Failure, Io};
-use crate::{Client, Seen};
+use crate::{Client, Dialogue, Failure, Io, Seen};
 use mavstack::frame::{Decoder, Header, MAX_FRAME_LEN, RxCounters, SigningKey, Version, encode, encode_signed};
 use mavstack::message::{Dialect, MessageTable};
 use mavstack::{Address, Duration, Frame, Instant, Message};
@@ -268,7 +267,7 @@ impl Station {
 
     /// Hands a dialogue the frames received since the last call, then the time. Returns its result once it has ended.
     ///
-    /// Several dialogues may run at once as one, see [`dialogue::Beside`](crate::dialogue::Beside).
+    /// Several dialogues may run at once as one, see [`dialogue::Beside`](crate::Beside).
     pub fn advance<D: Dialogue>(&mut self, now: Instant, dialogue: &mut D) -> Option<Result<D::Output, Failure>> {
         self.now = self.now.max(now);
         let mut io = Io::new(self.now, &mut self.sender, &self.seen);

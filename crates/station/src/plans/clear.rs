@@ -1,6 +1,7 @@
 //! Clearing a plan.
 
-use super::{Timing, ack_of, name_of, refused, target};
+use super::{Timing, ack_of, refused, target};
+use crate::failure::plan_name;
 use crate::{Dialogue, Due, Failure, Io, Received, Retry};
 use mavstack::PlanType;
 use mavstack::dialect::{MavMissionResult, MissionClearAll};
@@ -26,7 +27,7 @@ impl Dialogue for Clear {
     fn poll(&mut self, io: &mut Io<'_>) -> Option<Result<(), Failure>> {
         match self.result {
             Some(MavMissionResult::ACCEPTED) => return Some(Ok(())),
-            Some(result) => return Some(Err(refused(result))),
+            Some(result) => return Some(Err(refused(self.plan, None, result))),
             None => {}
         }
         let timing = Timing::of(io.client());
@@ -40,7 +41,7 @@ impl Dialogue for Clear {
                 None
             }
             Due::GiveUp => {
-                let request = format!("MISSION_CLEAR_ALL of the {}", name_of(self.plan));
+                let request = format!("MISSION_CLEAR_ALL of the {}", plan_name(self.plan));
                 Some(Err(Failure::timeout(request, retry.tries())))
             }
         }

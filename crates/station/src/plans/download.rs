@@ -1,7 +1,8 @@
 //! Downloads.
 
 use super::items::{from_float_message, from_message};
-use super::{Timing, ack_of, name_of, refused, send_ack, target};
+use super::{Timing, ack_of, refused, send_ack, target};
+use crate::failure::plan_name;
 use crate::{Client, Dialogue, Due, Failure, Io, Received, Retry};
 use mavstack::dialect::{
     MavMissionResult, MissionCount, MissionItem, MissionItemInt, MissionRequest, MissionRequestInt, MissionRequestList,
@@ -108,7 +109,7 @@ impl Download {
         if due == Due::Send {
             self.request_list(io);
         }
-        let request = || format!("MISSION_REQUEST_LIST of the {}", name_of(self.plan));
+        let request = || format!("MISSION_REQUEST_LIST of the {}", plan_name(self.plan));
         (due == Due::GiveUp).then(|| Failure::timeout(request(), tries))
     }
 
@@ -118,7 +119,7 @@ impl Download {
         let (due, tries) = (retry.due(io.now()), retry.tries());
         match due {
             Due::GiveUp => {
-                let request = format!("the request of item {next} of the {}", name_of(self.plan));
+                let request = format!("the request of item {next} of the {}", plan_name(self.plan));
                 return Some(Failure::timeout(request, tries));
             }
             _ if io.client() == Client::MavProxy => self.request_batch(io),
@@ -179,7 +180,7 @@ impl Dialogue for Download {
             // MAVSDK ignores it, and runs into its timeout.
             && io.client() != Client::Mavsdk
         {
-            self.end = Some(Err(refused(ack.r#type)));
+            self.end = Some(Err(refused(self.plan, None, ack.r#type)));
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Uploads.
 
 use super::items::{to_float_message, to_message};
-use super::{Timing, ack_of, is_ardupilot, is_ours, name_of, refused, send_ack, target};
+use super::{Timing, ack_of, is_ardupilot, is_ours, refused, send_ack, target};
+use crate::failure::plan_name;
 use crate::{Client, Dialogue, Due, Failure, Io, Received, Retry};
 use mavstack::dialect::{MavMissionResult, MissionCount, MissionItemInt, MissionRequest, MissionRequestInt};
 use mavstack::{Item, PlanType};
@@ -164,12 +165,12 @@ impl Upload {
             MavMissionResult::ACCEPTED => {
                 Err(Failure::Protocol("the vehicle accepted the plan before it asked for all items".into()))
             }
-            result => Err(refused(result)),
+            result => Err(refused(self.plan, self.sent.last().copied(), result)),
         });
     }
 
     fn timeout(&self) -> Failure {
-        let name = name_of(self.plan);
+        let name = plan_name(self.plan);
         let request = match (self.phase, self.sent.last()) {
             (Phase::Count, _) | (_, None) => format!("MISSION_COUNT of the {name}"),
             (_, Some(seq)) if seq + 1 < self.count() => format!("item {seq} of the {name}"),

@@ -108,10 +108,11 @@ fn a_refusal_has_its_code_and_the_vehicles_text() -> Result<(), Failure> {
         let mut items = mission(3);
         items[1].x = i32::MAX - 1;
         let failure = rig.upload_mission(&items).expect_err("no such latitude");
-        assert!(matches!(failure, Failure::Plan { .. }) && failure.text().is_some(), "{client}: {failure}");
+        assert!(matches!(failure, Failure::Plan { seq: Some(1), .. }), "{client}: {failure}");
+        assert!(failure.text().is_some(), "{client}: {failure}");
         rig.arm()?;
         let failure = rig.upload_fence(&fence()).expect_err("it is armed");
-        let text = "the vehicle refused the plan: DENIED (Fence refused: disarm first)";
+        let text = "the vehicle refused the fence: DENIED (Fence refused: disarm first)";
         assert_eq!(failure.to_string(), text, "{client}");
         assert_eq!(rig.download_mission()?, [], "{client}");
     }
