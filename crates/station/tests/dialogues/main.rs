@@ -2,6 +2,7 @@
 
 mod commands;
 mod connect;
+mod forms;
 mod lines;
 mod modes;
 mod parameters;
