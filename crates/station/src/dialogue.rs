@@ -594,6 +594,61 @@ pub trait GroundStation: Drive + Sized {
     fn ping(&mut self) -> Result<Duration, Failure> {
         self.run(crate::time::Ping::new())
     }
+
+    /// Finds the vehicle's camera, and requests what it says of itself.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Command`] or [`Failure::Timeout`] if there is none.
+    fn identify_camera(&mut self) -> Result<crate::camera::Identified, Failure> {
+        self.run(crate::camera::Identify::new())
+    }
+
+    /// Takes an image. Returns its report if one came.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Command`] if it is refused, [`Failure::Timeout`] if the command is not answered.
+    fn take_image(&mut self) -> Result<Option<mavstack::dialect::CameraImageCaptured>, Failure> {
+        Ok(self.run(crate::camera::Capture::one())?.pop())
+    }
+
+    /// Lists the settings of the vehicle's camera.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Timeout`] if some are missing.
+    fn camera_settings(&mut self) -> Result<Vec<crate::camera::Setting>, Failure> {
+        self.run(crate::camera::ListSettings::new())
+    }
+
+    /// Sets a setting of the vehicle's camera. Returns the value that it has then.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Param`] if it is refused, [`Failure::Timeout`] if it is not answered.
+    fn set_camera_setting(&mut self, name: &str, value: crate::camera::Value) -> Result<crate::camera::Value, Failure> {
+        self.run(crate::camera::SetSetting::new(name, value))
+    }
+
+    /// Finds the vehicle's gimbal manager.
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Command`] or [`Failure::Timeout`] if there is none.
+    fn identify_gimbal(&mut self) -> Result<crate::gimbal::Manager, Failure> {
+        self.run(crate::gimbal::Identify::new())
+    }
+
+    /// Takes control of a gimbal, and points it: pitch up, yaw to the right of the nose (deg).
+    ///
+    /// # Errors
+    ///
+    /// [`Failure::Command`] if it is refused, [`Failure::Timeout`] if it is not answered.
+    fn point_gimbal(&mut self, manager: crate::gimbal::Manager, pitch: f32, yaw: f32) -> Result<(), Failure> {
+        self.run(crate::gimbal::Configure::new(manager, crate::gimbal::Claim::Take))?;
+        self.run(crate::gimbal::Point::new(manager, pitch, yaw))
+    }
 }
 
 impl<T: Drive> GroundStation for T {}

@@ -10,9 +10,10 @@
 use crate::command::{Send, Timing};
 use crate::{Client, Dialogue, Failure, Io, Received};
 use mavstack::dialect::{
-    AutopilotVersion, MavCmd, MavDataStream, MavResult, MessageInterval, ProtocolVersion, RequestDataStream,
+    AutopilotVersion, CameraCaptureStatus, CameraInformation, CameraSettings, MavCmd, MavDataStream, MavResult,
+    MessageInterval, ProtocolVersion, RequestDataStream, StorageInformation,
 };
-use mavstack::{Duration, Instant, Message};
+use mavstack::{Address, Duration, Instant, Message};
 
 /// How long QGroundControl and MAVSDK wait for the message after the answer.
 const MESSAGE_WITHIN: Duration = Duration::from_secs(1);
@@ -31,9 +32,11 @@ const MAVSDK_RETRIES: u32 = 4;
 #[derive(Clone, Debug)]
 pub struct Request<M> {
     index: u32,
+    target: Option<Address>,
     send: Option<Send>,
     /// When the wait for the message ends.
     accepted_until: Option<Instant>,
+    is_old: bool,
     /// How often MAVSDK has begun again.
     retries: u32,
     refusal: Option<Failure>,
@@ -43,7 +46,16 @@ pub struct Request<M> {
 impl<M: Message> Request<M> {
     /// Creates the dialogue.
     pub fn new() -> Self {
-        Self { index: 0, send: None, accepted_until: None, retries: 0, refusal: None, message: None }
+        Self {
+            index: 0,
+            target: None,
+            send: None,
+            accepted_until: None,
+            is_old: false,
+            retries: 0,
+            refusal: None,
+            message: None,
+        }
     }
 
     /// Requests the message with this index (parameter 2), for example one mode of AVAILABLE_MODES.
@@ -53,13 +65,30 @@ impl<M: Message> Request<M> {
         self
     }
 
+    /// Requests it of another component than the [target](Io::target) of the station.
+    #[must_use]
+    pub fn of(mut self, target: Address) -> Self {
+        self.target = Some(target);
+        self
+    }
+
+    /// Uses the command from before MAV_CMD_REQUEST_MESSAGE, if the message has one.
+    pub(crate) fn by_old_command(mut self) -> Self {
+        self.is_old = true;
+        self
+    }
+
     fn begin(&mut self, client: Client) {
         let command = MavCmd::REQUEST_MESSAGE;
-        let is_old = client == Client::Mavsdk && self.retries % 2 == 1;
+        let is_old = self.is_old || client == Client::Mavsdk && self.retries % 2 == 1;
         let send = match old_command::<M>().filter(|_| is_old) {
-            Some(old) => Send::new(old, &[1.0]),
+            Some((old, params)) => Send::new(old, params),
             None if self.index == 0 => Send::new(command, &[M::ID as f32]),
             None => Send::new(command, &[M::ID as f32, self.index as f32]),
+        };
+        let send = match self.target {
+            Some(target) => send.to(target),
+            None => send,
         };
         self.send = Some(match client {
             Client::Mavsdk => send.with_timing(Timing { wait: Duration::from_millis(500), tries: 2 }),
@@ -90,11 +119,15 @@ impl<M: Message> Default for Request<M> {
     }
 }
 
-/// Returns the command that requested this message before MAV_CMD_REQUEST_MESSAGE.
-fn old_command<M: Message>() -> Option<MavCmd> {
+/// Returns the command that requested this message before MAV_CMD_REQUEST_MESSAGE, and its parameters.
+fn old_command<M: Message>() -> Option<(MavCmd, &'static [f32])> {
     match M::ID {
-        AutopilotVersion::ID => Some(MavCmd::REQUEST_AUTOPILOT_CAPABILITIES),
-        ProtocolVersion::ID => Some(MavCmd::REQUEST_PROTOCOL_VERSION),
+        AutopilotVersion::ID => Some((MavCmd::REQUEST_AUTOPILOT_CAPABILITIES, &[1.0])),
+        ProtocolVersion::ID => Some((MavCmd::REQUEST_PROTOCOL_VERSION, &[1.0])),
+        CameraInformation::ID => Some((MavCmd::REQUEST_CAMERA_INFORMATION, &[1.0])),
+        CameraSettings::ID => Some((MavCmd::REQUEST_CAMERA_SETTINGS, &[1.0])),
+        StorageInformation::ID => Some((MavCmd::REQUEST_STORAGE_INFORMATION, &[0.0, 1.0])),
+        CameraCaptureStatus::ID => Some((MavCmd::REQUEST_CAMERA_CAPTURE_STATUS, &[1.0])),
         _ => None,
     }
 }
@@ -130,7 +163,7 @@ impl<M: Message> Dialogue for Request<M> {
     fn receive(&mut self, io: &mut Io<'_>, frame: &Received) {
         let Some(send) = &mut self.send else { return };
         send.receive(io, frame);
-        if frame.source() == io.target() {
+        if frame.source() == self.target.unwrap_or(io.target()) {
             self.message = frame.decode::<M>().or(self.message.take());
         }
     }

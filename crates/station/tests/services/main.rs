@@ -1,8 +1,10 @@
 //! The dialogues of the smaller services, with each client, against a vehicle with all of them.
 
+mod camera;
 mod control;
 mod events;
 mod files;
+mod gimbal;
 mod logs;
 mod rig;
 mod signing;

@@ -254,6 +254,12 @@ impl GimbalManager for Boat {
                 self.gimbal = [angles.pitch().unwrap_or(0.0), angles.yaw().unwrap_or(0.0)];
                 MavResult::ACCEPTED
             }
+            GimbalTarget::Attitude { q: [w, x, y, z], .. } => {
+                let pitch = (2.0 * (w * y - z * x)).asin();
+                let yaw = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
+                self.gimbal = [pitch, yaw];
+                MavResult::ACCEPTED
+            }
             _ => MavResult::DENIED,
         }
     }
