@@ -1,6 +1,7 @@
 //! The ground station: bytes to frames and back, heartbeats, and what was seen.
 
 use crate::{Client, Dialogue, Failure, Io, Seen};
+use mavstack::dialect::{MavAutopilot, MavDataStream, Ping, RequestDataStream};
 use mavstack::frame::{Decoder, Header, MAX_FRAME_LEN, RxCounters, SigningKey, Version, encode, encode_signed};
 use mavstack::message::{Dialect, MessageTable};
 use mavstack::{Address, Duration, Frame, Instant, Message};
@@ -75,11 +76,13 @@ pub struct Station {
     heartbeats: Heartbeats,
 }
 
-/// When a station sends heartbeats.
+/// When a station sends heartbeats, and what its client sends besides.
 #[derive(Clone, Copy, Debug)]
 struct Heartbeats {
     interval: Option<Duration>,
     due: Instant,
+    /// When the next [habit](Station::poll) is due.
+    habit_due: Instant,
 }
 
 /// The sending half of a station.
@@ -126,7 +129,11 @@ impl Station {
                 signing: None,
                 output: Vec::new(),
             },
-            heartbeats: Heartbeats { interval: client.heartbeat_interval(), due: Instant::ZERO },
+            heartbeats: Heartbeats {
+                interval: client.heartbeat_interval(),
+                due: Instant::ZERO,
+                habit_due: Instant::ZERO,
+            },
         }
     }
 
@@ -180,7 +187,7 @@ impl Station {
 
     /// Sends heartbeats at another interval from now on, or none.
     pub fn set_heartbeats(&mut self, interval: Option<Duration>) {
-        self.heartbeats = Heartbeats { interval, due: self.now };
+        self.heartbeats = Heartbeats { interval, due: self.now, ..self.heartbeats };
     }
 
     /// Speaks with this vehicle from now on.
@@ -223,6 +230,7 @@ impl Station {
         while let Some(frame) = decoder.next(now, self.messages, &mut u32::MAX.clone(), |_| false) {
             let received = sender.accept(now, &frame);
             seen.note(&received);
+            sender.answer_ping(now, &received);
             if sender.target.is_none() && seen.component(received.source()).is_some_and(|heard| heard.is_autopilot()) {
                 sender.target = Some(received.source());
             }
@@ -234,15 +242,57 @@ impl Station {
         }
     }
 
-    /// Sends the heartbeats that are due.
+    /// Sends what is due: heartbeats, and what the client sends by itself to a vehicle that it knows. MAVSDK sends PING every 5 s,
+    /// except to ArduPilot. MAVProxy requests all streams at 4 Hz every 15 s, which overrides intervals that were set. A station
+    /// without heartbeats is silent.
     pub fn poll(&mut self, now: Instant) {
         self.now = self.now.max(now);
-        if let Some(interval) = self.heartbeats.interval
-            && now >= self.heartbeats.due
-        {
+        let Some(interval) = self.heartbeats.interval else { return };
+        if now >= self.heartbeats.due {
             self.heartbeats.due = now + interval;
             self.send(&self.client().heartbeat());
         }
+        let (Some(every), Some(target)) = (habit_interval(self.client()), self.target()) else { return };
+        if self.heartbeats.habit_due == Instant::ZERO {
+            self.heartbeats.habit_due = now + every;
+        } else if now >= self.heartbeats.habit_due {
+            self.heartbeats.habit_due = now + every;
+            self.follow_habit(target);
+        }
+    }
+
+    fn follow_habit(&mut self, target: Address) {
+        let (target_system, target_component) = (target.system.wire(), target.component.wire());
+        match self.client() {
+            Client::MavProxy => self.send(&RequestDataStream {
+                req_message_rate: 4,
+                target_system,
+                target_component,
+                req_stream_id: MavDataStream::ALL,
+                start_stop: 1,
+            }),
+            Client::Mavsdk if !self.is_ardupilot(target) => {
+                // Its sequence number stays 0.
+                self.send(&Ping { time_usec: self.now.as_micros(), ..Ping::default() });
+            }
+            _ => {}
+        }
+    }
+
+    fn is_ardupilot(&self, vehicle: Address) -> bool {
+        let heartbeat = self.seen.component(vehicle).and_then(|component| component.heartbeat);
+        heartbeat.is_some_and(|heartbeat| heartbeat.autopilot == MavAutopilot::ARDUPILOTMEGA)
+    }
+
+    /// Returns whether the client takes the vehicle for connected: it has heard it lately, see
+    /// [`Client::lost_after`]. MAVSDK counts heartbeats only, the others count all frames.
+    pub fn is_connected(&self) -> bool {
+        let Some(component) = self.target().and_then(|target| self.seen.component(target)) else { return false };
+        let last = match self.client() {
+            Client::Mavsdk => component.heartbeats.last().copied(),
+            _ => Some(component.last),
+        };
+        last.is_some_and(|last| self.now - last < self.client().lost_after())
     }
 
     /// Sends a message.
@@ -318,6 +368,15 @@ impl From<Client> for Station {
     }
 }
 
+/// Returns the interval of what a client sends by itself, besides heartbeats.
+fn habit_interval(client: Client) -> Option<Duration> {
+    match client {
+        Client::Mavsdk => Some(Duration::from_secs(5)),
+        Client::MavProxy => Some(Duration::from_secs(15)),
+        Client::QGroundControl | Client::Pymavlink => None,
+    }
+}
+
 impl Sender {
     /// Takes a frame. The first one decides the version of pymavlink, as it does in `mavutil`.
     fn accept(&mut self, now: Instant, frame: &Frame<'_>) -> Received {
@@ -340,6 +399,16 @@ impl Sender {
     pub(crate) fn set_signing(&mut self, now: Instant, key: Option<([u8; 32], u64)>) {
         self.signing =
             key.map(|(key, timestamp)| Signing { key: SigningKey::new(key), timestamp, since: now, last: 0 });
+    }
+
+    /// Answers a PING to all, as QGroundControl and MAVSDK do.
+    fn answer_ping(&mut self, now: Instant, frame: &Received) {
+        let answers = matches!(self.client, Client::QGroundControl | Client::Mavsdk);
+        let is_to_all = |ping: &Ping| ping.target_system == 0 && ping.target_component == 0;
+        if let Some(ping) = frame.decode::<Ping>().filter(is_to_all).filter(|_| answers) {
+            let Address { system, component } = frame.source();
+            self.send(now, &Ping { target_system: system.wire(), target_component: component.wire(), ..ping });
+        }
     }
 
     /// Sends a message. With MAVLink 1, a message that needs MAVLink 2 is not sent, as the real clients do.

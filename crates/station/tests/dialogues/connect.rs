@@ -2,7 +2,9 @@
 
 use crate::vehicle::rig;
 use mavstack::Duration;
-use mavstack_station::{Client, Failure, GroundStation};
+use mavstack::dialect::{Attitude, Ping};
+use mavstack_station::streams::Interval;
+use mavstack_station::{Client, Drive, Failure, GroundStation};
 
 #[test]
 fn qgroundcontrol_loads_everything() -> Result<(), Failure> {
@@ -26,7 +28,7 @@ fn mavproxy_takes_the_file_of_parameters() -> Result<(), Failure> {
     assert!(connected.version.is_none());
     // REQUEST_DATA_STREAM has started the streams.
     rig.run_for(Duration::from_secs(1));
-    assert!(rig.seen().count::<mavstack::dialect::Attitude>() >= 3);
+    assert!(rig.seen().count::<Attitude>() >= 3);
     Ok(())
 }
 
@@ -59,4 +61,47 @@ fn qgroundcontrol_connects_on_a_line_that_loses_a_fifth() {
         whole += u32::from(is_whole);
     }
     assert!(whole >= 8, "{whole} of 10");
+}
+
+/// MAVProxy requests the streams again and again, whatever was set.
+#[test]
+fn mavproxy_overrides_intervals() -> Result<(), Failure> {
+    let mut rig = rig(Client::MavProxy, 0.0, 1);
+    rig.connect()?;
+    rig.set_interval::<Attitude>(Duration::from_millis(50))?;
+    assert_eq!(rig.interval::<Attitude>()?, Some(Interval::Every(Duration::from_millis(50))));
+    rig.run_for(Duration::from_secs(15));
+    assert_eq!(rig.interval::<Attitude>()?, Some(Interval::Every(Duration::from_millis(250))));
+    Ok(())
+}
+
+#[test]
+fn mavsdk_pings() -> Result<(), Failure> {
+    let mut rig = rig(Client::Mavsdk, 0.0, 1);
+    rig.connect()?;
+    rig.run_for(Duration::from_secs(16));
+    assert_eq!(rig.seen().count::<Ping>(), 3, "each is answered");
+    Ok(())
+}
+
+/// Each client waits as long as the real one until it takes the vehicle for lost.
+#[test]
+fn a_lost_vehicle_is_noticed() -> Result<(), Failure> {
+    for (client, millis) in [
+        (Client::QGroundControl, 3_500),
+        (Client::Mavsdk, 3_000),
+        (Client::MavProxy, 5_000),
+        (Client::Pymavlink, 5_000),
+    ] {
+        let mut rig = rig(client, 0.0, 1);
+        assert!(!rig.station().is_connected(), "{client}");
+        rig.connect()?;
+        assert!(rig.station().is_connected(), "{client}");
+        rig.line(0).cut();
+        rig.run_for(Duration::from_millis(millis - 1_100));
+        assert!(rig.station().is_connected(), "{client}");
+        rig.run_for(Duration::from_millis(1_200));
+        assert!(!rig.station().is_connected(), "{client}");
+    }
+    Ok(())
 }
