@@ -7,10 +7,11 @@ use std::{env, fs};
 use crate::system::{Result, cargo, root, run};
 
 /// What is published, and where it is. A crate comes after those that it uses.
-const CRATES: [(&str, &str); 9] = [
+const CRATES: [(&str, &str); 10] = [
     ("mavstack-macros", "crates/macros"),
     ("mavstack", "."),
     ("mavstack-traffic", "crates/traffic"),
+    ("mavstack-station", "crates/station"),
     ("mavstack-dialect", "dialect"),
     ("mavstack-snapshot", "crates/snapshot"),
     ("mavstack-fram", "crates/fram"),
@@ -26,11 +27,12 @@ const FILES: [&str; 4] = ["Cargo.toml", "LICENSE-APACHE", "LICENSE-MIT", "README
 const REFUSED: [&str; 5] = ["tests/", "benches/", "examples/", "xtask/", ".ci/"];
 
 /// The registry's categories that we are in: it warns of others only once a crate is there.
-const CATEGORIES: [&str; 7] = [
+const CATEGORIES: [&str; 8] = [
     "aerospace::unmanned-aerial-vehicles",
     "command-line-utilities",
     "concurrency",
     "development-tools::build-utils",
+    "development-tools::testing",
     "embedded",
     "no-std::no-alloc",
     "simulation",

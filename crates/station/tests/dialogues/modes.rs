@@ -26,6 +26,9 @@ fn every_client_sets_a_mode() -> Result<(), Failure> {
         assert_eq!(rig.firmware().vehicle.mode, 4, "{client}");
         rig.set_standard_mode(MavStandardMode::SAFE_RECOVERY)?;
         assert_eq!(rig.firmware().vehicle.mode, 6, "{client}");
+        rig.set_mode_named("Manual")?;
+        assert_eq!(rig.firmware().vehicle.mode, 1, "{client}");
+        rig.set_mode_named("Loop").expect_err("there is no such mode");
         let failure = rig.set_mode(9).expect_err("there is nobody to follow");
         let text = "the vehicle refused DO_SET_MODE: DENIED (Follow refused: nobody to follow)";
         assert_eq!(failure.to_string(), text, "{client}");
