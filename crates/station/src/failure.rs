@@ -30,7 +30,7 @@ pub enum Failure {
     Plan {
         /// The plan.
         plan: PlanType,
-        /// The item that the vehicle had asked for last, if any: usually the one that it refuses.
+        /// The last item that the vehicle had asked for, if any: usually the one that it refuses.
         seq: Option<u16>,
         /// The result.
         result: MavMissionResult,

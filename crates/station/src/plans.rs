@@ -57,13 +57,12 @@ fn target(io: &Io<'_>) -> (u8, u8) {
     (target.system.wire(), target.component.wire())
 }
 
-/// Whether a message of a transfer is for this client: from its vehicle, and of its plan type. MAVSDK does not look at the plan type of
-/// a MISSION_ACK; only MAVProxy looks at the addressee.
+/// Whether a message of a transfer is for this client: from its vehicle, and addressed to it. Only MAVProxy looks at the addressee.
 fn is_ours(io: &Io<'_>, frame: &Received, is_for_us: bool) -> bool {
     frame.source() == io.target() && (is_for_us || io.client() != Client::MavProxy)
 }
 
-/// Returns the result of a MISSION_ACK for this transfer.
+/// Returns a MISSION_ACK for this transfer. MAVSDK does not look at its plan type.
 fn ack_of(io: &Io<'_>, frame: &Received, plan: PlanType) -> Option<MissionAck> {
     let ack = frame.decode::<MissionAck>()?;
     let is_plan = ack.mission_type == plan.mission_type() || io.client() == Client::Mavsdk;
