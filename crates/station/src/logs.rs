@@ -28,7 +28,7 @@ pub use list::{Erasure, Listing};
 use crate::Io;
 use mavstack::dialect::LogRequestEnd;
 
-/// A flight log of the vehicle, as LOG_ENTRY tells it.
+/// A flight log of the vehicle, as in LOG_ENTRY.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Log {
     /// Its number.

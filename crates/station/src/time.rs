@@ -200,20 +200,20 @@ impl Dialogue for Answering {
     }
 }
 
-/// Tells the vehicle the time by SYSTEM_TIME, which has no answer: ends at once.
+/// Sends the time to the vehicle by SYSTEM_TIME. The message has no answer, so this ends at once.
 #[derive(Clone, Copy, Debug)]
-pub struct Tell {
+pub struct SendTime {
     unix_usec: u64,
 }
 
-impl Tell {
-    /// Tells a time (µs since 1970, UTC).
+impl SendTime {
+    /// Sends this time (µs since 1970, UTC).
     pub fn new(unix_usec: u64) -> Self {
         Self { unix_usec }
     }
 }
 
-impl Dialogue for Tell {
+impl Dialogue for SendTime {
     type Output = ();
 
     fn poll(&mut self, io: &mut Io<'_>) -> Option<Result<(), Failure>> {

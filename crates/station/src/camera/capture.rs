@@ -25,7 +25,7 @@ pub struct Capture {
     /// When the reports are no longer awaited.
     end: Option<Instant>,
     images: BTreeMap<i32, CameraImageCaptured>,
-    /// The number of images of the camera, as it was told.
+    /// The number of images of the camera, as last reported.
     total: Option<i32>,
     /// When the next reports are requested.
     due: Instant,

@@ -32,7 +32,7 @@ pub struct Download {
 }
 
 impl Download {
-    /// Reads a log that [`Listing`](super::Listing) has told.
+    /// Reads a log of a [`Listing`](super::Listing).
     pub fn new(log: Log) -> Self {
         Self {
             log,

@@ -17,7 +17,7 @@ const GAP_REQUESTS: u32 = 3;
 /// On a link that loses frames only QGroundControl gets along: see [`Again`](crate::Again).
 #[derive(Debug, Default)]
 pub struct Listing {
-    /// The number of logs, and those that were told.
+    /// One entry for each log; `None` until it is received.
     logs: Option<Vec<Option<Log>>>,
     due: Option<Instant>,
     /// Requests for missing entries since the last entry.

@@ -25,7 +25,7 @@ fn a_camera_is_identified_by_every_client() {
 #[test]
 fn a_camera_is_identified_on_a_lossy_line() {
     for client in Client::ALL {
-        for seed in 0..5 {
+        for seed in 0..3 {
             let mut rig = rig(client, 0.2, seed);
             rig.run(Again::new(20, mavstack_station::connect::Connect::new)).unwrap();
             let camera = rig.run(Again::new(20, Identify::new));
@@ -49,7 +49,7 @@ fn images_are_reported() {
 /// MAVSDK asks for the reports that it misses.
 #[test]
 fn mavsdk_gets_every_report_on_a_lossy_line() {
-    for seed in 0..10 {
+    for seed in 0..5 {
         let mut rig = rig(Client::Mavsdk, 0.2, seed);
         rig.run(Again::new(20, mavstack_station::connect::Connect::new)).unwrap();
         rig.wait(SECOND * 3).unwrap();
@@ -61,7 +61,7 @@ fn mavsdk_gets_every_report_on_a_lossy_line() {
 #[test]
 fn settings_are_listed_and_set_on_a_lossy_line() {
     for client in Client::ALL {
-        for seed in 0..5 {
+        for seed in 0..3 {
             let mut rig = rig(client, 0.2, seed);
             rig.run(Again::new(20, mavstack_station::connect::Connect::new)).unwrap();
             rig.wait(SECOND * 3).unwrap();

@@ -4,6 +4,7 @@ mod camera;
 mod control;
 mod events;
 mod files;
+mod forms;
 mod gimbal;
 mod logs;
 mod rig;

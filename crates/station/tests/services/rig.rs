@@ -47,7 +47,7 @@ impl Firmware for Tested {
 }
 
 /// A pass takes so long.
-pub const PASS: Duration = Duration::from_millis(5);
+pub const PASS: Duration = Duration::from_millis(10);
 
 /// Returns the boat with a station on a line that loses frames in both directions.
 pub fn rig(station: impl Into<Station>, loss: f64, seed: u64) -> Rig<Tested> {
