@@ -16,7 +16,8 @@ pub struct Seen {
     texts: VecDeque<SeenText>,
     /// Texts that were dropped from the front.
     texts_dropped: usize,
-    chunks: BTreeMap<(Address, u16), Chunks>,
+    /// The long text that each source is sending.
+    chunks: BTreeMap<Address, Chunks>,
 }
 
 /// A component that was heard: its heartbeats and its sequence numbers.
@@ -85,10 +86,20 @@ pub struct SeenText {
     pub text: String,
 }
 
-/// The chunks of a long text.
-#[derive(Clone, Debug, Default)]
+/// The chunks of a long text that is not complete.
+#[derive(Clone, Debug)]
 struct Chunks {
+    id: u16,
+    at: Instant,
+    severity: MavSeverity,
     texts: BTreeMap<u8, Vec<u8>>,
+}
+
+impl Chunks {
+    /// Returns the text up to this chunk, with `…` for those that were lost.
+    fn text(&self, last: u8) -> Vec<u8> {
+        (0..=last).flat_map(|seq| self.texts.get(&seq).map_or("…".as_bytes(), Vec::as_slice).to_vec()).collect()
+    }
 }
 
 impl Seen {
@@ -196,23 +207,27 @@ impl Seen {
     }
 
     fn note_text(&mut self, at: Instant, from: Address, message: &Statustext) {
-        let bytes = message.text.as_bytes();
+        let (bytes, severity) = (message.text.as_bytes(), message.severity);
         if message.id == 0 {
-            self.push_text(at, from, message.severity, bytes);
+            self.push_text(at, from, severity, bytes);
             return;
         }
-        let chunks = self.chunks.entry((from, message.id)).or_default();
+        // A new text ends one whose last chunk was lost.
+        if let Some(old) = self.chunks.get(&from).filter(|old| old.id != message.id).cloned() {
+            let last = old.texts.keys().last().copied().unwrap_or(0);
+            self.push_text(old.at, from, old.severity, &[old.text(last).as_slice(), "…".as_bytes()].concat());
+            self.chunks.remove(&from);
+        }
+        let new = || Chunks { id: message.id, at, severity, texts: BTreeMap::new() };
+        let chunks = self.chunks.entry(from).or_insert_with(new);
+        chunks.at = at;
         chunks.texts.insert(message.chunk_seq, bytes.to_vec());
         // A chunk that is not full is the last one.
-        if bytes.len() == message.text.wire().len() {
-            return;
+        if bytes.len() < message.text.wire().len() {
+            let text = chunks.text(message.chunk_seq);
+            self.chunks.remove(&from);
+            self.push_text(at, from, severity, &text);
         }
-        let mut whole = Vec::new();
-        for seq in 0..=message.chunk_seq {
-            whole.extend(chunks.texts.get(&seq).map_or("…".as_bytes(), Vec::as_slice));
-        }
-        self.chunks.remove(&(from, message.id));
-        self.push_text(at, from, message.severity, &whole);
     }
 
     fn push_text(&mut self, at: Instant, from: Address, severity: MavSeverity, bytes: &[u8]) {
@@ -222,5 +237,86 @@ impl Seen {
         }
         let text = String::from_utf8_lossy(bytes).into_owned();
         self.texts.push_back(SeenText { at, from, severity, text });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Client, Station};
+    use mavstack::frame::Version;
+    use mavstack::message::Text;
+
+    /// A station that hears a vehicle.
+    struct Ear {
+        station: Station,
+        vehicle: Station,
+    }
+
+    impl Ear {
+        fn new() -> Self {
+            let vehicle = Station::new(Client::Pymavlink).with_address(Address::new(1, 1)).with_version(Version::V2);
+            Self { station: Station::new(Client::QGroundControl), vehicle }
+        }
+
+        /// The vehicle sends a message, which may be lost.
+        fn say<M: Message>(&mut self, message: &M, is_lost: bool) {
+            self.vehicle.send(message);
+            let bytes = self.vehicle.take_output();
+            if !is_lost {
+                self.station.receive(Instant::ZERO, &bytes);
+            }
+        }
+
+        /// The vehicle sends a text in chunks, some of which are lost.
+        fn chunks(&mut self, id: u16, text: &str, lost: &[usize]) {
+            let bytes = text.as_bytes();
+            // A text of an exact multiple ends with an empty chunk.
+            for chunk in 0..=bytes.len() / 50 {
+                let part = std::str::from_utf8(&bytes[chunk * 50..bytes.len().min(chunk * 50 + 50)]).expect("ASCII");
+                let (severity, chunk_seq) = (MavSeverity::NOTICE, chunk as u8);
+                self.say(&Statustext { severity, text: Text::new(part), id, chunk_seq }, lost.contains(&chunk));
+            }
+        }
+
+        fn texts(&self) -> Vec<&str> {
+            self.station.seen().texts().map(|text| text.text.as_str()).collect()
+        }
+    }
+
+    #[test]
+    fn chunks_make_up_a_text() {
+        let mut ear = Ear::new();
+        let (long, exact) = ("a".repeat(120), "b".repeat(100));
+        ear.chunks(1, &long, &[]);
+        ear.chunks(2, &exact, &[]);
+        ear.chunks(0, "short", &[]);
+        assert_eq!(ear.texts(), [&long, &exact, "short"]);
+    }
+
+    #[test]
+    fn a_lost_chunk_is_shown() {
+        let mut ear = Ear::new();
+        let (first, last) = ("a".repeat(50), "a".repeat(20));
+        ear.chunks(1, &"a".repeat(120), &[1]);
+        ear.chunks(2, &"a".repeat(120), &[2]);
+        assert_eq!(ear.texts(), [format!("{first}…{last}")]);
+        // The next text shows that the end of the last one will not come.
+        ear.chunks(3, "end", &[]);
+        assert_eq!(ear.texts(), [format!("{first}…{last}"), format!("{first}{first}…"), "end".into()]);
+    }
+
+    #[test]
+    fn lost_frames_are_counted_and_a_reboot_is_not_a_loss() {
+        let mut ear = Ear::new();
+        for is_lost in [false, true, true, false] {
+            ear.say(&Heartbeat::default(), is_lost);
+        }
+        let lost = |ear: &Ear| ear.station.seen().component(Address::new(1, 1)).map(|heard| (heard.frames, heard.lost));
+        assert_eq!(lost(&ear), Some((2, 2)));
+        // Its sequence numbers begin again at 0.
+        ear.vehicle = Ear::new().vehicle;
+        ear.say(&Heartbeat::default(), false);
+        assert_eq!(lost(&ear), Some((3, 2)));
     }
 }
