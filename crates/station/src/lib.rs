@@ -65,7 +65,7 @@
 //! | [`mod@signing`] | SETUP_SIGNING |
 //!
 //! The table at the top of each module says what the clients do differently. [`Again`] repeats a dialogue as a user does who presses
-//! the button again; [`Beside`] runs two at once.
+//! the button again. [`Beside`] runs two at once, and [`GroundStation::alongside`] one beside all that follow.
 #![forbid(unsafe_code)]
 
 mod again;
