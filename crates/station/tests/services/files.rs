@@ -142,3 +142,20 @@ fn clients_give_up_as_the_real_ones() {
         assert!(took.abs_diff(millis) < 100, "{client}: {took} ms");
     }
 }
+
+/// Transfers with more than 256 requests: MAVProxy's sequence numbers have 8 bits.
+#[test]
+fn long_transfers_wrap_the_numbers() {
+    for client in Client::ALL {
+        let mut rig = rig(client, 0.02, 1);
+        let long = content(239 * 300);
+        let written = rig.run(Again::new(20, || Upload::new("long.bin", long.clone())));
+        assert_eq!(written, Ok(()), "{client}");
+        assert!(rig.firmware().boat.files["long.bin"] == long, "{client}");
+        let mut read = rig.run(Again::new(20, || Download::new("long.bin")));
+        if matches!(read, Err(Failure::File { error: MavFtpErr::EOF, .. })) {
+            read = rig.run(Download::new("long.bin").with_reading(Reading::Single));
+        }
+        assert!(read.as_ref() == Ok(&long), "{client}: {:?}", read.map(|bytes| bytes.len()));
+    }
+}

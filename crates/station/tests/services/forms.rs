@@ -1,9 +1,13 @@
 //! What each client sends, byte by byte and second by second: a vehicle of the test's own answers.
 
-use mavstack::dialect::{Common, FileTransferProtocol, LogData, LogRequestData, MavFtpErr, MavFtpOpcode, SetupSigning};
+use mavstack::dialect::{
+    Common, CurrentEventSequence, Event, FileTransferProtocol, LogData, LogRequestData, MavFtpErr, MavFtpOpcode,
+    RequestEvent, ResponseEventError, SetupSigning,
+};
 use mavstack::frame::{Decoder, MAX_FRAME_LEN, Version, encode};
 use mavstack::message::Dialect;
 use mavstack::{Address, Duration, Instant, Message};
+use mavstack_station::events::Follow;
 use mavstack_station::files::{Download, Operation, Packet};
 use mavstack_station::logs::{self, Log};
 use mavstack_station::signing::Setup;
@@ -171,4 +175,41 @@ fn a_key_is_sent_as_often_as_the_client_does() {
         assert_eq!(sent.len(), copies, "{client}");
         assert!(matches!(script.result, Some(Err(Failure::Timeout { .. }))), "{client}");
     }
+}
+
+/// The numbers of events wrap, and a gap is requested one by one, again after 100 ms.
+#[test]
+fn events_are_requested_as_libevents_does() {
+    let event = |sequence| Event { sequence, ..Event::default() };
+    let mut script = Script::new(Client::QGroundControl, Follow::new().until(5, SECOND * 10));
+    let sequence = 65_534;
+    script.sent::<RequestEvent>(MOMENT);
+    script.answer(&CurrentEventSequence { sequence, ..CurrentEventSequence::default() });
+    script.answer(&event(65_535));
+    // 0 and 1 are missing.
+    script.answer(&event(2));
+    let requested = |sent: &[RequestEvent]| sent.iter().map(|sent| sent.first_sequence).collect::<Vec<_>>();
+    assert_eq!(requested(&script.sent(Duration::from_millis(250))), [0, 0, 0]);
+    script.answer(&event(0));
+    script.answer(&CurrentEventSequence { sequence: 4, ..CurrentEventSequence::default() });
+    let sent = script.sent::<RequestEvent>(MOMENT);
+    assert_eq!((sent[0].first_sequence, sent[0].last_sequence), (1, 1));
+    // The vehicle has 3 and 4 only.
+    let Address { system, component } = Client::QGroundControl.address();
+    script.answer(&ResponseEventError {
+        sequence: 1,
+        sequence_oldest_available: 3,
+        target_system: system.wire(),
+        target_component: component.wire(),
+        ..ResponseEventError::default()
+    });
+    assert_eq!(requested(&script.sent(MOMENT)), [3]);
+    script.answer(&event(3));
+    assert_eq!(requested(&script.sent(MOMENT)), [4]);
+    script.answer(&event(4));
+    script.answer(&event(5));
+    script.sent::<RequestEvent>(MOMENT);
+    assert_eq!(script.dialogue.lost(), 2);
+    let events = script.result.expect("five events").unwrap();
+    assert_eq!(events.iter().map(|event| event.sequence).collect::<Vec<_>>(), [65_535, 0, 3, 4, 5]);
 }
