@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`porting`] | from a bare board to a vehicle that ground stations detect: UARTs, clock, pulse, flight in a task of its own, flash |
 //! | [`storage`](mod@storage) | choosing a region, where the erases run, wear, recipes for families of flash |
+//! | [`testing`] | tests of your vehicle on your machine: a ground station, faulty lines, power cuts |
 //! | [`ground_stations`] | connecting to the demo vehicle; quirks of each client |
 //! | [`rc_over_mavlink`] | ExpressLRS and mLRS: wiring, settings, arbitration of the sticks, loss of the transmitter |
 //! | [`features`] | supported features, service by service |
@@ -30,6 +31,7 @@ macro_rules! labels {
 [safety]: crate::guides::safety
 [sizing]: crate::guides::sizing
 [storage]: crate::guides::storage
+[testing]: crate::guides::testing
 "
     };
 }
@@ -78,3 +80,7 @@ pub mod sizing {}
 #[cfg_attr(feature = "storage", doc = include_str!("../docs/storage.md"))]
 #[cfg_attr(not(feature = "storage"), doc = "This guide needs the feature `storage`.")]
 pub mod storage {}
+
+#[doc = labels!()]
+#[doc = include_str!("../docs/testing.md")]
+pub mod testing {}

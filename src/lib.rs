@@ -130,6 +130,7 @@
 //! - [Porting](guides::porting): from a UART and a clock to a vehicle that a ground station flies, step by step, and
 //!   the needs of each HAL.
 //! - [Storage](guides::storage): choosing a region, where the erases run, wear, and recipes for families of flash.
+//! - [Testing](guides::testing): tests of your vehicle on your machine, with a ground station, faulty lines and power cuts.
 //! - [Ground stations](guides::ground_stations): connecting them to the demo vehicle, and the quirks of each.
 //! - [Features](guides::features): supported features, service by service.
 //! - [Sizing](guides::sizing): bytes of flash and RAM, option by option; [figures](guides::figures): speed, work, stack, bad lines.

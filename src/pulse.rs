@@ -23,6 +23,9 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 /// // At the end of each healthy pass of the flight loop, and nowhere else:
 /// PULSE.tick();
 /// ```
+///
+/// Tests run in threads and would share a `static`. Let the function that creates your stack take a `&'static Pulse`: each test then
+/// passes its own, a leaked box, as in the guide [`testing`](crate::guides::testing).
 #[derive(Debug)]
 pub struct Pulse {
     ticks: AtomicU32,

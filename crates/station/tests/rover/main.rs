@@ -1,12 +1,13 @@
 //! The rover of `examples/boards`, tested as a new user tests a vehicle. `docs/testing.md` quotes this file.
 
 mod faults;
+mod guide;
 mod rig;
 
 use mavstack::dialect::MavCmd;
 use mavstack::dialect::MavMissionResult;
 use mavstack::{Duration, Item};
-use mavstack_rover::{HOLD, MISSION};
+use mavstack_rover::{HOLD, MANUAL, MISSION};
 use mavstack_station::command::Place;
 use mavstack_station::parameters::Value;
 use mavstack_station::plans::waypoint;
@@ -40,7 +41,7 @@ fn refusals_have_reasons() -> Result<(), Failure> {
     let mut rig = rig(Client::QGroundControl);
     let failure = rig.set("SPEED_MAX", 99.0_f32).unwrap_err();
     assert_eq!(failure.text(), Some("SPEED_MAX: out of range"));
-    let failure = rig.command(MavCmd::DO_SET_MODE, &[1.0, 4.0, 4.0]).unwrap_err();
+    let failure = rig.set_mode(MISSION).unwrap_err();
     assert_eq!(failure.text(), Some("No mission"));
     rig.set("BAT_V_LOW", 11.0_f32)?;
     let failure = rig.arm().unwrap_err();
@@ -74,11 +75,24 @@ fn arms_and_disarms() -> Result<(), Failure> {
 }
 
 #[test]
+fn modes_are_listed_and_selected() -> Result<(), Failure> {
+    for client in Client::ALL {
+        let mut rig = rig(client);
+        let names: Vec<_> = rig.modes()?.into_iter().map(|mode| mode.name).collect();
+        assert_eq!(names, ["Hold", "Mission", "Manual"]);
+        rig.upload_mission(&mission())?;
+        rig.set_mode(MISSION)?;
+        rig.set_mode(HOLD)?;
+    }
+    Ok(())
+}
+
+#[test]
 fn drives_a_mission_to_its_end() -> Result<(), Failure> {
     let mut rig = rig(Client::QGroundControl);
     rig.upload_mission(&mission())?;
     rig.arm()?;
-    rig.command(MavCmd::DO_SET_MODE, &[1.0, 4.0, 4.0])?;
+    rig.set_mode(MISSION)?;
     rig.until(SECOND, |rig| mode(rig) == Some(MISSION));
     rig.until(SECOND * 40, |rig| mode(rig) == Some(HOLD));
     Ok(())
@@ -90,7 +104,7 @@ fn holds_when_the_station_is_lost() -> Result<(), Failure> {
     let mut rig = rig(Client::QGroundControl);
     rig.upload_mission(&mission())?;
     rig.arm()?;
-    rig.command(MavCmd::DO_SET_MODE, &[1.0, 4.0, 4.0])?;
+    rig.set_mode(MISSION)?;
     rig.run_for(SECOND * 5);
     rig.line(0).cut();
     rig.until(SECOND * 10, |rig| rig.firmware().rover.target(&rig.firmware().stack).is_none());
@@ -106,7 +120,7 @@ fn holds_when_the_sticks_are_lost() -> Result<(), Failure> {
     rig.arm()?;
     let mut driver = rig.alongside(Sticks::new(Input::joystick(0.5, 0.0, 0.5, 0.0)));
     driver.wait(SECOND)?;
-    driver.command(MavCmd::DO_SET_MODE, &[1.0, 3.0, 0.0])?;
+    driver.set_mode(MANUAL)?;
     assert_eq!(driver.inner().firmware().rover.sticks(), Some([500, 0]));
     rig.until(SECOND * 2, |rig| rig.seen().has_text("Sticks lost: holding"));
     Ok(())
