@@ -3,8 +3,8 @@
 //! | QGroundControl | MAVSDK | MAVProxy | pymavlink |
 //! |---|---|---|---|
 //! | HEARTBEAT | HEARTBEAT | HEARTBEAT | HEARTBEAT |
-//! | AUTOPILOT_VERSION | AUTOPILOT_VERSION | REQUEST_DATA_STREAM: all at 4 Hz | |
-//! | AVAILABLE_MODES | | parameters: `@PARAM/param.pck`, else the list | |
+//! | AUTOPILOT_VERSION | AUTOPILOT_VERSION | parameters: `@PARAM/param.pck`, else the list | |
+//! | AVAILABLE_MODES | | | |
 //! | COMPONENT_METADATA | | | |
 //! | parameters | | | |
 //! | mission | | | |
@@ -13,12 +13,14 @@
 //! QGroundControl takes the file of parameters from ArduPilot, else the list. The hash of PX4's parameters is not asked for: there is no
 //! cache.
 //!
+//! What a client sends besides, again and again, is at [`Station::poll`](crate::Station::poll).
+//!
 //! A step that fails does not end the dialogue, as in the real clients: [`Connected::failures`] tells what the user will miss.
 
 use crate::modes::{self, Mode};
 use crate::parameters::{self, Parameter};
 use crate::plans::{self, Plan};
-use crate::streams::{DataStreams, Request};
+use crate::streams::Request;
 use crate::{Client, Dialogue, Failure, Io, Received};
 use mavstack::dialect::{AutopilotVersion, ComponentMetadata, Heartbeat, MavAutopilot, MavProtocolCapability};
 use mavstack::{Address, Duration, Instant, PlanType};
@@ -82,7 +84,6 @@ enum Step {
     Version(Request<AutopilotVersion>),
     Modes(modes::List),
     Metadata(Request<ComponentMetadata>),
-    Streams(DataStreams),
     ParameterFile(parameters::FileList),
     Parameters(parameters::List),
     Plan(PlanType, plans::Download),
@@ -108,7 +109,6 @@ impl Step {
             ]),
             Client::Mavsdk => VecDeque::from([Self::Version(Request::new())]),
             Client::MavProxy => VecDeque::from([
-                Self::Streams(DataStreams::new(4)),
                 Self::ParameterFile(parameters::FileList::new()),
                 Self::Parameters(parameters::List::new()),
             ]),
@@ -137,7 +137,6 @@ impl Step {
             Self::Version(request) => request.poll(io)?.map(|version| connected.version = Some(version)),
             Self::Modes(list) => list.poll(io)?.map(|modes| connected.modes = modes),
             Self::Metadata(request) => request.poll(io)?.map(|metadata| connected.metadata = Some(metadata)),
-            Self::Streams(streams) => streams.poll(io)?,
             Self::ParameterFile(list) => list.poll(io)?.map(|parameters| connected.parameters = parameters),
             Self::Parameters(list) => list.poll(io)?.map(|parameters| connected.parameters = parameters),
             Self::Plan(plan, download) => {
@@ -153,7 +152,6 @@ impl Step {
             Self::Version(request) => request.receive(io, frame),
             Self::Modes(list) => list.receive(io, frame),
             Self::Metadata(request) => request.receive(io, frame),
-            Self::Streams(streams) => streams.receive(io, frame),
             Self::ParameterFile(list) => list.receive(io, frame),
             Self::Parameters(list) => list.receive(io, frame),
             Self::Plan(_, download) => download.receive(io, frame),

@@ -47,19 +47,19 @@ pub trait GroundStation: Drive + Sized {
         self.command(MavCmd::COMPONENT_ARM_DISARM, &[0.0]).map(drop)
     }
 
-    /// Takes off to an altitude (m), which MAVSDK does not send: QGroundControl's is above mean sea level, and MAVProxy's is above home.
+    /// Takes off to an altitude (m). QGroundControl's is above mean sea level, the others' is above the ground.
     ///
     /// # Errors
     ///
     /// As [`command`](Self::command).
     fn takeoff(&mut self, altitude: f32) -> Result<(), Failure> {
         const NAN: f32 = f32::NAN;
-        let params: &[f32] = match self.station().client() {
-            Client::QGroundControl => &[-1.0, 0.0, 0.0, NAN, NAN, NAN, altitude],
-            Client::Mavsdk => &[],
-            Client::MavProxy | Client::Pymavlink => &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, altitude],
+        let params = match self.station().client() {
+            Client::QGroundControl => [-1.0, 0.0, 0.0, NAN, NAN, NAN, altitude],
+            Client::Mavsdk => [NAN, NAN, NAN, NAN, NAN, NAN, altitude],
+            Client::MavProxy | Client::Pymavlink => [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, altitude],
         };
-        self.command(MavCmd::NAV_TAKEOFF, params).map(drop)
+        self.command(MavCmd::NAV_TAKEOFF, &params).map(drop)
     }
 
     /// Reads a parameter by its name.

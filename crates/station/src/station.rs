@@ -1,6 +1,6 @@
 //! The ground station: bytes to frames and back, heartbeats, and what was seen.
 
-use crate::{Client, Dialogue, Failure, Io, Seen};
+use crate::{Client, Dialogue, Failure, Io, Seen, SeenVehicle};
 use mavstack::dialect::{MavAutopilot, MavDataStream, Ping, RequestDataStream};
 use mavstack::frame::{Decoder, Header, MAX_FRAME_LEN, RxCounters, SigningKey, Version, encode, encode_signed};
 use mavstack::message::{Dialect, MessageTable};
@@ -242,9 +242,9 @@ impl Station {
         }
     }
 
-    /// Sends what is due: heartbeats, and what the client sends by itself to a vehicle that it knows. MAVSDK sends PING every 5 s,
-    /// except to ArduPilot. MAVProxy requests all streams at 4 Hz every 15 s, which overrides intervals that were set. A station
-    /// without heartbeats is silent.
+    /// Sends what is due: heartbeats, and what the client sends by itself to a vehicle that it knows. MAVSDK sends PING at once and
+    /// every 5 s, except to ArduPilot. MAVProxy requests all streams of all components at 4 Hz every 15 s, which overrides intervals that
+    /// were set. A station without heartbeats is silent.
     pub fn poll(&mut self, now: Instant) {
         self.now = self.now.max(now);
         let Some(interval) = self.heartbeats.interval else { return };
@@ -253,7 +253,7 @@ impl Station {
             self.send(&self.client().heartbeat());
         }
         let (Some(every), Some(target)) = (habit_interval(self.client()), self.target()) else { return };
-        if self.heartbeats.habit_due == Instant::ZERO {
+        if self.heartbeats.habit_due == Instant::ZERO && self.client() == Client::MavProxy {
             self.heartbeats.habit_due = now + every;
         } else if now >= self.heartbeats.habit_due {
             self.heartbeats.habit_due = now + every;
@@ -262,15 +262,21 @@ impl Station {
     }
 
     fn follow_habit(&mut self, target: Address) {
-        let (target_system, target_component) = (target.system.wire(), target.component.wire());
         match self.client() {
-            Client::MavProxy => self.send(&RequestDataStream {
-                req_message_rate: 4,
-                target_system,
-                target_component,
-                req_stream_id: MavDataStream::ALL,
-                start_stop: 1,
-            }),
+            Client::MavProxy => {
+                let has_heartbeat = |component: &&SeenVehicle| component.heartbeat.is_some();
+                let components: Vec<_> =
+                    self.seen.components().filter(has_heartbeat).map(|seen| seen.address).collect();
+                for Address { system, component } in components {
+                    self.send(&RequestDataStream {
+                        req_message_rate: 4,
+                        target_system: system.wire(),
+                        target_component: component.wire(),
+                        req_stream_id: MavDataStream::ALL,
+                        start_stop: 1,
+                    });
+                }
+            }
             Client::Mavsdk if !self.is_ardupilot(target) => {
                 // Its sequence number stays 0.
                 self.send(&Ping { time_usec: self.now.as_micros(), ..Ping::default() });

@@ -212,7 +212,8 @@ pub fn set_interval<M: Message>(interval: impl Into<Interval>) -> Send {
     Send::new(MavCmd::SET_MESSAGE_INTERVAL, &[M::ID as f32, interval.into().micros()])
 }
 
-/// Requests all streams at a rate by REQUEST_DATA_STREAM, as MAVProxy does when it finds a vehicle. The message has no answer.
+/// Requests all streams at a rate by REQUEST_DATA_STREAM, as MAVProxy does every 15 s, and old ground stations when they connect. The
+/// message has no answer.
 #[derive(Clone, Copy, Debug)]
 pub struct DataStreams {
     rate: u16,

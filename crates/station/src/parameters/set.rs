@@ -8,8 +8,8 @@ use mavstack::message::Text;
 
 /// Sets a parameter, and waits for the confirmation that the client wants.
 ///
-/// QGroundControl and MAVSDK know the type of a parameter before they set it: here it is read first. MAVProxy and pymavlink send
-/// every number as `REAL32`.
+/// QGroundControl knows the type of a parameter before it sets it: here it is read first. MAVSDK reads it for an integer, and refuses to
+/// set an integer where the vehicle has a `REAL32`; a float is sent as it is. MAVProxy and pymavlink send every number as `REAL32`.
 #[derive(Clone, Debug)]
 pub struct Set {
     name: String,
@@ -34,7 +34,7 @@ struct Answer {
 }
 
 impl Set {
-    /// Creates the dialogue. The number is sent as the type that the vehicle's parameter has.
+    /// Creates the dialogue. QGroundControl sends the number as the type that the vehicle's parameter has.
     pub fn new(name: &str, value: impl Into<Value>) -> Self {
         Self { name: name.to_string(), value: value.into(), phase: Phase::New, answer: Answer::default() }
     }
@@ -70,7 +70,9 @@ impl Set {
     /// Learns the type, if the client must know it. Returns the failure of the read.
     fn learn(&mut self, io: &mut Io<'_>) -> Option<Failure> {
         if matches!(self.phase, Phase::New) {
+            let is_float = matches!(self.value, Value::F32(_));
             self.phase = match io.client() {
+                Client::Mavsdk if is_float => Phase::Set(Self::timer(Client::Mavsdk)),
                 Client::QGroundControl | Client::Mavsdk => Phase::Read(Read::new(&self.name)),
                 Client::MavProxy | Client::Pymavlink => {
                     self.value = Value::F32(self.value.number() as f32);
@@ -80,6 +82,10 @@ impl Set {
         }
         let Phase::Read(read) = &mut self.phase else { return None };
         match read.poll(io)? {
+            // MAVSDK: an integer is not set where there is a float.
+            Ok(parameter) if io.client() == Client::Mavsdk && parameter.param_type == MavParamType::REAL32 => {
+                Some(self.refused(Some(MavParamError::TYPE_MISMATCH)))
+            }
             Ok(parameter) => {
                 let Some(value) = self.value.of_type(parameter.param_type) else {
                     let (name, number) = (&self.name, self.value);

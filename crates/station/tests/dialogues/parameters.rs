@@ -60,6 +60,19 @@ fn an_integer_is_set_bytewise() -> Result<(), Failure> {
     Ok(())
 }
 
+/// MAVSDK looks up the type for an integer, and is strict.
+#[test]
+fn mavsdk_sets_integers_and_floats_by_different_calls() -> Result<(), Failure> {
+    let mut rig = rig(Client::Mavsdk, 0.0, 1);
+    rig.connect()?;
+    assert_eq!(rig.set("FENCE_ACT", 3)?, Value::I32(3));
+    let failure = rig.set("CRUISE", 7).expect_err("it is a float");
+    assert!(matches!(failure, Failure::Param { error: Some(MavParamError::TYPE_MISMATCH), .. }), "{failure}");
+    let failure = rig.set("FENCE_ACT", 2.0).expect_err("it is an integer");
+    assert!(matches!(failure, Failure::Param { error: Some(MavParamError::TYPE_MISMATCH), .. }), "{failure}");
+    Ok(())
+}
+
 /// MAVProxy decodes integers of a generic autopilot as floats: it shows 1 as 1.4e-45, and does not see that 3 was set.
 #[test]
 fn mavproxy_does_not_understand_integers() -> Result<(), Failure> {
