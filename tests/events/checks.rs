@@ -163,10 +163,10 @@ fn report_is_sent_when_a_link_is_opened() {
 /// EVT-3, EVT-7: a vehicle restarts so fast that its station does not notice, and its link is open only after the first report.
 #[test]
 fn station_learns_the_checks_after_a_fast_restart() {
-    let mut receiver = Receiver::new(STATION);
+    let mut receiver = receiver(Client::QGroundControl, STATION);
     let last_report = |receiver: &Receiver| {
         let is_it = |event: &&Event| event.id == RoverEvents::ARMING_SUMMARY.id();
-        masks::<4>(receiver.events.iter().rfind(is_it).expect("a report"))[2]
+        masks::<4>(receiver.dialogue.events().iter().rfind(is_it).expect("a report"))[2]
     };
     for (fails, can_arm) in [(Vec::new(), ALL), (vec![Fails::NoFix(Groups::AUTO, 3)], 0b01)] {
         let mut site = Site::of(Setup { links: [LinkConfig::uart(115_200); 2], ..Setup::new() });

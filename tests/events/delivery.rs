@@ -142,7 +142,7 @@ fn sequence_is_sent_when_a_link_is_opened() {
 #[test]
 fn events_lost_with_a_link_are_recovered() {
     let mut site = site();
-    let mut receiver = Receiver::new(STATION);
+    let mut receiver = receiver(Client::QGroundControl, STATION);
     site.gcs[0].send(&Gcs::heartbeat());
     for is_lost in [false, true, false] {
         count(&mut site, 0..4);
@@ -158,9 +158,9 @@ fn events_lost_with_a_link_are_recovered() {
             site.stack.restart_link(LinkId(0));
         }
     }
-    let numbers = receiver.events.iter().filter(|event| event.id == id_of::<Counted>()).map(number_of);
+    let numbers = receiver.dialogue.events().iter().filter(|event| event.id == id_of::<Counted>()).map(number_of);
     assert_eq!(numbers.collect::<Vec<_>>(), [0, 1, 2, 3].repeat(3));
-    assert_eq!(receiver.lost, 0);
+    assert_eq!(receiver.dialogue.lost(), 0);
 }
 
 /// EVT-2: events take at most half of a link's rate.
@@ -183,7 +183,7 @@ fn events_take_half_of_the_rate() {
 fn overwritten_events_are_counted() {
     let mut site = site();
     site.run_for(secs(3));
-    let mut receiver = Receiver::new(STATION);
+    let mut receiver = receiver(Client::QGroundControl, STATION);
     let run = |site: &mut Site, millis: u64, receiver: &mut Receiver| {
         for _ in 0..millis {
             site.step();
@@ -195,8 +195,8 @@ fn overwritten_events_are_counted() {
     count(&mut site, 0..50);
     run(&mut site, 2_000, &mut receiver);
     let numbers: Vec<_> =
-        receiver.events.iter().filter(|event| event.id == id_of::<Counted>()).map(number_of).collect();
+        receiver.dialogue.events().iter().filter(|event| event.id == id_of::<Counted>()).map(number_of).collect();
     assert_eq!(numbers, (30..50).collect::<Vec<_>>(), "the history is 20 long");
-    assert_eq!(receiver.lost, 30);
+    assert_eq!(receiver.dialogue.lost(), 30);
     assert_eq!(site.stack.event_counters().overwritten, 60, "on both links");
 }

@@ -24,8 +24,7 @@ struct Watch {
 
 impl Watch {
     fn new(line: LineConfig, seed: u64) -> Self {
-        let receivers = [Receiver::new(STATION), Receiver::new(OTHER_STATION)];
-        let mut watch = Self { site: lossy(line, seed), receivers, next: 0 };
+        let mut watch = Self { site: lossy(line, seed), receivers: receivers(), next: 0 };
         // Both know from where on they count.
         watch.run(3_500);
         watch
@@ -56,7 +55,7 @@ impl Watch {
     /// Returns the numbers that each receiver has.
     fn numbers(&self) -> [Vec<u32>; 2] {
         let all = |receiver: &Receiver| {
-            let events = receiver.events.iter().filter(|event| event.id == id_of::<Counted>());
+            let events = receiver.dialogue.events().iter().filter(|event| event.id == id_of::<Counted>());
             events.map(number_of).collect()
         };
         [all(&self.receivers[0]), all(&self.receivers[1])]
@@ -66,7 +65,7 @@ impl Watch {
     fn check(&self) {
         for (numbers, receiver) in self.numbers().iter().zip(&self.receivers) {
             assert!(numbers.iter().copied().eq(0..self.next), "{numbers:?} of {}", self.next);
-            assert_eq!(receiver.lost, 0);
+            assert_eq!(receiver.dialogue.lost(), 0);
         }
     }
 }
@@ -84,7 +83,7 @@ fn every_event_arrives_in_order() {
             watch.run(10_000);
             watch.check();
             if loss == 0.0 && disorder == 0.0 {
-                assert_eq!(watch.receivers[0].requests, 0, "nothing is missing");
+                assert_eq!(watch.receivers[0].dialogue.requests(), 0, "nothing is missing");
             }
         }
     }
@@ -112,7 +111,7 @@ fn sequence_numbers_wrap() {
     let mut watch = Watch::new(LineConfig::default(), 1);
     let fast = LinkConfig::unlimited();
     watch.site = Site::of(Setup { links: [fast; 2], ..Setup::new() });
-    watch.receivers = [Receiver::new(STATION), Receiver::new(OTHER_STATION)];
+    watch.receivers = receivers();
     watch.run(5);
     let fly = |watch: &mut Watch, to: u32| {
         while watch.next < to {
@@ -124,12 +123,16 @@ fn sequence_numbers_wrap() {
             }
         }
     };
-    let last = |watch: &Watch| watch.receivers.each_ref().map(|receiver| receiver.events.last().unwrap().sequence);
+    let last =
+        |watch: &Watch| watch.receivers.each_ref().map(|receiver| receiver.dialogue.events().last().unwrap().sequence);
     fly(&mut watch, 65_530);
     watch.run(100);
     watch.record(u32::from(65_532 - last(&watch)[0]));
     watch.run(100);
-    assert_eq!((last(&watch), watch.receivers.each_ref().map(|receiver| receiver.requests)), ([65_532; 2], [0; 2]));
+    assert_eq!(
+        (last(&watch), watch.receivers.each_ref().map(|receiver| receiver.dialogue.requests())),
+        ([65_532; 2], [0; 2])
+    );
 
     watch.lose(1.0);
     watch.record(7);
@@ -141,7 +144,7 @@ fn sequence_numbers_wrap() {
     watch.run(4_000);
     assert_eq!(last(&watch), [3; 2]);
     for receiver in &watch.receivers {
-        assert!(receiver.requests >= 7, "each was requested: {}", receiver.requests);
+        assert!(receiver.dialogue.requests() >= 7, "each was requested: {}", receiver.dialogue.requests());
     }
     fly(&mut watch, 70_000);
     watch.run(100);
@@ -156,11 +159,7 @@ fn receiver_follows_a_reboot() {
     watch.run(3_000);
     watch.check();
     watch.site = lossy(radio(0.0, 0.0), 2);
-    for receiver in &mut watch.receivers {
-        receiver.forgot();
-        receiver.events.clear();
-    }
-    watch.next = 0;
+    watch.receivers.iter_mut().for_each(Talk::forgot);
     watch.run(100);
     watch.record(3);
     watch.run(3_000);
@@ -174,12 +173,12 @@ fn late_receiver_gets_what_comes_after_it() {
     watch.record(12);
     watch.run(5_000);
     watch.site.gcs[0].forget();
-    watch.receivers[0] = Receiver::new(STATION);
+    watch.receivers[0] = receiver(Client::QGroundControl, STATION);
     watch.run(3_500);
     watch.record(2);
     watch.run(2_000);
     assert_eq!(watch.numbers()[0], [12, 13]);
-    assert_eq!((watch.receivers[0].lost, watch.receivers[0].requests), (0, 0));
+    assert_eq!((watch.receivers[0].dialogue.lost(), watch.receivers[0].dialogue.requests()), (0, 0));
 }
 
 proptest! {

@@ -6,7 +6,6 @@ mod support;
 mod checks;
 mod delivery;
 mod loss;
-mod receiver;
 mod requests;
 
 use mavstack::dialect::*;
@@ -15,7 +14,7 @@ use mavstack::{
     Address, Command, Commands, Context, Fill, HealthChecks, LinkConfig, LinkId, Outcome, Stream, Telemetry, Vehicle,
     VehicleState,
 };
-use receiver::Receiver;
+use mavstack_station::{Client, events::Follow};
 use support::*;
 
 mavstack::events! {
@@ -135,6 +134,18 @@ impl Telemetry for Rover {
 }
 
 type Site = World<2, Reporting>;
+
+/// A client that receives events in order and requests what is missing.
+type Receiver = Talk<Follow>;
+
+fn receiver(client: Client, address: Address) -> Receiver {
+    Talk::new(client, address, Follow::new())
+}
+
+/// One on each link.
+fn receivers() -> [Receiver; 2] {
+    [receiver(Client::QGroundControl, STATION), receiver(Client::Mavsdk, OTHER_STATION)]
+}
 
 /// A vehicle with two fast links, after its first report of the checks.
 fn site() -> Site {

@@ -9,6 +9,7 @@
 //! - [`Upload`], [`Download`], [`Clear`]: plan transfers as real clients do them, with retries.
 //! - [`Transfer`]: a client of files. [`files`] has the vehicle's.
 //! - [`logs`]: the flight logs of the vehicle.
+//! - [`Talk`]: any dialogue of `mavstack-station`, as one of the real clients.
 //! - [`Receiver`], [`stream`], [`damage`] and [`reference`]: a decoder alone, telemetry for it, damaged streams, and a reference
 //!   decoder to compare with.
 //! - [`Network`]: several stacks that forward, and the lines between them.
@@ -56,6 +57,7 @@ mod serial;
 #[cfg(feature = "signing")]
 pub mod signer;
 pub mod stream;
+mod talk;
 mod telemetry;
 pub mod tested;
 mod transfer;
@@ -70,6 +72,7 @@ pub use network::Network;
 pub use receiver::{Receiver, decode};
 pub use rng::Rng;
 pub use serial::{Clock, Faults, LineConfig, SerialEnd, SimError, SimSerial, Wire};
+pub use talk::Talk;
 pub use tested::{
     Everything, Forwarded, ForwardedSatellite, Plain, Satellite, Signed, SignedForwarded, SignedSatellite, Steered,
     Tested, Timed, Unsigned, begun,
