@@ -82,6 +82,7 @@ mod failure;
 pub mod files;
 pub mod gimbal;
 mod ground_station;
+mod habits;
 pub mod kit;
 pub mod logs;
 pub mod modes;

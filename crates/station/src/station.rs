@@ -1,7 +1,8 @@
 //! The ground station: bytes to frames and back, heartbeats, and what was seen.
 
-use crate::{Client, Dialogue, Failure, Io, Seen, SeenVehicle};
-use mavstack::dialect::{MavAutopilot, MavDataStream, Ping, RequestDataStream};
+use crate::habits::Habits;
+use crate::{Client, Dialogue, Failure, Io, Seen};
+use mavstack::dialect::Ping;
 use mavstack::frame::{Decoder, Header, MAX_FRAME_LEN, RxCounters, SigningKey, Version, encode, encode_signed};
 use mavstack::message::{Dialect, MessageTable};
 use mavstack::{Address, Duration, Frame, Instant, Message};
@@ -74,15 +75,14 @@ pub struct Station {
     seen: Seen,
     sender: Sender,
     heartbeats: Heartbeats,
+    habits: Habits,
 }
 
-/// When a station sends heartbeats, and what its client sends besides.
+/// When a station sends heartbeats.
 #[derive(Clone, Copy, Debug)]
 struct Heartbeats {
     interval: Option<Duration>,
     due: Instant,
-    /// When the next [habit](Station::poll) is due.
-    habit_due: Instant,
 }
 
 /// The sending half of a station.
@@ -129,11 +129,8 @@ impl Station {
                 signing: None,
                 output: Vec::new(),
             },
-            heartbeats: Heartbeats {
-                interval: client.heartbeat_interval(),
-                due: Instant::ZERO,
-                habit_due: Instant::ZERO,
-            },
+            heartbeats: Heartbeats { interval: client.heartbeat_interval(), due: Instant::ZERO },
+            habits: Habits::default(),
         }
     }
 
@@ -187,7 +184,7 @@ impl Station {
 
     /// Sends heartbeats at another interval from now on, or none.
     pub fn set_heartbeats(&mut self, interval: Option<Duration>) {
-        self.heartbeats = Heartbeats { interval, due: self.now, ..self.heartbeats };
+        self.heartbeats = Heartbeats { interval, due: self.now };
     }
 
     /// Speaks with this vehicle from now on.
@@ -244,7 +241,7 @@ impl Station {
 
     /// Sends what is due: heartbeats, and what the client sends by itself to a vehicle that it knows. MAVSDK sends PING at once and
     /// every 5 s, except to ArduPilot. MAVProxy requests all streams of all components at 4 Hz every 15 s, which overrides intervals that
-    /// were set. A station without heartbeats is silent.
+    /// were set, and asks for the home position every 2 s until it has heard it. A station without heartbeats is silent.
     pub fn poll(&mut self, now: Instant) {
         self.now = self.now.max(now);
         let Some(interval) = self.heartbeats.interval else { return };
@@ -252,42 +249,10 @@ impl Station {
             self.heartbeats.due = now + interval;
             self.send(&self.client().heartbeat());
         }
-        let (Some(every), Some(target)) = (habit_interval(self.client()), self.target()) else { return };
-        if self.heartbeats.habit_due == Instant::ZERO && self.client() == Client::MavProxy {
-            self.heartbeats.habit_due = now + every;
-        } else if now >= self.heartbeats.habit_due {
-            self.heartbeats.habit_due = now + every;
-            self.follow_habit(target);
+        if let Some(target) = self.target() {
+            let Self { habits, seen, sender, .. } = self;
+            habits.poll(now, target, seen, sender);
         }
-    }
-
-    fn follow_habit(&mut self, target: Address) {
-        match self.client() {
-            Client::MavProxy => {
-                let has_heartbeat = |component: &&SeenVehicle| component.heartbeat.is_some();
-                let components: Vec<_> =
-                    self.seen.components().filter(has_heartbeat).map(|seen| seen.address).collect();
-                for Address { system, component } in components {
-                    self.send(&RequestDataStream {
-                        req_message_rate: 4,
-                        target_system: system.wire(),
-                        target_component: component.wire(),
-                        req_stream_id: MavDataStream::ALL,
-                        start_stop: 1,
-                    });
-                }
-            }
-            Client::Mavsdk if !self.is_ardupilot(target) => {
-                // Its sequence number stays 0.
-                self.send(&Ping { time_usec: self.now.as_micros(), ..Ping::default() });
-            }
-            _ => {}
-        }
-    }
-
-    fn is_ardupilot(&self, vehicle: Address) -> bool {
-        let heartbeat = self.seen.component(vehicle).and_then(|component| component.heartbeat);
-        heartbeat.is_some_and(|heartbeat| heartbeat.autopilot == MavAutopilot::ARDUPILOTMEGA)
     }
 
     /// Returns whether the client takes the vehicle for connected: it has heard it lately, see
@@ -371,15 +336,6 @@ impl Station {
 impl From<Client> for Station {
     fn from(client: Client) -> Self {
         Self::new(client)
-    }
-}
-
-/// Returns the interval of what a client sends by itself, besides heartbeats.
-fn habit_interval(client: Client) -> Option<Duration> {
-    match client {
-        Client::Mavsdk => Some(Duration::from_secs(5)),
-        Client::MavProxy => Some(Duration::from_secs(15)),
-        Client::QGroundControl | Client::Pymavlink => None,
     }
 }
 

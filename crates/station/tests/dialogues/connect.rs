@@ -2,7 +2,7 @@
 
 use crate::vehicle::rig;
 use mavstack::Duration;
-use mavstack::dialect::{Attitude, Ping};
+use mavstack::dialect::{Attitude, CommandAck, Ping};
 use mavstack_station::streams::Interval;
 use mavstack_station::{Client, Drive, Failure, GroundStation};
 
@@ -74,6 +74,18 @@ fn mavproxy_overrides_intervals() -> Result<(), Failure> {
     assert_eq!(rig.interval::<Attitude>()?, Some(Interval::Every(Duration::from_millis(50))));
     rig.run_for(Duration::from_secs(15));
     assert_eq!(rig.interval::<Attitude>()?, Some(Interval::Every(Duration::from_millis(250))));
+    Ok(())
+}
+
+/// The vehicle has no home: MAVProxy asks again and again, and the vehicle must bear it.
+#[test]
+fn mavproxy_asks_for_home() -> Result<(), Failure> {
+    let mut rig = rig(Client::MavProxy, 0.0, 1);
+    rig.connect()?;
+    let before = rig.seen().count::<CommandAck>();
+    rig.run_for(Duration::from_secs(10));
+    assert_eq!(rig.seen().count::<CommandAck>() - before, 5);
+    assert!(rig.seen().texts().count() <= 1, "{:?}", rig.seen());
     Ok(())
 }
 
