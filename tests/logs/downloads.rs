@@ -3,7 +3,7 @@
 use super::*;
 use proptest::prelude::*;
 
-const KINDS: [Kind; 3] = [Kind::Mavsdk, Kind::Qgc, Kind::MavProxy];
+const CLIENTS: [Client; 3] = [Client::Mavsdk, Client::QGroundControl, Client::MavProxy];
 
 /// A vehicle with a log on lines that lose this share of frames, and duplicate and reorder some.
 fn lossy(loss: f64, disorder: f64, seed: u64, sizes: &[usize]) -> Field {
@@ -25,13 +25,13 @@ fn lossy(loss: f64, disorder: f64, seed: u64, sizes: &[usize]) -> Field {
 }
 
 /// Runs clients at the same time, each on its link, until all have ended. Returns the milliseconds that it took.
-fn run(field: &mut Field, clients: &mut [(usize, LogClient)]) -> u64 {
+fn run(field: &mut Field, clients: &mut [(usize, Talk<Fetch>)]) -> u64 {
     let begin = field.now();
     let ended = field.run_until(secs(3_000), |field| {
         let now = field.now();
         let mut is_done = true;
         for (link, client) in clients.iter_mut() {
-            is_done &= client.poll(now, &mut field.gcs[*link]);
+            is_done &= client.poll(now, &mut field.gcs[*link]).is_some();
         }
         is_done
     });
@@ -43,21 +43,21 @@ fn run(field: &mut Field, clients: &mut [(usize, LogClient)]) -> u64 {
 #[test]
 fn downloads_survive_loss() {
     for (loss, disorder) in [(0.0, 0.0), (0.1, 0.0), (0.2, 0.0), (0.1, 0.1)] {
-        for kind in KINDS {
+        for client in CLIENTS {
             let sizes = [1_000, 60_000, 900];
             let mut field = lossy(loss, disorder, 3, &sizes);
-            let mut clients = [(0, LogClient::new(kind, STATION, 1))];
+            let mut clients = [(0, Talk::new(client, STATION, Fetch::new(1)))];
             let ms = run(&mut field, &mut clients);
-            let client = &clients[0].1;
-            println!("{kind:?}, {loss} lost, {disorder} disordered: {ms} ms, {} requests", client.requests);
-            assert!(client.content() == content(1, 60_000), "{kind:?}");
-            assert_eq!(client.entries().iter().map(|entry| entry.size as usize).collect::<Vec<_>>(), sizes);
+            let talk = &clients[0].1;
+            println!("{client}, {loss} lost, {disorder} disordered: {ms} ms");
+            assert!(*talk.output() == content(1, 60_000), "{client}");
+            assert_eq!(talk.dialogue.logs.iter().map(|log| log.size as usize).collect::<Vec<_>>(), sizes);
             // MAVSDK waits half a second for each gap if the last block of a chunk was lost, and MAVProxy 0.7 s.
-            let limit = if kind == Kind::Qgc { 60 } else { 150 };
-            assert!(ms < limit * 1_000, "{kind:?}: {ms} ms");
+            let limit = if client == Client::QGroundControl { 60 } else { 150 };
+            assert!(ms < limit * 1_000, "{client}: {ms} ms");
             if loss + disorder == 0.0 {
                 // 60,000 bytes in frames of 109 bytes, for 90 each.
-                assert!(ms < 8_500, "{kind:?}: {ms} ms");
+                assert!(ms < 8_500, "{client}: {ms} ms");
             }
         }
     }
@@ -71,21 +71,21 @@ fn two_clients_take_turns() {
             let mut field = lossy(loss, loss / 2.0, 5, &[70_000, 8_000]);
             field.gcs[other_link].heartbeat_period = None;
             let mut clients = [
-                (0, LogClient::new(Kind::Mavsdk, STATION, 0)),
-                (other_link, LogClient::new(Kind::Qgc, OTHER_STATION, 1)),
+                (0, Talk::new(Client::Mavsdk, STATION, Fetch::new(0))),
+                (other_link, Talk::new(Client::QGroundControl, OTHER_STATION, Fetch::new(1))),
             ];
             run(&mut field, &mut clients);
-            assert!(clients[0].1.content() == content(0, 70_000));
-            assert!(clients[1].1.content() == content(1, 8_000));
+            assert!(*clients[0].1.output() == content(0, 70_000));
+            assert!(*clients[1].1.output() == content(1, 8_000));
         }
     }
     let mut field = lossy(0.0, 0.0, 7, &[1_000_000, 8_000]);
     field.gcs[0].heartbeat_period = None;
     field.gcs[0].send_from(OTHER_STATION, &data(0, 0, u32::MAX));
     field.run_for(secs(2));
-    let mut clients = [(0, LogClient::new(Kind::Qgc, STATION, 1))];
+    let mut clients = [(0, Talk::new(Client::QGroundControl, STATION, Fetch::new(1)))];
     let ms = run(&mut field, &mut clients);
-    assert!(clients[0].1.content() == content(1, 8_000));
+    assert!(*clients[0].1.output() == content(1, 8_000));
     assert!((6_000..16_000).contains(&ms), "{ms} ms");
 }
 
@@ -135,15 +135,15 @@ proptest! {
         disorder in 0.0..0.3f64,
         sizes in prop::collection::vec(0..4_000usize, 1..4),
         whole in any::<bool>(),
-        kind in 0..3usize,
+        client in 0..3usize,
         seed in any::<u64>(),
     ) {
         let sizes: Vec<usize> = sizes.iter().map(|size| if whole { size / 90 * 90 } else { *size }).collect();
         let id = seed as usize % sizes.len();
         let mut field = lossy(loss, disorder, seed, &sizes);
-        let mut clients = [(0, LogClient::new(KINDS[kind], STATION, id as u16))];
+        let mut clients = [(0, Talk::new(CLIENTS[client], STATION, Fetch::new(id as u16)))];
         run(&mut field, &mut clients);
-        prop_assert!(clients[0].1.content() == content(id, sizes[id]));
+        prop_assert!(*clients[0].1.output() == content(id, sizes[id]));
     }
 
     /// LOG-3: whatever is requested, each LOG_DATA has bytes of the log, inside of what was requested, and in order.

@@ -13,10 +13,11 @@ mod shares;
 mod streaming;
 mod turns;
 
-use client::{Kind, LogClient};
+use client::Fetch;
 use mavstack::config::StreamProfile;
 use mavstack::dialect::{LogData, LogEntry, LogErase, LogRequestData, LogRequestEnd, LogRequestList, Statustext};
 use mavstack::{Address, LinkConfig, LinkId, Message};
+use mavstack_station::Client;
 use support::*;
 
 #[derive(mavstack::Stack)]

@@ -79,17 +79,19 @@ fn an_hour_beside_a_second_client() {
     const SIZE: usize = 1_400_000;
     let mut field = two_logs(9_600, SIZE, 20);
     field.gcs[0].heartbeat_period = Some(secs(1));
-    let mut clients = [LogClient::new(Kind::MavProxy, STATION, 0), LogClient::new(Kind::Mavsdk, OTHER_STATION, 1)];
+    let fetch = |id| Fetch::new(id).with_patience(secs(60));
+    let mut clients =
+        [Talk::new(Client::MavProxy, STATION, fetch(0)), Talk::new(Client::Mavsdk, OTHER_STATION, fetch(1))];
     let begin = field.now();
     let ended = field.run_until(secs(5_000), |field| {
         let now = field.now();
-        let is_done = clients.each_mut().map(|client| client.poll(now, &mut field.gcs[0]));
+        let is_done = clients.each_mut().map(|client| client.poll(now, &mut field.gcs[0]).is_some());
         is_done == [true; 2]
     });
     let seconds = (field.now() - begin).as_millis() / 1_000;
     println!("{seconds} s");
     assert!(ended, "not in {seconds} s");
-    assert!(clients[0].content() == content(0, SIZE) && clients[1].content() == content(1, SIZE));
+    assert!(*clients[0].output() == content(0, SIZE) && *clients[1].output() == content(1, SIZE));
     assert!((3_400..4_300).contains(&seconds), "{seconds} s");
 }
 

@@ -12,8 +12,8 @@ const BLOCK: usize = 90;
 const CHUNK: usize = 512;
 /// The gaps that MAVProxy requests at once.
 const GAPS: usize = 20;
-/// When a download is given up: no client does, but its user.
-const HOPELESS: Duration = Duration::from_secs(30);
+/// After which time without data a download is given up by default: no client does, but its user.
+const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Reads a log. Ends with its content.
 #[derive(Debug)]
@@ -28,6 +28,7 @@ pub struct Download {
     due: Option<Instant>,
     /// When data were received last; at first, when it was begun.
     heard: Instant,
+    patience: Duration,
     is_complete: bool,
 }
 
@@ -41,8 +42,16 @@ impl Download {
             chunk: 0..0,
             due: None,
             heard: Instant::ZERO,
+            patience: PATIENCE,
             is_complete: false,
         }
+    }
+
+    /// Fails after this time without data; after 30 s by default.
+    #[must_use]
+    pub fn with_patience(mut self, patience: Duration) -> Self {
+        self.patience = patience;
+        self
     }
 
     fn begin(&mut self, io: &mut Io<'_>) -> Result<(), Failure> {
@@ -182,7 +191,7 @@ impl Dialogue for Download {
         }
         match self.due {
             None => return self.begin(io).err().map(Err),
-            Some(_) if io.now() > self.heard + HOPELESS => {
+            Some(_) if io.now() > self.heard + self.patience => {
                 return Some(Err(Failure::timeout(format!("LOG_REQUEST_DATA of log {}", self.log.id), 1)));
             }
             Some(due) if io.now() >= due => {
