@@ -2,11 +2,14 @@
 //!
 //! | | QGroundControl | MAVSDK | MAVProxy, pymavlink |
 //! |---|---|---|---|
-//! | waits for the answer | 3 s, checked every 500 ms | 0.5 s | never gives up; here [`Client::patience`] |
+//! | waits for the answer | 1.5 s, then 0.5 s for each retry | 0.5 s | never gives up; here [`Client::patience`] |
 //! | tries | 1; 3 for requests of messages and the like | 4 | 1 |
-//! | after IN_PROGRESS | 3 s, and no retry | 3 s, then the retries | as before |
+//! | `confirmation` of a retry | counts up | 0 | |
+//! | after IN_PROGRESS | 1.5 s, and no retry | 3 s, then the retries | as before |
 //! | answers to others | taken | ignored | taken |
 //! | parameters not given | 0 | NaN | 0 |
+//!
+//! QGroundControl means 1.2 s. It looks every 0.5 s, and counts from the first try.
 
 use crate::names::Named;
 use crate::{Client, Dialogue, Due, Failure, Io, Received, Retry};
@@ -98,7 +101,9 @@ pub struct Send {
 /// The timers of a client.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Timing {
-    /// The time for an answer.
+    /// The time for an answer to the first try.
+    pub first: Duration,
+    /// The time for an answer to each other try.
     pub wait: Duration,
     /// The number of tries.
     pub tries: u32,
@@ -112,16 +117,25 @@ struct Running {
     is_cancelled: bool,
 }
 
+/// When QGroundControl notices that 1.2 s are over.
+const QGROUNDCONTROL_WAIT: Duration = Duration::from_millis(1_500);
+
 impl Timing {
+    /// Returns timers with the same time for every try.
+    pub(crate) fn even(wait: Duration, tries: u32) -> Self {
+        Self { first: wait, wait, tries }
+    }
+
     /// Returns the timers of a client for a command.
     pub(crate) fn of(client: Client, command: MavCmd) -> Self {
         match client {
             Client::QGroundControl => Self {
-                wait: Duration::from_millis(3_500),
+                first: QGROUNDCONTROL_WAIT,
+                wait: Duration::from_millis(500),
                 tries: if is_retried_by_qgroundcontrol(command) { 3 } else { 1 },
             },
-            Client::Mavsdk => Self { wait: Duration::from_millis(500), tries: 4 },
-            Client::MavProxy | Client::Pymavlink => Self { wait: client.patience(), tries: 1 },
+            Client::Mavsdk => Self::even(Duration::from_millis(500), 4),
+            Client::MavProxy | Client::Pymavlink => Self::even(client.patience(), 1),
         }
     }
 }
@@ -130,7 +144,6 @@ impl Timing {
 fn is_retried_by_qgroundcontrol(command: MavCmd) -> bool {
     [
         MavCmd::REQUEST_AUTOPILOT_CAPABILITIES,
-        MavCmd::REQUEST_PROTOCOL_VERSION,
         MavCmd::REQUEST_MESSAGE,
         MavCmd::PREFLIGHT_STORAGE,
         MavCmd::RUN_PREARM_CHECKS,
@@ -244,7 +257,7 @@ impl Send {
     }
 
     fn begin(&mut self, io: &Io<'_>) -> Running {
-        let Timing { wait, tries } = self.timing.unwrap_or_else(|| Timing::of(io.client(), self.command()));
+        let Timing { first, wait, tries } = self.timing.unwrap_or_else(|| Timing::of(io.client(), self.command()));
         let target = *self.target.get_or_insert(io.target());
         let (target_system, target_component) = (target.system.wire(), target.component.wire());
         // MAVSDK fills with NaN; the others fill with 0.
@@ -269,11 +282,16 @@ impl Send {
                 params.into_iter().skip(self.given).filter(|_| fills).for_each(|param| *param = 0.0);
             }
         }
-        Running { retry: Retry::new(wait, tries), since: io.now(), is_cancelled: false }
+        Running { retry: Retry::new(wait, tries).with_first(first), since: io.now(), is_cancelled: false }
     }
 
-    fn transmit(&self, io: &mut Io<'_>) {
+    /// Sends the try with this number, from 1. Only QGroundControl counts them.
+    fn transmit(&self, io: &mut Io<'_>, try_number: u32) {
         match &self.form {
+            Form::Long(message) if io.client() == Client::QGroundControl => {
+                let retries = u8::try_from(try_number.saturating_sub(1)).unwrap_or(u8::MAX);
+                io.send(&CommandLong { confirmation: message.confirmation.saturating_add(retries), ..*message });
+            }
             Form::Long(message) => io.send(message),
             Form::Int(message) => io.send(message),
         }
@@ -315,7 +333,7 @@ impl Dialogue for Send {
         };
         let due = running.retry.due(io.now());
         if due == Due::Send {
-            self.transmit(io);
+            self.transmit(io, running.retry.tries());
         }
         if let End::Cancel(time) = self.end
             && !running.is_cancelled
@@ -338,7 +356,7 @@ impl Dialogue for Send {
         let Some(running) = self.running.as_mut().filter(|_| ack.result == MavResult::IN_PROGRESS) else { return };
         self.progress.push(ack.progress);
         match io.client() {
-            Client::QGroundControl => running.retry.finish(io.now(), Duration::from_millis(3_500)),
+            Client::QGroundControl => running.retry.finish(io.now(), QGROUNDCONTROL_WAIT),
             Client::Mavsdk => running.retry.extend(io.now(), Duration::from_secs(3)),
             client => running.retry.extend(io.now(), client.patience()),
         }

@@ -5,13 +5,13 @@
 //! | HEARTBEAT | HEARTBEAT | HEARTBEAT | HEARTBEAT |
 //! | AUTOPILOT_VERSION | AUTOPILOT_VERSION | parameters: `@PARAM/param.pck`, else the list | |
 //! | AVAILABLE_MODES | | | |
-//! | COMPONENT_METADATA | | | |
+//! | COMPONENT_METADATA, else COMPONENT_INFORMATION | | | |
 //! | parameters | | | |
 //! | mission | | | |
 //! | geofence and rally points, if the capabilities say so | | | |
 //!
-//! QGroundControl takes the file of parameters from ArduPilot, else the list. The hash of PX4's parameters is not asked for: there is no
-//! cache.
+//! QGroundControl asks for AUTOPILOT_VERSION again if there was no answer. It takes the file of parameters from ArduPilot, else the list.
+//! The hash of PX4's parameters is not asked for, because there is no cache. SYSTEM_TIME is not sent, because there is no calendar.
 //!
 //! What a client sends besides, again and again, is at [`Station::poll`](crate::Station::poll).
 //!
@@ -21,8 +21,10 @@ use crate::modes::{self, Mode};
 use crate::parameters::{self, Parameter};
 use crate::plans::{self, Plan};
 use crate::streams::Request;
-use crate::{Client, Dialogue, Failure, Io, Received};
-use mavstack::dialect::{AutopilotVersion, ComponentMetadata, Heartbeat, MavAutopilot, MavProtocolCapability};
+use crate::{Again, Client, Dialogue, Failure, Io, Received};
+use mavstack::dialect::{
+    AutopilotVersion, ComponentInformation, ComponentMetadata, Heartbeat, MavAutopilot, MavProtocolCapability,
+};
 use mavstack::{Address, Duration, Instant, PlanType};
 use std::collections::VecDeque;
 
@@ -81,9 +83,10 @@ pub struct Connect {
 /// A step after the heartbeat.
 #[derive(Debug)]
 enum Step {
-    Version(Request<AutopilotVersion>),
+    Version(Again<Request<AutopilotVersion>, fn() -> Request<AutopilotVersion>>),
     Modes(modes::List),
     Metadata(Request<ComponentMetadata>),
+    Information(Request<ComponentInformation>),
     ParameterFile(parameters::FileList),
     Parameters(parameters::List),
     Plan(PlanType, plans::Download),
@@ -98,16 +101,17 @@ impl Step {
     fn all(client: Client) -> VecDeque<Self> {
         match client {
             Client::QGroundControl => VecDeque::from([
-                Self::Version(Request::new()),
+                Self::Version(Again::new(2, Request::new)),
                 Self::Modes(modes::List::new()),
                 Self::Metadata(Request::new()),
+                Self::Information(Request::new()),
                 Self::ParameterFile(parameters::FileList::new()),
                 Self::Parameters(parameters::List::new()),
                 Self::plan(PlanType::Mission),
                 Self::plan(PlanType::Fence),
                 Self::plan(PlanType::Rally),
             ]),
-            Client::Mavsdk => VecDeque::from([Self::Version(Request::new())]),
+            Client::Mavsdk => VecDeque::from([Self::Version(Again::new(1, Request::new))]),
             Client::MavProxy => VecDeque::from([
                 Self::ParameterFile(parameters::FileList::new()),
                 Self::Parameters(parameters::List::new()),
@@ -125,6 +129,7 @@ impl Step {
             Self::ParameterFile(_) => {
                 client == Client::QGroundControl && connected.heartbeat.autopilot != MavAutopilot::ARDUPILOTMEGA
             }
+            Self::Information(_) => connected.metadata.is_some(),
             // The list is for vehicles without the file.
             Self::Parameters(_) => !connected.parameters.is_empty(),
             _ => false,
@@ -137,6 +142,7 @@ impl Step {
             Self::Version(request) => request.poll(io)?.map(|version| connected.version = Some(version)),
             Self::Modes(list) => list.poll(io)?.map(|modes| connected.modes = modes),
             Self::Metadata(request) => request.poll(io)?.map(|metadata| connected.metadata = Some(metadata)),
+            Self::Information(request) => request.poll(io)?.map(drop),
             Self::ParameterFile(list) => list.poll(io)?.map(|parameters| connected.parameters = parameters),
             Self::Parameters(list) => list.poll(io)?.map(|parameters| connected.parameters = parameters),
             Self::Plan(plan, download) => {
@@ -152,6 +158,7 @@ impl Step {
             Self::Version(request) => request.receive(io, frame),
             Self::Modes(list) => list.receive(io, frame),
             Self::Metadata(request) => request.receive(io, frame),
+            Self::Information(request) => request.receive(io, frame),
             Self::ParameterFile(list) => list.receive(io, frame),
             Self::Parameters(list) => list.receive(io, frame),
             Self::Plan(_, download) => download.receive(io, frame),

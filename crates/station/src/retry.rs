@@ -15,6 +15,8 @@ use mavstack::{Duration, Instant};
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Retry {
+    /// The time for an answer to the first try.
+    first: Duration,
     interval: Duration,
     limit: u32,
     tries: u32,
@@ -35,7 +37,14 @@ pub enum Due {
 impl Retry {
     /// Creates a timer: `limit` tries, each with `interval` to be answered.
     pub fn new(interval: Duration, limit: u32) -> Self {
-        Self { interval, limit, tries: 0, due: Instant::ZERO }
+        Self { first: interval, interval, limit, tries: 0, due: Instant::ZERO }
+    }
+
+    /// Gives the first try another time to be answered.
+    #[must_use]
+    pub fn with_first(mut self, first: Duration) -> Self {
+        self.first = first;
+        self
     }
 
     /// Returns what is due, and counts a try.
@@ -47,7 +56,7 @@ impl Retry {
             return Due::GiveUp;
         }
         self.tries += 1;
-        self.due = now + self.interval;
+        self.due = now + if self.tries == 1 { self.first } else { self.interval };
         Due::Send
     }
 

@@ -2,10 +2,10 @@
 //!
 //! | | QGroundControl | MAVSDK | MAVProxy, pymavlink |
 //! |---|---|---|---|
-//! | MAV_CMD_REQUEST_MESSAGE | 3 tries, 3.5 s each | 2 tries, 0.5 s each | once |
+//! | MAV_CMD_REQUEST_MESSAGE | 3 tries, after 1.5 s and 0.5 s | 2 tries, 0.5 s each | once |
 //! | accepted, but no message | fails after 1 s | begins again after 1 s | waits |
 //! | refused | fails | begins again: 5 times in all, every second time by the old command if there is one | fails |
-//! | the message comes without the answer | is enough | is enough | is enough |
+//! | the message comes without the answer | is not enough | is enough | is enough |
 
 use crate::command::{Send, Timing};
 use crate::{Client, Dialogue, Failure, Io, Received};
@@ -91,7 +91,7 @@ impl<M: Message> Request<M> {
             None => send,
         };
         self.send = Some(match client {
-            Client::Mavsdk => send.with_timing(Timing { wait: Duration::from_millis(500), tries: 2 }),
+            Client::Mavsdk => send.with_timing(Timing::even(Duration::from_millis(500), 2)),
             _ => send,
         });
         self.accepted_until = None;
@@ -136,7 +136,9 @@ impl<M: Message> Dialogue for Request<M> {
     type Output = M;
 
     fn poll(&mut self, io: &mut Io<'_>) -> Option<Result<M, Failure>> {
-        if let Some(message) = self.message.take() {
+        // QGroundControl wants the answer, too.
+        let is_enough = io.client() != Client::QGroundControl || self.accepted_until.is_some();
+        if let Some(message) = self.message.take_if(|_| is_enough) {
             return Some(Ok(message));
         }
         if let Some(end) = self.accepted_until {
@@ -150,7 +152,7 @@ impl<M: Message> Dialogue for Request<M> {
             Ok(_) => {
                 let waits = matches!(io.client(), Client::QGroundControl | Client::Mavsdk);
                 self.accepted_until = Some(io.now() + if waits { MESSAGE_WITHIN } else { io.client().patience() });
-                None
+                self.message.take().map(Ok)
             }
             Err(Failure::Timeout { tries, .. }) => {
                 let timeout = Failure::timeout(format!("the request of {}", M::NAME), tries);

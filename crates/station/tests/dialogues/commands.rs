@@ -38,7 +38,7 @@ fn a_refusal_says_what_was_refused_and_why() -> Result<(), Failure> {
 #[test]
 fn a_command_that_is_lost_is_sent_as_often_as_the_client_does() {
     let cases = [
-        (Client::QGroundControl, 1, 3_500),
+        (Client::QGroundControl, 1, 1_500),
         (Client::Mavsdk, 4, 2_000),
         (Client::MavProxy, 1, 5_000),
         (Client::Pymavlink, 1, 3_000),

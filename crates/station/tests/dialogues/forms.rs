@@ -327,16 +327,31 @@ fn answers_to_others_are_taken_by_most() {
 /// MAVSDK waits 3 s after each IN_PROGRESS, and then repeats the command; QGroundControl does not repeat it.
 #[test]
 fn silence_after_progress_is_a_failure() {
-    for (client, sent) in [(Client::QGroundControl, 1), (Client::Mavsdk, 4)] {
+    for (client, silence, sent) in [(Client::QGroundControl, 1_450, 1), (Client::Mavsdk, 2_950, 4)] {
         let mut play = generic(client);
         let mut calibrate = Send::new(MavCmd::PREFLIGHT_CALIBRATION, &[1.0]);
         play.pass(0, &mut calibrate);
         let (command, result) = (MavCmd::PREFLIGHT_CALIBRATION, MavResult::IN_PROGRESS);
         play.say(&CommandAck { command, result, progress: 10, ..CommandAck::default() });
-        assert!(play.pass(2_950, &mut calibrate).is_none());
+        assert!(play.pass(silence, &mut calibrate).is_none());
         assert!(matches!(play.pass(5_000, &mut calibrate), Some(Err(Failure::Timeout { .. }))), "{client}");
         assert_eq!(play.count::<CommandLong>(), sent, "{client}");
     }
+}
+
+/// QGroundControl counts from the first try, and looks every half second.
+#[test]
+fn qgroundcontrol_repeats_requests_and_counts_them() {
+    let mut play = generic(Client::QGroundControl);
+    let mut request = Request::<AutopilotVersion>::new();
+    for (millis, sent) in [(1_450, 1), (50, 2), (450, 2), (50, 3)] {
+        assert!(play.pass(millis, &mut request).is_none());
+        assert_eq!(play.count::<CommandLong>(), sent);
+        assert_eq!(u64::from(play.last::<CommandLong>().confirmation), sent - 1);
+    }
+    // The message alone is not enough.
+    play.say(&AutopilotVersion::default());
+    assert!(matches!(play.pass(500, &mut request), Some(Err(Failure::Timeout { tries: 3, .. }))));
 }
 
 /// MAVSDK asks for the version by the old command every second time.
