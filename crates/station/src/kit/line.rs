@@ -274,8 +274,8 @@ impl Line {
         self.up.borrow().overruns
     }
 
-    /// Restarts the random faults.
-    pub(super) fn set_seed(&self, seed: u64) {
+    /// Draws the faults from another seed from now on.
+    pub fn set_seed(&self, seed: u64) {
         self.up.borrow_mut().random = Random::new(seed);
         self.down.borrow_mut().random = Random::new(!seed);
     }

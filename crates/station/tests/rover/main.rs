@@ -4,8 +4,7 @@ mod faults;
 mod guide;
 mod rig;
 
-use mavstack::dialect::MavCmd;
-use mavstack::dialect::MavMissionResult;
+use mavstack::dialect::{MavCmd, MavMissionResult};
 use mavstack::{Duration, Item};
 use mavstack_rover::{HOLD, MANUAL, MISSION};
 use mavstack_station::command::Place;

@@ -1,11 +1,14 @@
 //! The demo vehicle in the rig of `mavstack-station`, as its ground stations see it.
 
-use mavstack::dialect::MavCmd;
+use mavstack::dialect::{HighLatency2, MavCmd};
 use mavstack::storage::Store;
 use mavstack::{Duration, Instant, LinkId, StackOf};
 use mavstack_demo::{App, LogMemory, Mavlink, Mode, Quadrotor};
+use mavstack_station::command::Place;
 use mavstack_station::kit::{self, Board, Firmware, LineConfig, Port, RamFlash, Rig};
 use mavstack_station::parameters::Value;
+use mavstack_station::plans::waypoint;
+use mavstack_station::sticks::{Input, Sticks};
 use mavstack_station::{Client, Failure, GroundStation};
 
 const SECOND: Duration = Duration::from_secs(1);
@@ -64,14 +67,20 @@ fn rig(client: Client) -> Rig<Demo> {
     rig
 }
 
+/// Returns a vehicle that hovers at 10 m.
+fn in_the_air(client: Client) -> Rig<Demo> {
+    let mut rig = rig(client);
+    rig.arm().expect("it is ready");
+    rig.takeoff(10.0).expect("it is armed");
+    rig.until(SECOND * 20, |rig| rig.firmware().vehicle().mode() == Mode::Hold);
+    rig
+}
+
 /// The simplest flight, as each client flies it.
 #[test]
 fn takes_off_and_lands() -> Result<(), Failure> {
     for client in Client::ALL {
-        let mut rig = rig(client);
-        rig.arm()?;
-        rig.takeoff(10.0)?;
-        rig.until(SECOND * 20, |rig| rig.firmware().vehicle().mode() == Mode::Hold);
+        let mut rig = in_the_air(client);
         rig.command(MavCmd::NAV_LAND, &[])?;
         rig.until(SECOND * 60, |rig| rig.seen().has_text("Landed, disarmed"));
     }
@@ -110,6 +119,56 @@ fn a_hung_flight_loop_ends_the_heartbeats() {
     rig.hang_flight_loop();
     rig.run_for(SECOND * 5);
     assert!(rig.now() - rig.seen().vehicles().next().unwrap().last_heartbeat() > SECOND * 3);
+}
+
+#[test]
+fn flies_a_mission_that_comes_down_again() -> Result<(), Failure> {
+    let mut rig = rig(Client::QGroundControl);
+    let mission = [47.397_9, 47.397_8].map(|latitude| waypoint(Place::relative(latitude, 8.545_6, 10.0)));
+    rig.upload_mission(&mission)?;
+    assert_eq!(rig.download_mission()?, mission);
+    rig.arm()?;
+    rig.set_mode(Mode::Mission.number())?;
+    rig.until(SECOND * 60, |rig| rig.seen().has_text("Mission complete"));
+    Ok(())
+}
+
+#[test]
+fn modes_are_listed_and_selected() -> Result<(), Failure> {
+    for client in Client::ALL {
+        let mut rig = in_the_air(client);
+        assert!(rig.modes()?.iter().any(|mode| mode.name == "Return"));
+        rig.set_mode(Mode::Return.number())?;
+        rig.set_mode(Mode::Hold.number())?;
+    }
+    Ok(())
+}
+
+#[test]
+fn holds_when_the_sticks_are_lost() -> Result<(), Failure> {
+    let mut rig = in_the_air(Client::QGroundControl);
+    let mut pilot = rig.alongside(Sticks::new(Input::joystick(0.5, 0.0, 0.5, 0.0)));
+    pilot.wait(SECOND)?;
+    pilot.set_mode(Mode::Position.number())?;
+    pilot.wait(SECOND * 2)?;
+    assert!(rig.firmware().vehicle().velocity().north > 1.0);
+    rig.until(SECOND * 2, |rig| rig.firmware().vehicle().mode() == Mode::Hold);
+    Ok(())
+}
+
+/// A vehicle out of the station's reach reports by satellite.
+#[test]
+fn reports_by_satellite_when_the_station_is_lost() -> Result<(), Failure> {
+    let mut rig = rig(Client::QGroundControl)
+        .with_line(LineConfig::uart(921_600), Client::Pymavlink)
+        .with_line(LineConfig::uart(2_400), Client::Pymavlink);
+    rig.set("MAV_HL_LOSS_T", 10)?;
+    rig.run_for(SECOND * 60);
+    assert_eq!(rig.on(2).seen().count::<HighLatency2>(), 0);
+    rig.line(0).cut();
+    rig.run_for(SECOND * 20);
+    assert_eq!(rig.on(2).seen().count::<HighLatency2>(), 1);
+    Ok(())
 }
 
 /// A log of a flight is downloaded over a radio that loses frames.

@@ -492,7 +492,7 @@ fn reboot_is_acknowledged_first() {
     assert!(wire.app.wants_reboot());
 
     let mut wire = Wire::booted();
-    wire.lines[0].is_stuck = true;
+    wire.uarts[0].stall_writes_until(mavstack::Instant::NEVER);
     wire.send(TELEMETRY, &command_long(1, REBOOT, &[1.0]));
     wire.run(900);
     assert!(!wire.app.wants_reboot());

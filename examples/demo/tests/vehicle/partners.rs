@@ -1,6 +1,6 @@
 //! Components that the vehicle talks to by itself: a gimbal, and an arm authoriser (O-3).
 
-use crate::support::wire::{Rng, STATION, Wire, command_long};
+use crate::support::wire::{STATION, Wire, command_long};
 use mavstack::dialect::*;
 use mavstack::{Address, LinkId, Text};
 use mavstack_demo::{COMPANION, TELEMETRY, Tuning};
@@ -100,7 +100,10 @@ fn lossy_arming_is_decided_once() {
     let mut decided = 0;
     for seed in 0..SEEDS {
         let mut wire = supervised();
-        (wire.loss, wire.chance) = (0.2, Rng::new(seed));
+        for line in &wire.lines {
+            line.set_seed(seed);
+            line.set_loss(0.2);
+        }
         let permits = seed % 2 == 0;
         let result = if permits { MavResult::ACCEPTED } else { MavResult::DENIED };
         let (mut end, mut armings, mut was_armed) = (None, 0, false);

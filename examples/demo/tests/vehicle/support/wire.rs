@@ -1,19 +1,11 @@
 //! The vehicle with its stack, and peers at the other ends of its links.
 
-#[path = "../../../../../tests/support/rng.rs"]
-#[allow(dead_code, reason = "only chances are taken")]
-mod rng;
-
-use std::collections::VecDeque;
-use std::convert::Infallible;
-
-use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::*;
 use mavstack::frame::{Decoder, Version, encode};
 use mavstack::message::Dialect;
-use mavstack::{Address, Duration, Instant, Item, LinkId, Message, Pulse, StackOf};
+use mavstack::{Address, Duration, Instant, Item, LinkId, Message, StackOf};
 use mavstack_demo::{App, COMPANION, LINKS, Mavlink, Quadrotor, TELEMETRY};
-pub use rng::Rng;
+use mavstack_station::kit::{self, Clock, Line, LineConfig, Port};
 
 mavstack::message! {
     /// CONTROL_STATUS of MAVLink's `development.xml` (O-5).
@@ -32,51 +24,6 @@ pub const STATION: Address = Address::new(255, 190);
 /// The vehicle's own camera and gimbal.
 pub const CAMERA: Address = Address::new(1, 100);
 pub const GIMBAL: Address = Address::new(1, 154);
-
-/// A serial line between the vehicle and the test.
-#[derive(Default)]
-pub struct Line {
-    up: VecDeque<u8>,
-    /// Bytes that the vehicle has sent.
-    pub down: VecDeque<u8>,
-    /// Accepts no bytes from the vehicle.
-    pub is_stuck: bool,
-}
-
-impl ErrorType for Line {
-    type Error = Infallible;
-}
-
-impl ReadReady for Line {
-    fn read_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(!self.up.is_empty())
-    }
-}
-
-impl Read for Line {
-    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
-        let len = bytes.len().min(self.up.len());
-        bytes.iter_mut().zip(self.up.drain(..len)).for_each(|(to, from)| *to = from);
-        Ok(len)
-    }
-}
-
-impl WriteReady for Line {
-    fn write_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(!self.is_stuck)
-    }
-}
-
-impl Write for Line {
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        self.down.extend(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> Result<(), Infallible> {
-        Ok(())
-    }
-}
 
 /// A message from the vehicle, with its time (ms) and link.
 pub struct Received {
@@ -101,31 +48,32 @@ pub struct Wire {
     pub millis: u64,
     /// The time from one pass of the flight loop to the next (ms).
     pub pass: u64,
+    clock: Clock,
     pub lines: [Line; LINKS],
+    /// The vehicle's ends of the lines.
+    pub uarts: [Port; LINKS],
     /// Number of bytes received on each link.
     pub bytes: [usize; LINKS],
     decoders: [Decoder; LINKS],
     seq: u8,
     pub received: Vec<Received>,
-    /// The probability that a frame is lost, in each direction.
-    pub loss: f64,
-    /// Which ones are.
-    pub chance: Rng,
 }
 
 impl Wire {
     pub fn new() -> Self {
+        let clock = Clock::default();
+        let lines = [(); LINKS].map(|()| Line::new(&clock, LineConfig::default(), 1));
         Self {
-            app: App::in_fleet(Box::new(StackOf::<Mavlink>::VACANT), Box::leak(Box::new(Pulse::new())), 1),
+            app: App::in_fleet(Box::new(StackOf::<Mavlink>::VACANT), kit::pulse(), 1),
             millis: 0,
             pass: 1,
-            lines: Default::default(),
+            uarts: lines.each_ref().map(|line| line.ends().0),
+            lines,
+            clock,
             bytes: [0; LINKS],
             decoders: [(); LINKS].map(|()| Decoder::new(Duration::from_secs(1))),
             seq: 0,
             received: Vec::new(),
-            loss: 0.0,
-            chance: Rng::new(1),
         }
     }
 
@@ -158,18 +106,17 @@ impl Wire {
         for _ in 0..millis.div_ceil(self.pass) {
             self.millis += self.pass;
             let now = Instant::from_millis(self.millis);
+            self.clock.set(now);
             self.app.control(now);
-            for (index, (line, decoder)) in self.lines.iter_mut().zip(&mut self.decoders).enumerate() {
+            for (index, decoder) in self.decoders.iter_mut().enumerate() {
                 let link = LinkId(index as u8);
-                self.app.serve(now, link, line).unwrap();
-                self.bytes[index] += line.down.len();
-                while !line.down.is_empty() {
-                    let pushed = decoder.push(line.down.make_contiguous(), now);
-                    line.down.drain(..pushed);
+                self.app.serve(now, link, &mut self.uarts[index]).unwrap();
+                let bytes = self.lines[index].receive();
+                self.bytes[index] += bytes.len();
+                let mut rest = &bytes[..];
+                while !rest.is_empty() {
+                    rest = &rest[decoder.push(rest, now)..];
                     while let Some(frame) = decoder.next(now, Sent::MESSAGES, &mut u32::MAX.clone(), |_| true) {
-                        if self.chance.chance(self.loss) {
-                            continue;
-                        }
                         self.received.push(Received {
                             millis: self.millis,
                             link,
@@ -202,14 +149,12 @@ impl Wire {
         let mut frame = [0; 280];
         self.seq = self.seq.wrapping_add(1);
         let len = encode(message, Version::V2, source, self.seq, &mut frame).unwrap();
-        if !self.chance.chance(self.loss) {
-            self.send_raw(link, &frame[..len]);
-        }
+        self.send_raw(link, &frame[..len]);
         frame[..len].to_vec()
     }
 
     pub fn send_raw(&mut self, link: LinkId, bytes: &[u8]) {
-        self.lines[usize::from(link.0)].up.extend(bytes);
+        self.lines[usize::from(link.0)].send(bytes);
     }
 
     /// Takes the messages of one type received since the last call, with their times. Heartbeats of the vehicle's camera and gimbal
