@@ -7,11 +7,12 @@ use std::{env, fs};
 use crate::system::{Result, cargo, root, run};
 
 /// What is published, and where it is. A crate comes after those that it uses.
-const CRATES: [(&str, &str); 10] = [
+const CRATES: [(&str, &str); 11] = [
     ("mavstack-macros", "crates/macros"),
     ("mavstack", "."),
     ("mavstack-traffic", "crates/traffic"),
     ("mavstack-station", "crates/station"),
+    ("mavstack-check", "crates/check"),
     ("mavstack-dialect", "dialect"),
     ("mavstack-snapshot", "crates/snapshot"),
     ("mavstack-fram", "crates/fram"),

@@ -1,0 +1,78 @@
+//! Bursts of different sizes to the vehicle: which of their bytes are lost.
+
+use mavstack::Duration;
+use mavstack_station::{Drive, Failure};
+
+use crate::examiner::{Examiner, FILL_LEN};
+
+/// The sizes of the bursts, in bytes. The first one is a request alone.
+const SIZES: [usize; 8] = [32, 64, 96, 128, 256, 512, 1_024, 2_048];
+/// Bursts of each size.
+const TRIES: u32 = 4;
+/// The pause before each burst.
+const PAUSE: Duration = Duration::from_millis(250);
+/// How long an answer is awaited, besides the time that it usually takes.
+const MARGIN: Duration = Duration::from_millis(500);
+
+/// Bursts of one size, whose last frame is a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Burst {
+    /// Its bytes.
+    pub bytes: usize,
+    /// How often it was sent.
+    pub tried: u32,
+    /// How often the request was answered.
+    pub answered: u32,
+}
+
+impl Burst {
+    fn is_mostly_lost(self) -> bool {
+        self.answered * 4 <= self.tried
+    }
+}
+
+/// The results of all sizes.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Chunks {
+    /// Bursts with a request at the end, the smallest first.
+    pub bursts: Vec<Burst>,
+}
+
+impl Chunks {
+    /// Returns the size from which on the end of a burst is lost, if small bursts arrive.
+    pub fn limit(&self) -> Option<usize> {
+        let (first, rest) = self.bursts.split_first()?;
+        let lost = rest.iter().rposition(|burst| !burst.is_mostly_lost()).map_or(0, |last| last + 1);
+        let arrives = !first.is_mostly_lost() && first.answered * 2 > first.tried;
+        rest.get(lost).filter(|_| arrives).map(|burst| burst.bytes)
+    }
+}
+
+/// Measures all sizes. `rate` is that of the line (bytes/s), and `answer_time` that of a request alone.
+///
+/// # Errors
+///
+/// The transport failed.
+pub fn measure<T: Drive>(examiner: &mut Examiner<'_, T>, rate: f64, answer_time: Duration) -> Result<Chunks, Failure> {
+    let mut chunks = Chunks::default();
+    for bytes in SIZES {
+        let on_the_way = Duration::from_micros((bytes as f64 / rate * 1e6) as u64);
+        let patience = on_the_way + answer_time * 2 + MARGIN;
+        let mut burst = Burst { bytes, tried: TRIES, answered: 0 };
+        for _ in 0..TRIES {
+            burst.answered += u32::from(send(examiner, bytes - SIZES[0], patience)?);
+        }
+        chunks.bursts.push(burst);
+    }
+    Ok(chunks)
+}
+
+/// Sends a request behind `before` bytes of other frames. Returns whether it was answered.
+fn send<T: Drive>(examiner: &mut Examiner<'_, T>, before: usize, patience: Duration) -> Result<bool, Failure> {
+    let end = examiner.now() + PAUSE;
+    while examiner.step()? < end {}
+    let (echo, now, target) = (examiner.echo, examiner.now(), examiner.target());
+    (0..before / FILL_LEN).for_each(|_| examiner.send_fill());
+    echo.send(examiner.station(), now, target);
+    examiner.until(patience, |frame| echo.is_answer(frame, now))
+}

@@ -1,0 +1,374 @@
+//! The examination: what is sent and measured, in its order. The checks judge what it gathers.
+
+use mavstack::dialect::{Attitude, CommandLong, Heartbeat, MavCmd, MavParamType, MessageInterval, SystemTime};
+use mavstack::{Address, Duration, Message, PlanType};
+use mavstack_station::command::{Place, Send};
+use mavstack_station::connect::{Connect, Connected};
+use mavstack_station::parameters::{Parameter, Value};
+use mavstack_station::plans::{self, waypoint};
+use mavstack_station::streams::{Interval, Request};
+use mavstack_station::{Client, Drive, Failure, GroundStation, SeenText, parameters};
+
+use crate::chunks::{self, Chunks};
+use crate::echo::Echo;
+use crate::examiner::{Examiner, Load};
+use crate::trace::{self, Probe, Trace};
+use crate::{Options, Step, telemetry, timing};
+
+/// How long the first heartbeat is awaited.
+const FIRST_HEARTBEAT: Duration = Duration::from_secs(6);
+/// How long the first answers are awaited: a full transmit queue of 1 KiB takes 4 s at 2,400 baud.
+const LISTEN_PATIENCE: Duration = Duration::from_secs(6);
+/// The most messages whose intervals are asked for.
+const MAX_INTERVALS: usize = 16;
+
+/// What an examination has gathered.
+#[derive(Clone, Debug, Default)]
+pub struct Evidence {
+    /// The rate of the line (bytes/s), if it is known.
+    pub line_rate: Option<f64>,
+    /// The vehicle: the sender of heartbeats, or of any frame.
+    pub vehicle: Option<Address>,
+    /// Its last heartbeat.
+    pub heartbeat: Option<Heartbeat>,
+    /// The time until the first heartbeat, and what came meanwhile.
+    pub first: Trace,
+    /// Whether any request was answered.
+    pub echo: Option<Echo>,
+    /// Whether a request was answered only when its bytes were sent one by one.
+    pub answers_slow_bytes: bool,
+    /// A calm time with a few requests.
+    pub calm: Trace,
+    /// The line nearly full, both ways.
+    pub load: Option<Trace>,
+    /// Bursts of different sizes.
+    pub chunks: Option<Chunks>,
+    /// While a parameter is stored.
+    pub storing: Option<Trace>,
+    /// While a plan is uploaded.
+    pub planning: Option<Trace>,
+    /// The intervals that the vehicle says, by the id of the message.
+    pub intervals: Vec<(u32, Duration)>,
+    /// How fast the vehicle's clock runs; 1 is right.
+    pub clock_rate: Option<f64>,
+    /// What the clients have learned.
+    pub connected: Vec<(Client, Connected)>,
+    /// Services that were tried because the capabilities announce them.
+    pub services: Vec<(&'static str, Result<(), Failure>)>,
+    /// What is left changed, because restoring it failed.
+    pub unrestored: Vec<String>,
+    /// The vehicle's texts.
+    pub texts: Vec<SeenText>,
+    /// What was not examined, and why.
+    pub skipped: Vec<String>,
+    /// Bytes received, in frames or not.
+    pub any_byte: bool,
+}
+
+impl Evidence {
+    /// Returns the rate of the line (bytes/s). If it is not known, it is that of a usual radio, 57,600 baud.
+    pub fn rate(&self) -> f64 {
+        self.line_rate.unwrap_or(5_760.0)
+    }
+}
+
+/// Gathers the evidence.
+///
+/// # Errors
+///
+/// The transport failed.
+pub fn gather<T: Drive>(drive: &mut T, options: &Options, progress: &mut dyn FnMut(Step)) -> Result<Evidence, Failure> {
+    let mut examiner = Examiner::new(drive);
+    let mut evidence = Evidence { line_rate: options.line_rate.map(f64::from), ..Evidence::default() };
+    progress(Step::Listening);
+    listen(&mut examiner, &mut evidence)?;
+    if evidence.echo.is_none() {
+        note_texts(&mut examiner, &mut evidence);
+        return Ok(evidence);
+    }
+    progress(Step::Calm);
+    evidence.calm = examiner.measure(Load::calm(Duration::from_secs(10)))?;
+    evidence.clock_rate = clock_rate(&mut examiner, &evidence.calm)?;
+    let is_armed = evidence.heartbeat.is_some_and(|heartbeat| is_armed(&heartbeat));
+    let is_silent = evidence.calm.arrivals(Heartbeat::ID).is_empty();
+    if is_silent || is_armed {
+        let why = if is_armed { "it is armed" } else { "it sends no heartbeats" };
+        evidence.skipped.push(format!("everything that loads the vehicle: {why}"));
+        note_texts(&mut examiner, &mut evidence);
+        return Ok(evidence);
+    }
+    progress(Step::Intervals);
+    evidence.intervals = intervals(&mut examiner, &evidence.calm)?;
+    if telemetry::is_overloaded(&evidence) {
+        evidence.skipped.push("everything that loads the vehicle: its streams fill the line".into());
+        note_texts(&mut examiner, &mut evidence);
+        return Ok(evidence);
+    }
+    progress(Step::Bursts);
+    let answer_time = timing::answer_times(&evidence.calm).map_or(Duration::ZERO, |[.., longest]| longest);
+    evidence.chunks = Some(chunks::measure(&mut examiner, evidence.rate(), answer_time)?);
+    progress(Step::Load);
+    evidence.load = Some(load(&mut examiner, &evidence)?);
+    progress(Step::Storing);
+    store(&mut examiner, &mut evidence)?;
+    if options.write {
+        progress(Step::Plan);
+        plan(&mut examiner, &mut evidence)?;
+    } else {
+        evidence.skipped.push("the upload of a plan: only with --write".into());
+    }
+    note_texts(&mut examiner, &mut evidence);
+    progress(Step::Clients);
+    clients(&mut examiner, &mut evidence)?;
+    services(&mut examiner, &mut evidence)?;
+    Ok(evidence)
+}
+
+fn is_armed(heartbeat: &Heartbeat) -> bool {
+    heartbeat.base_mode.contains(mavstack::dialect::MavModeFlag::SAFETY_ARMED)
+}
+
+/// Waits for a heartbeat, then looks for a request that is answered.
+fn listen<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -> Result<(), Failure> {
+    let before = examiner.station().counters();
+    let mut first = examiner.trace(|examiner| {
+        examiner.until(FIRST_HEARTBEAT, |frame| frame.header.id == Heartbeat::ID)?;
+        Ok(Vec::new())
+    })?;
+    for echo in Echo::ALL {
+        examiner.echo = echo;
+        let load = Load {
+            time: Duration::from_millis(2_500),
+            probe_every: Duration::from_millis(800),
+            patience: LISTEN_PATIENCE,
+            fill: 0.0,
+        };
+        let probes = examiner.probe(load)?;
+        if let Some(fastest) = probes.iter().filter_map(Probe::round_trip).min() {
+            evidence.echo = Some(echo);
+            examiner.patience = fastest * 2 + Duration::from_secs(2);
+            break;
+        }
+    }
+    if evidence.echo.is_none() {
+        evidence.answers_slow_bytes = answers_slow_bytes(examiner)?;
+    }
+    first.ended = examiner.now();
+    first.frames = examiner.frames().to_vec();
+    first.add_damage(before, examiner.station().counters());
+    let after = examiner.station().counters();
+    evidence.any_byte = first.damaged + first.stray > 0 || after.frames != before.frames || after.unchecked != 0;
+    let seen = examiner.station().seen();
+    let component = seen.vehicles().next().or_else(|| seen.components().next());
+    evidence.vehicle = component.map(|component| component.address);
+    evidence.heartbeat = component.and_then(|component| component.heartbeat);
+    if evidence.vehicle.is_some_and(|vehicle| examiner.station().target().is_none_or(|target| target != vehicle)) {
+        examiner.station().set_target(evidence.vehicle.unwrap_or(Address::new(1, 1)));
+    }
+    evidence.first = first;
+    Ok(())
+}
+
+/// Whether a request is answered if its bytes arrive one by one: then the receiver loses bytes that follow each other.
+fn answers_slow_bytes<T: Drive>(examiner: &mut Examiner<'_, T>) -> Result<bool, Failure> {
+    examiner.station().set_heartbeats(None);
+    for echo in Echo::ALL {
+        let (now, target) = (examiner.now(), examiner.target());
+        examiner.step()?;
+        echo.send(examiner.station(), now, target);
+        let bytes = examiner.station().take_output();
+        examiner.send_slowly(&bytes, Duration::from_millis(10))?;
+        if examiner.until(Duration::from_secs(1), |frame| echo.is_answer(frame, now))? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Returns how fast the vehicle's clock runs. Requests a message with a time if none is streamed.
+fn clock_rate<T: Drive>(examiner: &mut Examiner<'_, T>, calm: &Trace) -> Result<Option<f64>, Failure> {
+    let least = Duration::from_secs(2);
+    // A stack whose clock is too slow sends no heartbeats, and answers late.
+    let has_heartbeats = !calm.arrivals(Heartbeat::ID).is_empty();
+    let patience = Duration::from_secs(if has_heartbeats { 3 } else { 30 });
+    for id in [Attitude::ID, SystemTime::ID] {
+        let rate = trace::clock_rate(examiner.frames(), least);
+        if rate.is_some() {
+            return Ok(rate);
+        }
+        // Two messages tell how much time has passed between them.
+        while request(examiner, id, patience)? && trace::clock_rate(examiner.frames(), least).is_none() {
+            examiner.wait(least)?;
+        }
+    }
+    Ok(trace::clock_rate(examiner.frames(), least))
+}
+
+/// Requests a message. Returns whether it came.
+fn request<T: Drive>(examiner: &mut Examiner<'_, T>, id: u32, patience: Duration) -> Result<bool, Failure> {
+    let target = examiner.target();
+    examiner.station().send(&CommandLong {
+        param1: id as f32,
+        command: MavCmd::REQUEST_MESSAGE,
+        target_system: target.system.wire(),
+        target_component: target.component.wire(),
+        ..CommandLong::default()
+    });
+    examiner.until(patience, |frame| frame.header.id == id)
+}
+
+/// Returns the intervals that the vehicle says of what it streams.
+fn intervals<T: Drive>(examiner: &mut Examiner<'_, T>, calm: &Trace) -> Result<Vec<(u32, Duration)>, Failure> {
+    let answer = [Heartbeat::ID, mavstack::dialect::Timesync::ID, mavstack::dialect::ParamValue::ID];
+    let streamed = calm.ids().into_iter().filter(|(id, count)| *count >= 2 && !answer.contains(id));
+    let mut intervals = Vec::new();
+    for (id, _) in streamed.take(MAX_INTERVALS) {
+        let request = Request::<MessageInterval>::new().with_index(id);
+        if let Some(message) = transport(examiner.run(request))?
+            && let Some(Interval::Every(interval)) = Interval::from_message(&message)
+        {
+            intervals.push((id, interval));
+        }
+    }
+    Ok(intervals)
+}
+
+/// Fills the line: requests and heartbeats to the vehicle, ATTITUDE from it.
+fn load<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &Evidence) -> Result<Trace, Failure> {
+    /// ATTITUDE with its header, and a share for what else is streamed.
+    const ATTITUDE_LEN: f64 = 40.0;
+    let rate = evidence.rate();
+    let before = transport(examiner.interval::<Attitude>())?.flatten();
+    let share = (rate * 0.8 - evidence.calm.bytes_per_second()).max(ATTITUDE_LEN);
+    let interval = Duration::from_micros((ATTITUDE_LEN / share * 1e6) as u64).max(Duration::from_millis(4));
+    let is_streamed = evidence.calm.ids().contains_key(&Attitude::ID);
+    if is_streamed {
+        transport(examiner.set_interval::<Attitude>(interval))?;
+    }
+    let load = Load { fill: rate * 0.8, ..Load::calm(Duration::from_secs(6)) };
+    let trace = examiner.measure(load)?;
+    if is_streamed {
+        transport(examiner.set_interval::<Attitude>(before.unwrap_or(Interval::Default)))?;
+    }
+    // What is queued on the way arrives before the next measurement.
+    examiner.wait(Duration::from_secs(1))?;
+    Ok(trace)
+}
+
+/// Changes a parameter by as little as possible, and restores it: twice the vehicle has something to store.
+fn store<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -> Result<(), Failure> {
+    let list = transport(examiner.run(parameters::List::new()))?.unwrap_or_default();
+    let Some((name, value)) = list.iter().find_map(harmless) else {
+        evidence.skipped.push("stalls while a parameter is stored: no parameter is a float other than 0".into());
+        return Ok(());
+    };
+    let near = f32::from_bits(value.to_bits() + 1);
+    let mut is_set = false;
+    let trace = examiner.trace(|examiner| {
+        let mut probes = Vec::new();
+        let load = Load { probe_every: Duration::from_millis(60), ..Load::calm(Duration::from_secs(4)) };
+        for value in [near, value] {
+            is_set = transport(examiner.set(&name, value))?.is_some();
+            probes.extend(examiner.probe(load)?);
+        }
+        Ok(probes)
+    })?;
+    if !is_set && !transport(examiner.get(&name))?.is_some_and(|now| now == Value::F32(value)) {
+        evidence.unrestored.push(format!("{name} was {value}"));
+    }
+    evidence.storing = Some(trace);
+    Ok(())
+}
+
+/// Returns a parameter that may change in its last bit: a float, and not 0, which often means "off".
+fn harmless(parameter: &Parameter) -> Option<(String, f32)> {
+    let Value::F32(value) = parameter.value else { return None };
+    let is_float = parameter.param_type == MavParamType::REAL32;
+    (is_float && value.is_normal() && value.abs() < 1e6).then(|| (parameter.name.clone(), value))
+}
+
+/// Uploads the mission that the vehicle has. If it has none, uploads one and clears it.
+fn plan<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -> Result<(), Failure> {
+    let Some(old) = transport(examiner.download_mission())? else {
+        evidence.skipped.push("the upload of a plan: the mission could not be downloaded".into());
+        return Ok(());
+    };
+    let place = |step: u32| waypoint(Place::relative(47.0 + f64::from(step) * 1e-4, 8.0, 10.0));
+    let items = if old.is_empty() { (0..20).map(place).collect() } else { old.clone() };
+    let mut uploaded = Ok(0);
+    let trace = examiner.trace(|examiner| {
+        uploaded = examiner.upload_mission(&items);
+        examiner.probe(Load::calm(Duration::from_secs(4)))
+    })?;
+    if old.is_empty() && transport(examiner.run(plans::Clear::new(PlanType::Mission)))?.is_none() {
+        evidence.unrestored.push("the mission was empty".into());
+    }
+    match uploaded {
+        Err(failure @ Failure::Transport(_)) => return Err(failure),
+        Err(failure) => evidence.services.push(("the upload of a mission", Err(failure))),
+        Ok(_) => {}
+    }
+    evidence.planning = Some(trace);
+    Ok(())
+}
+
+/// Connects as each client, MAVProxy last: it changes the rates of all streams, which are restored.
+fn clients<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -> Result<(), Failure> {
+    for client in [Client::QGroundControl, Client::Mavsdk, Client::MavProxy] {
+        examiner.become_client(client);
+        // Requests that were sent before are answered first.
+        if let Some(connected) = transport(examiner.run(Connect::new()))? {
+            evidence.connected.push((client, connected));
+        }
+    }
+    examiner.become_client(Client::QGroundControl);
+    let old = evidence.intervals.clone();
+    for (id, interval) in old {
+        let command = Send::new(MavCmd::SET_MESSAGE_INTERVAL, &[id as f32, Interval::Every(interval).micros()]);
+        transport(examiner.run(command))?;
+    }
+    Ok(())
+}
+
+/// Tries the services that the capabilities announce.
+fn services<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -> Result<(), Failure> {
+    use mavstack::dialect::MavProtocolCapability as Capability;
+    let connected = evidence.connected.iter().map(|(_, connected)| connected.capabilities());
+    let announced = connected.fold(Capability::EMPTY, |all, capabilities| all | capabilities);
+    let mut note = |name, result: Result<(), Failure>| match result {
+        Err(failure @ Failure::Transport(_)) => Err(failure),
+        result => {
+            evidence.services.push((name, result));
+            Ok(())
+        }
+    };
+    if announced.contains(Capability::FTP) {
+        note("FTP", examiner.list_files("/").map(drop))?;
+    }
+    if announced.contains(Capability::MISSION_INT) {
+        note("MISSION_INT", examiner.download_mission().map(drop))?;
+    }
+    if announced.contains(Capability::MISSION_FENCE) {
+        note("MISSION_FENCE", examiner.download_fence().map(drop))?;
+    }
+    if announced.contains(Capability::MISSION_RALLY) {
+        note("MISSION_RALLY", examiner.download_rally().map(drop))?;
+    }
+    Ok(())
+}
+
+fn note_texts<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) {
+    evidence.texts = examiner.station().seen().texts().cloned().collect();
+    let vehicle = evidence.vehicle;
+    let component = vehicle.and_then(|vehicle| examiner.station().seen().component(vehicle).cloned());
+    evidence.heartbeat = component.and_then(|component| component.heartbeat).or(evidence.heartbeat);
+}
+
+/// Passes on a failure of the transport. Others are what the examination looks for.
+fn transport<O>(result: Result<O, Failure>) -> Result<Option<O>, Failure> {
+    match result {
+        Ok(output) => Ok(Some(output)),
+        Err(failure @ Failure::Transport(_)) => Err(failure),
+        Err(_) => Ok(None),
+    }
+}

@@ -1,0 +1,134 @@
+//! Addresses, types and capabilities.
+
+use mavstack::dialect::{MavAutopilot, MavType};
+use mavstack_station::Client;
+use mavstack_station::names::Named;
+
+use crate::evidence::Evidence;
+use crate::finding::{Finding, Severity, Topic};
+
+/// Judges the identity.
+pub fn check(evidence: &Evidence) -> Vec<Finding> {
+    let checks = [component, no_autopilot, no_version, unserved, texts, unrestored];
+    checks.iter().filter_map(|check| check(evidence)).collect()
+}
+
+fn finding(
+    id: &'static str,
+    severity: Severity,
+    observed: String,
+    cause: &'static str,
+    remedy: &'static str,
+) -> Finding {
+    Finding { id, topic: Topic::Identity, severity, observed, cause, remedy }
+}
+
+/// The component id.
+fn component(evidence: &Evidence) -> Option<Finding> {
+    let component = evidence.vehicle?.component.wire();
+    let heartbeat = evidence.heartbeat?;
+    let is_autopilot = heartbeat.autopilot != MavAutopilot::INVALID;
+    (is_autopilot && component != 1).then(|| {
+        finding(
+            "component-id",
+            Severity::Error,
+            format!("The autopilot's heartbeats come from component {component}."),
+            "The component id is not 1 (MAV_COMP_ID_AUTOPILOT1). QGroundControl and MAVSDK take component 1 for the autopilot.",
+            "Use `Config::new(Address::new(system, 1), …)`. Give other components ids of their own.",
+        )
+    })
+}
+
+/// The heartbeat of a component.
+fn no_autopilot(evidence: &Evidence) -> Option<Finding> {
+    let heartbeat = evidence.heartbeat?;
+    let is_none = heartbeat.autopilot == MavAutopilot::INVALID || heartbeat.r#type == MavType::GCS;
+    is_none.then(|| {
+        finding(
+            "no-autopilot",
+            Severity::Error,
+            format!(
+                "The heartbeats have type {} and autopilot {}.",
+                heartbeat.r#type.named(),
+                heartbeat.autopilot.named()
+            ),
+            "The heartbeat says that this is a component or a ground station, not a vehicle.",
+            "Set `Config::type` to the vehicle's type, and leave the autopilot at `GENERIC`.",
+        )
+    })
+}
+
+/// No AUTOPILOT_VERSION.
+fn no_version(evidence: &Evidence) -> Option<Finding> {
+    let asked =
+        evidence.connected.iter().filter(|(client, _)| matches!(client, Client::QGroundControl | Client::Mavsdk));
+    let (mut asked, line) = (asked.peekable(), evidence.calm.unanswered());
+    asked.peek()?;
+    (asked.all(|(_, connected)| connected.version.is_none()) && line < 0.05).then(|| {
+        finding(
+            "no-version",
+            Severity::Error,
+            "AUTOPILOT_VERSION was requested, and did not come.".into(),
+            "The request for message 148 is not answered, so no client knows the capabilities.",
+            "Answer MAV_CMD_REQUEST_MESSAGE, which the stack does; let `Commands::command` not take it away.",
+        )
+    })
+}
+
+/// Capabilities that are announced and not served.
+fn unserved(evidence: &Evidence) -> Option<Finding> {
+    let failed: Vec<_> = evidence
+        .services
+        .iter()
+        .filter_map(|(name, result)| result.as_ref().err().map(|failure| format!("{name}: {failure}")))
+        .collect();
+    if failed.is_empty() || evidence.calm.unanswered() > 0.05 {
+        return None;
+    }
+    Some(finding(
+        "capability-not-served",
+        Severity::Error,
+        format!("Announced, but not served: {}.", failed.join("; ")),
+        "The capabilities of AUTOPILOT_VERSION promise a service that the firmware does not have.",
+        "Remove the bit from `Identity::capabilities`; the stack sets those of its own services itself.",
+    ))
+}
+
+/// What the stack says of the firmware.
+fn texts(evidence: &Evidence) -> Option<Finding> {
+    let known = [
+        (
+            "Clock was set back",
+            "The clock that is passed as `now` wraps, as a 32-bit counter of microseconds does after 71 minutes, or was reset.",
+            "Extend it to 64 bits, as section 2 of the guide shows.",
+        ),
+        (
+            "Accepted mode was not reported",
+            "`Modes::set_mode` returns ACCEPTED, and `Vehicle::state` does not report that mode within a second.",
+            "Refuse the mode, or enter it.",
+        ),
+        (
+            "IN_PROGRESS without a slot",
+            "A hook returns IN_PROGRESS itself.",
+            "Return `cx.start()` from `Commands::command`, and declare `commands: { slots: 2 }`.",
+        ),
+    ];
+    let (text, (_, cause, remedy)) = evidence.texts.iter().find_map(|text| {
+        let known = known.iter().find(|(part, ..)| text.text.contains(part))?;
+        Some((&text.text, *known))
+    })?;
+    Some(finding("vehicle-text", Severity::Error, format!("The vehicle says: \"{text}\"."), cause, remedy))
+}
+
+/// What the examination has changed and could not restore.
+fn unrestored(evidence: &Evidence) -> Option<Finding> {
+    (!evidence.unrestored.is_empty()).then(|| {
+        finding(
+            "not-restored",
+            Severity::Error,
+            format!("Changed by this examination, and not restored: {}.", evidence.unrestored.join("; ")),
+            "The vehicle did not accept its old value, or did not answer.",
+            "Restore it with a ground station.",
+        )
+    })
+}

@@ -1,0 +1,199 @@
+//! Bytes and frames that are lost or damaged.
+
+use crate::evidence::Evidence;
+use crate::finding::{Finding, Severity, Topic};
+use crate::trace::seconds;
+
+/// Judges the line.
+pub fn check(evidence: &Evidence) -> Vec<Finding> {
+    let checks = [silence, garbage, unanswered, damage, stray, bursts, lost_requests, lost_frames];
+    checks.iter().filter_map(|check| check(evidence)).collect()
+}
+
+fn finding(
+    id: &'static str,
+    severity: Severity,
+    observed: String,
+    cause: &'static str,
+    remedy: &'static str,
+) -> Finding {
+    Finding { id, topic: Topic::Line, severity, observed, cause, remedy }
+}
+
+/// Not one byte.
+fn silence(evidence: &Evidence) -> Option<Finding> {
+    (!evidence.any_byte).then(|| {
+        finding(
+            "silent",
+            Severity::Error,
+            "Not one byte was received, and no request was answered.".into(),
+            "The wiring, the pins or the port; or the firmware calls neither `stack.begin` nor `poll_link`, or it hangs.",
+            "Check with `stack.link_counters(link)` whether the firmware sends. If it does, swap RX and TX, and check the ground wire.",
+        )
+    })
+}
+
+/// Bytes, but no frames.
+fn garbage(evidence: &Evidence) -> Option<Finding> {
+    let first = &evidence.first;
+    (evidence.any_byte && first.frames.is_empty()).then(|| {
+        finding(
+            "no-frames",
+            Severity::Error,
+            format!(
+                "Bytes were received, but no frame: {} stray bytes, {} damaged frames.",
+                first.stray, first.damaged
+            ),
+            "The baud rate is wrong, or something that does not speak MAVLink sends on this port.",
+            "Set the same baud rate on both sides. Check the clock from which the UART's rate is derived.",
+        )
+    })
+}
+
+/// Heartbeats, but no answer.
+fn unanswered(evidence: &Evidence) -> Option<Finding> {
+    let hears = !evidence.first.frames.is_empty() && evidence.echo.is_none();
+    let (observed, cause, remedy) = match evidence.answers_slow_bytes {
+        _ if !hears || is_timer_alone(evidence) => return None,
+        true => (
+            "Requests are answered only if their bytes arrive one by one.",
+            "The UART's receive FIFO overruns between two polls: it cannot hold a frame.",
+            "Receive by interrupt or DMA into a queue, and poll the link from the queue.",
+        ),
+        false => (
+            "Frames arrive, but no request was answered: neither TIMESYNC, nor a parameter, nor a command.",
+            "The receive side of the UART, if `checksum` or `skipped` of `stack.rx_counters(link)` grow; the wiring to its RX pin if no \
+             counter grows; or nothing polls the link.",
+            "Call `poll_link` in every pass. Check the RX pin, and that the UART's receiver is enabled.",
+        ),
+    };
+    Some(finding("no-answers", Severity::Error, observed.into(), cause, remedy))
+}
+
+/// Nothing but heartbeats: see [`timing`](crate::timing).
+fn is_timer_alone(evidence: &Evidence) -> bool {
+    crate::timing::is_only_heartbeats(&evidence.first)
+}
+
+/// Damaged frames.
+fn damage(evidence: &Evidence) -> Option<Finding> {
+    let calm = &evidence.calm;
+    let frames = calm.frames.len().max(1) as f64;
+    if f64::from(calm.damaged) / frames < 0.005 && calm.damaged < 2 {
+        return None;
+    }
+    let observed = |up: &str| {
+        format!(
+            "In calm, {} of {} frames from the vehicle were damaged, {up}.",
+            calm.damaged,
+            calm.damaged as usize + calm.frames.len()
+        )
+    };
+    let share = calm.unanswered();
+    if share > 0.01 && evidence.chunks.as_ref().is_none_or(|chunks| chunks.limit().is_none()) {
+        return Some(finding(
+            "damage-both-ways",
+            Severity::Error,
+            observed(&format!("and {:.0} % of the requests to it were not answered", share * 100.0)),
+            "The baud rates of the two sides differ slightly, or the clock of one UART is inaccurate. An error above 2 % damages bytes.",
+            "Compute the rate that the UART really has from its clock and divider. Use a crystal, or a rate that the clock divides well. \
+             Else check the ground wire and the levels.",
+        ));
+    }
+    Some(finding(
+        "damage-from-vehicle",
+        Severity::Error,
+        observed("but its requests are answered"),
+        "The vehicle's transmit side: two writers share the UART, or a DMA buffer is changed while it is sent, or the line is disturbed.",
+        "Let only `poll_link` write to the UART. Do not reuse a DMA buffer before its transfer has ended.",
+    ))
+}
+
+/// Bytes outside frames.
+fn stray(evidence: &Evidence) -> Option<Finding> {
+    let calm = &evidence.calm;
+    (calm.damaged == 0 && calm.stray > 4).then(|| {
+        finding(
+            "stray-bytes",
+            Severity::Warning,
+            format!("{} bytes outside frames were received in {} s.", calm.stray, calm.time().as_millis() / 1_000),
+            "Something else writes to the same port: a log, `printf`, a boot loader.",
+            "Log over another port, such as defmt over RTT, or in STATUSTEXT.",
+        )
+    })
+}
+
+/// The end of large bursts is lost.
+///
+/// A queue that is emptied by polls holds at least what arrives from one to the next, or it overruns. The spread of the answer times
+/// is that time. A limit that polls do not explain is that of a buffer which is only handed over when the line is idle.
+fn bursts(evidence: &Evidence) -> Option<Finding> {
+    let limit = evidence.chunks.as_ref()?.limit()?;
+    let times = evidence.calm.round_trips();
+    let spread = *times.get(times.len() * 9 / 10)? - *times.first()?;
+    let between_polls = seconds(spread) * evidence.rate();
+    let observed = format!(
+        "Bursts of {limit} bytes or more lose their end. Requests wait up to {} ms for a poll, in which {between_polls:.0} bytes arrive.",
+        spread.as_millis()
+    );
+    if between_polls < 0.6 * limit as f64 {
+        return Some(finding(
+            "receive-cut",
+            Severity::Error,
+            observed,
+            "The receive buffer of the DMA is too short, and what does not fit is cut until the line is idle.",
+            "Use circular DMA, and take the bytes when it is half full, when it is full, and when the line is idle. Or use a buffer \
+             that is longer than the longest burst: a frame has up to 280 bytes.",
+        ));
+    }
+    Some(finding(
+        "receive-overrun",
+        Severity::Error,
+        observed,
+        "The UART's receive FIFO or queue overruns between two polls.",
+        "Poll the link more often, or make the receive queue longer. Section 4 of the guide has the size for a rate and an interval.",
+    ))
+}
+
+/// Requests are lost without damage and without a limit of size.
+fn lost_requests(evidence: &Evidence) -> Option<Finding> {
+    let load = evidence.load.as_ref()?;
+    let (calm, loaded) = (evidence.calm.unanswered(), load.unanswered());
+    let limit = evidence.chunks.as_ref().and_then(|chunks| chunks.limit());
+    let is_damaged = evidence.calm.damaged > 1;
+    let is_explained = limit.is_some() || is_damaged || crate::timing::is_clock_wrong(evidence);
+    if is_explained || calm.max(loaded) < 0.03 {
+        return None;
+    }
+    Some(finding(
+        "requests-lost",
+        Severity::Warning,
+        format!(
+            "{:.0} % of the requests were not answered in calm, and {:.0} % on a full line.",
+            calm * 100.0,
+            loaded * 100.0
+        ),
+        "The line loses frames, as a radio does at its range; or the receive queue overruns between two polls.",
+        "Look at `stack.rx_counters(link)`: `checksum` grows with lost bytes. Compare on a cable.",
+    ))
+}
+
+/// Frames of the vehicle are lost without damage.
+fn lost_frames(evidence: &Evidence) -> Option<Finding> {
+    let calm = &evidence.calm;
+    let lost = calm.lost();
+    if calm.damaged > 1 || lost * 50 <= calm.frames.len() as u64 || crate::timing::has_own_numbers(calm) {
+        return None;
+    }
+    Some(finding(
+        "frames-lost",
+        Severity::Warning,
+        format!(
+            "{lost} frames from the vehicle were lost, and {} arrived, by their sequence numbers.",
+            calm.frames.len()
+        ),
+        "The line loses whole frames, as a radio or UDP does; or the transmit queue drops what it cannot hold; or two encoders share an \
+         address.",
+        "Let `write` take as many bytes as fit, and return that number. Give each component its own address.",
+    ))
+}

@@ -1,0 +1,3 @@
+//! `mavstack-check`: examines a vehicle's board.
+
+fn main() {}

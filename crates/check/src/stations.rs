@@ -1,0 +1,137 @@
+//! What ground stations show, hide or refuse.
+
+use mavstack::dialect::{MavAutopilot, MavParamType, MavResult, MavSysStatusSensor as Sensor, SysStatus};
+use mavstack_station::connect::Connected;
+use mavstack_station::{Client, Failure};
+
+use crate::evidence::Evidence;
+use crate::finding::{Finding, Severity, Topic};
+
+/// Judges what the clients have learned. Timeouts are left out if the line or the times explain them.
+pub fn check(evidence: &Evidence, is_explained: bool) -> Vec<Finding> {
+    let of = |client| evidence.connected.iter().find(|(other, _)| *other == client).map(|(_, connected)| connected);
+    let mut findings = Vec::new();
+    if let Some(connected) = of(Client::QGroundControl) {
+        findings.extend(no_parameters(connected).filter(|_| !is_explained));
+        findings.extend(no_modes(connected).filter(|_| !is_explained));
+        findings.extend(not_ready(evidence));
+    }
+    findings.extend(of(Client::MavProxy).and_then(integers));
+    findings.extend(unanswered(evidence).filter(|_| !is_explained));
+    findings.extend(hidden(evidence));
+    findings
+}
+
+fn finding(
+    id: &'static str,
+    severity: Severity,
+    observed: String,
+    cause: &'static str,
+    remedy: &'static str,
+) -> Finding {
+    Finding { id, topic: Topic::Stations, severity, observed, cause, remedy }
+}
+
+fn no_parameters(connected: &Connected) -> Option<Finding> {
+    connected.parameters.is_empty().then(|| {
+        finding(
+            "no-parameters",
+            Severity::Error,
+            "QGroundControl stays at \"loading parameters\": it received none.".into(),
+            "The vehicle has no parameters; or `poll_link` runs too rarely, and the UART's queue overruns, which it counts.",
+            "Declare at least one parameter with `parameters!`.",
+        )
+    })
+}
+
+fn no_modes(connected: &Connected) -> Option<Finding> {
+    connected.modes.is_empty().then(|| {
+        finding(
+            "no-modes",
+            Severity::Warning,
+            "QGroundControl shows no mode to choose.".into(),
+            "The vehicle does not answer the request for AVAILABLE_MODES.",
+            "Declare `modes` in the stack, and list them in `Modes::MODES`.",
+        )
+    })
+}
+
+/// QGroundControl's "Not ready".
+fn not_ready(evidence: &Evidence) -> Option<Finding> {
+    let status = evidence.calm.frames.iter().rev().find_map(|frame| frame.decode::<SysStatus>());
+    let is_set = |sensors: Sensor| sensors.contains(Sensor::PREARM_CHECK);
+    let is_ready = status.is_some_and(|status| {
+        is_set(status.onboard_control_sensors_present)
+            && is_set(status.onboard_control_sensors_enabled)
+            && is_set(status.onboard_control_sensors_health)
+    });
+    (!is_ready).then(|| {
+        finding(
+            "not-ready",
+            Severity::Note,
+            "QGroundControl shows \"Not Ready\", or no readiness.".into(),
+            "SYS_STATUS is not streamed, or its pre-arm check is not present, enabled and healthy.",
+            "Nothing, if the vehicle is not ready. Else set MAV_SYS_STATUS_PREARM_CHECK in all three fields.",
+        )
+    })
+}
+
+/// MAVProxy's integers.
+fn integers(connected: &Connected) -> Option<Finding> {
+    let integers = connected.parameters.iter().filter(|parameter| parameter.param_type != MavParamType::REAL32);
+    let count = integers.count();
+    let decodes = matches!(connected.heartbeat.autopilot, MavAutopilot::PX4 | MavAutopilot::ARDUPILOTMEGA);
+    (count > 0 && !decodes).then(|| {
+        finding(
+            "mavproxy-integers",
+            Severity::Note,
+            format!("MAVProxy shows wrong values of {count} integer parameters."),
+            "MAVProxy reads integers in ArduPilot's encoding.",
+            "Prefer `f32` parameters.",
+        )
+    })
+}
+
+/// Requests of the clients that were not answered. A refusal is an answer.
+fn unanswered(evidence: &Evidence) -> Option<Finding> {
+    let failures = evidence.connected.iter().flat_map(|(client, connected)| {
+        let timeouts = connected
+            .failures
+            .iter()
+            .filter(|failure| matches!(failure, Failure::Timeout { .. } | Failure::Protocol(_)));
+        timeouts.map(move |failure| format!("{client}: {failure}"))
+    });
+    let failures: Vec<_> = failures.collect();
+    (!failures.is_empty()).then(|| {
+        finding(
+            "client-unanswered",
+            Severity::Warning,
+            format!("{}.", failures.join("; ")),
+            "The vehicle answers neither yes nor no, so the client waits and repeats.",
+            "Refuse what is unknown: with UNSUPPORTED for commands. The stack does it for all services that it has.",
+        )
+    })
+}
+
+/// What clients hide, because the vehicle refuses it.
+fn hidden(evidence: &Evidence) -> Option<Finding> {
+    let refused = evidence.connected.iter().flat_map(|(client, connected)| {
+        let is_refusal = |failure: &&Failure| {
+            matches!(
+                failure,
+                Failure::Command { result: MavResult::UNSUPPORTED | MavResult::DENIED, .. } | Failure::File { .. }
+            )
+        };
+        connected.failures.iter().filter(is_refusal).map(move |failure| format!("{client}: {failure}"))
+    });
+    let refused: Vec<_> = refused.collect();
+    (!refused.is_empty()).then(|| {
+        finding(
+            "hidden",
+            Severity::Note,
+            format!("{}.", refused.join("; ")),
+            "The client asks for a service that the vehicle does not have, and does without.",
+            "Nothing, or declare the service in the stack.",
+        )
+    })
+}

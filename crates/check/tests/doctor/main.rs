@@ -1,0 +1,109 @@
+//! The doctor on a sound board, and on boards that are each made faulty in one way that people report.
+
+mod board;
+
+use board::{BAUD, Fault, SLOW_BAUD, board};
+use mavstack_check::{Options, Outcome, Report, examine};
+
+fn options(fault: Fault) -> Options {
+    let baud = if fault == Fault::Streams { SLOW_BAUD } else { BAUD };
+    Options { line_rate: Some(baud / 10), write: true }
+}
+
+/// Examines a board. Prints what was found, for a test that fails.
+fn report(fault: Fault) -> Report {
+    let mut rig = board(fault);
+    let report = examine(&mut rig, &options(fault), &mut |_| {}).expect("the rig's transport does not fail");
+    println!("{fault:?}, after {} s:", rig.now().as_millis() / 1_000);
+    for finding in &report.findings {
+        println!("  {:?} {}: {}", finding.severity, finding.id, finding.observed);
+    }
+    for measured in &report.measured {
+        println!("    {}: {:.1} {}", measured.name, measured.value, measured.unit);
+    }
+    println!("    skipped: {:?}", report.skipped);
+    report
+}
+
+/// Asserts that the finding is the first one, and that nothing else is found but `consequences`.
+#[track_caller]
+fn finds(fault: Fault, id: &str, consequences: &[&str]) {
+    let report = report(fault);
+    assert_eq!(report.outcome, Outcome::Findings);
+    let found: Vec<_> = report.problems().map(|finding| finding.id).collect();
+    assert!(found.contains(&id), "{found:?}");
+    assert!(found.iter().all(|other| *other == id || consequences.contains(other)), "{found:?}");
+}
+
+#[test]
+fn nothing_on_a_sound_board() {
+    let report = report(Fault::None);
+    assert_eq!(report.problems().count(), 0);
+    assert_eq!(report.outcome, Outcome::Sound);
+}
+
+#[test]
+fn a_baud_rate_slightly_off() {
+    finds(Fault::Baud, "damage-both-ways", &[]);
+}
+
+#[test]
+fn a_fifo_that_overruns() {
+    finds(Fault::Fifo, "receive-overrun", &[]);
+}
+
+#[test]
+fn a_fifo_that_holds_no_frame() {
+    finds(Fault::TinyFifo, "no-answers", &[]);
+}
+
+#[test]
+fn a_dma_buffer_that_is_cut() {
+    finds(Fault::DmaCut, "receive-cut", &[]);
+}
+
+#[test]
+fn a_poll_every_200_ms() {
+    finds(Fault::SlowPoll, "poll-slow", &["receive-overrun"]);
+}
+
+#[test]
+fn a_forgotten_poll() {
+    finds(Fault::NoPoll, "no-heartbeat", &[]);
+}
+
+#[test]
+fn a_stall_in_an_erase() {
+    finds(Fault::Erase, "stall", &[]);
+}
+
+#[test]
+fn a_clock_in_milliseconds() {
+    finds(Fault::ClockMillis, "clock-unit", &[]);
+}
+
+#[test]
+fn streams_above_the_rate_of_the_line() {
+    finds(Fault::Streams, "streams-above-rate", &[]);
+}
+
+#[test]
+fn a_wrong_component_id() {
+    finds(Fault::Component, "component-id", &[]);
+}
+
+#[test]
+fn heartbeats_from_a_timer() {
+    finds(Fault::Timer, "heartbeats-from-timer", &[]);
+}
+
+#[test]
+fn heartbeats_from_a_timer_while_the_loop_hangs() {
+    finds(Fault::TimerHangs, "heartbeats-from-timer", &[]);
+}
+
+#[test]
+fn a_board_without_power() {
+    let report = report(Fault::Dead);
+    assert_eq!((report.outcome, report.findings[0].id), (Outcome::Silent, "silent"));
+}
