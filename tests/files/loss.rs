@@ -2,7 +2,11 @@
 
 use super::*;
 use mavstack::Duration;
+use mavstack_station::Client;
 use proptest::prelude::*;
+
+/// The clients that read empty files.
+const CLIENTS: [Client; 3] = [Client::QGroundControl, Client::MavProxy, Client::Pymavlink];
 
 /// A line that loses this share of frames, and duplicates and reorders some.
 pub fn line(loss: f64, disorder: f64) -> LineConfig {
@@ -25,20 +29,18 @@ pub fn lossy(line: LineConfig, seed: u64) -> Shelf {
 }
 
 /// Runs transfers at the same time, each on its link, until all have ended.
-pub fn run(world: &mut Shelf, transfers: &mut [(usize, Transfer)]) -> Duration {
+pub fn run<D: Dialogue>(world: &mut Shelf, transfers: &mut [(usize, Talk<D>)]) -> Duration {
     let begin = world.now();
     let mut left: Vec<usize> = (0..transfers.len()).collect();
     let ended = world.run_until(secs(900), |world| {
         let now = world.now();
         left.retain(|number| {
             let (link, transfer) = &mut transfers[*number];
-            match transfer.poll(now, &mut world.gcs[*link]) {
-                Some(result) => {
-                    assert_eq!(result, Ok(()), "{transfer:?}");
-                    false
-                }
-                None => true,
+            let result = transfer.poll(now, &mut world.gcs[*link]);
+            if let Some(Err(failure)) = result {
+                panic!("{failure}");
             }
+            result.is_none()
         });
         assert!(world.vehicle.files.open.len() <= 2, "F-6");
         left.is_empty()
@@ -47,20 +49,29 @@ pub fn run(world: &mut Shelf, transfers: &mut [(usize, Transfer)]) -> Duration {
     world.now() - begin
 }
 
+/// A download of a user who presses the button again.
+pub fn download(client: Client, address: Address, path: &str) -> Talk<impl Dialogue<Output = Vec<u8>>> {
+    Talk::new(client, address, Again::new(20, move || Download::new(path)))
+}
+
+/// An upload likewise.
+pub fn upload(client: Client, path: &str, bytes: &[u8]) -> Talk<impl Dialogue<Output = ()>> {
+    Talk::new(client, STATION, Again::new(20, move || Upload::new(path, bytes)))
+}
+
 /// F-4, F-8: a download and an upload are right with 0, 10 and 20 % loss, duplicates and reordering.
 #[test]
 fn transfers_survive_loss() {
     for (loss, disorder) in [(0.0, 0.0), (0.1, 0.1), (0.2, 0.1), (0.0, 0.3)] {
-        for seed in 1..6 {
+        for (seed, client) in (1..).zip([Client::QGroundControl, Client::Mavsdk, Client::MavProxy, Client::Pymavlink]) {
             let mut world = lossy(line(loss, disorder), seed);
             let content = pattern(9_000 + seed as usize);
             world.vehicle.files.content.insert("big.bin".to_string(), content.clone());
-            let mut transfers = [(0, Transfer::download(STATION, 0, 0, "big.bin"))];
+            let mut transfers = [(0, download(client, STATION, "big.bin"))];
             run(&mut world, &mut transfers);
-            assert!(transfers[0].1.content() == content, "{loss}");
-            let mut transfers = [(0, Transfer::upload(STATION, 0, 1_000, "up.bin", &content))];
-            run(&mut world, &mut transfers);
-            assert!(world.vehicle.files.content["up.bin"] == content, "{loss}");
+            assert!(*transfers[0].1.output() == content, "{client}, {loss}");
+            run(&mut world, &mut [(0, upload(client, "up.bin", &content))]);
+            assert!(world.vehicle.files.content["up.bin"] == content, "{client}, {loss}");
             world.run_for(secs(11));
             assert!(world.vehicle.files.open.is_empty());
         }
@@ -78,12 +89,13 @@ fn four_clients_get_their_files() {
         }
         let client = |number: usize| {
             let address = Address::new(200 + (number / 2) as u8, 190);
-            (number % 2, Transfer::download(address, number as u8 / 2, 0, names[number]))
+            let like = [Client::Mavsdk, Client::MavProxy][number / 2];
+            (number % 2, download(like, address, names[number]))
         };
         let mut transfers = [client(0), client(1), client(2), client(3)];
         run(&mut world, &mut transfers);
         for (number, (_, transfer)) in transfers.iter().enumerate() {
-            assert!(transfer.content() == pattern(2_000 + number), "client {number}");
+            assert!(*transfer.output() == pattern(2_000 + number), "client {number}");
         }
     }
 }
@@ -98,14 +110,14 @@ proptest! {
         disorder in 0.0..0.3f64,
         len in 0..3_000usize,
         block in 20..240u8,
+        client in 0..3usize,
         seed in any::<u64>(),
     ) {
         let mut world = lossy(line(loss, disorder), seed);
         world.vehicle.files.content.insert("any.bin".to_string(), pattern(len));
-        let mut transfer = Transfer::download(STATION, 2, seed as u16, "any.bin");
-        transfer.block = block;
-        let mut transfers = [(0, transfer)];
+        let again = Again::new(20, || Download::new("any.bin").with_block(block));
+        let mut transfers = [(0, Talk::new(CLIENTS[client], STATION, again))];
         run(&mut world, &mut transfers);
-        prop_assert!(transfers[0].1.content() == pattern(len));
+        prop_assert!(*transfers[0].1.output() == pattern(len));
     }
 }

@@ -16,6 +16,8 @@ mod sessions;
 use mavstack::config::StreamProfile;
 use mavstack::dialect::{FileTransferProtocol, MavFtpErr, MavFtpOpcode};
 use mavstack::{Address, LinkConfig, LinkId};
+use mavstack_station::files::{Download, Upload};
+use mavstack_station::{Again, Dialogue};
 use support::files::{Packet, request};
 use support::*;
 

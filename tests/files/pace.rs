@@ -27,12 +27,12 @@ fn burst_uses_the_link() {
         let mut world = world_at(baud);
         world.gcs[0].forget();
         let begin = world.now();
-        let mut transfer = Transfer::download(STATION, 0, 0, "big.bin");
+        let mut transfer = Talk::new(mavstack_station::Client::QGroundControl, STATION, Download::new("big.bin"));
         let ended = world.run_until(secs(60), |world| {
             let now = world.now();
             transfer.poll(now, &mut world.gcs[0]).is_some()
         });
-        assert!(ended && transfer.content() == pattern(100_000));
+        assert!(ended && *transfer.output() == pattern(100_000));
         let micros = (world.now() - begin).as_micros();
         let sent: usize = world.gcs[0].received.iter().map(|frame| frame.raw.len()).sum();
         let share = sent as u64 * 100 * 1_000_000 / micros / u64::from(baud / 10);

@@ -1,12 +1,9 @@
 //! `@PARAM/param.pck`: rules P-22, F-14.
 
 use super::*;
-use mavstack::__private::Declares;
 use mavstack::dialect::{MavCmd, MavParamError, MavResult, MavSeverity, ParamRequestList, ParamValue, Statustext};
 use mavstack::param::{ParamInfo, RuntimeTable};
-use mavstack::{
-    Command, Commands, Context, Duration, Files, Instant, Outcome, ParamChange, Parameters, Vehicle, VehicleState,
-};
+use mavstack::{Command, Commands, Context, Files, Instant, Outcome, ParamChange, Parameters, Vehicle, VehicleState};
 
 const FILE: &str = "@PARAM/param.pck";
 
@@ -428,23 +425,6 @@ fn upload_needs_room() {
     assert_eq!(Packet::of(&answer).error(), Some(MavFtpErr::FILEPROTECTED));
 }
 
-/// Returns the time that a transfer takes.
-fn run<const N: usize, D: Declares<Vehicle: Default>>(world: &mut World<N, D>, transfer: &mut Transfer) -> Duration {
-    let begin: Instant = world.now();
-    let ended = world.run_until(secs(600), |world| {
-        let now = world.now();
-        match transfer.poll(now, &mut world.gcs[0]) {
-            Some(result) => {
-                assert_eq!(result, Ok(()));
-                true
-            }
-            None => false,
-        }
-    });
-    assert!(ended);
-    world.now() - begin
-}
-
 /// A vehicle with 52 parameters.
 #[derive(Default)]
 struct Tuned;
@@ -486,9 +466,11 @@ fn file_and_list(count: usize, loss: f64) -> (u64, u64) {
         world.stack.parameters_mut().add(info).expect("room");
     }
     world.run_for(millis(1_500));
-    let mut transfer = Transfer::download(STATION, 3, 0, FILE);
-    let by_file = run(&mut world, &mut transfer);
-    assert_eq!(decode(&transfer.content()).0.len(), count);
+    let begin = world.now();
+    let mut transfer = loss::download(mavstack_station::Client::MavProxy, STATION, FILE);
+    assert!(world.run_until(secs(600), |world| transfer.poll(world.now(), &mut world.gcs[0]).is_some()));
+    let by_file = world.now() - begin;
+    assert_eq!(decode(transfer.output()).0.len(), count);
     let begin = world.now();
     world.gcs[0].forget();
     world.gcs[0].send(&ParamRequestList { target_system: 1, target_component: 1 });

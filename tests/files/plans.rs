@@ -8,6 +8,7 @@ use mavstack::dialect::{
 };
 use mavstack::plan::PlanView;
 use mavstack::{Duration, PlanType};
+use mavstack_station::Client as Real;
 use proptest::prelude::{any, prop_assert, prop_assert_eq, proptest};
 
 const MISSION: &str = "@MISSION/mission.dat";
@@ -433,14 +434,15 @@ fn upload_of_plans_needs_room() {
 fn plans_survive_loss() {
     for (loss, disorder) in [(0.0, 0.0), (0.1, 0.1), (0.2, 0.1)] {
         for (seed, kind) in (1..).zip(PlanType::ALL) {
+            let client = if kind == PlanType::Fence { Real::Pymavlink } else { Real::MavProxy };
             let mut world = loss::lossy(loss::line(loss, disorder), seed);
             let plan = items(kind, [60, 20, 6][seed as usize - 1], 1);
-            let up = Transfer::upload(STATION, 0, 0, path(kind), &file(kind, &plan));
-            let took = loss::run(&mut world, &mut [(0, up)]);
+            let bytes = file(kind, &plan);
+            let took = loss::run(&mut world, &mut [(0, loss::upload(client, path(kind), &bytes))]);
             assert!(took < Duration::from_secs(60), "{took:?}");
-            let mut down = [(0, Transfer::download(STATION, 1, 0, path(kind)))];
+            let mut down = [(0, loss::download(client, STATION, path(kind)))];
             loss::run(&mut world, &mut down);
-            assert_eq!(content(&decode(&down[0].1.content()).1), content(&plan));
+            assert_eq!(content(&decode(down[0].1.output()).1), content(&plan));
             assert_eq!(downloaded(&mut world, kind), content(&plan));
         }
     }

@@ -3,6 +3,7 @@
 use super::*;
 use crate::support::files::{Packet, request};
 use mavstack::dialect::{FileTransferProtocol, MavFtpErr, MavFtpOpcode};
+use mavstack_station::files::Download;
 
 #[derive(mavstack::Stack)]
 #[stack(vehicle: TestVehicle, links: 2, streams, commands: { slots: 3 }, files: { sessions: 2 }, logs)]
@@ -47,12 +48,13 @@ fn a_log_is_downloaded_as_a_file() {
     for (number, len) in [(0usize, 0usize), (1, 239), (2, 20_000)] {
         let mut shelf = shelf(&[0, 239, 20_000]);
         shelf.vehicle.logs.later = 5;
-        let mut transfer = Transfer::download(STATION, 0, 0, &format!("@MAV_LOG/log_{number}.ulg"));
+        let download = Download::new(format!("@MAV_LOG/log_{number}.ulg"));
+        let mut transfer = Talk::new(Client::QGroundControl, STATION, download);
         let ended = shelf.run_until(secs(20), |shelf| {
             let now = shelf.now();
             transfer.poll(now, &mut shelf.gcs[0]).is_some()
         });
-        assert!(ended && transfer.content() == content(number, len));
+        assert!(ended && *transfer.output() == content(number, len));
     }
 }
 
@@ -72,12 +74,12 @@ fn a_slow_log_delays_no_other_file() {
         assert!((190..=210).contains(&shelf.vehicle.logs.reads), "{}", shelf.vehicle.logs.reads);
         assert!(passes < idle + 420, "{passes} passes, {idle} without a client");
 
-        let mut transfer = Transfer::download(OTHER_STATION, 0, 1, "docs/licence.txt");
+        let mut transfer = Talk::new(Client::QGroundControl, OTHER_STATION, Download::new("docs/licence.txt"));
         let ended = shelf.run_until(millis(100), |shelf| {
             let now = shelf.now();
             transfer.poll(now, &mut shelf.gcs[0]).is_some()
         });
-        assert!(ended && transfer.content() == *b"MIT", "{opcode:?}");
+        assert!(ended && transfer.output() == b"MIT", "{opcode:?}");
         shelf.run_for(millis(20));
         assert_eq!(ask(&mut shelf, 3, MavFtpOpcode::RESETSESSION, ""), Ok(vec![]));
     }

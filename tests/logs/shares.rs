@@ -5,6 +5,7 @@ use mavstack::dialect::{
     Attitude, FileTransferProtocol, GlobalPositionInt, LoggingData, MavCmd, ParamRequestList, ParamValue, SysStatus,
 };
 use mavstack::param::ParamTable;
+use mavstack_station::files::Download;
 
 #[derive(mavstack::Stack)]
 #[stack(
@@ -23,7 +24,7 @@ struct Loaded {
 /// A ground station that has everything transferred at once.
 struct Busy {
     world: World<1, Loaded>,
-    file: Transfer,
+    file: Talk<Download>,
     rate: usize,
     has_list: bool,
 }
@@ -59,7 +60,7 @@ impl Busy {
         world.vehicle.logs.data = bytes.clone();
         world.vehicle.logs.content = vec![bytes];
         world.gcs[0].heartbeat_period = Some(secs(1));
-        let file = Transfer::download(STATION, 0, 0, "big.bin");
+        let file = Talk::new(Client::QGroundControl, STATION, Download::new("big.bin"));
         Self { world, file, rate: baud as usize / 10, has_list: false }
     }
 

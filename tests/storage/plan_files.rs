@@ -12,6 +12,8 @@ use mavstack::plan::Durability;
 use mavstack::plan::FirstWaypointLimit;
 use mavstack::storage::Store;
 use mavstack::{Config, Duration, PlanType};
+use mavstack_station::files::Upload;
+use mavstack_station::{Client, Failure};
 
 type Flash = RamFlash<8, 1024>;
 
@@ -42,7 +44,7 @@ fn shelf(flash: Flash, config: impl FnOnce(&mut Config)) -> (Shelf, Store<Flash>
 /// Runs an upload for this time; storage is written only with a `store`. Returns the result.
 fn run(
     world: &mut Shelf,
-    upload: &mut Transfer,
+    upload: &mut Talk<Upload>,
     time: Duration,
     mut store: Option<&mut Store<Flash>>,
 ) -> Option<Result<(), MavFtpErr>> {
@@ -53,13 +55,19 @@ fn run(
         if let Some(store) = &mut store {
             world.stack.persist(world.now(), *store, &mut world.vehicle);
         }
-        result = upload.poll(world.now(), &mut world.gcs[0]);
+        result = upload.poll(world.now(), &mut world.gcs[0]).map(|result| match result {
+            Ok(()) => Ok(()),
+            Err(Failure::File { error, .. }) => Err(*error),
+            Err(failure) => panic!("{failure}"),
+        });
     }
     result
 }
 
-fn upload(seq: u16, items: &[MissionItemInt]) -> Transfer {
-    Transfer::upload(STATION, 0, seq, path(PlanType::Mission), &file(PlanType::Mission, items))
+/// An upload of a client that waits as long as it takes.
+fn upload(items: &[MissionItemInt]) -> Talk<Upload> {
+    let upload = Upload::new(path(PlanType::Mission), file(PlanType::Mission, items));
+    Talk::new(Client::Pymavlink, STATION, upload)
 }
 
 /// M-48: a mission that was uploaded as a file before the position was known, or that was stored at another site, does not start.
@@ -68,7 +76,7 @@ fn restored_mission_is_checked_before_it_starts() {
     let (mut world, mut store) = shelf(Flash::new(LEN), |_| ());
     world.vehicle.limits_first_waypoint = true;
     let items = plan(3, 1);
-    let mut upload = upload(0, &items);
+    let mut upload = upload(&items);
     assert_eq!(run(&mut world, &mut upload, secs(2), Some(&mut store)), Some(Ok(())));
     let (mut restarted, _) = shelf(store.flash().clone(), |_| ());
     restarted.vehicle.limits_first_waypoint = true;
@@ -98,7 +106,7 @@ fn uploaded_file_is_stored_before_the_answer() {
     let (mut world, mut store) = shelf(Flash::new(LEN), |config| config.second_mission_ack = true);
     for items in [plan(12, 1), plan(3, 2), vec![]] {
         let old = world.stack.mission().id();
-        let mut upload = upload(world.now().as_millis() as u16, &items);
+        let mut upload = upload(&items);
         assert_eq!(run(&mut world, &mut upload, secs(2), None), None, "it is not stored");
         let passes = world.sleep_for(secs(1));
         assert!(passes < 220, "D-4: {passes} passes while it waits");
@@ -111,7 +119,7 @@ fn uploaded_file_is_stored_before_the_answer() {
         assert_eq!(restarted.stack.mission().items(), world.stack.mission().items());
     }
     // The same plan once more is not written.
-    let mut again = upload(60_000, &[]);
+    let mut again = upload(&[]);
     assert_eq!(run(&mut world, &mut again, secs(2), None), Some(Ok(())), "M-39");
 }
 
@@ -121,9 +129,9 @@ fn uploaded_file_is_stored_before_the_answer() {
 fn file_that_cannot_be_stored_is_refused() {
     let (mut world, mut store) = shelf(Flash::new(LEN), |_| ());
     let old = plan(4, 1);
-    assert_eq!(run(&mut world, &mut upload(0, &old), secs(2), Some(&mut store)), Some(Ok(())));
+    assert_eq!(run(&mut world, &mut upload(&old), secs(2), Some(&mut store)), Some(Ok(())));
     let id = world.stack.mission().id();
-    let mut slow = upload(100, &plan(5, 2));
+    let mut slow = upload(&plan(5, 2));
     assert_eq!(run(&mut world, &mut slow, secs(1), None), None);
     let count = MissionCount { target_system: 1, target_component: 1, count: 2, ..MissionCount::default() };
     world.gcs[0].send_from(OTHER_STATION, &count);
@@ -132,7 +140,7 @@ fn file_that_cannot_be_stored_is_refused() {
     assert_eq!(run(&mut world, &mut slow, secs(6), None), Some(Err(MavFtpErr::FAIL)), "nothing stores it for 5 s");
     assert_eq!(world.stack.mission().id(), id);
 
-    let mut refused = upload(200, &plan(5, 3));
+    let mut refused = upload(&plan(5, 3));
     assert_eq!(run(&mut world, &mut refused, secs(1), None), None);
     world.vehicle.may_change = Err(MavMissionResult::DENIED);
     assert_eq!(run(&mut world, &mut refused, secs(1), Some(&mut store)), Some(Err(MavFtpErr::FAIL)));
@@ -140,7 +148,7 @@ fn file_that_cannot_be_stored_is_refused() {
     world.vehicle.may_change = Ok(());
 
     world.vehicle.may_persist = false;
-    let mut forbidden = upload(300, &plan(5, 3));
+    let mut forbidden = upload(&plan(5, 3));
     assert_eq!(run(&mut world, &mut forbidden, secs(1), Some(&mut store)), Some(Err(MavFtpErr::FAIL)), "M-44");
     world.vehicle.may_persist = true;
     let (restarted, _) = shelf(store.flash().clone(), |_| ());
@@ -154,7 +162,7 @@ fn files_are_stored_no_more_often_than_the_flash_endures() {
     let (mut world, mut store) = shelf(Flash::new(LEN), |_| ());
     let mut stored = 0;
     for round in 0..100 {
-        match run(&mut world, &mut upload(round * 20, &plan(12, round)), secs(9), Some(&mut store)) {
+        match run(&mut world, &mut upload(&plan(12, round)), secs(9), Some(&mut store)) {
             Some(Ok(())) => stored += 1,
             result => {
                 assert_eq!(result, Some(Err(MavFtpErr::FAIL)));

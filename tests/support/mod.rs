@@ -7,7 +7,7 @@
 //!   flight modes.
 //! - [`Gcs`]: the far end of a line. It sends any message from any address, and stores received frames with their times.
 //! - [`Upload`], [`Download`], [`Clear`]: plan transfers as real clients do them, with retries.
-//! - [`Transfer`]: a client of files. [`files`] has the vehicle's.
+//! - [`files`]: the files of the vehicle.
 //! - [`logs`]: the flight logs of the vehicle.
 //! - [`Talk`]: any dialogue of `mavstack-station`, as one of the real clients.
 //! - [`Receiver`], [`stream`], [`damage`] and [`reference`]: a decoder alone, telemetry for it, damaged streams, and a reference
@@ -39,7 +39,6 @@ pub fn counted<C: Default>(set: impl FnOnce(&mut C)) -> C {
 }
 
 pub mod damage;
-mod file_client;
 pub mod files;
 #[cfg(feature = "storage")]
 pub mod flash;
@@ -64,7 +63,6 @@ mod transfer;
 mod vehicle;
 mod world;
 
-pub use file_client::Transfer;
 pub use files::MemoryFiles;
 pub use gcs::{Gcs, Received};
 pub use logs::MemoryLogs;

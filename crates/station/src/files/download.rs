@@ -1,5 +1,6 @@
 //! Reading a file.
 
+use super::MAX_DATA;
 use super::packet::Packet;
 use super::requests::{Answered, Gone, Requests};
 use super::rules::{Closing, Filling, Step};
@@ -24,13 +25,15 @@ pub enum Reading {
 pub struct Download {
     path: String,
     reading: Reading,
+    /// Bytes of data in a packet; `None` as the client does.
+    block: Option<u8>,
     transfer: Option<Transfer>,
 }
 
 impl Download {
     /// Reads the file `path`, for example `@PARAM/param.pck`.
     pub fn new(path: impl Into<String>) -> Self {
-        Self { path: path.into(), reading: Reading::default(), transfer: None }
+        Self { path: path.into(), reading: Reading::default(), block: None, transfer: None }
     }
 
     /// Reads it in another way.
@@ -39,13 +42,23 @@ impl Download {
         self.reading = reading;
         self
     }
+
+    /// Requests packets of this many bytes, from 1 to 239, as the setting `burst_read_size` of MAVProxy and pymavlink does.
+    #[must_use]
+    pub fn with_block(mut self, bytes: u8) -> Self {
+        self.block = Some(bytes.clamp(1, MAX_DATA));
+        self
+    }
 }
 
 impl Dialogue for Download {
     type Output = Vec<u8>;
 
     fn poll(&mut self, io: &mut Io<'_>) -> Option<Result<Vec<u8>, Failure>> {
-        let transfer = self.transfer.get_or_insert_with(|| Transfer::begin(io, &self.path, self.reading));
+        let transfer = self.transfer.get_or_insert_with(|| {
+            let block = self.block.unwrap_or(io.client().ftp_block());
+            Transfer::begin(io, &self.path, self.reading, block)
+        });
         transfer.poll(io)
     }
 
@@ -60,6 +73,8 @@ impl Dialogue for Download {
 #[derive(Debug)]
 struct Transfer {
     reading: Reading,
+    /// Bytes of data in a packet.
+    block: u8,
     requests: Requests,
     phase: Phase,
     content: Vec<u8>,
@@ -103,12 +118,13 @@ struct Burst {
 }
 
 impl Transfer {
-    fn begin(io: &mut Io<'_>, path: &str, reading: Reading) -> Self {
+    fn begin(io: &mut Io<'_>, path: &str, reading: Reading, block: u8) -> Self {
         let mut requests = Requests::begin(io, path);
         let path = io.client().ftp_path(path);
         requests.send(io, Step::Open, Packet::request(MavFtpOpcode::OPENFILERO, 0, &path));
         Self {
             reading,
+            block,
             requests,
             phase: Phase::Open,
             content: Vec::new(),
@@ -199,7 +215,7 @@ impl Transfer {
     }
 
     fn send_burst(&mut self, io: &mut Io<'_>, offset: u32) {
-        let request = Packet::read(MavFtpOpcode::BURSTREADFILE, offset, self.client().ftp_block());
+        let request = Packet::read(MavFtpOpcode::BURSTREADFILE, offset, self.block);
         self.requests.send_and_forget(io, request);
         self.burst.offset = offset;
         self.burst.sends += 1;
@@ -251,7 +267,7 @@ impl Transfer {
         self.miss_until(packet.offset);
         self.store(packet);
         self.at = packet.offset + packet.data.len() as u32;
-        let is_short = packet.data.len() < usize::from(self.client().ftp_block());
+        let is_short = packet.data.len() < usize::from(self.block);
         let is_end = match self.client() {
             // It waits for the answer that the file has ended.
             Client::QGroundControl => false,
@@ -281,7 +297,7 @@ impl Transfer {
 
     /// Notes that everything from `at` to `end` is missing.
     fn miss_until(&mut self, end: u32) {
-        let block = u32::from(self.client().ftp_block());
+        let block = u32::from(self.block);
         while self.at < end {
             let len = block.min(end - self.at);
             self.gaps.push(Gap { offset: self.at, len, is_requested: false });
