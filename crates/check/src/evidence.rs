@@ -1,24 +1,32 @@
 //! The examination: what is sent and measured, in its order. The checks judge what it gathers.
 
-use mavstack::dialect::{Attitude, CommandLong, Heartbeat, MavCmd, MavParamType, MessageInterval, SystemTime};
-use mavstack::{Address, Duration, Message, PlanType};
+use mavstack::dialect::{
+    Attitude, CommandLong, GlobalPositionInt, Heartbeat, MavCmd, MavParamType, MessageInterval, SystemTime,
+};
+use mavstack::{Address, Duration, Item, Message, PlanType};
 use mavstack_station::command::{Place, Send};
 use mavstack_station::connect::{Connect, Connected};
 use mavstack_station::parameters::{Parameter, Value};
 use mavstack_station::plans::{self, waypoint};
 use mavstack_station::streams::{Interval, Request};
-use mavstack_station::{Client, Drive, Failure, GroundStation, SeenText, parameters};
+use mavstack_station::{Client, Drive, Failure, GroundStation, Received, SeenText, parameters};
 
 use crate::chunks::{self, Chunks};
 use crate::echo::Echo;
 use crate::examiner::{Examiner, Load};
-use crate::trace::{self, Probe, Trace};
-use crate::{Options, Step, telemetry, timing};
+use crate::trace::{self, Trace};
+use crate::{Depth, Options, Step, telemetry, timing};
 
 /// How long the first heartbeat is awaited.
 const FIRST_HEARTBEAT: Duration = Duration::from_secs(6);
 /// How long the first answers are awaited: a full transmit queue of 1 KiB takes 4 s at 2,400 baud.
 const LISTEN_PATIENCE: Duration = Duration::from_secs(6);
+/// The share of unanswered requests from which on nothing is changed.
+const MAX_UNANSWERED: f64 = 0.3;
+/// How often a parameter is restored, until it has its old value.
+const RESTORE_TRIES: u32 = 5;
+/// The time between two of the first requests: a small FIFO should not have to hold both.
+const BETWEEN_REQUESTS: Duration = Duration::from_millis(120);
 /// The most messages whose intervals are asked for.
 const MAX_INTERVALS: usize = 16;
 
@@ -55,6 +63,8 @@ pub struct Evidence {
     pub connected: Vec<(Client, Connected)>,
     /// Services that were tried because the capabilities announce them.
     pub services: Vec<(&'static str, Result<(), Failure>)>,
+    /// Why the upload of a plan failed, if it was not refused.
+    pub unanswered_plan: Option<Failure>,
     /// What is left changed, because restoring it failed.
     pub unrestored: Vec<String>,
     /// The vehicle's texts.
@@ -87,20 +97,26 @@ pub fn gather<T: Drive>(drive: &mut T, options: &Options, progress: &mut dyn FnM
         return Ok(evidence);
     }
     progress(Step::Calm);
-    evidence.calm = examiner.measure(Load::calm(Duration::from_secs(10)))?;
+    let calm_time = Duration::from_secs(if options.depth == Depth::Quick { 4 } else { 10 });
+    evidence.calm = examiner.measure(Load::calm(calm_time))?;
     evidence.clock_rate = clock_rate(&mut examiner, &evidence.calm)?;
     let is_armed = evidence.heartbeat.is_some_and(|heartbeat| is_armed(&heartbeat));
     let is_silent = evidence.calm.arrivals(Heartbeat::ID).is_empty();
-    if is_silent || is_armed {
-        let why = if is_armed { "it is armed" } else { "it sends no heartbeats" };
-        evidence.skipped.push(format!("everything that loads the vehicle: {why}"));
+    let why = match options.depth {
+        _ if is_armed => Some("it is armed"),
+        _ if is_silent => Some("it sends no heartbeats"),
+        Depth::Quick => Some("the examination is a quick one"),
+        _ => None,
+    };
+    if let Some(why) = why {
+        evidence.skipped.push(format!("what loads the vehicle, and the clients: {why}"));
         note_texts(&mut examiner, &mut evidence);
         return Ok(evidence);
     }
     progress(Step::Intervals);
     evidence.intervals = intervals(&mut examiner, &evidence.calm)?;
     if telemetry::is_overloaded(&evidence) {
-        evidence.skipped.push("everything that loads the vehicle: its streams fill the line".into());
+        evidence.skipped.push("what loads the vehicle, and the clients: its streams fill the line".into());
         note_texts(&mut examiner, &mut evidence);
         return Ok(evidence);
     }
@@ -109,9 +125,15 @@ pub fn gather<T: Drive>(drive: &mut T, options: &Options, progress: &mut dyn FnM
     evidence.chunks = Some(chunks::measure(&mut examiner, evidence.rate(), answer_time)?);
     progress(Step::Load);
     evidence.load = Some(load(&mut examiner, &evidence)?);
+    // What could not be restored is not changed.
+    if evidence.calm.unanswered() > MAX_UNANSWERED {
+        evidence.skipped.push("what changes the vehicle, and the clients: too many requests are lost".into());
+        note_texts(&mut examiner, &mut evidence);
+        return Ok(evidence);
+    }
     progress(Step::Storing);
     store(&mut examiner, &mut evidence)?;
-    if options.write {
+    if options.depth == Depth::WithPlan {
         progress(Step::Plan);
         plan(&mut examiner, &mut evidence)?;
     } else {
@@ -135,21 +157,7 @@ fn listen<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -> 
         examiner.until(FIRST_HEARTBEAT, |frame| frame.header.id == Heartbeat::ID)?;
         Ok(Vec::new())
     })?;
-    for echo in Echo::ALL {
-        examiner.echo = echo;
-        let load = Load {
-            time: Duration::from_millis(2_500),
-            probe_every: Duration::from_millis(800),
-            patience: LISTEN_PATIENCE,
-            fill: 0.0,
-        };
-        let probes = examiner.probe(load)?;
-        if let Some(fastest) = probes.iter().filter_map(Probe::round_trip).min() {
-            evidence.echo = Some(echo);
-            examiner.patience = fastest * 2 + Duration::from_secs(2);
-            break;
-        }
-    }
+    evidence.echo = find_echo(examiner)?;
     if evidence.echo.is_none() {
         evidence.answers_slow_bytes = answers_slow_bytes(examiner)?;
     }
@@ -167,6 +175,32 @@ fn listen<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -> 
     }
     evidence.first = first;
     Ok(())
+}
+
+/// Sends all kinds of requests, and returns the best one that is answered.
+fn find_echo<T: Drive>(examiner: &mut Examiner<'_, T>) -> Result<Option<Echo>, Failure> {
+    const ROUNDS: u32 = 3;
+    let (began, first) = (examiner.now(), examiner.frames().len());
+    let mut sent = Vec::new();
+    for echo in [Echo::ALL; ROUNDS as usize].concat() {
+        let (now, target) = (examiner.now(), examiner.target());
+        echo.send(examiner.station(), now, target);
+        sent.push((echo, now));
+        examiner.wait(BETWEEN_REQUESTS)?;
+    }
+    let is_answer = |frame: &Received| sent.iter().any(|(echo, at)| echo.is_answer(frame, *at));
+    let end = examiner.now() + LISTEN_PATIENCE;
+    while !examiner.frames()[first..].iter().any(is_answer) && examiner.step()? < end {}
+    let frames = &examiner.frames()[first..];
+    let is_answered = |echo: &Echo| {
+        sent.iter().any(|(other, at)| other == echo && frames.iter().any(|frame| echo.is_answer(frame, *at)))
+    };
+    let best = Echo::ALL.into_iter().find(is_answered);
+    if let (Some(echo), Some(answer)) = (best, frames.iter().find(|frame| is_answer(frame))) {
+        examiner.patience = (answer.at - began) * 2 + Duration::from_secs(2);
+        examiner.echo = echo;
+    }
+    Ok(best)
 }
 
 /// Whether a request is answered if its bytes arrive one by one: then the receiver loses bytes that follow each other.
@@ -263,17 +297,24 @@ fn store<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -> R
         return Ok(());
     };
     let near = f32::from_bits(value.to_bits() + 1);
-    let mut is_set = false;
     let trace = examiner.trace(|examiner| {
         let mut probes = Vec::new();
         let load = Load { probe_every: Duration::from_millis(60), ..Load::calm(Duration::from_secs(4)) };
         for value in [near, value] {
-            is_set = transport(examiner.set(&name, value))?.is_some();
+            transport(examiner.set(&name, value))?;
             probes.extend(examiner.probe(load)?);
         }
         Ok(probes)
     })?;
-    if !is_set && !transport(examiner.get(&name))?.is_some_and(|now| now == Value::F32(value)) {
+    let mut is_restored = false;
+    for _ in 0..RESTORE_TRIES {
+        is_restored = transport(examiner.get(&name))? == Some(Value::F32(value));
+        if is_restored {
+            break;
+        }
+        transport(examiner.set(&name, value))?;
+    }
+    if !is_restored {
         evidence.unrestored.push(format!("{name} was {value}"));
     }
     evidence.storing = Some(trace);
@@ -293,8 +334,7 @@ fn plan<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -> Re
         evidence.skipped.push("the upload of a plan: the mission could not be downloaded".into());
         return Ok(());
     };
-    let place = |step: u32| waypoint(Place::relative(47.0 + f64::from(step) * 1e-4, 8.0, 10.0));
-    let items = if old.is_empty() { (0..20).map(place).collect() } else { old.clone() };
+    let items = if old.is_empty() { route(examiner) } else { old.clone() };
     let mut uploaded = Ok(0);
     let trace = examiner.trace(|examiner| {
         uploaded = examiner.upload_mission(&items);
@@ -305,11 +345,22 @@ fn plan<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -> Re
     }
     match uploaded {
         Err(failure @ Failure::Transport(_)) => return Err(failure),
-        Err(failure) => evidence.services.push(("the upload of a mission", Err(failure))),
+        // It may have its reasons, such as a place that is too far away.
+        Err(failure @ Failure::Plan { .. }) => {
+            evidence.skipped.push(format!("the upload of a plan to its end: {failure}"))
+        }
+        Err(failure) => evidence.unanswered_plan = Some(failure),
         Ok(_) => {}
     }
     evidence.planning = Some(trace);
     Ok(())
+}
+
+/// Returns a mission of 20 waypoints around the vehicle.
+fn route<T: Drive>(examiner: &mut Examiner<'_, T>) -> Vec<Item> {
+    let position = examiner.station().seen().last::<GlobalPositionInt>().unwrap_or_default();
+    let [latitude, longitude] = [position.lat, position.lon].map(|angle| f64::from(angle) / 1e7);
+    (0..20).map(|step| waypoint(Place::relative(latitude + f64::from(step) * 1e-5, longitude, 10.0))).collect()
 }
 
 /// Connects as each client, MAVProxy last: it changes the rates of all streams, which are restored.

@@ -79,7 +79,7 @@ pub enum Outcome {
     Sound,
     /// There are findings.
     Findings,
-    /// Not one byte was received.
+    /// Nothing was received, not one byte.
     Silent,
 }
 

@@ -19,8 +19,8 @@
 //! # What it does to the vehicle
 //!
 //! It requests messages, fills the line for some seconds, and connects as QGroundControl, MAVSDK and MAVProxy do. It changes one
-//! parameter in its last bit and restores it. It changes the rates of streams on its link and restores them. It uploads a plan only if
-//! [`Options::write`] says so. It never arms, erases or reboots, and an armed vehicle is only listened to.
+//! parameter in its last bit and restores it. It changes the rates of streams on its link and restores them. It uploads a plan only with
+//! [`Depth::WithPlan`]. It never arms, erases or reboots, and an armed vehicle is only listened to.
 #![forbid(unsafe_code)]
 
 pub mod chunks;
@@ -46,8 +46,20 @@ use mavstack_station::{Drive, Failure};
 pub struct Options {
     /// The rate of the line (bytes/s), a tenth of the baud rate; `None` if it is not known.
     pub line_rate: Option<u32>,
-    /// Also upload a plan. The vehicle's mission is uploaded again; if it has none, another one is uploaded and cleared.
-    pub write: bool,
+    /// How much of the vehicle is examined.
+    pub depth: Depth,
+}
+
+/// How much of a vehicle is examined.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Depth {
+    /// A few seconds: what is seen in calm. Changes nothing.
+    Quick,
+    /// Also on a full line, while a parameter is stored, and with each client.
+    #[default]
+    Full,
+    /// Also while a plan is uploaded. The vehicle's mission is uploaded again; if it has none, another one is uploaded and cleared.
+    WithPlan,
 }
 
 /// A step of the examination, for a display of its progress.
@@ -86,7 +98,7 @@ impl std::fmt::Display for Step {
     }
 }
 
-/// Examines a vehicle. Takes about a minute of the drive's time.
+/// Examines a vehicle. Takes about a minute of the drive's time, or ten seconds with [`Depth::Quick`].
 ///
 /// # Errors
 ///

@@ -36,7 +36,7 @@ fn silence(evidence: &Evidence) -> Option<Finding> {
 /// Bytes, but no frames.
 fn garbage(evidence: &Evidence) -> Option<Finding> {
     let first = &evidence.first;
-    (evidence.any_byte && first.frames.is_empty()).then(|| {
+    (evidence.any_byte && evidence.vehicle.is_none()).then(|| {
         finding(
             "no-frames",
             Severity::Error,

@@ -1,5 +1,7 @@
 //! What ground stations show, hide or refuse.
 
+use std::collections::BTreeSet;
+
 use mavstack::dialect::{MavAutopilot, MavParamType, MavResult, MavSysStatusSensor as Sensor, SysStatus};
 use mavstack_station::connect::Connected;
 use mavstack_station::{Client, Failure};
@@ -18,6 +20,7 @@ pub fn check(evidence: &Evidence, is_explained: bool) -> Vec<Finding> {
     }
     findings.extend(of(Client::MavProxy).and_then(integers));
     findings.extend(unanswered(evidence).filter(|_| !is_explained));
+    findings.extend(plan(evidence).filter(|_| !is_explained));
     findings.extend(hidden(evidence));
     findings
 }
@@ -101,7 +104,8 @@ fn unanswered(evidence: &Evidence) -> Option<Finding> {
             .filter(|failure| matches!(failure, Failure::Timeout { .. } | Failure::Protocol(_)));
         timeouts.map(move |failure| format!("{client}: {failure}"))
     });
-    let failures: Vec<_> = failures.collect();
+    let failures: BTreeSet<_> = failures.collect();
+    let failures = Vec::from_iter(failures);
     (!failures.is_empty()).then(|| {
         finding(
             "client-unanswered",
@@ -111,6 +115,18 @@ fn unanswered(evidence: &Evidence) -> Option<Finding> {
             "Refuse what is unknown: with UNSUPPORTED for commands. The stack does it for all services that it has.",
         )
     })
+}
+
+/// An upload that does not end.
+fn plan(evidence: &Evidence) -> Option<Finding> {
+    let failure = evidence.unanswered_plan.as_ref()?;
+    Some(finding(
+        "plan-unanswered",
+        Severity::Error,
+        format!("The upload of a mission does not end: {failure}."),
+        "The vehicle does not request all items, or does not acknowledge the last one.",
+        "Declare `plans` in the stack, and call `Stack::persist` if uploads are durable: they are acknowledged when they are stored.",
+    ))
 }
 
 /// What clients hide, because the vehicle refuses it.
@@ -124,7 +140,8 @@ fn hidden(evidence: &Evidence) -> Option<Finding> {
         };
         connected.failures.iter().filter(is_refusal).map(move |failure| format!("{client}: {failure}"))
     });
-    let refused: Vec<_> = refused.collect();
+    let refused: BTreeSet<_> = refused.collect();
+    let refused = Vec::from_iter(refused);
     (!refused.is_empty()).then(|| {
         finding(
             "hidden",

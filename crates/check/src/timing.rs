@@ -187,7 +187,8 @@ fn slow_polls(evidence: &Evidence) -> Option<Finding> {
     let [shortest, ..] = answer_times(&evidence.calm)?;
     let late = *times.get(times.len() * 9 / 10)?;
     let spread = late - shortest;
-    if spread < SPREAD || shortest > spread || is_clock_wrong(evidence) || times.len() < 8 {
+    let is_explained = is_clock_wrong(evidence) || crate::telemetry::is_overloaded(evidence);
+    if spread < SPREAD || shortest > spread || is_explained || times.len() < 8 {
         return None;
     }
     Some(finding(

@@ -33,7 +33,7 @@ pub enum Fault {
     Baud,
     /// The UART's FIFO of 64 bytes is polled every 20 ms.
     Fifo,
-    /// The UART's FIFO of 16 bytes is polled every 10 ms: it does not hold a frame.
+    /// The UART's FIFO of 12 bytes is polled every 10 ms: it does not hold a frame.
     TinyFifo,
     /// The DMA's buffer is emptied only when the line is idle.
     DmaCut,
@@ -51,8 +51,12 @@ pub enum Fault {
     Component,
     /// A timer sends the heartbeats, with numbers of its own.
     Timer,
+    /// The same, and an erase takes 2 s.
+    TimerErase,
     /// The main loop hangs, and a timer sends the heartbeats.
     TimerHangs,
+    /// A log is written to the same port.
+    Log,
     /// The board has no power.
     Dead,
 }
@@ -73,7 +77,8 @@ pub struct BoardFirmware {
 }
 
 impl BoardFirmware {
-    fn boot(board: &Board, fault: Fault) -> Self {
+    /// Starts as `main` does after a reset.
+    pub fn boot(board: &Board, fault: Fault) -> Self {
         let (pulse, len) = (kit::pulse(), Store::<Flash>::region_len::<Mavlink>());
         let mut config = config(pulse);
         if fault == Fault::Component {
@@ -83,7 +88,7 @@ impl BoardFirmware {
                 ..Config::new(Address::new(1, 50), pulse)
             };
         }
-        if matches!(fault, Fault::Timer | Fault::TimerHangs) {
+        if matches!(fault, Fault::Timer | Fault::TimerErase | Fault::TimerHangs) {
             config.pulse = None;
         }
         let baud = if fault == Fault::Streams { BAUD * 10 } else { BAUD };
@@ -112,7 +117,7 @@ impl BoardFirmware {
 
     /// The interrupt of a timer that sends heartbeats.
     fn on_timer(&mut self, now: Instant, port: &mut Port) {
-        if !matches!(self.fault, Fault::Timer | Fault::TimerHangs) || now < self.timer.0 {
+        if !matches!(self.fault, Fault::Timer | Fault::TimerErase | Fault::TimerHangs) || now < self.timer.0 {
             return;
         }
         let heartbeat = Heartbeat {
@@ -132,7 +137,7 @@ impl BoardFirmware {
     /// Whether the main loop stands still: it stores a parameter, or hangs.
     fn is_stalled(&mut self, now: Instant) -> bool {
         let speed = self.stack.parameters().get(Tuning::SPEED_MAX);
-        if self.fault == Fault::Erase && speed != self.speed {
+        if matches!(self.fault, Fault::Erase | Fault::TimerErase) && speed != self.speed {
             (self.speed, self.busy_until) = (speed, now + ERASE);
         }
         now < self.busy_until || self.fault == Fault::Dead || self.fault == Fault::TimerHangs
@@ -192,6 +197,9 @@ impl Firmware for BoardFirmware {
             }
             _ => self.stack.poll_link(now, LinkId(0), port, &mut self.rover),
         };
+        if self.fault == Fault::Log && now.as_millis().is_multiple_of(1_000) {
+            let _ = port.write(b"loop: 1000 passes\r\n");
+        }
         self.stack.persist(now, &mut self.store, &mut self.rover);
     }
 }
@@ -266,7 +274,7 @@ pub fn board(fault: Fault) -> Rig<BoardFirmware> {
     let line = match fault {
         Fault::Baud => line.with_damage(0.002),
         Fault::Fifo => line.with_rx_fifo(64),
-        Fault::TinyFifo => line.with_rx_fifo(16),
+        Fault::TinyFifo => line.with_rx_fifo(12),
         _ => line.with_rx_fifo(512),
     };
     let mut rig = Rig::new(move |board| BoardFirmware::boot(board, fault)).with_line(line, Client::QGroundControl);

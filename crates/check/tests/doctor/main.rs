@@ -1,13 +1,21 @@
 //! The doctor on a sound board, and on boards that are each made faulty in one way that people report.
 
 mod board;
+mod program;
+mod values;
 
-use board::{BAUD, Fault, SLOW_BAUD, board};
-use mavstack_check::{Options, Outcome, Report, examine};
+use board::{BAUD, BoardFirmware, Fault, SLOW_BAUD, board};
+use mavstack::Duration;
+use mavstack::dialect::{Attitude, GlobalPositionInt, SysStatus};
+use mavstack_check::{Depth, Options, Outcome, Report, examine};
+use mavstack_station::GroundStation;
+use mavstack_station::command::Place;
+use mavstack_station::kit::Rig;
+use mavstack_station::plans::waypoint;
 
 fn options(fault: Fault) -> Options {
     let baud = if fault == Fault::Streams { SLOW_BAUD } else { BAUD };
-    Options { line_rate: Some(baud / 10), write: true }
+    Options { line_rate: Some(baud / 10), depth: Depth::WithPlan }
 }
 
 /// Examines a board. Prints what was found, for a test that fails.
@@ -40,6 +48,37 @@ fn nothing_on_a_sound_board() {
     let report = report(Fault::None);
     assert_eq!(report.problems().count(), 0);
     assert_eq!(report.outcome, Outcome::Sound);
+}
+
+/// What it changes, it restores.
+#[test]
+fn the_vehicle_is_left_as_it_was() {
+    for depth in [Depth::Quick, Depth::Full, Depth::WithPlan] {
+        let mut rig = board(Fault::None);
+        rig.upload_mission(&[waypoint(Place::relative(47.397_7, 8.545_6, 0.0))]).expect("a mission");
+        rig.set("SPEED_MAX", 3.5_f32).expect("a parameter");
+        let state = |rig: &mut Rig<BoardFirmware>| {
+            let intervals =
+                [rig.interval::<Attitude>(), rig.interval::<GlobalPositionInt>(), rig.interval::<SysStatus>()];
+            (rig.parameters(), rig.download_mission(), intervals)
+        };
+        let before = state(&mut rig);
+        let report = examine(&mut rig, &Options { depth, ..options(Fault::None) }, &mut |_| {}).expect("a report");
+        assert_eq!(report.problems().count(), 0, "{:?}", report.findings);
+        assert_eq!(state(&mut rig), before, "{depth:?}");
+        assert_eq!(rig.reboots(), 0);
+    }
+}
+
+#[test]
+fn an_armed_vehicle_is_only_listened_to() {
+    let mut rig = board(Fault::None);
+    rig.arm().expect("it arms");
+    let written = rig.now();
+    let report = examine(&mut rig, &options(Fault::None), &mut |_| {}).expect("a report");
+    assert!(rig.seen().vehicles().all(|vehicle| vehicle.is_armed()));
+    assert!(report.skipped.iter().any(|what| what.contains("it is armed")), "{:?}", report.skipped);
+    assert!(rig.now() - written < Duration::from_secs(20));
 }
 
 #[test]
@@ -97,9 +136,20 @@ fn heartbeats_from_a_timer() {
     finds(Fault::Timer, "heartbeats-from-timer", &[]);
 }
 
+/// The heartbeats go on while the main loop stands still.
+#[test]
+fn heartbeats_from_a_timer_during_a_stall() {
+    finds(Fault::TimerErase, "heartbeats-from-timer", &["stall"]);
+}
+
 #[test]
 fn heartbeats_from_a_timer_while_the_loop_hangs() {
     finds(Fault::TimerHangs, "heartbeats-from-timer", &[]);
+}
+
+#[test]
+fn a_log_on_the_same_port() {
+    finds(Fault::Log, "stray-bytes", &[]);
 }
 
 #[test]

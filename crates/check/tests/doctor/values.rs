@@ -1,0 +1,161 @@
+//! Values that a ground station shows wrongly, and promises that are not kept.
+
+use mavstack::dialect::{Attitude, Common, Heartbeat, MavModeProperty, MavResult, MavStandardMode};
+use mavstack::frame::{Decoder, Version, encode};
+use mavstack::message::{Dialect, LatLon};
+use mavstack::{Address, Duration, Instant, Message};
+use mavstack_check::evidence::Evidence;
+use mavstack_check::{Depth, Options, Report, Severity, examine, judge};
+use mavstack_rover::Rover;
+use mavstack_station::connect::Connected;
+use mavstack_station::modes::Mode;
+use mavstack_station::{Client, Failure, Received, SeenText};
+
+use crate::board::{Fault, board};
+
+/// Examines a rover with another sensor value.
+fn quick(change: impl FnOnce(&mut Rover)) -> Report {
+    let mut rig = board(Fault::None);
+    change(&mut rig.firmware_mut().rover);
+    let options = Options { line_rate: None, depth: Depth::Quick };
+    examine(&mut rig, &options, &mut |_| {}).expect("the rig's transport does not fail")
+}
+
+#[track_caller]
+fn observes(report: &Report, id: &str, part: &str) {
+    let finding = report.finding(id).unwrap_or_else(|| panic!("{id} is not among {:?}", report.findings));
+    assert!(finding.observed.contains(part), "{}", finding.observed);
+}
+
+#[test]
+fn degrees_in_place_of_radians() {
+    let attitude = Attitude { roll: 0.5, pitch: -3.0, yaw: 271.0, ..Attitude::default() };
+    let mut evidence = evidence();
+    evidence.calm.frames.push(received(&attitude));
+    observes(&judge(&evidence), "units", "271.0");
+}
+
+#[test]
+fn degrees_in_place_of_degrees_1e7() {
+    let place = LatLon { latitude: 47, longitude: 8 };
+    observes(&quick(|rover| rover.motion.position = Some(place)), "units", "47, 8");
+}
+
+#[test]
+fn volts_in_place_of_millivolts() {
+    observes(&quick(|rover| rover.battery.voltage = 0.012), "units", "12 mV");
+}
+
+#[test]
+fn a_position_at_0_0() {
+    let zero = LatLon { latitude: 0, longitude: 0 };
+    let report = quick(|rover| {
+        rover.motion.position = Some(zero);
+        rover.gps.position = Some(zero);
+    });
+    observes(&report, "position-zero", "GLOBAL_POSITION_INT, GPS_RAW_INT with a fix");
+}
+
+#[test]
+fn latitude_and_longitude_swapped() {
+    let swapped = LatLon { latitude: 85_456_000, longitude: 473_977_000 };
+    observes(&quick(|rover| rover.gps.position = Some(swapped)), "positions-differ", "85456000, 473977000");
+}
+
+/// An unknown value is allowed, and said.
+#[test]
+fn unknown_values_are_a_note() {
+    let report = quick(|rover| rover.motion = mavstack::telemetry::Motion::UNKNOWN);
+    observes(&report, "unknown-values", "position");
+    assert_eq!(report.problems().count(), 0, "{:?}", report.findings);
+}
+
+/// Returns a message as a station receives it: for values that the library does not send.
+fn received(message: &impl Message) -> Received {
+    let mut frame = [0; 280];
+    let len = encode(message, Version::V2, Address::new(1, 1), 0, &mut frame).expect("room");
+    let mut decoder = Decoder::default();
+    assert_eq!(decoder.push(&frame[..len], Instant::ZERO), len);
+    let mut budget = Decoder::MIN_BUDGET;
+    let frame = decoder.next(Instant::ZERO, Common::MESSAGES, &mut budget, |_| false).expect("a frame");
+    Received { at: Instant::ZERO, header: *frame.header(), payload: frame.payload().to_vec(), is_signed: false }
+}
+
+/// What a client has learned, with one mode.
+fn evidence() -> Evidence {
+    let (vehicle, heartbeat) = (Address::new(1, 1), Heartbeat { custom_mode: 5, ..Heartbeat::default() });
+    let mode = Mode {
+        custom_mode: 5,
+        name: "Hold".into(),
+        standard_mode: MavStandardMode::NON_STANDARD,
+        properties: MavModeProperty::EMPTY,
+    };
+    let connected = Connected {
+        vehicle,
+        heartbeat,
+        version: Some(mavstack::dialect::AutopilotVersion::default()),
+        metadata: None,
+        modes: vec![mode],
+        parameters: Vec::new(),
+        plans: [const { None }; 3],
+        failures: Vec::new(),
+    };
+    Evidence {
+        any_byte: true,
+        vehicle: Some(vehicle),
+        heartbeat: Some(heartbeat),
+        connected: vec![(Client::QGroundControl, connected)],
+        ..Evidence::default()
+    }
+}
+
+#[test]
+fn a_mode_that_is_not_listed() {
+    let mut evidence = evidence();
+    assert_eq!(judge(&evidence).finding("mode-not-listed"), None);
+    evidence.heartbeat = Some(Heartbeat { custom_mode: 6, ..Heartbeat::default() });
+    observes(&judge(&evidence), "mode-not-listed", "mode 6");
+}
+
+#[test]
+fn a_capability_that_is_not_served() {
+    let mut evidence = evidence();
+    evidence.services = vec![("MISSION_FENCE", Err(Failure::timeout("MISSION_REQUEST_LIST", 5))), ("FTP", Ok(()))];
+    observes(&judge(&evidence), "capability-not-served", "MISSION_FENCE: MISSION_REQUEST_LIST was not answered");
+}
+
+#[test]
+fn what_qgroundcontrol_does_not_get() {
+    let mut evidence = evidence();
+    evidence.connected[0].1.modes.clear();
+    let refused = Failure::Command {
+        command: mavstack::dialect::MavCmd::REQUEST_MESSAGE,
+        result: MavResult::UNSUPPORTED,
+        text: None,
+    };
+    evidence.connected[0].1.failures.push(refused);
+    let report = judge(&evidence);
+    observes(&report, "no-parameters", "loading parameters");
+    observes(&report, "no-modes", "no mode");
+    observes(&report, "hidden", "UNSUPPORTED");
+    assert_eq!(report.finding("hidden").map(|finding| finding.severity), Some(Severity::Note));
+}
+
+#[test]
+fn what_the_stack_says() {
+    let mut evidence = evidence();
+    evidence.texts.push(SeenText {
+        at: Instant::ZERO + Duration::from_secs(1),
+        from: Address::new(1, 1),
+        severity: mavstack::dialect::MavSeverity::ERROR,
+        text: "Clock was set back: check the firmware's timer".into(),
+    });
+    observes(&judge(&evidence), "vehicle-text", "Clock was set back");
+}
+
+#[test]
+fn what_could_not_be_restored() {
+    let mut evidence = evidence();
+    evidence.unrestored.push("SPEED_MAX was 2".into());
+    observes(&judge(&evidence), "not-restored", "SPEED_MAX was 2");
+}
