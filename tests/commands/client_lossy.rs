@@ -108,7 +108,7 @@ struct Asking;
 /// The two stacks and the line between them.
 struct Pair {
     clock: Clock,
-    ends: [SerialEnd; 2],
+    ends: [Port; 2],
     asker: Asker,
     asking: Box<Stack<Asking, 1>>,
     server: TestVehicle,
@@ -121,7 +121,7 @@ impl Pair {
         let clock = Clock::default();
         // Every other line is so slow that each request is repeated before its answer is received.
         let latency = if seed.is_multiple_of(2) { millis(20) } else { millis(400) };
-        let line = SimSerial::new(&clock, LineConfig::radio(57_600, latency), seed);
+        let line = Line::new(&clock, LineConfig::radio(57_600, latency), seed);
         let (near, far) = line.ends();
         let (a, b) = (Setup::<1>::new().config, Setup::<1>::new().config);
         let pulses = [a.pulse.unwrap(), b.pulse.unwrap()];

@@ -23,7 +23,7 @@ enum Doing {
 
 /// What the line does with a client's next request.
 #[derive(Clone, Copy, Debug)]
-enum Line {
+enum Fate {
     Delivers,
     DeliversTwice,
     LosesRequest,
@@ -44,7 +44,7 @@ const START: State = State { doing: Doing::Open, seq: 0, is_open: false };
 const CONTENT: &[u8] = b"MIT";
 
 /// One way through the search: each step is a client and what the line does, or time.
-type Path = Vec<Option<(usize, Line)>>;
+type Path = Vec<Option<(usize, Fate)>>;
 
 struct Run {
     world: World<1, Small>,
@@ -95,7 +95,7 @@ impl Run {
         }
     }
 
-    fn step(&mut self, step: Option<(usize, Line)>) {
+    fn step(&mut self, step: Option<(usize, Fate)>) {
         let Some((number, line)) = step else {
             // Long enough to take over a session.
             let now: Instant = self.world.now();
@@ -103,7 +103,7 @@ impl Run {
             return;
         };
         let state = self.clients[number];
-        if let Line::DeliversLate = line {
+        if let Fate::DeliversLate = line {
             let before = match state.doing {
                 Doing::Open => return,
                 Doing::Read(0) => Doing::Open,
@@ -118,9 +118,9 @@ impl Run {
         }
         let Some((from, message)) = self.request(number, state) else { return };
         let answers = match line {
-            Line::LosesRequest => return,
-            Line::Delivers | Line::LosesAnswer | Line::DeliversLate => self.deliver(from, &message),
-            Line::DeliversTwice => {
+            Fate::LosesRequest => return,
+            Fate::Delivers | Fate::LosesAnswer | Fate::DeliversLate => self.deliver(from, &message),
+            Fate::DeliversTwice => {
                 let first = self.deliver(from, &message);
                 let second = self.deliver(from, &message);
                 let are_same = first == second;
@@ -130,7 +130,7 @@ impl Run {
         };
         let [answer] = &answers[..] else { panic!("one answer to {state:?}: {answers:?}") };
         assert_eq!(answer.seq, state.seq.wrapping_add(1));
-        if matches!(line, Line::LosesAnswer) {
+        if matches!(line, Fate::LosesAnswer) {
             return;
         }
         let next = match (state.doing, answer.error()) {
@@ -164,7 +164,7 @@ impl Run {
     fn finish(mut self, path: &Path) {
         for _ in 0..40 {
             for number in 0..2 {
-                self.step(Some((number, Line::Delivers)));
+                self.step(Some((number, Fate::Delivers)));
                 self.check();
             }
             self.step(None);
@@ -183,7 +183,7 @@ impl Run {
 /// Every order of six steps, and what follows each.
 #[test]
 fn every_order_of_two_clients_ends_well() {
-    use Line::*;
+    use Fate::*;
     let steps: Vec<_> = [Delivers, DeliversTwice, LosesRequest, LosesAnswer, DeliversLate]
         .into_iter()
         .flat_map(|line| [Some((0, line)), Some((1, line))])
@@ -223,8 +223,8 @@ fn every_order_of_two_clients_ends_well() {
 /// For each client, how many pauses ago its last request was delivered.
 fn last_touched(path: &Path) -> [usize; 2] {
     [0, 1].map(|number| {
-        let is_it = |step: &&Option<(usize, Line)>| {
-            step.is_some_and(|(client, line)| client == number && !matches!(line, Line::LosesRequest))
+        let is_it = |step: &&Option<(usize, Fate)>| {
+            step.is_some_and(|(client, line)| client == number && !matches!(line, Fate::LosesRequest))
         };
         let after = path.iter().rev().take_while(|step| !is_it(step));
         after.filter(|step| step.is_none()).count().min(4)

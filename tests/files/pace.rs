@@ -6,7 +6,7 @@ use mavstack::{Instant, Message};
 
 fn world_at(baud: u32) -> Shelf {
     let link = LinkConfig::uart(baud).with_streams(StreamProfile::Off);
-    let mut line = LineConfig::radio(u64::from(baud), millis(10));
+    let mut line = LineConfig::radio(baud, millis(10));
     line.down.tx_fifo = 256;
     let mut world = Shelf::of(Setup { links: [link; 2], lines: [line; 2], ..Setup::new() });
     world.vehicle.files.content.insert("big.bin".to_string(), pattern(100_000));

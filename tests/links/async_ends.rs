@@ -22,7 +22,7 @@ const LINK: LinkId = LinkId(0);
 
 /// The frames of a ground station.
 fn station() -> Gcs {
-    Gcs::new(SimSerial::new(&Clock::default(), LineConfig::default(), 1).ends().1)
+    Gcs::new(Line::new(&Clock::default(), LineConfig::default(), 1).ends().1)
 }
 
 /// Sends `message` to the firmware.
@@ -279,7 +279,7 @@ fn a_receiver_that_never_waits_lets_other_tasks_run() {
             let mut receiver = AsyncReceiver::new(receiving.uarts[0].clone(), &mut buffer).with_piece(1);
             for round in 0..50 {
                 if fail {
-                    receiving.uarts[0].with(|uart| uart.read_error = Some(SimError::Injected));
+                    receiving.uarts[0].with(|uart| uart.read_error = Some(LineError::Injected));
                 }
                 receiver.wait().await;
                 let _ = receiving.take_from(LINK, &mut receiver);
@@ -413,11 +413,11 @@ fn read_errors_are_counted_and_the_end_is_reported() {
     executor.spawn(Rc::clone(&firmware).receive::<16>(LINK, Scissors::new(1, 0.0)));
     let mut gcs = station();
     for expected in 1..=3 {
-        firmware.uarts[0].with(|uart| uart.read_error = Some(SimError::Overrun));
+        firmware.uarts[0].with(|uart| uart.read_error = Some(LineError::Overrun));
         let command = gcs.long(MavCmd::NAV_LAND, [expected as f32; 7]);
         send(&firmware, 0, &mut gcs, &command);
         firmware.run_for(&mut executor, 1, 11);
-        assert_eq!(firmware.errors.take(), [(LINK, LinkError::Read(SimError::Overrun))]);
+        assert_eq!(firmware.errors.take(), [(LINK, LinkError::Read(LineError::Overrun))]);
         let (stack, vehicle) = &*firmware.stack.borrow();
         assert_eq!(stack.link_counters(LINK).map(|counters| counters.read_errors), Some(expected));
         assert_eq!(vehicle.commands().len(), expected as usize);
@@ -433,9 +433,9 @@ fn read_errors_are_counted_and_the_end_is_reported() {
 fn write_errors_are_counted_and_cost_one_frame() {
     type Fail = fn(&mut lab::State);
     // The last number: the bytes of the frame that were sent, behind its first one. Its rest is not.
-    let failures: [(Fail, LinkError<SimError>, u32); 3] = [
-        (|uart| uart.write_error = Some(SimError::Injected), LinkError::Write(SimError::Injected), 0),
-        (|uart| uart.flush_error = Some(SimError::Injected), LinkError::Write(SimError::Injected), 15),
+    let failures: [(Fail, LinkError<LineError>, u32); 3] = [
+        (|uart| uart.write_error = Some(LineError::Injected), LinkError::Write(LineError::Injected), 0),
+        (|uart| uart.flush_error = Some(LineError::Injected), LinkError::Write(LineError::Injected), 15),
         (|uart| uart.closed = true, LinkError::Closed, 0),
     ];
     for (fail, expected, bytes) in failures {

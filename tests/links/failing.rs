@@ -29,24 +29,24 @@ struct Line {
 }
 
 impl Line {
-    fn fails(&self, fault: Fault) -> Result<(), SimError> {
-        if self.fault == Some(fault) { Err(SimError::Injected) } else { Ok(()) }
+    fn fails(&self, fault: Fault) -> Result<(), LineError> {
+        if self.fault == Some(fault) { Err(LineError::Injected) } else { Ok(()) }
     }
 }
 
 impl ErrorType for Line {
-    type Error = SimError;
+    type Error = LineError;
 }
 
 impl ReadReady for Line {
-    fn read_ready(&mut self) -> Result<bool, SimError> {
+    fn read_ready(&mut self) -> Result<bool, LineError> {
         self.fails(Fault::ReadReady)?;
         Ok(!self.received.is_empty() || self.fault == Some(Fault::Read))
     }
 }
 
 impl Read for Line {
-    fn read(&mut self, buffer: &mut [u8]) -> Result<usize, SimError> {
+    fn read(&mut self, buffer: &mut [u8]) -> Result<usize, LineError> {
         self.fails(Fault::Read)?;
         let len = buffer.len().min(self.received.len());
         buffer.iter_mut().zip(self.received.drain(..len)).for_each(|(to, from)| *to = from);
@@ -55,20 +55,20 @@ impl Read for Line {
 }
 
 impl WriteReady for Line {
-    fn write_ready(&mut self) -> Result<bool, SimError> {
+    fn write_ready(&mut self) -> Result<bool, LineError> {
         self.fails(Fault::WriteReady).map(|()| true)
     }
 }
 
 impl Write for Line {
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, SimError> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, LineError> {
         self.fails(Fault::Write)?;
         let len = if self.fault == Some(Fault::Closed) { 0 } else { bytes.len().min(7) };
         self.written.extend(&bytes[..len]);
         Ok(len)
     }
 
-    fn flush(&mut self) -> Result<(), SimError> {
+    fn flush(&mut self) -> Result<(), LineError> {
         Ok(())
     }
 }
@@ -109,8 +109,8 @@ fn failing_transport_does_not_keep_the_driver_awake() {
             assert!(passes <= 60, "{fault:?}: {passes} passes in 2 s");
             assert!(!errors.is_empty());
             let expected = match fault {
-                Fault::ReadReady | Fault::Read => LinkError::Read(SimError::Injected),
-                Fault::WriteReady | Fault::Write => LinkError::Write(SimError::Injected),
+                Fault::ReadReady | Fault::Read => LinkError::Read(LineError::Injected),
+                Fault::WriteReady | Fault::Write => LinkError::Write(LineError::Injected),
                 Fault::Closed => LinkError::Closed,
             };
             assert!(errors.iter().all(|error| *error == expected), "{errors:?}");

@@ -23,7 +23,7 @@ struct Rig<D: Declares = Tested> {
     vehicle: D::Vehicle,
     setup: Setup<1>,
     /// The line at the pins of the UART.
-    pins: SerialEnd,
+    pins: Port,
     gcs: Gcs,
     poll_every: Duration,
     next_poll: Instant,
@@ -37,7 +37,7 @@ impl<D: Declares<Vehicle = TestVehicle>> Rig<D> {
         // The UART has one byte of transmit buffer, and its interrupt is served before a second byte arrives.
         let up = Wire { bytes_per_second: u64::from(baud) / 10, ..Wire::default() };
         let line = LineConfig { up, down: Wire { tx_fifo: 1, ..up } };
-        let (pins, far) = SimSerial::new(&clock, line, 1).ends();
+        let (pins, far) = Line::new(&clock, line, 1).ends();
         Self {
             clock,
             stack: begun(setup.config, setup.links),

@@ -19,7 +19,7 @@ const LINK: LinkId = LinkId(0);
 fn simulated_line_keeps_to_its_properties() {
     let clock = Clock::default();
     let wire = Wire { bytes_per_second: 1_000, latency: millis(10), tx_fifo: 8, ..Wire::default() };
-    let (mut vehicle, ground) = SimSerial::new(&clock, LineConfig::both(wire), 1).ends();
+    let (mut vehicle, ground) = Line::new(&clock, LineConfig::both(wire), 1).ends();
     assert_eq!(vehicle.write(&[7; 20]), Ok(8));
     assert_eq!(vehicle.write_ready(), Ok(false));
     clock.set(Instant::from_millis(3));
@@ -35,7 +35,7 @@ fn simulated_line_keeps_to_its_properties() {
 fn partial_reads_and_writes_change_nothing() {
     for seed in 0..20 {
         let faults = Faults { stall: 0.002, stall_for: millis(30), ..Faults::default() };
-        let wire = Wire { bytes_per_second: 11_520, latency: millis(3), tx_fifo: 7, rx_fifo: 300, piece: 5, faults };
+        let wire = Wire { bytes_per_second: 11_520, latency: millis(3), tx_fifo: 7, rx_fifo: 300, chunk: 5, faults };
         let lines = [LineConfig { up: Wire { faults: Faults::default(), ..wire }, down: wire }; 2];
         let mut world = World::new(Setup { lines, seed, jitter: millis(2), ..Setup::new() });
         for round in 0..40 {
@@ -166,20 +166,20 @@ fn moved_bytes_cost_work() {
 fn transport_error_is_reported_and_link_recovers() {
     let mut world = World::new(Setup::<1>::new());
     world.run_for(millis(10));
-    world.uarts[0].fail_next_read(SimError::Overrun);
+    world.uarts[0].fail_next_read(LineError::Overrun);
     world.run_for(millis(10));
-    assert_eq!(world.errors, [(LINK, LinkError::Read(SimError::Overrun))]);
+    assert_eq!(world.errors, [(LINK, LinkError::Read(LineError::Overrun))]);
     world.gcs[0].command_long(MavCmd::NAV_LAND, [0.0; 7]);
-    world.uarts[0].fail_next_write(SimError::Injected);
+    world.uarts[0].fail_next_write(LineError::Injected);
     world.run_for(millis(10));
-    assert_eq!(world.errors[1..], [(LINK, LinkError::Write(SimError::Injected))]);
+    assert_eq!(world.errors[1..], [(LINK, LinkError::Write(LineError::Injected))]);
     assert_eq!(world.gcs[0].count_of::<CommandAck>(), 1);
     let counters = world.stack.link_counters(LINK).unwrap();
     assert_eq!((counters.read_errors, counters.write_errors), (1, 1));
     // A link that does not exist.
     let nowhere = world.stack.poll_link(world.now(), LinkId(1), &mut world.uarts[0], &mut world.vehicle);
     assert_eq!(nowhere, Err(LinkError::NoSuchLink));
-    world.uarts[0].fail_next_write(SimError::Injected);
+    world.uarts[0].fail_next_write(LineError::Injected);
     let nowhere = world.stack.poll_link(world.now(), LinkId(1), &mut world.uarts[0], &mut world.vehicle);
     assert_eq!(nowhere, Err(LinkError::NoSuchLink));
     let counters = world.stack.link_counters(LINK).unwrap();
@@ -199,7 +199,7 @@ fn overrun_loses_only_its_own_bytes() {
         }
         world.run_for(millis(20));
     }
-    assert!(world.errors.iter().all(|error| *error == (LINK, LinkError::Read(SimError::Overrun))));
+    assert!(world.errors.iter().all(|error| *error == (LINK, LinkError::Read(LineError::Overrun))));
     assert_eq!(world.stack.link_counters(LINK).unwrap().read_errors as usize, world.errors.len());
     let handled = world.vehicle.commands().len();
     assert!(handled >= 400, "{handled} commands: those before each overrun");
@@ -407,7 +407,7 @@ fn byte_level_calls_equal_poll_link() {
         }
     }
     let clock = Clock::default();
-    let (mut uart, mut far) = SimSerial::new(&clock, LineConfig::default(), 1).ends();
+    let (mut uart, mut far) = Line::new(&clock, LineConfig::default(), 1).ends();
     let polled = bytes_sent(|stack, now, bytes, vehicle| {
         clock.set(now);
         if !bytes.is_empty() {

@@ -24,7 +24,7 @@ struct Line {
 
 impl Line {
     fn world(self) -> TestWorld {
-        let lines = [LineConfig::radio(self.baud.into(), self.latency)];
+        let lines = [LineConfig::radio(self.baud, self.latency)];
         World::of(Setup { links: [LinkConfig::uart(self.baud)], lines, step: PERIOD, ..Setup::new() })
     }
 

@@ -120,7 +120,7 @@ impl DatagramSocket for Full {
 fn stack_that_was_not_begun_takes_and_sends_nothing() {
     let mut stack = Box::new(StackOf::<Vacant>::VACANT);
     let mut vehicle = Untouched;
-    let (mut uart, ground) = SimSerial::new(&Clock::default(), LineConfig::default(), 1).ends();
+    let (mut uart, ground) = Line::new(&Clock::default(), LineConfig::default(), 1).ends();
     let mut gcs = Gcs::new(ground);
     let (target_system, target_component) = (1, 1);
     let mut udp: UdpLinks<u8, 1> = UdpLinks::new([LINK]);

@@ -186,7 +186,7 @@ fn nothing_panics() {
             stall_for: millis(50),
             ..Faults::default()
         };
-        let lines = [LineConfig::both(Wire { faults, piece: 9, rx_fifo: 200, ..Wire::default() }); 2];
+        let lines = [LineConfig::both(Wire { faults, chunk: 9, rx_fifo: 200, ..Wire::default() }); 2];
         let mut world = World::<2, Plans>::of(Setup { lines, seed, jitter: millis(40), ..Setup::new() });
         for _ in 0..300 {
             let link = rng.below(2) as usize;

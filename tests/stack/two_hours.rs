@@ -231,7 +231,7 @@ impl Flight {
 
 #[test]
 fn two_hours_of_three_ground_stations() {
-    let wire = Wire { bytes_per_second: RATE, latency: millis(2), tx_fifo: 1_024, piece: 40, ..Wire::default() };
+    let wire = Wire { bytes_per_second: RATE, latency: millis(2), tx_fifo: 1_024, chunk: 40, ..Wire::default() };
     let setup = Setup {
         links: [LinkConfig::uart(57_600).with_own_system(true)],
         lines: [LineConfig::both(wire)],

@@ -1,6 +1,6 @@
 //! A simulated client at the far end of a line.
 
-use super::{STATION, SerialEnd, VEHICLE};
+use super::{Port, STATION, VEHICLE};
 use embedded_io::{Read, ReadReady, Write, WriteReady};
 use mavstack::dialect::{CommandInt, CommandLong, Common, Heartbeat, MavAutopilot, MavCmd, MavState, MavType};
 use mavstack::frame::{Decoder, Header, MAX_FRAME_LEN, Version, encode};
@@ -44,7 +44,7 @@ pub struct Gcs {
     /// Whether it accepts frames with an unknown id; false by default.
     pub takes_unknown: bool,
     /// Its end of the line.
-    pub end: SerialEnd,
+    pub end: Port,
     decoder: Decoder,
     outgoing: VecDeque<u8>,
     seqs: BTreeMap<Address, u8>,
@@ -52,7 +52,7 @@ pub struct Gcs {
 }
 
 impl Gcs {
-    pub fn new(end: SerialEnd) -> Self {
+    pub fn new(end: Port) -> Self {
         Self {
             address: STATION,
             vehicle: VEHICLE,

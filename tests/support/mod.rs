@@ -1,6 +1,6 @@
 //! Code shared by the protocol tests: a vehicle and its ground stations in simulated time, connected by unreliable lines.
 //!
-//! - [`SimSerial`]: a serial line whose two ends implement embedded-io. It loses, flips and duplicates bytes or frames, stalls, and
+//! - [`Line`], of `mavstack-station`: a serial line whose two ends implement embedded-io. It loses, flips and duplicates bytes or frames, stalls, and
 //!   transfers a few bytes at a time. All faults are drawn from a seed.
 //! - [`Tested`]: the declaration of a stack, composed of types: `World::<1, Tested<plan_memory!(mission: 9)>>`.
 //! - [`TestVehicle`]: implements the stack's traits, records every call, and returns configured answers. [`pilot`] is a vehicle with
@@ -52,7 +52,6 @@ pub mod radio;
 mod receiver;
 pub mod reference;
 mod rng;
-mod serial;
 #[cfg(feature = "signing")]
 pub mod signer;
 pub mod stream;
@@ -66,10 +65,10 @@ mod world;
 pub use files::MemoryFiles;
 pub use gcs::{Gcs, Received};
 pub use logs::MemoryLogs;
+pub use mavstack_station::kit::{Clock, Faults, Line, LineConfig, LineError, Port, Wire};
 pub use network::Network;
 pub use receiver::{Receiver, decode};
 pub use rng::Rng;
-pub use serial::{Clock, Faults, LineConfig, SerialEnd, SimError, SimSerial, Wire};
 pub use talk::Talk;
 pub use tested::{
     Everything, Forwarded, ForwardedSatellite, Plain, Satellite, Signed, SignedForwarded, SignedSatellite, Steered,

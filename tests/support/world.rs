@@ -1,8 +1,8 @@
 //! One vehicle, its lines, and the ground stations at their other ends, in simulated time.
 
 use super::{
-    Clear, Clock, Download, Gcs, LineConfig, Rng, SerialEnd, SimError, SimSerial, Tested, TransferError, Upload,
-    VEHICLE, begun, millis,
+    Clear, Clock, Download, Gcs, Line, LineConfig, LineError, Port, Rng, Tested, TransferError, Upload, VEHICLE, begun,
+    millis,
 };
 use mavstack::__private::{Declares, Firmware};
 use mavstack::dialect::{MavMissionType, MissionAck, MissionItemInt};
@@ -47,13 +47,13 @@ pub struct World<const N: usize, D: Declares = Tested> {
     pub stack: Box<Stack<D, N>>,
     pub vehicle: D::Vehicle,
     /// The lines, by link.
-    pub lines: Vec<SimSerial>,
+    pub lines: Vec<Line>,
     /// The vehicle's ends of the lines, by link.
-    pub uarts: Vec<SerialEnd>,
+    pub uarts: Vec<Port>,
     /// One ground station per line, by link.
     pub gcs: Vec<Gcs>,
     /// Errors of the transports that the stack reported.
-    pub errors: Vec<(LinkId, LinkError<SimError>)>,
+    pub errors: Vec<(LinkId, LinkError<LineError>)>,
     /// The pulse that the flight loop ticks.
     pub pulse: &'static Pulse,
     /// Whether the flight loop runs. The stack is polled in any case.
@@ -75,9 +75,9 @@ impl<const N: usize, D: Declares<Vehicle: Default>> World<N, D> {
     /// Creates a world of any declaration.
     pub fn of(setup: Setup<N>) -> Self {
         let clock = Clock::new(setup.start);
-        let line = |(i, config): (usize, LineConfig)| SimSerial::new(&clock, config, setup.seed ^ ((i as u64) << 32));
+        let line = |(i, config): (usize, LineConfig)| Line::new(&clock, config, setup.seed ^ ((i as u64) << 32));
         let lines: Vec<_> = setup.lines.into_iter().enumerate().map(line).collect();
-        let (uarts, far): (Vec<_>, Vec<_>) = lines.iter().map(SimSerial::ends).unzip();
+        let (uarts, far): (Vec<_>, Vec<_>) = lines.iter().map(Line::ends).unzip();
         Self {
             stack: begun(setup.config, setup.links),
             vehicle: <D as Firmware>::Vehicle::default(),

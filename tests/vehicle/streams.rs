@@ -266,7 +266,7 @@ fn radio_with_a_full_buffer_throttles_streams() {
 fn overload_delays_only_streams() {
     for baud in [9_600, 57_600] {
         let links = [LinkConfig::uart(baud).with_streams(ONBOARD)];
-        let lines = [LineConfig::radio(baud.into(), Duration::ZERO)];
+        let lines = [LineConfig::radio(baud, Duration::ZERO)];
         let mut world = World::new(Setup { links, lines, ..Setup::new() });
         for id in [Attitude::ID, GlobalPositionInt::ID, SysStatus::ID, BatteryStatus::ID] {
             set_interval(&mut world, 0, id, 1_000.0);

@@ -37,9 +37,9 @@ pub struct State {
     /// Whether a write has sent some of its bytes when it is dropped, as with DMA.
     pub is_sloppy: bool,
     pub closed: bool,
-    pub read_error: Option<SimError>,
-    pub write_error: Option<SimError>,
-    pub flush_error: Option<SimError>,
+    pub read_error: Option<LineError>,
+    pub write_error: Option<LineError>,
+    pub flush_error: Option<LineError>,
     wakers: [Option<Waker>; 2],
 }
 
@@ -104,11 +104,11 @@ impl Uart {
 }
 
 impl ErrorType for Uart {
-    type Error = SimError;
+    type Error = LineError;
 }
 
 impl Read for Uart {
-    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, SimError> {
+    async fn read(&mut self, buffer: &mut [u8]) -> Result<usize, LineError> {
         assert!(!buffer.is_empty());
         self.until(0, |state| {
             if let Some(error) = state.read_error.take() {
@@ -127,7 +127,7 @@ impl Read for Uart {
 }
 
 impl Write for Uart {
-    async fn write(&mut self, bytes: &[u8]) -> Result<usize, SimError> {
+    async fn write(&mut self, bytes: &[u8]) -> Result<usize, LineError> {
         assert!(!bytes.is_empty());
         let is_sloppy = self.0.borrow().is_sloppy;
         let mut written = 0;
@@ -152,7 +152,7 @@ impl Write for Uart {
         }
     }
 
-    async fn flush(&mut self) -> Result<(), SimError> {
+    async fn flush(&mut self) -> Result<(), LineError> {
         self.until(1, |state| match state.flush_error.take() {
             Some(error) => Some(Err(error)),
             None => state.fifo.is_empty().then_some(Ok(())),
@@ -285,7 +285,7 @@ pub struct Firmware<const N: usize> {
     pub stack: RefCell<(Box<TestedStack<N>>, TestVehicle)>,
     pub uarts: [Uart; N],
     pub pulse: &'static Pulse,
-    pub errors: RefCell<Vec<(LinkId, LinkError<SimError>)>>,
+    pub errors: RefCell<Vec<(LinkId, LinkError<LineError>)>>,
     clock: Clock,
     signals: [Signal; N],
     timers: RefCell<Vec<(Instant, Waker)>>,
@@ -342,11 +342,15 @@ impl<const N: usize> Firmware<N> {
         select(self.signals[usize::from(link.0)].wait(), self.sleep_until(deadline)).await;
     }
 
-    fn report(&self, link: LinkId, error: LinkError<SimError>) {
+    fn report(&self, link: LinkId, error: LinkError<LineError>) {
         self.errors.borrow_mut().push((link, error));
     }
 
-    pub fn take_from(&self, link: LinkId, receiver: &mut AsyncReceiver<'_, Uart>) -> Result<bool, LinkError<SimError>> {
+    pub fn take_from(
+        &self,
+        link: LinkId,
+        receiver: &mut AsyncReceiver<'_, Uart>,
+    ) -> Result<bool, LinkError<LineError>> {
         let (stack, vehicle) = &mut *self.stack.borrow_mut();
         let result = stack.receive_from(self.now(), link, receiver, vehicle);
         result.inspect_err(|error| self.report(link, *error))

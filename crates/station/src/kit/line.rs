@@ -89,13 +89,13 @@ pub struct Wire {
 }
 
 impl Default for Wire {
-    /// Infinitely fast, with a transmit FIFO of 1 KiB, no limit of the receiver, and without faults.
+    /// Infinitely fast, with a transmit FIFO of 1 KiB, a receive FIFO of 4 KiB, and without faults.
     fn default() -> Self {
         Self {
             bytes_per_second: 0,
             latency: Duration::ZERO,
             tx_fifo: 1_024,
-            rx_fifo: usize::MAX,
+            rx_fifo: 4_096,
             chunk: usize::MAX,
             faults: Faults::default(),
         }
