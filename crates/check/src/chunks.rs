@@ -23,6 +23,8 @@ pub struct Burst {
     pub tried: u32,
     /// How often the request was answered.
     pub answered: u32,
+    /// The shortest time from the burst to the answer.
+    pub fastest: Option<Duration>,
 }
 
 impl Burst {
@@ -48,7 +50,16 @@ impl Chunks {
     }
 }
 
-/// Measures all sizes. `rate` is that of the line (bytes/s), and `answer_time` that of a request alone.
+impl Chunks {
+    /// Returns the rate of the line to the vehicle (bytes/s), by the time that the largest burst took; `None` if it was lost.
+    pub fn rate(&self) -> Option<f64> {
+        let (first, last) = (self.bursts.first()?, self.bursts.last()?);
+        let time = last.fastest?.as_micros().saturating_sub(first.fastest?.as_micros());
+        Some((last.bytes - first.bytes) as f64 * 1e6 / time.max(1) as f64)
+    }
+}
+
+/// Measures all sizes. `rate` is the least rate that the line may have (bytes/s), and `answer_time` that of a request alone.
 ///
 /// # Errors
 ///
@@ -58,21 +69,29 @@ pub fn measure<T: Drive>(examiner: &mut Examiner<'_, T>, rate: f64, answer_time:
     for bytes in SIZES {
         let on_the_way = Duration::from_micros((bytes as f64 / rate * 1e6) as u64);
         let patience = on_the_way + answer_time * 2 + MARGIN;
-        let mut burst = Burst { bytes, tried: TRIES, answered: 0 };
+        let mut burst = Burst { bytes, tried: TRIES, answered: 0, fastest: None };
         for _ in 0..TRIES {
-            burst.answered += u32::from(send(examiner, bytes - SIZES[0], patience)?);
+            if let Some(time) = send(examiner, bytes - SIZES[0], patience)? {
+                burst.answered += 1;
+                burst.fastest = Some(burst.fastest.map_or(time, |fastest| fastest.min(time)));
+            }
         }
         chunks.bursts.push(burst);
     }
     Ok(chunks)
 }
 
-/// Sends a request behind `before` bytes of other frames. Returns whether it was answered.
-fn send<T: Drive>(examiner: &mut Examiner<'_, T>, before: usize, patience: Duration) -> Result<bool, Failure> {
+/// Sends a request behind `before` bytes of other frames. Returns the time until its answer.
+fn send<T: Drive>(
+    examiner: &mut Examiner<'_, T>,
+    before: usize,
+    patience: Duration,
+) -> Result<Option<Duration>, Failure> {
     let end = examiner.now() + PAUSE;
     while examiner.step()? < end {}
     let (echo, now, target) = (examiner.echo, examiner.now(), examiner.target());
     (0..before / FILL_LEN).for_each(|_| examiner.send_fill());
     echo.send(examiner.station(), now, target);
-    examiner.until(patience, |frame| echo.is_answer(frame, now))
+    let is_answered = examiner.until(patience, |frame| echo.is_answer(frame, now))?;
+    Ok(is_answered.then(|| examiner.now() - now))
 }

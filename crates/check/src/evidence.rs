@@ -21,9 +21,13 @@ use crate::{Depth, Options, Step, telemetry, timing};
 const FIRST_HEARTBEAT: Duration = Duration::from_secs(6);
 /// How long the first answers are awaited: a full transmit queue of 1 KiB takes 4 s at 2,400 baud.
 const LISTEN_PATIENCE: Duration = Duration::from_secs(6);
+/// The rate that a line has at least (bytes/s): 2,400 baud.
+const LEAST_RATE: f64 = 240.0;
+/// The rate up to which a line is filled if it is not known (bytes/s): 57,600 baud, as most radios.
+const MOST_RATE: f64 = 5_760.0;
 /// The share of unanswered requests from which on nothing is changed.
 const MAX_UNANSWERED: f64 = 0.3;
-/// How often a parameter is restored, until it has its old value.
+/// How often a parameter or a plan is restored, until it is read as it was.
 const RESTORE_TRIES: u32 = 5;
 /// The time between two of the first requests: a small FIFO should not have to hold both.
 const BETWEEN_REQUESTS: Duration = Duration::from_millis(120);
@@ -76,9 +80,10 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Returns the rate of the line (bytes/s). If it is not known, it is that of a usual radio, 57,600 baud.
+    /// Returns the rate of the line (bytes/s). If it is not known, it is what bursts have shown, up to that of a usual radio.
     pub fn rate(&self) -> f64 {
-        self.line_rate.unwrap_or(5_760.0)
+        let shown = || self.chunks.as_ref().and_then(Chunks::rate);
+        self.line_rate.unwrap_or_else(|| shown().unwrap_or(LEAST_RATE).clamp(LEAST_RATE, MOST_RATE))
     }
 }
 
@@ -99,6 +104,11 @@ pub fn gather<T: Drive>(drive: &mut T, options: &Options, progress: &mut dyn FnM
     progress(Step::Calm);
     let calm_time = Duration::from_secs(if options.depth == Depth::Quick { 4 } else { 10 });
     evidence.calm = examiner.measure(Load::calm(calm_time))?;
+    if evidence.calm.damaged > 0 {
+        // Which direction it is shows only in many requests.
+        let more = examiner.measure(Load::calm(calm_time * 2))?;
+        evidence.calm.extend(more);
+    }
     evidence.clock_rate = clock_rate(&mut examiner, &evidence.calm)?;
     let is_armed = evidence.heartbeat.is_some_and(|heartbeat| is_armed(&heartbeat));
     let is_silent = evidence.calm.arrivals(Heartbeat::ID).is_empty();
@@ -197,7 +207,7 @@ fn find_echo<T: Drive>(examiner: &mut Examiner<'_, T>) -> Result<Option<Echo>, F
     };
     let best = Echo::ALL.into_iter().find(is_answered);
     if let (Some(echo), Some(answer)) = (best, frames.iter().find(|frame| is_answer(frame))) {
-        examiner.patience = (answer.at - began) * 2 + Duration::from_secs(2);
+        examiner.patience = (answer.at - began) * 2 + Duration::from_secs(1);
         examiner.echo = echo;
     }
     Ok(best)
@@ -340,19 +350,36 @@ fn plan<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -> Re
         uploaded = examiner.upload_mission(&items);
         examiner.probe(Load::calm(Duration::from_secs(4)))
     })?;
-    if old.is_empty() && transport(examiner.run(plans::Clear::new(PlanType::Mission)))?.is_none() {
-        evidence.unrestored.push("the mission was empty".into());
-    }
+    restore_plan(examiner, evidence, &old)?;
     match uploaded {
         Err(failure @ Failure::Transport(_)) => return Err(failure),
         // It may have its reasons, such as a place that is too far away.
         Err(failure @ Failure::Plan { .. }) => {
-            evidence.skipped.push(format!("the upload of a plan to its end: {failure}"))
+            evidence.skipped.push(format!("the upload of a plan to its end: {failure}"));
         }
         Err(failure) => evidence.unanswered_plan = Some(failure),
         Ok(_) => {}
     }
     evidence.planning = Some(trace);
+    Ok(())
+}
+
+/// Makes sure that the vehicle has its old mission.
+fn restore_plan<T: Drive>(
+    examiner: &mut Examiner<'_, T>,
+    evidence: &mut Evidence,
+    old: &[Item],
+) -> Result<(), Failure> {
+    for _ in 0..RESTORE_TRIES {
+        if transport(examiner.download_mission())?.is_some_and(|items| items == old) {
+            return Ok(());
+        }
+        match old {
+            [] => transport(examiner.run(plans::Clear::new(PlanType::Mission))).map(drop)?,
+            old => transport(examiner.upload_mission(old)).map(drop)?,
+        }
+    }
+    evidence.unrestored.push(format!("the mission had {} items", old.len()));
     Ok(())
 }
 

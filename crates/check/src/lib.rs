@@ -113,7 +113,8 @@ pub fn judge(evidence: &Evidence) -> Report {
     let mut findings = line::check(evidence);
     findings.extend(timing::check(evidence));
     findings.extend(telemetry::check(evidence));
-    let is_explained = findings.iter().any(|finding| finding.severity == Severity::Error);
+    let is_explained =
+        findings.iter().any(|finding| finding.severity == Severity::Error || finding.topic == Topic::Line);
     findings.extend(identity::check(evidence));
     findings.extend(stations::check(evidence, is_explained));
     findings.sort_by_key(|finding| finding.severity);

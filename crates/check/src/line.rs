@@ -2,7 +2,7 @@
 
 use crate::evidence::Evidence;
 use crate::finding::{Finding, Severity, Topic};
-use crate::trace::seconds;
+use crate::trace::{Trace, seconds};
 
 /// Judges the line.
 pub fn check(evidence: &Evidence) -> Vec<Finding> {
@@ -89,12 +89,14 @@ fn damage(evidence: &Evidence) -> Option<Finding> {
             calm.damaged as usize + calm.frames.len()
         )
     };
-    let share = calm.unanswered();
-    if share > 0.01 && evidence.chunks.as_ref().is_none_or(|chunks| chunks.limit().is_none()) {
+    let (unheard, probes) = (calm.unheard(), calm.probes.len());
+    let unanswered = calm.probes.iter().filter(|probe| probe.answered.is_none()).count();
+    let is_limited = evidence.chunks.as_ref().is_some_and(|chunks| chunks.limit().is_some());
+    if unheard > 0 && unheard * 10 >= unanswered && !is_limited {
         return Some(finding(
             "damage-both-ways",
             Severity::Error,
-            observed(&format!("and {:.0} % of the requests to it were not answered", share * 100.0)),
+            observed(&format!("and {unheard} of {probes} requests did not reach it")),
             "The baud rates of the two sides differ slightly, or the clock of one UART is inaccurate. An error above 2 % damages bytes.",
             "Compute the rate that the UART really has from its clock and divider. Use a crystal, or a rate that the clock divides well. \
              Else check the ground wire and the levels.",
@@ -103,7 +105,7 @@ fn damage(evidence: &Evidence) -> Option<Finding> {
     Some(finding(
         "damage-from-vehicle",
         Severity::Error,
-        observed("but its requests are answered"),
+        observed("but requests reach it"),
         "The vehicle's transmit side: two writers share the UART, or a DMA buffer is changed while it is sent, or the line is disturbed.",
         "Let only `poll_link` write to the UART. Do not reuse a DMA buffer before its transfer has ended.",
     ))
@@ -158,7 +160,8 @@ fn bursts(evidence: &Evidence) -> Option<Finding> {
 /// Requests are lost without damage and without a limit of size.
 fn lost_requests(evidence: &Evidence) -> Option<Finding> {
     let load = evidence.load.as_ref()?;
-    let (calm, loaded) = (evidence.calm.unanswered(), load.unanswered());
+    let share = |trace: &Trace| trace.unheard() as f64 / trace.probes.len().max(1) as f64;
+    let (calm, loaded) = (share(&evidence.calm), share(load));
     let limit = evidence.chunks.as_ref().and_then(|chunks| chunks.limit());
     let is_damaged = evidence.calm.damaged > 1;
     let is_explained = limit.is_some() || is_damaged || crate::timing::is_clock_wrong(evidence);
@@ -169,7 +172,7 @@ fn lost_requests(evidence: &Evidence) -> Option<Finding> {
         "requests-lost",
         Severity::Warning,
         format!(
-            "{:.0} % of the requests were not answered in calm, and {:.0} % on a full line.",
+            "{:.0} % of the requests did not reach the vehicle in calm, and {:.0} % on a full line.",
             calm * 100.0,
             loaded * 100.0
         ),

@@ -48,6 +48,15 @@ impl Trace {
         self.stray += after.skipped.wrapping_sub(before.skipped);
     }
 
+    /// Adds the part that followed.
+    pub(crate) fn extend(&mut self, next: Self) {
+        self.ended = next.ended;
+        self.frames.extend(next.frames);
+        self.probes.extend(next.probes);
+        self.damaged += next.damaged;
+        self.stray += next.stray;
+    }
+
     /// Returns how long it took.
     pub fn time(&self) -> Duration {
         self.ended - self.began
@@ -57,6 +66,21 @@ impl Trace {
     pub fn unanswered(&self) -> f64 {
         let lost = self.probes.iter().filter(|probe| probe.answered.is_none()).count();
         lost as f64 / self.probes.len().max(1) as f64
+    }
+
+    /// Returns the number of probes that did not reach the vehicle: not answered, and no frame of the vehicle is missing at the time
+    /// when the answer was due.
+    pub fn unheard(&self) -> usize {
+        let usual = self.round_trips().last().copied().unwrap_or_default() + Duration::from_millis(150);
+        let unanswered = self.probes.iter().filter(|probe| probe.answered.is_none());
+        unanswered.filter(|probe| !self.has_gap(probe.sent, probe.sent + usual)).count()
+    }
+
+    /// Whether a frame is missing, by the sequence numbers, between the last one before `begin` and the first one after `end`.
+    fn has_gap(&self, begin: Instant, end: Instant) -> bool {
+        let first = self.frames.partition_point(|frame| frame.at <= begin).saturating_sub(1);
+        let last = self.frames.partition_point(|frame| frame.at <= end) + 1;
+        lost(self.frames[first..last.min(self.frames.len())].iter()) > 0
     }
 
     /// Returns the answer times, sorted.

@@ -77,8 +77,8 @@ pub struct BoardFirmware {
 }
 
 impl BoardFirmware {
-    /// Starts as `main` does after a reset.
-    pub fn boot(board: &Board, fault: Fault) -> Self {
+    /// Starts as `main` does after a reset, with this rate in its `LinkConfig`.
+    pub fn boot(board: &Board, fault: Fault, baud: u32) -> Self {
         let (pulse, len) = (kit::pulse(), Store::<Flash>::region_len::<Mavlink>());
         let mut config = config(pulse);
         if fault == Fault::Component {
@@ -91,7 +91,6 @@ impl BoardFirmware {
         if matches!(fault, Fault::Timer | Fault::TimerErase | Fault::TimerHangs) {
             config.pulse = None;
         }
-        let baud = if fault == Fault::Streams { BAUD * 10 } else { BAUD };
         let stack = StackOf::<Mavlink>::new(config, [LinkConfig::uart(baud)]);
         let mut firmware = Self {
             fault,
@@ -268,7 +267,7 @@ impl Write for DmaPort<'_> {
     }
 }
 
-/// Returns a rig with this board, which has run for two seconds.
+/// Returns a rig with this board.
 pub fn board(fault: Fault) -> Rig<BoardFirmware> {
     let line = LineConfig::uart(if fault == Fault::Streams { SLOW_BAUD } else { BAUD });
     let line = match fault {
@@ -277,7 +276,15 @@ pub fn board(fault: Fault) -> Rig<BoardFirmware> {
         Fault::TinyFifo => line.with_rx_fifo(12),
         _ => line.with_rx_fifo(512),
     };
-    let mut rig = Rig::new(move |board| BoardFirmware::boot(board, fault)).with_line(line, Client::QGroundControl);
+    board_on(fault, line)
+}
+
+/// Returns a rig with this board on another line.
+pub fn board_on(fault: Fault, line: LineConfig) -> Rig<BoardFirmware> {
+    let baud = u32::try_from(line.down.bytes_per_second * 10).expect("a baud rate");
+    let link_baud = if fault == Fault::Streams { baud * 100 } else { baud };
+    let boot = move |board: &Board| BoardFirmware::boot(board, fault, link_baud);
+    let mut rig = Rig::new(boot).with_line(line, Client::QGroundControl);
     match fault {
         Fault::Fifo => rig.set_poll_interval(Duration::from_millis(20)),
         Fault::TinyFifo => rig.set_poll_interval(Duration::from_millis(10)),

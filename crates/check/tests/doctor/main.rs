@@ -4,13 +4,13 @@ mod board;
 mod program;
 mod values;
 
-use board::{BAUD, BoardFirmware, Fault, SLOW_BAUD, board};
+use board::{BAUD, BoardFirmware, Fault, SLOW_BAUD, board, board_on};
 use mavstack::Duration;
 use mavstack::dialect::{Attitude, GlobalPositionInt, SysStatus};
 use mavstack_check::{Depth, Options, Outcome, Report, examine};
 use mavstack_station::GroundStation;
 use mavstack_station::command::Place;
-use mavstack_station::kit::Rig;
+use mavstack_station::kit::{LineConfig, Rig};
 use mavstack_station::plans::waypoint;
 
 fn options(fault: Fault) -> Options {
@@ -20,9 +20,13 @@ fn options(fault: Fault) -> Options {
 
 /// Examines a board. Prints what was found, for a test that fails.
 fn report(fault: Fault) -> Report {
-    let mut rig = board(fault);
-    let report = examine(&mut rig, &options(fault), &mut |_| {}).expect("the rig's transport does not fail");
-    println!("{fault:?}, after {} s:", rig.now().as_millis() / 1_000);
+    report_of(&mut board(fault), options(fault))
+}
+
+/// Examines a board in a rig.
+fn report_of(rig: &mut Rig<BoardFirmware>, options: Options) -> Report {
+    let report = examine(rig, &options, &mut |_| {}).expect("the rig's transport does not fail");
+    println!("after {} s:", rig.now().as_millis() / 1_000);
     for finding in &report.findings {
         println!("  {:?} {}: {}", finding.severity, finding.id, finding.observed);
     }
@@ -36,7 +40,12 @@ fn report(fault: Fault) -> Report {
 /// Asserts that the finding is the first one, and that nothing else is found but `consequences`.
 #[track_caller]
 fn finds(fault: Fault, id: &str, consequences: &[&str]) {
-    let report = report(fault);
+    only(&report(fault), id, consequences);
+}
+
+/// As [`finds`], of a report.
+#[track_caller]
+fn only(report: &Report, id: &str, consequences: &[&str]) {
     assert_eq!(report.outcome, Outcome::Findings);
     let found: Vec<_> = report.problems().map(|finding| finding.id).collect();
     assert!(found.contains(&id), "{found:?}");
@@ -48,6 +57,38 @@ fn nothing_on_a_sound_board() {
     let report = report(Fault::None);
     assert_eq!(report.problems().count(), 0);
     assert_eq!(report.outcome, Outcome::Sound);
+}
+
+#[test]
+fn nothing_on_slow_lines_and_fast_ones() {
+    let lines =
+        [LineConfig::uart(9_600), LineConfig::uart(115_200), LineConfig::radio(57_600, Duration::from_millis(80))];
+    for line in lines {
+        let rate = u32::try_from(line.down.bytes_per_second).expect("a rate");
+        for line_rate in [Some(rate), None] {
+            let mut rig = board_on(Fault::None, line.with_rx_fifo(2_048));
+            let report = report_of(&mut rig, Options { line_rate, depth: Depth::WithPlan });
+            assert_eq!(report.problems().count(), 0, "{rate} bytes/s, {line_rate:?}: {:?}", report.findings);
+        }
+    }
+}
+
+/// A radio that loses frames is that, and nothing else.
+#[test]
+fn a_radio_that_loses_frames() {
+    let radio = LineConfig::radio(57_600, Duration::from_millis(40)).with_rx_fifo(512);
+    for loss in [0.05, 0.2] {
+        let report = report_of(&mut board_on(Fault::None, radio.with_loss(loss)), options(Fault::None));
+        only(&report, "frames-lost", &["requests-lost"]);
+    }
+}
+
+/// Two writers at the vehicle's UART: only what it sends is damaged.
+#[test]
+fn damage_from_the_vehicle_alone() {
+    let mut line = LineConfig::uart(BAUD).with_rx_fifo(512);
+    line.down.faults.byte_loss = 0.002;
+    only(&report_of(&mut board_on(Fault::None, line), options(Fault::None)), "damage-from-vehicle", &[]);
 }
 
 /// What it changes, it restores.

@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 use std::thread;
 use std::time::{Duration, Instant as Clock};
 
-use crate::board::{BoardFirmware, Fault};
+use crate::board::{BAUD, BoardFirmware, Fault};
 use mavstack::Instant;
 use mavstack_station::kit::{self, Board, Firmware, Line, LineConfig};
 use serde_json::Value;
@@ -16,7 +16,7 @@ fn serve(fault: Fault, mut stream: TcpStream) {
     let (clock, started) = (kit::Clock::default(), Clock::now());
     let line = Line::new(&clock, LineConfig::default(), 1);
     let mut ports = [line.ends().0];
-    let mut firmware = BoardFirmware::boot(&Board::default(), fault);
+    let mut firmware = BoardFirmware::boot(&Board::default(), fault, BAUD);
     stream.set_read_timeout(Some(Duration::from_millis(1))).expect("a socket");
     loop {
         let now = Instant::ZERO + started.elapsed().into();
