@@ -10,12 +10,9 @@ use mavstack::{Address, Frame, Instant, dialect::Common};
 use std::hint::black_box;
 
 #[allow(dead_code, reason = "shared with the tests")]
-#[path = "../tests/support/rng.rs"]
-mod rng;
-#[allow(dead_code, reason = "shared with the tests")]
 #[path = "../tests/support/stream.rs"]
 mod stream;
-use rng::Rng;
+use mavstack_station::kit::Random as Rng;
 use stream::Mixed;
 
 const FRAMES: usize = 100_000;

@@ -4,10 +4,7 @@ use crate::support::*;
 use mavstack::config::{LinkClass, StreamProfile, TxVersion};
 use mavstack::dialect::*;
 use mavstack::ext_parameters::ExtValue;
-use mavstack::{
-    Address, Command, Commands, Context, ExtParameters, LinkConfig, LinkId, Message, Outcome, Text, Vehicle,
-    VehicleState,
-};
+use mavstack::{Address, Context, ExtParameters, LinkConfig, LinkId, Message, Text, Vehicle, VehicleState};
 
 #[derive(mavstack::Stack)]
 #[stack(vehicle: Camera, links: 4)]
@@ -40,11 +37,7 @@ impl Vehicle for Camera {
     }
 }
 
-impl Commands for Camera {
-    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+without_commands!(Camera);
 
 /// Names for more parameters than most cameras have.
 fn name(index: u16) -> &'static str {

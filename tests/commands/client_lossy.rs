@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 use crate::support::*;
 use mavstack::dialect::*;
 use mavstack::{
-    Address, Command, CommandClient, CommandReply, Commands, Context, Duration, Fill, LinkConfig, LinkId, Message,
-    Outcome, OutgoingCommand, ParamAnswer, Peer, Stack, Telemetry, Text, Vehicle, VehicleState,
+    Address, CommandClient, CommandReply, Context, Duration, Fill, LinkConfig, LinkId, Message, OutgoingCommand,
+    ParamAnswer, Peer, Stack, Telemetry, Text, Vehicle, VehicleState,
 };
 
 const SERVER: Address = Address::new(1, 154);
@@ -48,11 +48,7 @@ impl Vehicle for Asker {
     }
 }
 
-impl Commands for Asker {
-    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+without_commands!(Asker);
 
 impl CommandClient for Asker {
     fn command_for(&mut self, token: u16) -> Option<OutgoingCommand> {

@@ -10,10 +10,7 @@ mod requests;
 
 use mavstack::dialect::*;
 use mavstack::events::HealthReport;
-use mavstack::{
-    Address, Command, Commands, Context, Fill, HealthChecks, LinkConfig, LinkId, Outcome, Stream, Telemetry, Vehicle,
-    VehicleState,
-};
+use mavstack::{Address, Context, Fill, HealthChecks, LinkConfig, LinkId, Stream, Telemetry};
 use mavstack_station::{Client, events::Follow};
 use support::*;
 
@@ -89,17 +86,7 @@ struct Rover {
     run_checks: Option<MavResult>,
 }
 
-impl Vehicle for Rover {
-    fn state(&self) -> Option<VehicleState> {
-        Some(VehicleState::new(false))
-    }
-}
-
-impl Commands for Rover {
-    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+plain_vehicle!(Rover);
 
 impl HealthChecks for Rover {
     type Events = RoverEvents;

@@ -1,9 +1,9 @@
 //! `@PARAM/param.pck`: rules P-22, F-14.
 
 use super::*;
-use mavstack::dialect::{MavCmd, MavParamError, MavResult, MavSeverity, ParamRequestList, ParamValue, Statustext};
+use mavstack::dialect::{MavCmd, MavParamError, MavSeverity, ParamRequestList, ParamValue, Statustext};
 use mavstack::param::{ParamInfo, RuntimeTable};
-use mavstack::{Command, Commands, Context, Files, Instant, Outcome, ParamChange, Parameters, Vehicle, VehicleState};
+use mavstack::{Context, Files, Instant, ParamChange, Parameters, Vehicle, VehicleState};
 
 const FILE: &str = "@PARAM/param.pck";
 
@@ -429,17 +429,7 @@ fn upload_needs_room() {
 #[derive(Default)]
 struct Tuned;
 
-impl Vehicle for Tuned {
-    fn state(&self) -> Option<VehicleState> {
-        Some(VehicleState::new(false))
-    }
-}
-
-impl Commands for Tuned {
-    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+plain_vehicle!(Tuned);
 
 impl Parameters for Tuned {
     type Table = RuntimeTable<MANY>;
@@ -510,11 +500,7 @@ impl Vehicle for Noting {
     }
 }
 
-impl Commands for Noting {
-    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+without_commands!(Noting);
 
 impl Parameters for Noting {
     type Table = RuntimeTable<HUGE>;

@@ -6,8 +6,8 @@ use mavstack::dialect::*;
 use mavstack::frame::{MAX_FRAME_LEN, Version, encode};
 use mavstack::message::ComponentId;
 use mavstack::{
-    Address, Command, Commands, Component, Components, Config, Context, Fill, Instant, LinkConfig, LinkId, Message,
-    Outcome, Pulse, StackOf, Stream, Telemetry, Vehicle, VehicleState,
+    Address, Component, Components, Config, Fill, Instant, LinkConfig, LinkId, Message, Pulse, StackOf, Stream,
+    Telemetry, Vehicle, VehicleState,
 };
 
 /// A vehicle with something to send from the start: a stream, an event, a text, and another component.
@@ -22,11 +22,7 @@ impl Vehicle for Talker {
     }
 }
 
-impl Commands for Talker {
-    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+without_commands!(Talker);
 
 impl Components for Talker {
     const COMPONENTS: &'static [Component] = &[Component::new(ComponentId::new(154), MavType::GIMBAL)];

@@ -8,8 +8,8 @@ use mavstack::frame::Version;
 use mavstack::high_latency::HighLatency;
 use mavstack::signing::{LinkSigning, SigningKey};
 use mavstack::{
-    Address, Command, CommandClient, CommandReply, Commands, Config, Context, Instant, LinkConfig, LinkId, Message,
-    Outcome, OutgoingCommand, Pulse, Stack, StackOf, Telemetry, Vehicle, VehicleState,
+    Address, CommandClient, CommandReply, Config, Context, Instant, LinkConfig, LinkId, Message, OutgoingCommand,
+    Pulse, Stack, StackOf, Telemetry,
 };
 
 const AUTHORISER: Address = Address::new(10, 1);
@@ -24,17 +24,7 @@ struct Asking {
     unanswered: u32,
 }
 
-impl Vehicle for Asking {
-    fn state(&self) -> Option<VehicleState> {
-        Some(VehicleState::new(false))
-    }
-}
-
-impl Commands for Asking {
-    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+plain_vehicle!(Asking);
 
 impl Telemetry for Asking {}
 

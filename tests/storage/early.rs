@@ -12,7 +12,7 @@ use mavstack::dialect::*;
 use mavstack::frame::Version;
 use mavstack::param::{ParamInfo, RuntimeTable};
 use mavstack::storage::Store;
-use mavstack::{Command, Commands, Context, Outcome, Parameters, Vehicle, VehicleState};
+use mavstack::{Parameters, Vehicle, VehicleState};
 
 /// G-18: links that need a key stay closed until it is known whether there is one.
 #[test]
@@ -141,11 +141,7 @@ impl Vehicle for LongVehicle {
     }
 }
 
-impl Commands for LongVehicle {
-    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+without_commands!(LongVehicle);
 
 impl Parameters for LongVehicle {
     type Table = Long;

@@ -111,7 +111,7 @@ fn plans(rng: &mut Rng) -> [Vec<Item>; 3] {
 }
 
 fn fill(rng: &mut Rng, bytes: &mut [u8]) {
-    bytes.chunks_mut(8).for_each(|chunk| chunk.copy_from_slice(&rng.next().to_le_bytes()[..chunk.len()]));
+    bytes.fill_with(|| rng.byte());
 }
 
 /// M-44: a record with correct checksums is restored.

@@ -2,14 +2,12 @@
 
 use crate::pages::{self, COPY, LAST, PAGE};
 use crate::support::flash::{Fault, RamFlash, Torn};
-use crate::support::{VEHICLE, millis, secs};
-use mavstack::dialect::{MavResult, Statustext};
+use crate::support::{VEHICLE, millis, secs, without_commands};
+use mavstack::dialect::Statustext;
 use mavstack::frame::Decoder;
 use mavstack::message::Dialect;
 use mavstack::storage::{MAX_RECORD_LEN, Records, RestoreError, RestoreErrors, Store, decode_record, encode_record};
-use mavstack::{
-    Command, Commands, Config, Context, Instant, LinkConfig, LinkId, Outcome, Pulse, StackOf, Vehicle, VehicleState,
-};
+use mavstack::{Config, Context, Instant, LinkConfig, LinkId, Pulse, StackOf, Vehicle, VehicleState};
 
 #[derive(mavstack::Stack)]
 #[stack(vehicle: Logger, links: 1, storage: { records: 3 })]
@@ -38,11 +36,7 @@ impl Vehicle for Logger {
     }
 }
 
-impl Commands for Logger {
-    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+without_commands!(Logger);
 
 impl Records for Logger {
     fn load_record(&mut self, _: &mut Context<'_>, number: u8, bytes: &[u8]) {

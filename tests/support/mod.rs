@@ -51,7 +51,6 @@ pub mod pymavlink;
 pub mod radio;
 mod receiver;
 pub mod reference;
-mod rng;
 #[cfg(feature = "signing")]
 pub mod signer;
 pub mod stream;
@@ -65,10 +64,9 @@ mod world;
 pub use files::MemoryFiles;
 pub use gcs::{Gcs, Received};
 pub use logs::MemoryLogs;
-pub use mavstack_station::kit::{Clock, Faults, Line, LineConfig, LineError, Port, Wire};
+pub use mavstack_station::kit::{Clock, Faults, Line, LineConfig, LineError, Port, Random as Rng, Wire};
 pub use network::Network;
 pub use receiver::{Receiver, decode};
-pub use rng::Rng;
 pub use talk::Talk;
 pub use tested::{
     Everything, Forwarded, ForwardedSatellite, Plain, Satellite, Signed, SignedForwarded, SignedSatellite, Steered,
@@ -129,3 +127,29 @@ macro_rules! wrap_plans {
     };
 }
 pub(crate) use wrap_plans;
+
+/// Implements the hooks that every vehicle has: it is disarmed, and supports no command.
+macro_rules! plain_vehicle {
+    ($Vehicle:ty) => {
+        impl mavstack::Vehicle for $Vehicle {
+            fn state(&self) -> Option<mavstack::VehicleState> {
+                Some(mavstack::VehicleState::new(false))
+            }
+        }
+
+        $crate::support::without_commands!($Vehicle);
+    };
+}
+pub(crate) use plain_vehicle;
+
+/// Supports no command.
+macro_rules! without_commands {
+    ($Vehicle:ty) => {
+        impl mavstack::Commands for $Vehicle {
+            fn command(&mut self, _: &mut mavstack::Context<'_>, _: &mavstack::Command) -> mavstack::Outcome {
+                mavstack::dialect::MavResult::UNSUPPORTED.into()
+            }
+        }
+    };
+}
+pub(crate) use without_commands;

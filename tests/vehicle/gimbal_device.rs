@@ -245,17 +245,7 @@ struct Both {
     pitch: Option<f32>,
 }
 
-impl Vehicle for Both {
-    fn state(&self) -> Option<VehicleState> {
-        Some(VehicleState::new(false))
-    }
-}
-
-impl Commands for Both {
-    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+plain_vehicle!(Both);
 
 impl Components for Both {
     const COMPONENTS: &'static [Component] = &[Component::new(GIMBAL.component, MavType::GIMBAL)];
@@ -369,17 +359,7 @@ impl Default for Autopilot {
     }
 }
 
-impl Vehicle for Autopilot {
-    fn state(&self) -> Option<VehicleState> {
-        Some(VehicleState::new(false))
-    }
-}
-
-impl Commands for Autopilot {
-    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+plain_vehicle!(Autopilot);
 
 impl GimbalManager for Autopilot {
     const DEVICE: u8 = 154;

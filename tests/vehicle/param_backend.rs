@@ -281,11 +281,7 @@ impl mavstack::Vehicle for Plain {
     }
 }
 
-impl mavstack::Commands for Plain {
-    fn command(&mut self, _: &mut mavstack::Context<'_>, _: &mavstack::Command) -> mavstack::Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+without_commands!(Plain);
 
 impl mavstack::ParamBackend for Plain {
     fn param_count(&self) -> u16 {

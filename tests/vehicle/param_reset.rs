@@ -3,9 +3,7 @@
 use crate::support::*;
 use mavstack::dialect::{CommandAck, MavCmd, MavResult, ParamValue};
 use mavstack::param::{ParamInfo, RuntimeTable};
-use mavstack::{
-    Command, Commands, Context, Instant, LinkConfig, LinkId, Outcome, ParamChange, Parameters, Vehicle, VehicleState,
-};
+use mavstack::{Context, Instant, LinkConfig, LinkId, ParamChange, Parameters, Vehicle, VehicleState};
 use std::collections::BTreeMap;
 
 const COUNT: usize = 300;
@@ -29,11 +27,7 @@ impl Vehicle for Counting {
     }
 }
 
-impl Commands for Counting {
-    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+without_commands!(Counting);
 
 impl Parameters for Counting {
     type Table = RuntimeTable<COUNT>;

@@ -3,10 +3,7 @@
 use crate::support::*;
 use mavstack::config::{LinkClass, StreamProfile};
 use mavstack::dialect::*;
-use mavstack::{
-    Command, Commands, Context, Duration, Fill, Instant, LinkConfig, Message, Outcome, Stream, Telemetry, Vehicle,
-    VehicleState,
-};
+use mavstack::{Duration, Fill, Instant, LinkConfig, Message, Stream, Telemetry, Vehicle, VehicleState};
 use proptest::prelude::*;
 
 const ONBOARD: StreamProfile = StreamProfile::Onboard;
@@ -166,11 +163,7 @@ impl Telemetry for Mistaken {
     }
 }
 
-impl Commands for Mistaken {
-    fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome {
-        MavResult::UNSUPPORTED.into()
-    }
-}
+without_commands!(Mistaken);
 
 #[derive(mavstack::Stack)]
 #[stack(vehicle: Mistaken, links: 1, streams)]

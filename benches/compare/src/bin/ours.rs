@@ -6,13 +6,13 @@ use mavstack::message::Dialect;
 use mavstack::{Address, Frame, Instant};
 use mavstack_compare::{DAMAGED_SOURCE, Peer, SOURCE, run};
 
-#[path = "../../../../tests/support/rng.rs"]
+#[path = "../../../../crates/station/src/kit/random.rs"]
 #[allow(dead_code, reason = "shared with the tests")]
-mod rng;
+mod random;
 #[path = "../../../../tests/support/stream.rs"]
 #[allow(dead_code, reason = "shared with the tests")]
 mod stream;
-use rng::Rng;
+use random::Random as Rng;
 use stream::Mixed;
 
 struct Ours;

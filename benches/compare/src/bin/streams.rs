@@ -10,13 +10,13 @@ use mavstack_compare::{DAMAGED, DAMAGED_SOURCE, FILLER, FRAMES, SOURCE};
 
 #[path = "../../../../tests/support/damage.rs"]
 mod damage;
-#[path = "../../../../tests/support/rng.rs"]
-mod rng;
+#[path = "../../../../crates/station/src/kit/random.rs"]
+mod random;
 #[path = "../../../../tests/support/stream.rs"]
 #[allow(dead_code, reason = "shared with the tests")]
 mod stream;
 use damage::{Damage, damage};
-use rng::Rng;
+use random::Random as Rng;
 use stream::Mixed;
 
 const SENDER: Address = Address::new(SOURCE.0, SOURCE.1);

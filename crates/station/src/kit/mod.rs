@@ -22,6 +22,7 @@ mod rig;
 pub use board::Board;
 pub use flash::{ERASE_STEPS, FlashChip, FlashError, FlashTimes, RamFlash, Torn, Worn};
 pub use line::{Clock, Faults, Line, LineConfig, LineError, Port, Wire};
+pub use random::Random;
 pub use rig::{Firmware, OnLine, Rig, SEED};
 
 use mavstack::Pulse;

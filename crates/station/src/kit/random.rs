@@ -1,11 +1,18 @@
 //! Reproducible randomness: SplitMix64.
 
-/// A generator that returns the same numbers for the same seed.
+/// A generator that returns the same numbers for the same seed: what a test of one's own draws its faults from.
+///
+/// ```
+/// use mavstack_station::kit::Random;
+/// let mut random = Random::new(7);
+/// assert!((0..100).all(|_| random.below(6) < 6));
+/// ```
 #[derive(Clone, Debug)]
-pub(super) struct Random(u64);
+pub struct Random(u64);
 
 impl Random {
-    pub(super) const fn new(seed: u64) -> Self {
+    /// Creates a generator.
+    pub const fn new(seed: u64) -> Self {
         Self(seed)
     }
 
@@ -17,17 +24,18 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    pub(super) fn byte(&mut self) -> u8 {
+    /// Returns a byte.
+    pub fn byte(&mut self) -> u8 {
         self.next() as u8
     }
 
     /// Returns a number below `end`, or 0 if `end` is 0.
-    pub(super) fn below(&mut self, end: u64) -> u64 {
+    pub fn below(&mut self, end: u64) -> u64 {
         self.next().checked_rem(end).unwrap_or(0)
     }
 
     /// Returns true with this probability. For 0 it draws no number, so a disabled fault does not change the others.
-    pub(super) fn chance(&mut self, probability: f64) -> bool {
+    pub fn chance(&mut self, probability: f64) -> bool {
         probability > 0.0 && ((self.next() >> 11) as f64) < probability * (1_u64 << 53) as f64
     }
 }
