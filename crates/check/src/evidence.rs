@@ -1,7 +1,8 @@
 //! The examination: what is sent and measured, in its order. The checks judge what it gathers.
 
 use mavstack::dialect::{
-    Attitude, CommandLong, GlobalPositionInt, Heartbeat, MavCmd, MavParamType, MessageInterval, SystemTime,
+    Attitude, AutopilotVersion, CommandInt, CommandLong, GlobalPositionInt, Heartbeat, MavCmd, MavParamType,
+    MessageInterval, SystemTime,
 };
 use mavstack::{Address, Duration, Item, Message, PlanType};
 use mavstack_station::command::{Place, Send};
@@ -420,6 +421,17 @@ fn services<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -
             Ok(())
         }
     };
+    if announced.contains(Capability::COMMAND_INT) {
+        let target = examiner.target();
+        let request = CommandInt {
+            param1: AutopilotVersion::ID as f32,
+            command: MavCmd::REQUEST_MESSAGE,
+            target_system: target.system.wire(),
+            target_component: target.component.wire(),
+            ..CommandInt::default()
+        };
+        note("COMMAND_INT", examiner.run(Send::int(request)).map(drop))?;
+    }
     if announced.contains(Capability::FTP) {
         note("FTP", examiner.list_files("/").map(drop))?;
     }

@@ -1,11 +1,11 @@
 //! Answer times, heartbeats, stalls and clocks.
 
-use mavstack::dialect::Heartbeat;
+use mavstack::dialect::{Heartbeat, SystemTime};
 use mavstack::{Duration, Message};
 
 use crate::evidence::Evidence;
 use crate::finding::{Finding, Severity, Topic};
-use crate::trace::{Trace, seconds};
+use crate::trace::{Trace, seconds, timesync_rate};
 
 /// The spread of the answer times in calm from which on polls are too rare.
 const SPREAD: Duration = Duration::from_millis(100);
@@ -16,6 +16,8 @@ const STALL: Duration = Duration::from_millis(700);
 pub fn check(evidence: &Evidence) -> Vec<Finding> {
     let checks = [
         clock,
+        timesync,
+        unix_time,
         no_heartbeats,
         own_numbers,
         only_heartbeats,
@@ -77,6 +79,37 @@ fn clock(evidence: &Evidence) -> Option<Finding> {
         ),
     };
     Some(finding("clock-unit", Severity::Error, observed(what), cause, remedy))
+}
+
+/// The answers to TIMESYNC.
+fn timesync(evidence: &Evidence) -> Option<Finding> {
+    let rate = timesync_rate(&evidence.calm)?;
+    let is_explained = is_clock_wrong(evidence) || crate::telemetry::is_overloaded(evidence);
+    (!is_explained && !(0.9..=1.1).contains(&rate)).then(|| {
+        finding(
+            "timesync-unit",
+            Severity::Error,
+            format!("The answers to TIMESYNC count {:.0} ns a second.", rate * 1e9),
+            "`tc1` is in nanoseconds, and something else is put into it.",
+            "Use `mavstack::clock::Time`, or multiply microseconds by 1,000.",
+        )
+    })
+}
+
+/// The date in SYSTEM_TIME.
+fn unix_time(evidence: &Evidence) -> Option<Finding> {
+    /// 2015-01-01, which is before every vehicle with this message, and 2100-01-01 (µs since 1970).
+    const PLAUSIBLE: std::ops::Range<u64> = 1_420_070_400_000_000..4_102_444_800_000_000;
+    let time = evidence.calm.frames.iter().rev().find_map(|frame| frame.decode::<SystemTime>())?.time_unix_usec;
+    (time != 0 && !PLAUSIBLE.contains(&time)).then(|| {
+        finding(
+            "unix-time",
+            Severity::Warning,
+            format!("SYSTEM_TIME has {time} µs since 1970, which is not a date of today."),
+            "`time_unix_usec` is in microseconds since 1970, UTC. Seconds, milliseconds or the time since boot are put into it.",
+            "Convert the time of the receiver. Send 0 while the date is not known.",
+        )
+    })
 }
 
 /// A clock at nearly the right rate.

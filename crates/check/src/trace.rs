@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use mavstack::dialect::{Attitude, GlobalPositionInt, Heartbeat, LocalPositionNed, SystemTime};
+use mavstack::dialect::{Attitude, GlobalPositionInt, Heartbeat, LocalPositionNed, SystemTime, Timesync};
 use mavstack::frame::{RxCounters, Version};
 use mavstack::{Address, Duration, Instant, Message};
 use mavstack_station::Received;
@@ -155,6 +155,18 @@ pub fn clock_rate(frames: &[Received], least: Duration) -> Option<f64> {
     let longest = rates.max_by_key(|[first, last]| last.0 - first.0)?;
     let [(begin, first), (end, last)] = longest;
     Some((f64::from(last) - f64::from(first)) / (seconds(end - begin) * 1_000.0))
+}
+
+/// Returns how many nanoseconds the answers to TIMESYNC count in a nanosecond: 1 is right. `None` if there are too few.
+pub fn timesync_rate(trace: &Trace) -> Option<f64> {
+    let answers = trace.frames.iter().filter_map(|frame| {
+        let sync = frame.decode::<Timesync>().filter(|sync| sync.tc1 != 0 && sync.ts1 != 0)?;
+        Some((frame.at, sync.tc1))
+    });
+    let answers: Vec<_> = answers.collect();
+    let ((begin, first), (end, last)) = (answers.first()?, answers.last()?);
+    let time = seconds(*end - *begin);
+    (time > 2.0).then(|| (*last as f64 - *first as f64) / (time * 1e9))
 }
 
 /// Returns the time since boot in a message that has one (ms).

@@ -1,6 +1,8 @@
 //! Values that a ground station shows wrongly, and promises that are not kept.
 
-use mavstack::dialect::{Attitude, Common, Heartbeat, MavModeProperty, MavResult, MavStandardMode};
+use mavstack::dialect::{
+    Attitude, Common, Heartbeat, MavModeProperty, MavResult, MavStandardMode, SystemTime, Timesync,
+};
 use mavstack::frame::{Decoder, Version, encode};
 use mavstack::message::{Dialect, LatLon};
 use mavstack::{Address, Duration, Instant, Message};
@@ -79,6 +81,34 @@ fn received(message: &impl Message) -> Received {
     let mut budget = Decoder::MIN_BUDGET;
     let frame = decoder.next(Instant::ZERO, Common::MESSAGES, &mut budget, |_| false).expect("a frame");
     Received { at: Instant::ZERO, header: *frame.header(), payload: frame.payload().to_vec(), is_signed: false }
+}
+
+/// Returns evidence with this message, received at this time.
+fn with(messages: &[(Instant, Received)]) -> Evidence {
+    let mut evidence = evidence();
+    let frames = messages.iter().map(|(at, frame)| Received { at: *at, ..frame.clone() });
+    evidence.calm.frames.extend(frames);
+    evidence.calm.ended = Instant::ZERO + Duration::from_secs(10);
+    evidence
+}
+
+#[test]
+fn microseconds_in_timesync() {
+    let answer = |tc1| received(&Timesync { tc1, ts1: 1, ..Timesync::default() });
+    let after = Instant::ZERO + Duration::from_secs(4);
+    let wrong = with(&[(Instant::ZERO, answer(1_000_000)), (after, answer(5_000_000))]);
+    observes(&judge(&wrong), "timesync-unit", "1000000 ns a second");
+    let right = with(&[(Instant::ZERO, answer(1_000_000)), (after, answer(4_001_000_000))]);
+    assert_eq!(judge(&right).finding("timesync-unit"), None);
+}
+
+#[test]
+fn seconds_in_the_unix_time() {
+    let time = |time_unix_usec| received(&SystemTime { time_unix_usec, time_boot_ms: 0 });
+    observes(&judge(&with(&[(Instant::ZERO, time(1_790_000_000))])), "unix-time", "1790000000");
+    for right in [0, 1_790_000_000_000_000] {
+        assert_eq!(judge(&with(&[(Instant::ZERO, time(right))])).finding("unix-time"), None);
+    }
 }
 
 /// What a client has learned, with one mode.
