@@ -81,6 +81,15 @@ impl<'a> Io<'a> {
         self.sender.set_signing(self.now, key);
     }
 
+    /// Returns the session and the number of pymavlink's next packet of MAVLink FTP.
+    pub(crate) fn file_session(&self) -> (u8, u16) {
+        self.sender.file_session
+    }
+
+    pub(crate) fn set_file_session(&mut self, session: u8, number: u16) {
+        self.sender.file_session = (session, number);
+    }
+
     /// Whether a message with these target fields is for this station: addressed to it, or to all.
     pub fn is_for_us(&self, target_system: u8, target_component: u8) -> bool {
         let Address { system, component } = self.sender.address;

@@ -94,6 +94,8 @@ pub(crate) struct Sender {
     version: Version,
     seq: u8,
     signing: Option<Signing>,
+    /// The session and the number of pymavlink's next packet of MAVLink FTP.
+    pub(crate) file_session: (u8, u16),
     output: Vec<u8>,
 }
 
@@ -127,6 +129,7 @@ impl Station {
                 version: if client == Client::Pymavlink { Version::V1 } else { Version::V2 },
                 seq: 0,
                 signing: None,
+                file_session: (0, 0),
                 output: Vec::new(),
             },
             heartbeats: Heartbeats { interval: client.heartbeat_interval(), due: Instant::ZERO },

@@ -21,6 +21,8 @@ pub(super) struct Requests {
     /// The number of the next request.
     next: u16,
     session: u8,
+    /// Whether a file was opened, or should have been.
+    has_file: bool,
     trip: RoundTrip,
     pending: Vec<Pending>,
     /// The number of packets sent.
@@ -52,18 +54,20 @@ pub(super) struct Answered {
 impl Requests {
     /// Begins with a session and a number as the client would now.
     pub(super) fn begin(io: &Io<'_>, path: &str) -> Self {
-        // A client that has been running for a while has used others before. Dialogues share no state, so the time decides.
+        // A client that has been running for a while has used others before, so the time decides. pymavlink's object counts from 0.
         let elapsed = io.now().as_millis() / 4;
         let (session, next) = match io.client() {
             Client::QGroundControl => (0, (elapsed << 1) as u16 | 1),
             Client::Mavsdk => (0, 0),
-            Client::MavProxy | Client::Pymavlink => (elapsed as u8, 0),
+            Client::MavProxy => (elapsed as u8, 0),
+            Client::Pymavlink => io.file_session(),
         };
         Self {
             client: io.client(),
             path: path.to_owned(),
             next,
             session,
+            has_file: false,
             trip: RoundTrip::default(),
             pending: Vec::new(),
             sent: 0,
@@ -98,8 +102,8 @@ impl Requests {
 
     /// Sends a request, and waits for its answer.
     pub(super) fn send(&mut self, io: &mut Io<'_>, step: Step, packet: Packet) {
-        let packet = Packet { number: self.fresh_number(), session: self.session, ..packet };
-        io.send(&packet.message(io.target()));
+        let packet = self.transmit(io, packet);
+        self.has_file |= matches!(step, Step::Open | Step::Create);
         self.trip.sent(packet.number, io.now());
         self.sent += 1;
         let (due, repeat, place) = (io.now() + self.timeout(step), self.client.ftp_repeat(step), self.sent);
@@ -108,8 +112,16 @@ impl Requests {
 
     /// Sends a request whose answer is not awaited.
     pub(super) fn send_and_forget(&mut self, io: &mut Io<'_>, packet: Packet) {
+        self.transmit(io, packet);
+    }
+
+    fn transmit(&mut self, io: &mut Io<'_>, packet: Packet) -> Packet {
         let packet = Packet { number: self.fresh_number(), session: self.session, ..packet };
         io.send(&packet.message(io.target()));
+        // pymavlink counts the sessions that it has ended.
+        let has_ended = packet.opcode == MavFtpOpcode::TERMINATESESSION;
+        io.set_file_session(self.session.wrapping_add(u8::from(has_ended)), self.next);
+        packet
     }
 
     /// Returns how long an answer is awaited now.
@@ -247,6 +259,7 @@ impl Requests {
         let terminates = match self.client.ftp_abort() {
             Abort::Never => false,
             Abort::AfterRefusal => is_refusal,
+            Abort::OfFile => self.has_file,
             Abort::Always => true,
         };
         if terminates {

@@ -71,6 +71,8 @@ pub(super) enum Closing {
 pub(super) enum Abort {
     Never,
     AfterRefusal,
+    /// After a failed read or write of a file.
+    OfFile,
     Always,
 }
 
@@ -143,7 +145,8 @@ impl Client {
         match self {
             Self::QGroundControl => Abort::Never,
             Self::Mavsdk => Abort::AfterRefusal,
-            Self::MavProxy | Self::Pymavlink => Abort::Always,
+            Self::MavProxy => Abort::Always,
+            Self::Pymavlink => Abort::OfFile,
         }
     }
 

@@ -121,6 +121,24 @@ fn ftp_sessions_end_as_the_client_ends_them() {
     }
 }
 
+/// A server that answers with session 0 whatever the request's, as MAVSDK's, is understood until pymavlink has closed a file.
+#[test]
+fn pymavlink_counts_the_sessions_that_it_has_ended() {
+    let mut script = Script::new(Client::Pymavlink, Download::new("/file"));
+    let first = script.packets(MOMENT).remove(0);
+    script.reply(&first, MavFtpOpcode::NAK, 0, &[MavFtpErr::FILENOTFOUND.0]);
+    let end = script.packets(MOMENT).remove(0);
+    assert_eq!((first.session, end.session, end.opcode), (0, 0, MavFtpOpcode::TERMINATESESSION));
+    (script.dialogue, script.result) = (Download::new("/other"), None);
+    let second = script.packets(MOMENT).remove(0);
+    assert_eq!((second.session, second.number), (1, end.number + 1));
+
+    // Without a file there is no session to end.
+    let mut script = Script::new(Client::Pymavlink, Operation::remove("/file"));
+    assert_eq!(script.packets(SECOND * 30).len(), 1);
+    assert!(matches!(script.result, Some(Err(Failure::Timeout { .. }))));
+}
+
 /// A repetition with the same number is answered from the server's memory; one with a new number is carried out again.
 #[test]
 fn ftp_repetitions_have_the_clients_numbers_and_times() {
