@@ -28,6 +28,7 @@ def pytest_addoption(parser):
     parser.addoption("--load-seconds", type=int, default=4, help="how long the tests with a high load take")
     parser.addoption("--qmp-port", type=int, help="QEMU's control port, for processor resets")
     parser.addoption("--program", type=pathlib.Path, help="the program of the vehicle in sitl")
+    parser.addoption("--station", type=pathlib.Path, help="the example `foreign` of the station for tests, in sitl")
     parser.addoption("--xtask", type=pathlib.Path, help="the program that starts the vehicle in QEMU")
 
 

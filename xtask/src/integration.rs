@@ -85,6 +85,7 @@ const GROUPS: [(&str, bool, &[&str]); 3] = [
             "test_signing.py",
             "test_power.py",
             "test_differential.py",
+            "test_station.py",
             "test_faults.py",
             "test_plan_file.py",
             "test_log.py",
@@ -239,6 +240,8 @@ enum Program {
     },
     Sitl {
         program: PathBuf,
+        /// The example `foreign` of the station for tests.
+        station: PathBuf,
     },
 }
 
@@ -281,8 +284,12 @@ impl Program {
 
     fn for_sitl() -> Result<Self> {
         const PACKAGE: &str = "mavstack-sitl";
+        const STATION: &str = "foreign";
         run(Command::new(cargo()).args(["build", "--package", PACKAGE]).current_dir(root()))?;
-        Ok(Self::Sitl { program: target_dir().join("debug").join(PACKAGE) })
+        let station = ["build", "--package", "mavstack-station", "--example", STATION];
+        run(Command::new(cargo()).args(station).current_dir(root()))?;
+        let folder = target_dir().join("debug");
+        Ok(Self::Sitl { program: folder.join(PACKAGE), station: folder.join("examples").join(STATION) })
     }
 
     fn start(&self, port: u16, udp: Option<SocketAddr>, log: File) -> Result<Vehicle> {
@@ -297,7 +304,7 @@ impl Program {
                 });
                 Ok(Vehicle::Qemu { _emulator: emulator })
             }
-            Self::Sitl { program } => {
+            Self::Sitl { program, .. } => {
                 let child = Command::new(program)
                     .args(["--port-base", &port.to_string()])
                     .args(udp.map(|peer| format!("--udp={peer}")))
@@ -310,14 +317,16 @@ impl Program {
         }
     }
 
-    /// How a test resets the vehicle at `port`, or starts another one that it may kill.
+    /// How a test resets the vehicle at `port`, or starts another one that it may kill, and the station for tests.
     fn options(&self, port: u16) -> Vec<OsString> {
         match self {
             Self::Qemu { .. } => {
                 let ourselves = std::env::current_exe().unwrap_or_default().into();
                 vec!["--qmp-port".into(), (port + QMP).to_string().into(), "--xtask".into(), ourselves]
             }
-            Self::Sitl { program } => vec!["--program".into(), program.into()],
+            Self::Sitl { program, station } => {
+                vec!["--program".into(), program.into(), "--station".into(), station.into()]
+            }
         }
     }
 }
