@@ -164,26 +164,25 @@ fn is_armed(heartbeat: &Heartbeat) -> bool {
 /// Waits for a heartbeat, then looks for a request that is answered.
 fn listen<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -> Result<(), Failure> {
     let before = examiner.station().counters();
-    let mut first = examiner.trace(|examiner| {
-        examiner.until(FIRST_HEARTBEAT, |frame| frame.header.id == Heartbeat::ID)?;
+    let first = examiner.trace(|examiner| {
+        let end = examiner.now() + FIRST_HEARTBEAT;
+        while examiner.station().target().is_none() && examiner.step()? < end {}
+        // Without heartbeats of an autopilot it may be any component.
+        let heard = examiner.station().seen().components().next().map(|component| component.address);
+        if let (None, Some(heard)) = (examiner.station().target(), heard) {
+            examiner.station().set_target(heard);
+        }
+        evidence.echo = find_echo(examiner)?;
+        if evidence.echo.is_none() {
+            evidence.answers_slow_bytes = answers_slow_bytes(examiner)?;
+        }
         Ok(Vec::new())
     })?;
-    evidence.echo = find_echo(examiner)?;
-    if evidence.echo.is_none() {
-        evidence.answers_slow_bytes = answers_slow_bytes(examiner)?;
-    }
-    first.ended = examiner.now();
-    first.frames = examiner.frames().to_vec();
-    first.add_damage(before, examiner.station().counters());
     let after = examiner.station().counters();
-    evidence.any_byte = first.damaged + first.stray > 0 || after.frames != before.frames || after.unchecked != 0;
-    let seen = examiner.station().seen();
-    let component = seen.vehicles().next().or_else(|| seen.components().next());
-    evidence.vehicle = component.map(|component| component.address);
-    evidence.heartbeat = component.and_then(|component| component.heartbeat);
-    if evidence.vehicle.is_some_and(|vehicle| examiner.station().target().is_none_or(|target| target != vehicle)) {
-        examiner.station().set_target(evidence.vehicle.unwrap_or(Address::new(1, 1)));
-    }
+    let is_frame = after.frames != before.frames || after.unchecked != before.unchecked;
+    evidence.any_byte = is_frame || first.damaged + first.stray > 0;
+    evidence.vehicle = examiner.station().target();
+    note_heartbeat(examiner, evidence);
     evidence.first = first;
     Ok(())
 }
@@ -216,7 +215,15 @@ fn find_echo<T: Drive>(examiner: &mut Examiner<'_, T>) -> Result<Option<Echo>, F
 
 /// Whether a request is answered if its bytes arrive one by one: then the receiver loses bytes that follow each other.
 fn answers_slow_bytes<T: Drive>(examiner: &mut Examiner<'_, T>) -> Result<bool, Failure> {
+    let interval = examiner.station().client().heartbeat_interval();
+    // A heartbeat in between would not be slow.
     examiner.station().set_heartbeats(None);
+    let is_answered = any_slow_answer(examiner)?;
+    examiner.station().set_heartbeats(interval);
+    Ok(is_answered)
+}
+
+fn any_slow_answer<T: Drive>(examiner: &mut Examiner<'_, T>) -> Result<bool, Failure> {
     for echo in Echo::ALL {
         let (now, target) = (examiner.now(), examiner.target());
         examiner.step()?;
@@ -449,8 +456,13 @@ fn services<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) -
 
 fn note_texts<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) {
     evidence.texts = examiner.station().seen().texts().cloned().collect();
-    let vehicle = evidence.vehicle;
-    let component = vehicle.and_then(|vehicle| examiner.station().seen().component(vehicle).cloned());
+    note_heartbeat(examiner, evidence);
+}
+
+/// Notes the vehicle's last heartbeat.
+fn note_heartbeat<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evidence) {
+    let seen = examiner.station().seen();
+    let component = evidence.vehicle.and_then(|vehicle| seen.component(vehicle));
     evidence.heartbeat = component.and_then(|component| component.heartbeat).or(evidence.heartbeat);
 }
 

@@ -54,12 +54,14 @@ impl fmt::Display for Document<'_> {
             writeln!(f, "Measured")?;
             let width = report.measured.iter().map(|measured| measured.name.len()).max().unwrap_or(0);
             for measured in &report.measured {
-                let decimals = if measured.unit.is_empty() && measured.value.fract() != 0.0 {
-                    4
-                } else {
-                    usize::from(measured.value < 100.0)
+                let decimals = match measured.unit {
+                    // A count or a ratio.
+                    "" if measured.value.fract() == 0.0 => 0,
+                    "" => 4,
+                    _ => usize::from(measured.value < 100.0),
                 };
-                writeln!(f, "  {:width$}  {:>8.decimals$} {}", measured.name, measured.value, measured.unit)?;
+                let line = format!("  {:width$}  {:>8.decimals$} {}", measured.name, measured.value, measured.unit);
+                writeln!(f, "{}", line.trim_end())?;
             }
             writeln!(f)?;
         }
@@ -79,13 +81,13 @@ impl Document<'_> {
             Severity::Note => "note",
         };
         writeln!(f, "{begin}{severity}{end} {}", finding.id)?;
-        for (title, text) in [("", finding.observed.as_str()), ("Cause:", finding.cause), ("Remedy:", finding.remedy)] {
+        for line in wrap(&finding.observed, WIDTH - 2) {
+            writeln!(f, "  {line}")?;
+        }
+        for (title, text) in [("Cause:", finding.cause), ("Remedy:", finding.remedy)] {
             for (index, line) in wrap(text, WIDTH - 10).into_iter().enumerate() {
                 let title = if index == 0 { title } else { "" };
-                match finding.observed == text {
-                    true => writeln!(f, "  {line}")?,
-                    false => writeln!(f, "  {title:7} {line}")?,
-                }
+                writeln!(f, "  {title:7} {line}")?;
             }
         }
         writeln!(f)
