@@ -17,6 +17,7 @@ mod log;
 mod publish;
 mod qemu;
 mod rp2040js;
+mod semver;
 mod trace;
 
 use std::net::{SocketAddr, ToSocketAddrs};
@@ -55,6 +56,7 @@ enum Task {
     Dialects(Dialects),
     Trace(Trace),
     PublishCheck(PublishCheck),
+    Semver(Semver),
 }
 
 /// Run the demo vehicle on an emulated Cortex-M4.
@@ -190,6 +192,16 @@ struct PublishCheck {
     no_build: bool,
 }
 
+/// Compare the public interface of the libraries with an earlier one, by cargo-semver-checks.
+///
+/// Fails if it breaks code that used the earlier one, unless the version says so.
+#[derive(Args)]
+struct Semver {
+    /// The commit or tag to compare with; by default the last tag.
+    #[arg(long, value_name = "REVISION")]
+    baseline: Option<String>,
+}
+
 /// Generate, compile and check a whole other dialect: ardupilotmega.
 ///
 /// Its definitions come with pymavlink. Every message is compared with pymavlink's own table.
@@ -268,6 +280,7 @@ fn main() -> ExitCode {
         Task::Dialects(arguments) => dialects::run(arguments.toolchain),
         Task::Trace(arguments) => trace::run(arguments.tests),
         Task::PublishCheck(PublishCheck { no_build }) => publish::check(!no_build),
+        Task::Semver(Semver { baseline }) => semver::check(baseline.as_deref()),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -31,7 +31,7 @@ const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
 }
 
 /// All steps, short ones first.
-const STEPS: [Step; 31] = [
+const STEPS: [Step; 32] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
@@ -54,6 +54,7 @@ const STEPS: [Step; 31] = [
         &["xtask", "integration", "--target", "qemu", "--file", "test_ethernet.py", "--load-seconds", "60"],
     ),
     step("packages", "each crate built from its package alone, as it would be published", &["xtask", "publish-check"]),
+    step("semver", "the public interface, compared with that of the last tag", &["xtask", "semver"]),
     step("panic-free", "no panic in the firmware, at opt-level s and 3", &["measure", "panic-free"]),
     step("dialects", "ardupilotmega, generated, compiled and compared with pymavlink", &["xtask", "dialects"]),
     step("jitter", "the delay of flight beside MAVLink and storage, in QEMU", &["xtask", "jitter"]),
