@@ -6,6 +6,7 @@
 //! | [`storage`](mod@storage) | choosing a region, where the erases run, wear, recipes for families of flash |
 //! | [`testing`] | tests of your vehicle on your machine: a ground station, faulty lines, power cuts |
 //! | [`ground_stations`] | connecting to the demo vehicle; quirks of each client |
+//! | [`qgroundcontrol`] | what it shows of a GENERIC vehicle and of one that reports PX4; which to choose |
 //! | [`rc_over_mavlink`] | ExpressLRS and mLRS: wiring, settings, arbitration of the sticks, loss of the transmitter |
 //! | [`features`] | supported features, service by service |
 //! | [`sizing`] | flash and RAM, option by option |
@@ -27,6 +28,7 @@ macro_rules! labels {
 [figures]: crate::guides::figures
 [ground-stations]: crate::guides::ground_stations
 [porting]: crate::guides::porting
+[qgroundcontrol]: crate::guides::qgroundcontrol
 [rc-over-mavlink]: crate::guides::rc_over_mavlink
 [safety]: crate::guides::safety
 [sizing]: crate::guides::sizing
@@ -63,6 +65,10 @@ pub mod ground_stations {}
 #[doc = labels!()]
 #[doc = include_str!("../docs/porting.md")]
 pub mod porting {}
+
+#[doc = labels!()]
+#[doc = include_str!("../docs/qgroundcontrol.md")]
+pub mod qgroundcontrol {}
 
 #[doc = labels!()]
 #[doc = include_str!("../docs/rc-over-mavlink.md")]
