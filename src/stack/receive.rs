@@ -20,9 +20,6 @@ use crate::types::{
     Allowance, CommandAnswer, CreditMemory, LinkId, MAX_TEXT_LEN, Payer, Peer, PeerEvent, Trust, Vehicle,
 };
 
-/// What a frame takes of the allowance of a poll besides its bytes: a look at its sender, and at what it has caused.
-const COST_OF_FRAME: u32 = 40;
-
 /// What a sender for which the peer table has no free place takes of the allowance of a poll, besides its frame: a look at all peers, and
 /// calls of hooks if it evicts one.
 const COST_OF_NEWCOMER: u32 = 300;
@@ -73,7 +70,7 @@ impl<D: Declares> Services<D> {
             // By reference: it is large.
             let Some(frame) = &next else { break };
             allowance.handle();
-            allowance.spend(self.signing.cost(frame).saturating_add(COST_OF_FRAME));
+            allowance.spend(self.signing.cost(frame));
             let id = frame.id();
             let is_from_us = is_our_address(cx, frame.source());
             if is_from_us {

@@ -70,8 +70,8 @@ impl PollBudget {
     pub const fn for_link(baud: u32, period: Duration) -> Self {
         /// The length of the shortest frame: MAVLink 1 without a payload. No other has a higher cost for each byte.
         const SHORTEST: u64 = 8;
-        /// The cost of the shortest frame, with some slack.
-        const WORK: u64 = 600;
+        /// The cost of the shortest frame: also of its bytes, with some slack.
+        const WORK: u64 = HANDLED as u64 + 40;
         /// A byte takes ten bits on the line. Two less are a margin of a quarter, for polls that are late.
         const BITS: u64 = 8;
         const fn at_least(least: u32, value: u64) -> u32 {
@@ -110,8 +110,8 @@ impl Default for PollBudget {
     }
 }
 
-/// The cost of a frame that is handled, and of its answer.
-const HANDLED: u32 = 520;
+/// The cost of a frame that is handled: of the looks at its sender and at what it has caused, and of its answer.
+const HANDLED: u32 = 560;
 /// The cost of a frame that is sent and is no answer.
 const MADE: u32 = 220;
 

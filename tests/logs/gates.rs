@@ -188,7 +188,9 @@ fn one_client_at_a_time() {
     assert_eq!(sent, (0..500).map(|block| (block * 90, 90)).collect::<Vec<_>>());
     let expected = ["Logs not erased: a client reads one", "Logs refused: other clients read them"];
     assert_eq!(texts(&field, 0), expected);
-    assert_eq!(field.stack.logs().counters().busy, 7, "three erasures, and four requests of two clients");
+    let counters = field.stack.logs().counters();
+    assert_eq!(counters.busy, 7, "three erasures, and four requests of two clients");
+    assert_eq!(counters.requests, 2, "only what was accepted");
     assert!(all::<LogEntry>(&field, 0).is_empty() && all::<LogEntry>(&field, 1).is_empty());
     assert_eq!(parts(&all(&field, 1)), [(45_000, 90), (45_090, 90)]);
 

@@ -397,8 +397,9 @@ fn on_request<F: Firmware<Vehicle: Logs>>(
     };
     let had_turn = place.had_turn && place.client.is_repeated_by(sender);
     *place = Download { transfer, client: sender, heard: cx.now, had_turn, ..Download::NONE };
-    if !is_data
-        && let Some(listed) = &mut server.listed
+    if is_data {
+        increment(&mut server.counters.requests);
+    } else if let Some(listed) = &mut server.listed
         && !listed.contains(&from)
     {
         let [first, second, third, _] = *listed;
@@ -419,7 +420,6 @@ fn requested(server: &mut LogServer, vehicle: &mut impl Logs, frame: &Frame<'_>)
         increment(&mut server.counters.unknown);
         return Transfer::None;
     };
-    increment(&mut server.counters.requests);
     event!("log {=u16} from {=u32}: {=u32} bytes", id, ofs, count);
     let left = (Saturating(info.size) - Saturating(ofs)).min(Saturating(count));
     // A count of 0 ends a download for the client, so only an offset behind the log is answered by it (LOG-4).
