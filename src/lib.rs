@@ -93,27 +93,9 @@
 //!
 //! # The vehicle
 //!
-//! A vehicle implements a trait for each part of it that the stack calls. The documentation of each trait has an example:
-//!
-//! | trait | required | hooks |
-//! |---|---|---|
-//! | [`Vehicle`] | always | its state; peers that are found or lost; messages of its own |
-//! | [`Commands`] | always | carries out commands |
-//! | [`Plans`] | with `plans` | checks and flies missions, fences and rally points |
-//! | [`Telemetry`] | with `streams` | fills its messages |
-//! | [`Modes`] | with `modes` | switches to another flight mode |
-//! | [`Parameters`] | with `parameters` | decides which parameter may be set |
-//! | [`Components`] | with `components` | names the other components of the firmware, and carries out their commands |
-//! | [`GimbalManager`] | with [`gimbal::ManagerService`] | points the gimbal |
-//! | [`GimbalDevice`] | with [`gimbal::DeviceService`] | is the gimbal |
-//! | [`Files`] | with `files` | serves files |
-//! | [`Logs`] | with `logs` | has the flight logs |
-//! | [`LogStreaming`] | with [`logs::LogStreamer`] | streams the running log |
-//! | [`CommandClient`] | with `command_client` | makes its own commands to other components |
-//! | [`Camera`] | with [`camera::CameraControl`] | takes images, records video |
-//! | [`HealthChecks`] | with `checks` in `events` | the reasons that prevent arming |
-//! | [`ExtParameters`] | with [`ext_parameters::ExtParamServer`] | has the extended parameters |
-//! | [`ParamBackend`] | instead of `Parameters`, if they live elsewhere | has the parameters |
+//! A vehicle implements a trait for each part of it that the stack calls: [`Vehicle`] and [`Commands`] always, [`Plans`],
+//! [`Telemetry`], [`Modes`], [`Parameters`] and others with their entries. [The list](guides::vehicle#hooks) names all, and the
+//! documentation of each trait has an example.
 //!
 //! [`#[stack]`](macro@Stack) lists all entries of a declaration. Services that a firmware does not declare take neither
 //! flash nor RAM. Hooks get a
@@ -127,8 +109,10 @@
 //!
 //! # Guides
 //!
-//! - [Porting](guides::porting): from a UART and a clock to a vehicle that a ground station flies, step by step, and
-//!   the needs of each HAL.
+//! - [Start](guides::start): from a UART and a clock to a vehicle that a ground station shows as ready, step by step.
+//! - [Transports](guides::transports): UART interrupts, DMA, USB, UDP and async tasks, and the needs of each HAL.
+//! - [The vehicle](guides::vehicle): all hooks, by task; [tasks and safety](guides::tasks): flight in a task of its own, and the
+//!   watchdog. [Troubleshooting](guides::troubleshooting) has symptoms and their causes.
 //! - [Storage](guides::storage): choosing a region, where the erases run, wear, and recipes for families of flash.
 //! - [Testing](guides::testing): tests of your vehicle on your machine, with a ground station, faulty lines and power cuts.
 //! - [Ground stations](guides::ground_stations): connecting them to the demo vehicle, and the quirks of each.
@@ -136,7 +120,7 @@
 //! - [Sizing](guides::sizing): bytes of flash and RAM, option by option; [figures](guides::figures): speed, work, stack, bad lines.
 //! - [Coming from rust-mavlink, mavio or the C library](guides::coming_from): what you wrote there, what you write here.
 //! - [Architecture](guides::architecture) on one page, [what is proven and what is not](guides::safety), and
-//!   [each rule with its code](guides::conformance).
+//!   [each rule of behaviour](guides::conformance).
 //!
 //! # Guarantees
 //!
@@ -148,7 +132,7 @@
 //! - Heartbeats stop when the flight loop stops ticking its [`Pulse`], whatever else still runs.
 //! - A plan is replaced as a whole or not at all.
 //!
-//! Ids such as S-13 name the rules of behaviour. [Conformance](guides::conformance) lists them, with the code that implements them.
+//! Ids such as S-13 name the rules of behaviour. [Conformance](guides::conformance) lists them.
 //!
 //! # Cargo features
 //!
@@ -184,7 +168,8 @@ extern crate std;
 #[cfg(test)]
 extern crate self as mavstack;
 
-#[cfg(any(doc, doctest))]
+// The blocks of Rust in the guides are quoted from `examples/guide`, which is compiled and tested.
+#[cfg(all(doc, not(doctest)))]
 pub mod guides;
 
 #[macro_use]

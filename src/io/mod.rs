@@ -2,15 +2,7 @@
 //! tasks, and adapters for HALs that do not implement the four traits that [`Stack::poll_link`](crate::Stack::poll_link) needs.
 //! For UDP: [`UdpLinks`], a link for each ground station that sends to a socket.
 //!
-//! | HAL provides | pass to the stack |
-//! |---|---|
-//! | `Read + Write + ReadReady + WriteReady` of `embedded-io` 0.7, and a FIFO for the bytes between two polls | the HAL's UART |
-//! | interrupts, in any form | a [`LoopEnd`] of [`SerialQueues`] |
-//! | circular DMA | the bytes from a [`CircularReader`], to [`Stack::receiver`](crate::Stack::receiver); or a [`LoopEnd`], with the DMA's interrupt filling [`SerialQueues`] |
-//! | the traits of `embedded-hal-nb` | `NbSerial`, feature `embedded-hal-nb` |
-//! | all four traits of `embedded-io` 0.6 | `Io06`, feature `embedded-io-06` |
-//! | `Read` and `Write` of `embedded-io-async`, in a task that awaits them | an `AsyncReceiver` and an `AsyncTransmitter`, feature `embedded-io-async` |
-//! | the same and `ReadReady`, in a loop that polls | `Polled`, feature `embedded-io-async` |
+//! [The guide](crate::guides::transports) lists what to pass for the traits that a HAL has, HAL by HAL.
 //!
 //! They do not block, except for `Io06`, which blocks if the HAL does. Where a trait's contract says that a call
 //! blocks, they return [`SerialError::WouldBlock`] or `HalError::WouldBlock`. The stack never sees these errors,

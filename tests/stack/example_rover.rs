@@ -1,4 +1,4 @@
-//! Runs the rover of `examples/boards` on the host, as the vehicle that the porting guide begins with.
+//! Runs the rover of `examples/boards` on the host, as the vehicle that the guide `start` begins with.
 
 #[path = "../../examples/boards/rover/src/lib.rs"]
 #[allow(dead_code, unexpected_cfgs, unused_attributes, reason = "it is a crate of its own, for boards")]

@@ -3,6 +3,7 @@
 //! `cargo qemu` is `cargo run --package xtask -- qemu`; the aliases are in `.cargo/config.toml`.
 
 mod boards;
+mod book;
 mod bridge;
 #[path = "../../fuzz/src/corpus.rs"]
 mod corpus;
@@ -55,6 +56,10 @@ enum Task {
     Boards(Boards),
     Dialects(Dialects),
     Trace(Trace),
+    /// Build the guides as a book with search, in target/book.
+    ///
+    /// `docs/SUMMARY.md` lists its pages. mdBook is installed into the target folder if it is missing.
+    Book,
     PublishCheck(PublishCheck),
     Semver(Semver),
 }
@@ -279,6 +284,7 @@ fn main() -> ExitCode {
         Task::Boards(Boards { run }) => boards::build_all(run),
         Task::Dialects(arguments) => dialects::run(arguments.toolchain),
         Task::Trace(arguments) => trace::run(arguments.tests),
+        Task::Book => book::build(),
         Task::PublishCheck(PublishCheck { no_build }) => publish::check(!no_build),
         Task::Semver(Semver { baseline }) => semver::check(baseline.as_deref()),
     };

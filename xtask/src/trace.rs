@@ -346,7 +346,7 @@ mod tests {
         let found = |file| source(file).map(|path| path.to_string_lossy().into_owned());
         assert_eq!(found("stack/receive.rs").as_deref(), Some("src/stack/receive.rs"));
         assert_eq!(found("dialect/src/rules.rs").as_deref(), Some("dialect/src/rules.rs"));
-        assert_eq!((found("docs/porting.md"), found("nothing.rs")), (None, None));
+        assert_eq!((found("docs/start.md"), found("nothing.rs")), (None, None));
     }
 
     #[test]

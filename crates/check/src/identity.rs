@@ -100,7 +100,7 @@ fn texts(evidence: &Evidence) -> Option<Finding> {
         (
             "Clock was set back",
             "The clock that is passed as `now` wraps, as a 32-bit counter of microseconds does after 71 minutes, or was reset.",
-            "Extend it to 64 bits, as section 2 of the guide shows.",
+            "Extend it to 64 bits, as the guide `start` shows.",
         ),
         (
             "Accepted mode was not reported",

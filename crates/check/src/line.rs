@@ -153,7 +153,7 @@ fn bursts(evidence: &Evidence) -> Option<Finding> {
         Severity::Error,
         observed,
         "The UART's receive FIFO or queue overruns between two polls.",
-        "Poll the link more often, or make the receive queue longer. Section 4 of the guide has the size for a rate and an interval.",
+        "Poll the link more often, or make the receive queue longer. The guide `transports` has the size for a rate and an interval.",
     ))
 }
 

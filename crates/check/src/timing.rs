@@ -60,7 +60,7 @@ fn clock(evidence: &Evidence) -> Option<Finding> {
         _ if rate <= 0.0 => (
             "it stands still or runs backwards",
             "The clock that is passed as `now` wraps, as a 32-bit counter of microseconds does after 71 minutes, or was reset.",
-            "Extend the counter to 64 bits, as section 2 of the guide shows.",
+            "Extend the counter to 64 bits, as the guide `start` shows.",
         ),
         0.0005..=0.002 => (
             "1,000 times too slow",

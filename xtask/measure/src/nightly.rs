@@ -56,6 +56,7 @@ const STEPS: [Step; 32] = [
     step("packages", "each crate built from its package alone, as it would be published", &["xtask", "publish-check"]),
     step("semver", "the public interface, compared with that of the last tag", &["xtask", "semver"]),
     step("panic-free", "no panic in the firmware, at opt-level s and 3", &["measure", "panic-free"]),
+    step("book", "the guides as a book, with search", &["xtask", "book"]),
     step("dialects", "ardupilotmega, generated, compiled and compared with pymavlink", &["xtask", "dialects"]),
     step("jitter", "the delay of flight beside MAVLink and storage, in QEMU", &["xtask", "jitter"]),
     step(

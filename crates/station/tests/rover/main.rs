@@ -1,7 +1,6 @@
 //! The rover of `examples/boards`, tested as a new user tests a vehicle. `docs/testing.md` quotes this file.
 
 mod faults;
-mod guide;
 mod rig;
 
 use mavstack::dialect::{MavCmd, MavMissionResult};
