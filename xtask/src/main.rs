@@ -177,11 +177,14 @@ struct Fuzz {
     minimise: bool,
 }
 
-/// Compare the conformance statement, docs/conformance.md, with the tests.
+/// Compare the conformance statement, docs/conformance.md, with the code and the tests.
 ///
-/// A test must name each implemented rule, and each rule that a test names must exist.
+/// A comment in the code and a test must name each implemented rule, and each rule that something names must exist.
 #[derive(Args)]
 struct Trace {
+    /// Print the files whose comments cite each rule.
+    #[arg(long)]
+    places: bool,
     /// Print the tests that cite each rule.
     #[arg(long)]
     tests: bool,
@@ -283,7 +286,7 @@ fn main() -> ExitCode {
         Task::Cross(arguments) => cross::build_all(arguments.toolchain),
         Task::Boards(Boards { run }) => boards::build_all(run),
         Task::Dialects(arguments) => dialects::run(arguments.toolchain),
-        Task::Trace(arguments) => trace::run(arguments.tests),
+        Task::Trace(Trace { places, tests }) => trace::run(trace::Printed { places, tests }),
         Task::Book => book::build(),
         Task::PublishCheck(PublishCheck { no_build }) => publish::check(!no_build),
         Task::Semver(Semver { baseline }) => semver::check(baseline.as_deref()),

@@ -1,9 +1,8 @@
 //! `cargo xtask trace`: holds the statement of conformance to the code and its tests.
 //!
 //! `docs/conformance.md` has a row for each rule of behaviour. Tests cite the rules that they prove, and comments cite the rules
-//! that they follow. This task prints the tests of each rule. It fails when no test cites an implemented
-//! rule, when something cites a rule without a row, and when a row names a file that does not exist, or a source file whose
-//! comments do not cite the row's rule. So code that moves takes its row along.
+//! that they follow. This task prints the files and the tests of each rule. It fails when no file or no test cites an implemented
+//! rule, and when something cites a rule without a row.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -34,51 +33,66 @@ const CITED_IN: [&str; 16] = [
 ];
 /// Capital letters that begin the name of a standard or an algorithm, such as UTF-8 or RS-485, and no id of a rule.
 const NAMES: [&str; 10] = ["AES", "CRC", "DO", "FNV", "GPL", "IEEE", "RFC", "RS", "SHA", "UTF"];
-/// What the column of files says of a rule that is not implemented.
-const LEFT_OUT: &str = "no";
+/// Where rules are implemented: see [`code_of`].
+const CODE: [&str; 4] = ["src", "crates", "dialect", "examples"];
+/// How the requirement of a rule begins that is not implemented.
+const LEFT_OUT: &str = "Not implemented: ";
 
-/// One rule, or several in one row, and the files that implement it.
+/// A rule.
 struct Row<'a> {
     rule: &'a str,
-    place: &'a str,
+    requirement: &'a str,
 }
 
-/// Compares the statement with the code and the tests. With `prints_tests` it first prints the tests of each rule.
-pub fn run(prints_tests: bool) -> Result {
+impl Row<'_> {
+    fn is_left_out(&self) -> bool {
+        self.requirement.starts_with(LEFT_OUT)
+    }
+}
+
+/// The files that cite each rule.
+type Citations = BTreeMap<String, BTreeSet<String>>;
+
+/// What to print of each rule.
+#[derive(Clone, Copy)]
+pub struct Printed {
+    /// The files whose comments cite it.
+    pub places: bool,
+    /// The tests that cite it.
+    pub tests: bool,
+}
+
+/// Compares the statement with the code and the tests. First prints what is asked for.
+pub fn run(printed: Printed) -> Result {
     let text = read(&root().join(STATEMENT))?;
     let rows = rows(&text)?;
     let known = known(&rows);
-    let proofs = proofs(&known)?;
+    let places = citations(&known, &CODE, &["rs"], code_of)?;
+    let proofs = citations(&known, &TESTS, &["rs", "py"], |file, text| tests_of(file, text).to_owned())?;
 
     let mut faults = Vec::new();
-    for Row { rule, place } in &rows {
-        let tests = proofs.get(*rule);
-        if prints_tests && let Some(tests) = tests {
-            println!("{rule}: {}", tests.iter().map(String::as_str).collect::<Vec<_>>().join(", "));
+    for row in &rows {
+        let (rule, files, tests) = (row.rule, places.get(row.rule), proofs.get(row.rule));
+        for (what, found) in [("in", files.filter(|_| printed.places)), ("tests", tests.filter(|_| printed.tests))] {
+            if let Some(found) = found {
+                println!("{rule} {what}: {}", found.iter().map(String::as_str).collect::<Vec<_>>().join(", "));
+            }
         }
-        if *place != LEFT_OUT {
-            if tests.is_none() {
-                faults.push(format!("{rule}: no test cites it"));
-            }
-            faults.extend(missing(place).map(|file| format!("{rule}: there is no file {file}")));
-            for file in place.split(", ").filter_map(source) {
-                if !follows(rule, &read(&root().join(&file))?) {
-                    let file = file.display();
-                    faults.push(format!(
-                        "{rule}: no comment in {file} cites it: name the file that implements it, or cite it there"
-                    ));
-                }
-            }
+        if !row.is_left_out() && tests.is_none() {
+            faults.push(format!("{rule}: no test cites it"));
+        }
+        if !row.is_left_out() && files.is_none() {
+            faults.push(format!("{rule}: no comment in the code cites it: cite it where it is implemented"));
         }
     }
     faults.extend(unknown_citations(&known)?);
     if !faults.is_empty() {
         return Err(faults.join("\n       "));
     }
-    let left_out = rows.iter().filter(|row| row.place == LEFT_OUT).count();
+    let left_out = rows.iter().filter(|row| row.is_left_out()).count();
     let proven = rows.len() - left_out;
     println!(
-        "{proven} rules are implemented, each cited by a test; {left_out} rows of {STATEMENT} say \"{LEFT_OUT}\"."
+        "{proven} rules are implemented, each cited by code and by a test; {left_out} rows of {STATEMENT} are not."
     );
     Ok(())
 }
@@ -88,14 +102,17 @@ fn rows(text: &str) -> Result<Vec<Row<'_>>> {
     let mut rows: Vec<Row<'_>> = Vec::new();
     for (line, row) in text.lines().enumerate() {
         let cells: Vec<&str> = row.split('|').map(str::trim).collect();
-        let ["", rule, _, place, ""] = cells[..] else { continue };
+        let ["", rule, requirement, rest @ ..] = &cells[..] else { continue };
         if rules_in(rule).is_empty() {
             continue;
         }
-        if rows.iter().any(|known| known.rule == rule) {
+        if *rest != [""] {
+            return Err(format!("{STATEMENT}:{}: {rule}: a row is a rule and its requirement", line + 1));
+        }
+        if rows.iter().any(|known| known.rule == *rule) {
             return Err(format!("{STATEMENT}:{}: {rule} has a row already: remove one", line + 1));
         }
-        rows.push(Row { rule, place });
+        rows.push(Row { rule, requirement });
     }
     Ok(rows)
 }
@@ -106,18 +123,22 @@ fn known(rows: &[Row<'_>]) -> BTreeSet<String> {
     rules.flat_map(|rule| rules_in(rule).into_iter().map(str::to_owned).chain(ranges_in(rule))).collect()
 }
 
-/// Returns the tests that cite each rule.
-fn proofs(known: &BTreeSet<String>) -> Result<BTreeMap<String, BTreeSet<String>>> {
-    let mut proofs: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-    for file in files(&TESTS, &["rs", "py"])? {
-        let text = read(&root().join(&file))?;
-        let tests = tests_of(&file, &text);
-        let cited = rules_in(tests).into_iter().map(str::to_owned).chain(ranges_in(tests));
+/// Returns the files at `places` that cite each rule, in the part of them that `part` returns.
+fn citations(
+    known: &BTreeSet<String>,
+    places: &[&str],
+    extensions: &[&str],
+    part: impl Fn(&Path, &str) -> String,
+) -> Result<Citations> {
+    let mut found = Citations::new();
+    for file in files(places, extensions)? {
+        let text = part(&file, &read(&root().join(&file))?);
+        let cited = rules_in(&text).into_iter().map(str::to_owned).chain(ranges_in(&text));
         for rule in cited.filter(|rule| known.contains(rule)) {
-            proofs.entry(rule).or_default().insert(name(&file));
+            found.entry(rule).or_default().insert(name(&file));
         }
     }
-    Ok(proofs)
+    Ok(found)
 }
 
 /// Returns a fault for each citation of a rule that has no row.
@@ -139,11 +160,26 @@ fn unknown_citations(known: &BTreeSet<String>) -> Result<Vec<String>> {
 /// Returns the part of a source file that is tests. Outside a folder `src` that is all of it. In a folder `src` it is a file
 /// or folder called `tests`, or the module `tests` at the end of another file.
 fn tests_of<'a>(file: &Path, text: &'a str) -> &'a str {
-    let has = |name: &str| file.components().any(|part| part.as_os_str() == name);
-    if has("tests") || has("tests.rs") || !has("src") {
+    if is_test(file) {
         return text;
     }
     text.split_once("\nmod tests {").map_or("", |(_, tests)| tests)
+}
+
+/// Returns the comments of a source file outside its tests, as one text: a range may be broken over two lines.
+fn code_of(file: &Path, text: &str) -> String {
+    if is_test(file) {
+        return String::new();
+    }
+    let code = text.split_once("\nmod tests {").map_or(text, |(code, _)| code);
+    let comments = code.lines().filter_map(comment).map(|line| line.trim_start_matches(['/', '!', ' ']));
+    comments.collect::<Vec<_>>().join(" ")
+}
+
+/// Whether all of a source file is tests.
+fn is_test(file: &Path) -> bool {
+    let has = |name: &str| file.components().any(|part| part.as_os_str() == name);
+    has("tests") || has("tests.rs") || !has("src")
 }
 
 /// Returns the lines of a file, counted from 1, in which a rule may be cited: the comments of a program or of a configuration
@@ -171,28 +207,6 @@ fn name(file: &Path) -> String {
     let name = file.with_extension("").to_string_lossy().replace('\\', "/");
     let short = [".ci/integration/", "tests/"].iter().find_map(|prefix| name.strip_prefix(prefix));
     short.map_or(name.clone(), str::to_owned)
-}
-
-/// Returns the files of `place`, a list, that do not exist in `src` or in the repository.
-fn missing(place: &str) -> impl Iterator<Item = &str> {
-    let exists = |file: &str| root().join("src").join(file).is_file() || root().join(file).is_file();
-    place.split(", ").filter(move |file| !exists(file))
-}
-
-/// Returns the path of a file of a row, relative to the repository, if it is a file of Rust that exists.
-fn source(file: &str) -> Option<PathBuf> {
-    let candidates = [Path::new("src").join(file), PathBuf::from(file)];
-    let found = candidates.into_iter().find(|path| root().join(path).is_file())?;
-    found.extension().is_some_and(|extension| extension == "rs").then_some(found)
-}
-
-/// Whether a comment in a source file cites the rule, outside of the module `tests` at its end.
-fn follows(rule: &str, text: &str) -> bool {
-    let code = text.split_once("\nmod tests {").map_or(text, |(code, _)| code);
-    let comments = code.lines().filter_map(comment).map(|line| line.trim_start_matches(['/', '!', ' ']));
-    // A range may be broken over two lines.
-    let comments = comments.collect::<Vec<_>>().join(" ");
-    rules_in(&comments).contains(rule) || ranges_in(&comments).iter().any(|cited| cited == rule)
 }
 
 /// Returns the files at `places` and below with one of these extensions, relative to the repository. A file among `places` is
@@ -315,38 +329,25 @@ mod tests {
 
     #[test]
     fn rows_are_those_with_a_rule_and_none_is_repeated() {
-        let text = "| rule | asked | where |\n|---|---|---|\n| S-1 | a | b.rs |\n| F-1 to F-3 | d | no |\n";
+        let text = "| rule | requirement |\n|---|---|\n| S-1 | a |\n| F-1 to F-3 | Not implemented: d |\n";
         let found = rows(text).expect("good rows");
         assert_eq!(
-            found.iter().map(|row| (row.rule, row.place)).collect::<Vec<_>>(),
-            [("S-1", "b.rs"), ("F-1 to F-3", "no")]
+            found.iter().map(|row| (row.rule, row.is_left_out())).collect::<Vec<_>>(),
+            [("S-1", false), ("F-1 to F-3", true)]
         );
         assert_eq!(known(&found).into_iter().collect::<Vec<_>>(), ["F-1", "F-2", "F-3", "S-1"]);
         assert!(rows(&text.replace("F-1 to F-3", "S-1")).is_err());
+        assert!(rows(&text.replace("| a |", "| a | b.rs |")).is_err());
     }
 
     #[test]
-    fn files_of_a_row_must_exist() {
-        assert_eq!(missing("lib.rs, docs/conformance.md, dialect/src/lib.rs").count(), 0);
-        assert_eq!(missing("lib.rs, service, nothing.rs").collect::<Vec<_>>(), ["service", "nothing.rs"]);
-        assert_eq!(missing("").collect::<Vec<_>>(), [""]);
-    }
-
-    #[test]
-    fn rules_are_followed_where_a_comment_cites_them() {
+    fn rules_are_implemented_where_a_comment_cites_them() {
         let text =
             "//! Rules C-1, C-4 to\n//! C-6.\nlet a = \"C-8\"; // C-9\nfn C_10() {}\nmod tests {\n    // C-11\n}\n";
-        let followed = |rule: &&str| follows(rule, text);
-        let rules = ["C-1", "C-2", "C-4", "C-5", "C-6", "C-7", "C-8", "C-9", "C-10", "C-11", "C-1a"];
-        assert_eq!(rules.into_iter().filter(followed).collect::<Vec<_>>(), ["C-1", "C-4", "C-5", "C-6", "C-9"]);
-    }
-
-    #[test]
-    fn only_files_of_rust_must_cite_the_rule_of_their_row() {
-        let found = |file| source(file).map(|path| path.to_string_lossy().into_owned());
-        assert_eq!(found("stack/receive.rs").as_deref(), Some("src/stack/receive.rs"));
-        assert_eq!(found("dialect/src/rules.rs").as_deref(), Some("dialect/src/rules.rs"));
-        assert_eq!((found("docs/start.md"), found("nothing.rs")), (None, None));
+        let code = code_of(Path::new("src/a.rs"), text);
+        assert_eq!(rules_in(&code).into_iter().collect::<Vec<_>>(), ["C-1", "C-4", "C-6", "C-9"]);
+        assert_eq!(ranges_in(&code), ["C-5"]);
+        assert_eq!(code_of(Path::new("src/tests/a.rs"), text), "");
     }
 
     #[test]
