@@ -31,7 +31,7 @@ const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
 }
 
 /// All steps, short ones first.
-const STEPS: [Step; 32] = [
+const STEPS: [Step; 33] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
