@@ -386,8 +386,8 @@ pub mod plan {
 pub mod param {
     pub use crate::service::client::ExtParamValue;
     pub use crate::service::param::{
-        ExternalParams, ParamEncoding, ParamFault, ParamHash, ParamInfo, ParamTable, ParamType, ParamUpdate,
-        ParamWrite, RuntimeTable,
+        ExternalParams, ParamDetails, ParamEncoding, ParamFault, ParamHash, ParamInfo, ParamTable, ParamType,
+        ParamUpdate, ParamWrite, RuntimeTable,
     };
 }
 
@@ -499,7 +499,8 @@ pub mod __private {
     pub use crate::service::mission::{Missions, WithoutPlans};
     pub use crate::service::mode::ModeService;
     pub use crate::service::param::{
-        Checked, NoParams, ParamMemory, ParamService, ParamValues, Row, TableMut, is_in_order, position,
+        Checked, Detailed, NoParams, ParamAttributes, ParamMemory, ParamService, ParamValues, Row, TableMut,
+        attributes_at, details, is_in_order, position, system_id,
     };
     pub use crate::service::stream::Messages;
     pub use crate::service::stream::StreamService;
@@ -512,7 +513,7 @@ pub mod __private {
     pub use crate::storage::{RecordService, Storage};
     pub use crate::types::{
         Credits, EventEntry, EventLog, Firmware, NoPlans, PlanBuffers, PlanMemory, PlanMemoryOf, RequestQueue,
-        Requests, StatusTexts, TextEntry, Values, largest,
+        Requests, StatusTexts, TextEntry, Values, largest, version,
     };
 
     /// The peer table.

@@ -10,8 +10,9 @@
 //!
 //! QGroundControl and MAVSDK fetch `mftp` URIs from the vehicle itself, and `http` and `https` URIs:
 //!
-//! 1. On the host, generate the files from the parameter table and the [`events!`](crate::events!) of the firmware. Put them into the
-//!    firmware, as constant [`Files`](crate::Files), whose URI is `mftp:///general.json`; or on a web server.
+//! 1. Generate the files from the parameter table and the [`events!`](crate::events!) of the firmware. Its build script can do that if
+//!    the declarations are in files of their own, which the script includes too: `examples/metadata`. Put the files into the firmware,
+//!    as constant [`Files`](crate::Files), whose URI is `mftp:///general.json`; or on a web server.
 //! 2. In the firmware, declare [`ComponentMetadata`] in [`Telemetry::STREAMS`](crate::Telemetry::STREAMS) and fill in
 //!    the general file's URI.
 //!
@@ -35,7 +36,7 @@
 //! ```
 //!
 //! Files may be compressed to the format ".xz", if their names end with it. They then take a quarter of the flash and of the time.
-//! `file_crc` is the checksum of the compressed file. The build script of `examples/demo` does all this; by hand it is
+//! `file_crc` is the checksum of the compressed file. The build script of `examples/metadata` does all this; by hand it is
 //! `xz -9 --check=crc32`.
 //!
 //! A firmware without this message refuses the request; clients then know that there is no metadata (Q-1).
@@ -74,9 +75,10 @@ use core::fmt::{Result, Write};
 
 use crate::crc32::Crc32;
 use crate::dialect::{CompMetadataType, MavParamType};
-use crate::service::param::{ParamInfo, ParamTable};
+use crate::service::param::{ParamDetails, ParamInfo, ParamTable};
 
-/// The version of the general file and of that with the parameters.
+/// The version of the general file and of that with the parameters. MAVLink's schema of the parameters asks for 3 since 2026, but
+/// QGroundControl reads only version 1, which PX4 writes too.
 const VERSION: u8 = 1;
 
 /// A file that the general file names.
@@ -126,8 +128,9 @@ fn separate(out: &mut impl Write, index: usize) -> Result {
 /// Writes the file with the parameters of table `T`.
 ///
 /// A parameter's doc comment is its description; the first sentence is the short description. The part of its name
-/// before the first `_` is its group. A table that is filled at run time has no units and no descriptions, so that this does not
-/// compile:
+/// before the first `_` is its group, unless the row has another `group`. [`parameters!`](crate::parameters) shows the other
+/// attributes of a row: names of values and of bits, categories, decimals, flags. A table that is filled at run time has none of
+/// these, so that this does not compile:
 ///
 /// ```compile_fail
 /// # use mavstack::{metadata, param::RuntimeTable};
@@ -139,20 +142,19 @@ fn separate(out: &mut impl Write, index: usize) -> Result {
 /// The errors of `out`.
 pub fn parameters<T: ParamTable>(out: &mut impl Write) -> Result {
     const {
-        assert!(T::UNITS.len() == T::INFO.len(), "only a table made by `parameters!` has units and descriptions");
+        assert!(T::DETAILS.len() == T::INFO.len(), "only a table made by `parameters!` has units and descriptions");
     }
     write!(out, r#"{{"version":{VERSION},"parameters":["#)?;
-    for (index, info) in T::INFO.iter().enumerate() {
+    for (index, (info, details)) in T::INFO.iter().zip(T::DETAILS).enumerate() {
         separate(out, index)?;
-        let unit = T::UNITS.get(index).copied().unwrap_or_default();
-        let description = T::DESCRIPTIONS.get(index).copied().unwrap_or_default();
-        parameter(out, info, unit, description.trim())?;
+        parameter(out, info, details)?;
     }
     out.write_str("]}")
 }
 
-fn parameter(out: &mut impl Write, info: &ParamInfo, unit: &str, description: &str) -> Result {
-    let group = info.name().split('_').next().unwrap_or_default();
+fn parameter(out: &mut impl Write, info: &ParamInfo, details: &ParamDetails) -> Result {
+    let group = details.group.or(info.name().split('_').next()).unwrap_or_default();
+    let description = details.description.trim();
     // A description of one sentence is only the short one.
     let short = description.split_once(". ").map_or(description, |(first, _)| first);
     let [min, max] = info.range_bits();
@@ -163,19 +165,66 @@ fn parameter(out: &mut impl Write, info: &ParamInfo, unit: &str, description: &s
         text(out, ',', "longDesc", description)?;
     }
     text(out, ',', "group", group)?;
-    if !unit.is_empty() {
-        text(out, ',', "units", unit)?;
+    if let Some(category) = details.category {
+        text(out, ',', "category", category)?;
+    }
+    if !details.unit.is_empty() {
+        text(out, ',', "units", details.unit)?;
     }
     for (key, bits) in [("default", info.default_bits()), ("min", min), ("max", max)] {
         write!(out, r#","{key}":"#)?;
         number(out, info.param_type(), bits)?;
     }
-    for (key, is_set) in [("rebootRequired", info.is_reboot_required()), ("volatile", info.is_volatile())] {
-        if is_set {
-            write!(out, r#","{key}":true"#)?;
-        }
+    if let Some(decimals) = details.decimals {
+        write!(out, r#","decimalPlaces":{decimals}"#)?;
     }
+    if let Some(increment) = details.increment {
+        out.write_str(r#","increment":"#)?;
+        exact(out, info.param_type(), increment)?;
+    }
+    let flags = [
+        ("rebootRequired", info.is_reboot_required()),
+        ("volatile", info.is_volatile()),
+        ("readOnly", info.is_read_only()),
+    ];
+    for (key, _) in flags.into_iter().filter(|(_, is_set)| *is_set) {
+        write!(out, r#","{key}":true"#)?;
+    }
+    list(out, "values", details.values.iter(), |out, (value, name)| {
+        out.write_str(r#"{"value":"#)?;
+        exact(out, info.param_type(), *value)?;
+        text(out, ',', "description", name)
+    })?;
+    list(out, "bitmask", details.bitmask.iter(), |out, (index, name)| {
+        write!(out, r#"{{"index":{index}"#)?;
+        text(out, ',', "description", name)
+    })?;
     out.write_char('}')
+}
+
+/// Writes a value of a parameter of this type. As an `f64`, that of an `f32` would have digits that nobody wrote.
+#[allow(clippy::as_conversions, reason = "the value of an `f32` is not rounded")]
+fn exact(out: &mut impl Write, r#type: MavParamType, value: f64) -> Result {
+    if r#type == MavParamType::REAL32 { write!(out, "{}", value as f32) } else { write!(out, "{value}") }
+}
+
+/// Writes a list of objects, whose ends `object` leaves out; nothing if there are none.
+fn list<W: Write, T>(
+    out: &mut W,
+    key: &str,
+    items: impl ExactSizeIterator<Item = T>,
+    object: impl Fn(&mut W, T) -> Result,
+) -> Result {
+    if items.len() == 0 {
+        return Ok(());
+    }
+    write!(out, r#","{key}":["#)?;
+    for (index, item) in items.enumerate() {
+        separate(out, index)?;
+        object(out, item)?;
+        out.write_char('}')?;
+    }
+    out.write_char(']')
 }
 
 /// Returns the type's name in the files.

@@ -191,7 +191,15 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.services.begin(&shared.config);
         self.requests.view_mut().begin(u8::try_from(D::MESSAGE_QUEUES).unwrap_or(0));
         self.parameters.begin();
+        self.take_system_id();
         self.set_credits(CreditConfig::DEFAULT);
+    }
+
+    /// Takes the system id from the parameter that is declared to be it.
+    fn take_system_id(&mut self) {
+        if let Some(system) = self.parameters.system_id() {
+            self.set_address(self.shared.config.address.with_system(system));
+        }
     }
 
     /// Sets what peers may spend on the high-latency links (L-17). It has no effect in a stack that neither forwards nor has the
@@ -336,8 +344,8 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         self.shared.config.address.get()
     }
 
-    /// Changes the vehicle's address, for a system id that is stored. Call it once, before the loop: peers that know
-    /// the vehicle by its address take it for another one afterwards.
+    /// Changes the vehicle's address. Call it once, before the loop: peers that know the vehicle by its address take it for another
+    /// one afterwards. A system id that is a parameter needs no call: see `system_id` of [`parameters!`](crate::parameters).
     pub fn set_address(&mut self, address: VehicleAddress) {
         self.shared.config.address = address;
         for link in &mut self.links {

@@ -35,7 +35,7 @@ pub use credits::{CreditConfig, CreditMemory, CreditView, Credits, Payer};
 pub use events::{EventEntry, EventLog, EventSequence, MAX_EVENT_ARGUMENTS};
 pub use faults::HookFaults;
 pub use firmware::{Firmware, Values};
-pub use identity::Identity;
+pub use identity::{Identity, version};
 pub use link::{LinkClass, LinkConfig, LinkId, MAX_LINKS, Peer, StreamProfile, TxVersion};
 pub(crate) use link::{LinkFacts, LinkMask, Progress};
 pub(crate) use observed::ObservedVehicle;

@@ -22,7 +22,7 @@ from transfer import ACCEPTED, download, upload
 mavlink = mavutil.mavlink
 
 HOLD, MISSION = 4 << 16 | 3 << 24, 4 << 16 | 4 << 24
-PARAMETERS = {"BAT_V_LOW", "FS_GCS_ENABLE", "SPEED_MAX"}
+PARAMETERS = {"BAT_V_LOW", "FS_GCS_ENABLE", "SPEED_MAX", "SYS_ID"}
 # The longest wait for an answer (s).
 PATIENCE = 10
 # Hz

@@ -8,7 +8,8 @@ use embedded_storage::nor_flash::NorFlash;
 use super::parts::HasStorage;
 use super::persistence::Persistence;
 use super::{Cx, Declares, Stack, split};
-use crate::service::param::{ParamService, ParamTable, Parameters};
+use crate::message::Address;
+use crate::service::param::{ParamMemory, ParamService, ParamTable, Parameters};
 use crate::storage::{Job, JobSlot, Page, RecordService, Region, RestoreErrors, Storage, Store};
 use crate::time::Instant;
 
@@ -72,13 +73,24 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         if !self.shared.is_begun() {
             return None;
         }
+        let address = self.address();
         let mut persistence = self.persistence(now, vehicle);
         if persistence.storage.journal.is_busy() {
             persistence.take_result(false, page);
         }
         let job = persistence.next_job(page);
         persistence.cx.shared.is_storage_busy = job.is_some();
+        drop(persistence);
+        self.note_address(address);
         job
+    }
+
+    /// Tells the links if storage had another system id than that of the address before.
+    fn note_address(&mut self, before: Address) {
+        let address = self.shared.config.address;
+        if D::Parameters::SYSTEM_ID.is_some() && address.get() != before {
+            self.set_address(address);
+        }
     }
 
     /// Takes the result of the [job](Self::storage_job): whether the driver reported success.
@@ -86,12 +98,15 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     where
         D::Storage: HasStorage<Part = Storage>,
     {
+        let address = self.address();
         let mut persistence = self.persistence(now, vehicle);
         persistence.cx.shared.is_storage_busy = false;
         persistence.take_result(is_done, page);
         if persistence.storage.journal.is_idle() {
             page.wipe();
         }
+        drop(persistence);
+        self.note_address(address);
     }
 
     /// Reads the result of the last job in `slot`; or, if there was none, puts the next job there. Returns true if storage

@@ -13,7 +13,7 @@ use super::persistent::{
 use super::restore_error::RestoreError;
 use crate::crc32::Crc32;
 use crate::service::Cx;
-use crate::service::param::{ParamInfo, ParamService, ParamTable, Parameters, Replaced, Stored};
+use crate::service::param::{ParamInfo, ParamMemory, ParamService, ParamTable, Parameters, Replaced, Stored};
 use crate::time::Instant;
 use crate::types::{Firmware, Vehicle};
 
@@ -84,6 +84,12 @@ where
 
     fn loaded(&mut self, cx: &mut Cx<'_, F>, result: LoadResult, is_retry: bool) {
         let now = cx.now;
+        // Later, the system id changes only at the next start.
+        if let Some(system) = cx.parameters.system_id()
+            && self.saving(cx.parameters, |saving| saving.is_unloaded())
+        {
+            cx.shared.config.address = cx.shared.config.address.with_system(system);
+        }
         self.saving(cx.parameters, |saving| {
             if is_retry && !saving.is_reload_requested {
                 let is_read = result != LoadResult::Failed(RestoreError::Unreadable);

@@ -5,7 +5,7 @@ use core::num::Wrapping;
 use super::identity::Identity;
 use crate::dialect::{MavAutopilot, MavType};
 use crate::frame::Decoder;
-use crate::message::Address;
+use crate::message::{Address, SystemId};
 use crate::pulse::Pulse;
 use crate::time::Duration;
 
@@ -295,6 +295,11 @@ impl VehicleAddress {
     /// Returns the address.
     pub const fn get(self) -> Address {
         self.0
+    }
+
+    /// Returns this address with another system id; the same address if no vehicle may have that.
+    pub(crate) fn with_system(self, system: SystemId) -> Self {
+        Self::new(Address { system, ..self.get() }).unwrap_or(self)
     }
 }
 

@@ -52,7 +52,7 @@ fn rover_has_parameters() {
     assert_eq!(world.expect::<Heartbeat>(0, secs(2)).r#type, MavType::GROUND_ROVER);
     world.gcs[0].send(&ParamRequestList { target_system: 1, target_component: 1 });
     let value: ParamValue = world.expect(0, secs(1));
-    assert_eq!((value.param_id.as_str(), value.param_count, value.param_index), (Some("BAT_V_LOW"), 3, 0));
+    assert_eq!((value.param_id.as_str(), value.param_count, value.param_index), (Some("BAT_V_LOW"), 4, 0));
     world.run_for(secs(1));
     world.gcs[0].forget();
     world.gcs[0].send(&ParamSet {

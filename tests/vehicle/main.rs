@@ -31,4 +31,6 @@ mod setpoints;
 mod si_values;
 mod statustext;
 mod streams;
+#[cfg(feature = "storage")]
+mod system_id;
 mod time;

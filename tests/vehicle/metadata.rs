@@ -33,13 +33,100 @@ fn every_parameter_has_type_range_and_unit() {
         r#""volatile":true},"#,
         r#"{"name":"D","type":"Int16","shortDesc":"Metres, 1.5 of them at first.","group":"D","units":"m","#,
         r#""default":-300,"min":-32768,"max":32767},"#,
-        r#"{"name":"E_LONG","type":"Uint32","shortDesc":"","group":"E","default":4294967295,"min":0,"max":4294967295},"#,
+        r#"{"name":"E_LONG","type":"Uint32","shortDesc":"","group":"E","default":4294967295,"min":0,"max":4294967295,"#,
+        r#""readOnly":true},"#,
         r#"{"name":"F_LONG","type":"Int32","shortDesc":"","group":"F","units":"deg*1e7","default":-2147483648,"#,
         r#""min":-2147483648,"max":2147483647},"#,
         r#"{"name":"G_FLOAT","type":"Float","shortDesc":"","group":"G","units":"1/s","default":0.1,"#,
         r#""min":-1000000000000000000000000000000,"max":12.5}"#,
     ];
     assert_eq!(file, format!(r#"{{"version":1,"parameters":[{}]}}"#, expected.concat()));
+}
+
+/// Where the radio sits.
+const RADIO: i32 = 2;
+
+mavstack::parameters! {
+    /// One of each attribute.
+    pub struct Attributes {
+        BAT_LOW: f32 = 0.1, -1.0..=12.6, "V" { decimals: 2, increment: 0.1, values: { -1.0 => "Off", 0.1 => "Some" } };
+        FS_ACT: i32 = 1, -1..=2, "" {
+            values: { -1 => "By \"mode\"", 1 => "Hold", RADIO => "Radio" },
+            category: "Failsafe",
+            group: "Loss",
+            increment: 1,
+            reboot_required,
+        };
+        MODULES: u32 = 5, 0..=u32::MAX, "" { bitmask: { 0 => "GPS", 31 => "Sonar" }, volatile };
+        SIGNS: i8 = 0, -128..=127, "", [read_only] { bitmask: { 7 => "Sign" } };
+        SYS_ID: i32 = 7, 1..=254, "" { system_id, category: "System" };
+    }
+}
+
+#[test]
+fn every_attribute_is_described() {
+    let mut file = String::new();
+    metadata::parameters::<Attributes>(&mut file).unwrap();
+    let expected = [
+        r#"{"name":"BAT_LOW","type":"Float","shortDesc":"","group":"BAT","units":"V","default":0.1,"min":-1,"max":12.6,"#,
+        r#""decimalPlaces":2,"increment":0.1,"values":[{"value":-1,"description":"Off"},{"value":0.1,"description":"Some"}]},"#,
+        r#"{"name":"FS_ACT","type":"Int32","shortDesc":"","group":"Loss","category":"Failsafe","default":1,"min":-1,"max":2,"#,
+        r#""increment":1,"rebootRequired":true,"values":[{"value":-1,"description":"By \"mode\""},"#,
+        r#"{"value":1,"description":"Hold"},{"value":2,"description":"Radio"}]},"#,
+        r#"{"name":"MODULES","type":"Uint32","shortDesc":"","group":"MODULES","default":5,"min":0,"max":4294967295,"#,
+        r#""volatile":true,"bitmask":[{"index":0,"description":"GPS"},{"index":31,"description":"Sonar"}]},"#,
+        r#"{"name":"SIGNS","type":"Int8","shortDesc":"","group":"SIGNS","default":0,"min":-128,"max":127,"readOnly":true,"#,
+        r#""bitmask":[{"index":7,"description":"Sign"}]},"#,
+        r#"{"name":"SYS_ID","type":"Int32","shortDesc":"","group":"SYS","category":"System","default":7,"min":1,"max":254,"#,
+        r#""rebootRequired":true}"#,
+    ];
+    assert_eq!(file, format!(r#"{{"version":1,"parameters":[{}]}}"#, expected.concat()));
+}
+
+/// What `component_metadata/parameter.schema.json` of MAVLink (July 2026) permits in a parameter. It permits nothing else. Its third
+/// version differs from the first in nothing that is written here, and QGroundControl reads only the first.
+#[test]
+fn file_has_the_form_that_mavlinks_schema_permits() {
+    use serde_json::Value;
+    const TYPES: [&str; 7] = ["Uint8", "Int8", "Uint16", "Int16", "Uint32", "Int32", "Float"];
+    type Form = fn(&Value) -> bool;
+    fn has_form(key: &str, value: &Value) -> bool {
+        let are = |fields: [(&str, Form); 2]| {
+            value.as_array().is_some_and(|items| {
+                items.iter().all(|item| {
+                    let item = item.as_object().unwrap();
+                    item.len() == 2 && fields.iter().all(|(field, is)| item.get(*field).is_some_and(is))
+                })
+            })
+        };
+        match key {
+            "name" => value.as_str().is_some_and(|name| {
+                (1..=16).contains(&name.len())
+                    && name.bytes().all(|c| c.is_ascii_alphanumeric() || b".-_{}".contains(&c))
+            }),
+            "type" => value.as_str().is_some_and(|name| TYPES.contains(&name)),
+            "shortDesc" | "longDesc" | "units" | "group" | "category" => value.is_string(),
+            "default" | "min" | "max" | "increment" => value.is_number(),
+            "decimalPlaces" => value.is_u64(),
+            "rebootRequired" | "volatile" | "readOnly" => value.is_boolean(),
+            "values" => are([("value", Value::is_number), ("description", Value::is_string)]),
+            "bitmask" => are([("index", Value::is_u64), ("description", Value::is_string)]),
+            _ => false,
+        }
+    }
+    let (mut first, mut second) = (String::new(), String::new());
+    metadata::parameters::<Tuning>(&mut first).unwrap();
+    metadata::parameters::<Attributes>(&mut second).unwrap();
+    for file in [first, second] {
+        let file: Value = serde_json::from_str(&file).unwrap();
+        let keys: Vec<_> = file.as_object().unwrap().keys().collect();
+        assert_eq!(keys, ["parameters", "version"]);
+        for parameter in file["parameters"].as_array().unwrap() {
+            let parameter = parameter.as_object().unwrap();
+            assert!(parameter.contains_key("name"));
+            assert_eq!(parameter.iter().find(|(key, value)| !has_form(key, value)), None);
+        }
+    }
 }
 
 #[test]

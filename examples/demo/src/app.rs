@@ -113,9 +113,9 @@ const COMPONENT: u8 = 1;
 /// Longitude between the start positions of neighbours in a fleet (deg·1e7): ten metres.
 const SPACING: i32 = 1_328;
 
-/// Firmware version 0.1.0 (development), and the ids of the vehicle with system id 1.
+/// The version of this crate, and the ids of the vehicle with system id 1.
 const IDENTITY: Identity = Identity {
-    flight_sw_version: 0x0001_0000,
+    flight_sw_version: mavstack::firmware_version!(),
     board_version: 1,
     uid: 0x6D61_7673_7461_636B,
     uid2: *b"mavstack demo 0001",
@@ -314,7 +314,6 @@ impl<S: DerefMut<Target = StackOf<Mavlink>>> App<S> {
     pub fn restore<F: NorFlash>(&mut self, now: Instant, store: &mut Store<F>) -> Result<(), RestoreErrors> {
         let result = self.stack.restore(now, store, &mut self.vehicle);
         self.saving = Saving::Idle;
-        self.take_address();
         result
     }
 

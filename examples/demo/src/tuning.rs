@@ -24,22 +24,22 @@ parameters! {
         COM_ARM_AUTH_ID: i32 = 0, 0..=255, "";
         /// Minimum battery charge for arming; 0 or less: no minimum.
         COM_ARM_BAT_MIN: f32 = 0.0, -1.0..=0.9, "norm";
-        /// Arming without a position fix. 0: refused, 1: allowed.
-        COM_ARM_WO_GPS: i32 = 0, 0..=1, "";
+        /// Arming without a position fix.
+        COM_ARM_WO_GPS: i32 = 0, 0..=1, "" { values: { 0 => "Refused", 1 => "Allowed" } };
         /// Time from landing to disarming.
         COM_DISARM_LAND: f32 = 0.0, 0.0..=60.0, "s";
         /// Time after arming until the vehicle disarms if it has not taken off; 0: never.
         COM_DISARM_PRFLT: f32 = 10.0, 0.0..=60.0, "s";
         /// Flight time after which the vehicle returns; 0 or less: no limit.
         COM_FLT_TIME_MAX: i32 = 0, -1..=86_400, "s";
-        /// Action at a critical battery in flight. 0: warn, 1: return, 2: land. With 1 or 2 arming is refused too.
-        COM_LOW_BAT_ACT: i32 = 0, 0..=2, "";
+        /// Action at a critical battery in flight. With any but a warning, arming is refused too.
+        COM_LOW_BAT_ACT: i32 = 0, 0..=2, "" { values: { 0 => "Warning", 1 => "Return", 2 => "Land" } };
         /// Timeout of manual control input.
         COM_RC_LOSS_T: f32 = 0.5, 0.1..=35.0, "s";
-        /// Action after takeoff. 0: hold, 1: start the mission.
-        COM_TAKEOFF_ACT: i32 = 0, 0..=1, "";
-        /// Action at the fence. 0: none, 1: warn, 2: hold, 3: return.
-        GF_ACTION: i32 = 2, 0..=3, "";
+        /// Action after takeoff.
+        COM_TAKEOFF_ACT: i32 = 0, 0..=1, "" { values: { 0 => "Hold", 1 => "Start the mission" } };
+        /// Action at the fence.
+        GF_ACTION: i32 = 2, 0..=3, "" { values: { 0 => "None", 1 => "Warning", 2 => "Hold", 3 => "Return" } };
         /// Distance from the fence at which the vehicle stops. It must exceed the error of the predicted stopping point.
         GF_MARGIN: f32 = 0.5, 0.0..=50.0, "m";
         /// Maximum horizontal distance from home; 0: no limit.
@@ -47,15 +47,15 @@ parameters! {
         /// Maximum height above home; 0: no limit.
         GF_MAX_VER_DIST: f32 = 0.0, 0.0..=10_000.0, "m";
         /// Rate of HIGH_LATENCY2 on the satellite link while it is enabled.
-        MAV_2_HL_FREQ: f32 = 0.015, 0.001..=1.0, "Hz";
+        MAV_2_HL_FREQ: f32 = 0.015, 0.001..=1.0, "Hz" { decimals: 3 };
         /// System id that may send manual control and setpoints; 0: any ground station.
         MAV_GCS_SYSID: i32 = 0, 0..=255, "";
         /// Time after losing the last ground station on the other links until HIGH_LATENCY2 starts automatically; 0: never.
         MAV_HL_LOSS_T: i32 = 0, 0..=3_600, "s";
         /// MAVLink system id.
-        MAV_SYS_ID: i32 = 1, 1..=254, "", [reboot_required];
+        MAV_SYS_ID: i32 = 1, 1..=254, "" { system_id, category: "System" };
         /// Default takeoff altitude.
-        MIS_TAKEOFF_ALT: f32 = 10.0, 1.0..=500.0, "m";
+        MIS_TAKEOFF_ALT: f32 = 10.0, 1.0..=500.0, "m" { decimals: 1, increment: 0.5 };
         /// Maximum horizontal acceleration.
         MPC_ACC_HOR: f32 = 3.0, 0.5..=15.0, "m/s^2";
         /// Height below which the vehicle descends at `MPC_LAND_SPEED`.
@@ -67,13 +67,13 @@ parameters! {
         /// Maximum horizontal speed in manual flight.
         MPC_VEL_MANUAL: f32 = 8.0, 0.5..=25.0, "m/s";
         /// Cruise speed.
-        MPC_XY_CRUISE: f32 = 8.0, 0.5..=25.0, "m/s";
+        MPC_XY_CRUISE: f32 = 8.0, 0.5..=25.0, "m/s" { decimals: 1, increment: 0.5 };
         /// Approach speed per metre of remaining distance. Lower values give gentler stops.
         MPC_XY_P: f32 = 2.0, 0.1..=4.0, "1/s";
         /// Maximum yaw rate in automatic flight.
         MPC_YAWRAUTO_MAX: f32 = 86.0, 5.0..=360.0, "deg/s";
-        /// Heading where the plan gives none. 0: along the course, 1: unchanged.
-        MPC_YAW_MODE: i32 = 0, 0..=1, "";
+        /// Heading where the plan gives none.
+        MPC_YAW_MODE: i32 = 0, 0..=1, "" { values: { 0 => "Along the course", 1 => "Unchanged" } };
         /// Maximum descent rate.
         MPC_Z_VEL_MAX_DN: f32 = 2.0, 0.5..=8.0, "m/s";
         /// Maximum climb rate.
@@ -82,14 +82,14 @@ parameters! {
         NAV_ACC_RAD: f32 = 2.0, 0.5..=200.0, "m";
         /// Minimum height above home for the return flight.
         RTL_RETURN_ALT: f32 = 15.0, 0.0..=500.0, "m";
-        /// Return destination. 0: home or a rally point, whichever is nearest, 1: home.
-        RTL_TYPE: i32 = 0, 0..=1, "";
+        /// Return destination.
+        RTL_TYPE: i32 = 0, 0..=1, "" { values: { 0 => "Home or a rally point, whichever is nearest", 1 => "Home" } };
         /// Altitude at boot, above mean sea level.
-        SIH_LOC_H0: f32 = 488.0, -400.0..=8_000.0, "m", [reboot_required];
+        SIH_LOC_H0: f32 = 488.0, -400.0..=8_000.0, "m" { reboot_required };
         /// Latitude at boot.
-        SIH_LOC_LAT0: i32 = 473_977_420, -850_000_000..=850_000_000, "deg*1e7", [reboot_required];
+        SIH_LOC_LAT0: i32 = 473_977_420, -850_000_000..=850_000_000, "deg*1e7" { reboot_required };
         /// Longitude at boot.
-        SIH_LOC_LON0: i32 = 85_455_940, -1_800_000_000..=1_799_999_999, "deg*1e7", [reboot_required];
+        SIH_LOC_LON0: i32 = 85_455_940, -1_800_000_000..=1_799_999_999, "deg*1e7" { reboot_required };
         /// Current drawn in flight.
         SIM_AMP_FLIGHT: f32 = 18.0, 1.0..=200.0, "A";
         /// Current drawn when armed on the ground.
@@ -97,22 +97,22 @@ parameters! {
         /// Current drawn when disarmed.
         SIM_AMP_OFF: f32 = 0.3, 0.0..=5.0, "A";
         /// Battery charge at boot.
-        SIM_BAT_START: i32 = 100, 1..=100, "%", [reboot_required];
+        SIM_BAT_START: i32 = 100, 1..=100, "%" { reboot_required };
         /// Height of the geoid above the ellipsoid.
         SIM_GEOID_SEP: i32 = 47, -110..=90, "m";
         /// Time from boot to the first GPS fix.
         SIM_GPS_FIX_TIME: i32 = 2_000, 0..=60_000, "ms";
         /// Number of visible satellites after the first fix.
         SIM_GPS_SATS: i32 = 14, 4..=40, "";
-        /// 1: the flight loop hangs until the next boot. Heartbeats must then stop.
-        SIM_HANG: i32 = 0, 0..=1, "", [volatile];
+        /// The flight loop hangs until the next boot. Heartbeats must then stop.
+        SIM_HANG: i32 = 0, 0..=1, "" { values: { 0 => "Off", 1 => "On" }, category: "Developer", volatile };
         /// Number of flights.
-        STAT_FLIGHTS: i32 = 0, 0..=i32::MAX, "", [read_only];
+        STAT_FLIGHTS: i32 = 0, 0..=i32::MAX, "" { read_only };
         /// Total flight time.
-        STAT_FLIGHT_TIME: i32 = 0, 0..=i32::MAX, "s", [read_only];
+        STAT_FLIGHT_TIME: i32 = 0, 0..=i32::MAX, "s" { read_only };
         /// Bytes sent by satellite since boot.
-        STAT_HL_BYTES: i32 = 0, 0..=i32::MAX, "B", [read_only, volatile];
+        STAT_HL_BYTES: i32 = 0, 0..=i32::MAX, "B" { read_only, volatile };
         /// Satellite credits used since boot: one per 50 bytes of a message, rounded up.
-        STAT_HL_CREDITS: i32 = 0, 0..=i32::MAX, "", [read_only, volatile];
+        STAT_HL_CREDITS: i32 = 0, 0..=i32::MAX, "" { read_only, volatile };
     }
 }

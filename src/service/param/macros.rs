@@ -2,22 +2,25 @@
 
 /// Declares a vehicle's parameters: a struct that holds their values, and a constant for each of them.
 ///
-/// A line has the parameter's name on the wire, type, default, range, unit, and optional flags: `read_only` (only the vehicle
-/// itself sets it), `reboot_required` (a change takes effect after the next start) and `volatile` (not stored). The types are
-/// `u8`, `i8`, `u16`, `i16`, `u32`, `i32` and `f32`. Prefer `i32` and `f32`: every client can read and set them, while MAVSDK lists no
-/// unsigned parameters and cannot set integers of 8 and 16 bits (P-19). Integers beyond 2^24 are not exact for clients that
-/// cast (P-2).
+/// A row has the parameter's name on the wire, type, default, range and unit. The doc comment is the description that ground
+/// stations show. The types are `u8`, `i8`, `u16`, `i16`, `u32`, `i32` and `f32`. Prefer `i32` and `f32`: every client can read and
+/// set them, while MAVSDK lists no unsigned parameters and cannot set integers of 8 and 16 bits (P-19). Integers beyond 2^24 are
+/// not exact for clients that cast (P-2).
 ///
 /// ```
 /// mavstack::parameters! {
 ///     /// The parameters of this rover.
 ///     pub struct Tuning {
 ///         /// Voltage below which it returns home.
-///         BAT_LOW: f32 = 10.5, 9.0..=12.6, "V";
+///         BAT_LOW: f32 = 10.5, 9.0..=12.6, "V" { decimals: 1, increment: 0.1 };
+///         /// Action when the last ground station is lost.
+///         FS_GCS_ACT: i32 = 1, 0..=2, "" { values: { 0 => "None", 1 => "Hold", 2 => "Return" }, category: "Failsafe" };
+///         /// Sensors that it uses.
+///         SENSORS: i32 = 5, 0..=7, "" { bitmask: { 0 => "GPS", 1 => "Compass", 2 => "Sonar" }, reboot_required };
 ///         /// Number of starts.
-///         STAT_STARTS: i32 = 0, 0..=i32::MAX, "", [read_only];
-///         /// System id.
-///         SYS_ID: i32 = 1, 1..=254, "", [reboot_required];
+///         STAT_STARTS: i32 = 0, 0..=i32::MAX, "" { read_only };
+///         /// MAVLink system id.
+///         SYS_ID: i32 = 1, 1..=254, "" { system_id };
 ///     }
 /// }
 /// use mavstack::param::ParamTable;
@@ -27,8 +30,41 @@
 /// // The new value is sent to the ground stations.
 /// assert!(tuning.set(Tuning::STAT_STARTS, 7));
 /// assert_eq!(tuning.get(Tuning::STAT_STARTS), 7);
-/// assert_eq!((Tuning::INFO[0].name(), Tuning::UNITS[0]), ("BAT_LOW", "V"));
+/// assert_eq!((Tuning::INFO[0].name(), Tuning::DETAILS[0].unit), ("BAT_LOW", "V"));
 /// ```
+///
+/// # Attributes
+///
+/// Attributes are optional. They stand in braces behind the unit, in any order. Flags alone may also be written
+/// `"", [read_only, volatile];`.
+///
+/// | attribute | effect |
+/// |---|---|
+/// | `read_only` | only the vehicle itself sets it; a client gets PARAM_ERROR READ_ONLY, and a text that names it |
+/// | `reboot_required` | a change takes effect after the next start: ground stations say so |
+/// | `volatile` | it is not stored |
+/// | `system_id` | the vehicle's MAVLink system id: see below |
+/// | `values: { 0 => "Off", 1 => "On" }` | names of values: a ground station offers them as a list |
+/// | `bitmask: { 0 => "GPS", 2 => "Sonar" }` | names of bits, 0 is the lowest: a ground station shows boxes to tick |
+/// | `decimals: 2` | the number of decimals that a ground station shows |
+/// | `increment: 0.5` | the step by which a ground station changes it |
+/// | `category: "System"` | the part of a ground station's list |
+/// | `group: "Battery"` | its part of the category; otherwise the part of its name before the first `_` |
+///
+/// The last six rows are for [`metadata::parameters`](crate::metadata), which ground stations read. They take no flash and
+/// no RAM. Constants may stand in place of numbers.
+///
+/// # The system id
+///
+/// A parameter with `system_id` replaces the system of [`Config::address`](crate::Config::address): its default at
+/// [`begin`](crate::Stack::begin), and its stored value as soon as the parameters were read. A client's change takes effect at
+/// the next start, as in PX4, because the answer to the change would come from another vehicle. Its range lies within 1 to 254: 0 means
+/// everyone, and 255 is a ground station's.
+///
+/// A vehicle that restores its parameters beside the loop, by [`attach_storage`](crate::Stack::attach_storage), has the default until
+/// then. So call [`restore`](crate::Stack::restore) before the loop if there may be several vehicles.
+///
+/// # What does not compile
 ///
 /// A table that clients could not handle does not compile. A name is ASCII and has at most 16 bytes (P-1):
 ///
@@ -71,11 +107,25 @@
 /// ```
 ///
 /// ```compile_fail
-/// mavstack::parameters! { pub struct Tuning { A: i32 = 0, 0..=1, "", [hidden]; } }
+/// mavstack::parameters! { pub struct Tuning { A: i32 = 0, 0..=1, "" { hidden }; } }
 /// ```
 ///
 /// ```compile_fail
 /// mavstack::parameters! { pub struct Tuning { _HASH_CHECK: u32 = 0, 0..=1, ""; } }
+/// ```
+///
+/// Named values and bits lie within the range, each once, and a system id is 1 to 254:
+///
+/// ```compile_fail
+/// mavstack::parameters! { pub struct Tuning { A: i32 = 0, 0..=1, "" { values: { 0 => "Off", 2 => "On" } }; } }
+/// ```
+///
+/// ```compile_fail
+/// mavstack::parameters! { pub struct Tuning { A: i32 = 0, 0..=7, "" { bitmask: { 3 => "Sonar" } }; } }
+/// ```
+///
+/// ```compile_fail
+/// mavstack::parameters! { pub struct Tuning { A: i32 = 1, 1..=255, "" { system_id }; } }
 /// ```
 #[macro_export]
 macro_rules! parameters {
@@ -84,7 +134,8 @@ macro_rules! parameters {
         $vis:vis struct $name:ident {
             $(
                 $(#[doc = $doc:literal])*
-                $param:ident: $ty:ident = $default:expr, $range:expr, $unit:literal $(, [$($flag:ident),* $(,)?])?;
+                $param:ident: $ty:ident = $default:expr, $range:expr, $unit:literal $(, [$($flag:ident),* $(,)?])?
+                    $({ $($key:ident $(: $value:tt)?),* $(,)? })?;
             )+
         }
     ) => {
@@ -105,8 +156,21 @@ macro_rules! parameters {
 
             const __NAMES: &'static [&'static str] = &[$(stringify!($param)),+];
 
+            const __ATTRIBUTES: [$crate::__private::ParamAttributes; Self::__NAMES.len()] = [$(
+                $crate::__private::ParamAttributes::new($unit, concat!($($doc),*))
+                    $($(.$flag())*)?
+                    $($(.$key($($crate::__parameter_attribute!($key $ty $value))?))*)?,
+            )+];
+
+            const __DETAILS: [$crate::param::ParamDetails; Self::__NAMES.len()] =
+                $crate::__private::details(&Self::__ATTRIBUTES);
+
             const __TABLE: [$crate::param::ParamInfo; Self::__NAMES.len()] = [$(
-                $crate::param::ParamInfo::$ty(stringify!($param), $default, &($range)).info()$($(.$flag())*)?,
+                $crate::__private::attributes_at(
+                    &Self::__ATTRIBUTES,
+                    $crate::__private::position(Self::__NAMES, stringify!($param)),
+                )
+                .flagged($crate::param::ParamInfo::$ty(stringify!($param), $default, &($range)).info()),
             )+];
 
             /// Returns a table with every parameter at its default.
@@ -139,17 +203,30 @@ macro_rules! parameters {
                 const NAME: &str = stringify!($param);
                 const ROW: $crate::__private::Row = $crate::param::ParamInfo::$ty(NAME, $default, &($range));
                 const IS_IN_ORDER: bool = $crate::__private::is_in_order($name::__NAMES, NAME);
+                const ATTRIBUTES: $crate::__private::ParamAttributes = $crate::__private::attributes_at(
+                    &$name::__ATTRIBUTES,
+                    $crate::__private::position($name::__NAMES, NAME),
+                );
+                const INFO: $crate::param::ParamInfo = ROW.info();
                 type Checked = $crate::__private::Checked<
                     $param, $ty, { ROW.is_named(NAME) }, { ROW.is_within_range() }, IS_IN_ORDER,
                 >;
-                Checked::row($default)
+                type Detailed = $crate::__private::Detailed<
+                    $param,
+                    $ty,
+                    { ATTRIBUTES.has_valid_values(&INFO) },
+                    { ATTRIBUTES.has_valid_bits(&INFO) },
+                    { ATTRIBUTES.has_valid_steps(&INFO) },
+                    { ATTRIBUTES.has_valid_system_id(&INFO, &$name::__ATTRIBUTES) },
+                >;
+                Checked::row($default);
+                Detailed::row($default)
             };
         )+
 
         impl $crate::param::ParamTable for $name {
             const INFO: &'static [$crate::param::ParamInfo] = &Self::__TABLE;
-            const UNITS: &'static [&'static str] = &[$($unit),+];
-            const DESCRIPTIONS: &'static [&'static str] = &[$(concat!($($doc),*)),+];
+            const DETAILS: &'static [$crate::param::ParamDetails] = &Self::__DETAILS;
 
             fn table_mut(&mut self) -> $crate::__private::TableMut<'_> {
                 self.memory.table_mut(Self::INFO)
@@ -164,6 +241,8 @@ macro_rules! parameters {
 
         impl $crate::__private::ParamMemory for $name {
             type Service = $crate::__private::ParamService;
+
+            const SYSTEM_ID: Option<u16> = $crate::__private::system_id(&Self::__ATTRIBUTES);
 
             const VACANT: Self = Self { memory: $crate::__private::ParamValues::VACANT };
 

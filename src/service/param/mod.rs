@@ -12,6 +12,8 @@
 //! If both declarations and values live elsewhere ([`ParamBackend`]), the stack only has the marks ([`ExternalParams`]).
 
 mod backend;
+#[macro_use]
+mod details;
 mod directory;
 mod external;
 mod hash;
@@ -38,11 +40,12 @@ mod vehicle;
 mod tests;
 
 pub use backend::{ParamBackend, ParamUpdate, ParamWrite};
+pub use details::{ParamAttributes, ParamDetails, attributes_at, details, system_id};
 pub use external::ExternalParams;
 #[cfg(feature = "storage")]
 pub use external::ExternalService;
 pub use info::{MAX_PARAMS, ParamFault, ParamInfo};
-pub use row::{Checked, Row, is_in_order, position};
+pub use row::{Checked, Detailed, Row, is_in_order, position};
 pub use runtime::RuntimeTable;
 #[cfg(feature = "storage")]
 pub(crate) use saving::Replaced;

@@ -92,6 +92,65 @@ pub trait InOrder<P, const IS_IN_ORDER: bool> {}
 
 impl<T, P> InOrder<P, true> for T {}
 
+/// The names of its values are valid.
+#[doc(hidden)]
+#[diagnostic::on_unimplemented(
+    message = "the `values` of the parameter `{P}` are not valid",
+    label = "a parameter's named values lie within its range, each once"
+)]
+pub trait ValuesNamed<P, const ARE_VALID: bool> {}
+
+impl<T, P> ValuesNamed<P, true> for T {}
+
+/// The names of its bits are valid.
+#[doc(hidden)]
+#[diagnostic::on_unimplemented(
+    message = "the `bitmask` of the parameter `{P}` is not valid",
+    label = "a parameter with named bits is an integer without named values; each bit, such as 4 for bit 2, lies within its range, \
+             and stands once"
+)]
+pub trait BitsNamed<P, const ARE_VALID: bool> {}
+
+impl<T, P> BitsNamed<P, true> for T {}
+
+/// The number of decimals and the step are valid.
+#[doc(hidden)]
+#[diagnostic::on_unimplemented(
+    message = "the `decimals` or the `increment` of the parameter `{P}` are not valid",
+    label = "only an `f32` has decimals, and an increment is greater than 0"
+)]
+pub trait Stepped<P, const IS_VALID: bool> {}
+
+impl<T, P> Stepped<P, true> for T {}
+
+/// It may be the system id, if it is meant to be that.
+#[doc(hidden)]
+#[diagnostic::on_unimplemented(
+    message = "the parameter `{P}` cannot be the system id",
+    label = "a system id is an integer with a range within 1..=254 (255 is a ground station's), not volatile, and the only one"
+)]
+pub trait SystemId<P, const IS_VALID: bool> {}
+
+impl<T, P> SystemId<P, true> for T {}
+
+/// The results of the checks of the attributes of the row of the parameter that `P` names, whose default is a `T`.
+#[doc(hidden)]
+#[derive(Debug)]
+pub struct Detailed<P, T, const VALUES: bool, const BITS: bool, const STEPS: bool, const SYSTEM_ID: bool>(
+    PhantomData<(P, T)>,
+);
+
+impl<P, T, const VALUES: bool, const BITS: bool, const STEPS: bool, const SYSTEM_ID: bool>
+    Detailed<P, T, VALUES, BITS, STEPS, SYSTEM_ID>
+{
+    /// Fails to compile for invalid attributes. The compiler points at the argument, the default of the parameter.
+    pub const fn row(_: T)
+    where
+        T: Copy + ValuesNamed<P, VALUES> + BitsNamed<P, BITS> + Stepped<P, STEPS> + SystemId<P, SYSTEM_ID>,
+    {
+    }
+}
+
 /// The results of the checks of the row of the parameter that `P` names, whose default is a `T`.
 #[doc(hidden)]
 #[derive(Debug)]

@@ -1,5 +1,6 @@
 //! A table of parameters whose declarations are only known at run time (P-1).
 
+use super::details::ParamDetails;
 use super::info::{MAX_PARAMS, ParamFault, ParamInfo};
 use super::service::ParamService;
 use super::table::{Param, ParamMemory, ParamTable, ParamValues, TableMut};
@@ -163,8 +164,7 @@ impl<const N: usize> Default for RuntimeTable<N> {
 
 impl<const N: usize> ParamTable for RuntimeTable<N> {
     const INFO: &'static [ParamInfo] = &[ParamInfo::VACANT; N];
-    const UNITS: &'static [&'static str] = &[];
-    const DESCRIPTIONS: &'static [&'static str] = &[];
+    const DETAILS: &'static [ParamDetails] = &[];
 
     /// Seals the table: the service is about to use it.
     fn table_mut(&mut self) -> TableMut<'_> {

@@ -77,6 +77,11 @@ impl Saving {
         }
     }
 
+    /// Whether the stored values were not loaded yet.
+    pub(crate) const fn is_unloaded(&self) -> bool {
+        self.is_unloaded
+    }
+
     /// Records that the table has other values than storage.
     pub(super) const fn set_changed(&mut self) {
         (self.has_changed, self.is_overtaken) = (true, true);

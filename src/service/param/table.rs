@@ -7,10 +7,12 @@
 use core::fmt;
 use core::marker::PhantomData;
 
+use super::details::ParamDetails;
 use super::info::{ParamInfo, Rows};
 use super::saving::Saving;
 use super::state::ParamState;
 use super::value::ParamType;
+use crate::message::SystemId;
 use crate::service::Absent;
 use crate::types::{Context, LinkMask, Peer, Values};
 
@@ -253,11 +255,9 @@ pub trait ParamTable: ParamMemory + Sized {
     /// The declarations, ordered by index. A [`RuntimeTable`](super::RuntimeTable) has as many vacant ones as it has
     /// room for; [`RuntimeTable::info`](super::RuntimeTable::info) returns its own.
     const INFO: &'static [ParamInfo];
-    /// The units; empty for a parameter without a unit. For tools on a host: a firmware that does not use them does not have them
-    /// in flash.
-    const UNITS: &'static [&'static str];
-    /// The descriptions: each parameter's doc comment in one line. For tools on a host, too.
-    const DESCRIPTIONS: &'static [&'static str];
+    /// The units, descriptions and names of values, ordered by index. For tools on a host: a firmware that does not use them does
+    /// not have them in flash. A [`RuntimeTable`](super::RuntimeTable) has none.
+    const DETAILS: &'static [ParamDetails];
 
     #[doc(hidden)]
     fn table_mut(&mut self) -> TableMut<'_>;
@@ -276,8 +276,17 @@ pub trait ParamMemory: Values {
     /// All zero bits, so that it takes no flash.
     const VACANT: Self;
 
+    /// The index of the parameter that is the vehicle's system id.
+    const SYSTEM_ID: Option<u16> = None;
+
     /// Sets every parameter to its default.
     fn begin(&mut self);
+
+    /// Returns the system id, if a parameter is it.
+    fn system_id(&self) -> Option<SystemId> {
+        let bits = self.values().get(usize::from(Self::SYSTEM_ID?))?;
+        u8::try_from(*bits).map(SystemId::new).ok()
+    }
 }
 
 /// The table of a firmware without parameters.

@@ -24,7 +24,7 @@ use crate::types::Context;
 ///         /// Voltage below which it returns home.
 ///         BAT_LOW: f32 = 10.5, 9.0..=12.6, "V";
 ///         /// System id.
-///         SYS_ID: i32 = 1, 1..=254, "", [reboot_required];
+///         SYS_ID: i32 = 1, 1..=254, "" { system_id };
 ///     }
 /// }
 /// #[derive(mavstack::Stack)]

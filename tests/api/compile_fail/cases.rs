@@ -22,6 +22,9 @@ pub fn cases() -> Vec<Case> {
     };
     let modes = |list: &str| implements(&modes(list), "links: 1, modes");
     let parameters = |list: &str| constant(&format!("parameters! {{ pub struct Tuning {{ {list} }} }}"));
+    let attribute = |row: &str, attributes: &str| {
+        parameters(&format!("ALT: u8 = 0, 0..=1, \"\";\nBAT: {row}, \"\" {{ {attributes} }};"))
+    };
     let many: String = (0..33).fold(String::new(), |mut list, mode| {
         let _ = write!(list, "FlightMode::new({mode}, \"M\"),");
         list
@@ -262,6 +265,28 @@ pub fn cases() -> Vec<Case> {
         ("param_order_row", parameters(UNSORTED), "param_order_row.rs:10:"),
         ("param_default", parameters(OUTSIDE), "the default of the parameter `BAT` is not within its range"),
         ("param_default_row", parameters(OUTSIDE), "param_default_row.rs:10:"),
+        ("param_values", attribute("i32 = 0, 0..=1", "values: { 0 => \"Off\", 2 => \"On\" }"), "the `values` of the parameter `BAT`"),
+        ("param_values_twice", attribute("i32 = 0, 0..=1", "values: { 0 => \"Off\", 0 => \"On\" }"), "`values` of the parameter `BAT`"),
+        // The error is shown at the row, as those above.
+        ("param_values_row", attribute("i32 = 0, 0..=1", "values: { 2 => \"On\" }"), "param_values_row.rs:10:"),
+        ("param_values_type", attribute("u8 = 0, 0..=1", "values: { -1 => \"Off\" }"), "cannot apply unary operator `-` to type `u8`"),
+        ("param_values_form", attribute("u8 = 0, 0..=1", "values: { 0 = \"Off\" }"), "invalid left-hand side of assignment"),
+        ("param_bitmask", attribute("i32 = 0, 0..=7", "bitmask: { 3 => \"Sonar\" }"), "the `bitmask` of the parameter `BAT`"),
+        ("param_bitmask_32", attribute("i32 = 0, 0..=7", "bitmask: { 32 => \"Sonar\" }"), "the `bitmask` of the parameter `BAT`"),
+        ("param_bitmask_float", attribute("f32 = 0.0, 0.0..=7.0", "bitmask: { 0 => \"GPS\" }"), "the `bitmask` of the parameter `BAT`"),
+        ("param_decimals", attribute("i32 = 0, 0..=7", "decimals: 2"), "the `decimals` or the `increment` of the parameter `BAT`"),
+        ("param_increment", attribute("f32 = 0.0, 0.0..=7.0", "increment: 0.0"), "the `increment` of the parameter `BAT`"),
+        ("param_unknown", attribute("i32 = 0, 0..=7", "hidden"), "no method named `hidden` found for struct `mavstack::__private::ParamAttributes`"),
+        ("param_unknown_row", attribute("i32 = 0, 0..=7", "hidden"), "param_unknown_row.rs:10:"),
+        ("param_system_255", attribute("u8 = 1, 1..=255", "system_id"), "the parameter `BAT` cannot be the system id"),
+        ("param_system_0", attribute("u8 = 1, 0..=254", "system_id"), "255 is a ground station's"),
+        ("param_system_float", attribute("f32 = 1.0, 1.0..=9.0", "system_id"), "the parameter `BAT` cannot be the system id"),
+        ("param_system_volatile", attribute("u8 = 1, 1..=254", "system_id, volatile"), "`BAT` cannot be the system id"),
+        (
+            "param_system_twice",
+            parameters("A: u8 = 1, 1..=9, \"\" { system_id }; B: u8 = 1, 1..=9, \"\" { system_id };"),
+            "the parameter `A` cannot be the system id",
+        ),
         (
             "hook_vehicle",
             constant("struct Rover; #[derive(Stack)] #[stack(vehicle: Rover, links: 1)] struct Mavlink;"),

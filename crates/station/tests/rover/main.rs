@@ -26,7 +26,7 @@ fn parameters_are_set_and_read() -> Result<(), Failure> {
     for client in Client::ALL {
         let mut rig = rig(client);
         rig.line(0).set_loss(0.1);
-        assert_eq!(rig.parameters()?.len(), 3);
+        assert_eq!(rig.parameters()?.len(), 4);
         rig.set("SPEED_MAX", 5.0_f32)?;
         assert_eq!(rig.get("SPEED_MAX")?, Value::F32(5.0), "{client}");
     }

@@ -12,26 +12,29 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+use mavstack::config::Identity;
 use mavstack::dialect::commands::ComponentArmDisarm;
 use mavstack::dialect::rules::{NAV_RETURN_TO_LAUNCH, NAV_WAYPOINT};
 use mavstack::dialect::*;
 use mavstack::manual_control::{ControlSource, ManualControlInput, RcOverride};
 use mavstack::message::Item;
-use mavstack::parameters;
 use mavstack::plan::Durability;
 use mavstack::prelude::*;
 use mavstack::telemetry::{Battery, GpsFix, Home, Motion};
+use mavstack::{firmware_version, parameters};
 
 /// Ticked by the driving loop. When the loop hangs, the heartbeats stop.
 pub static PULSE: Pulse = Pulse::new();
 
-/// The configuration: a rover with system id 1, component id 1.
+/// The configuration: a rover with component id 1. Its system id is the parameter SYS_ID.
 pub const CONFIG: Config = config(&PULSE);
 
 /// Returns the configuration with another pulse. Tests run in threads, and each has its own.
 pub const fn config(pulse: &'static Pulse) -> Config {
     Config {
         r#type: MavType::GROUND_ROVER,
+        // Ground stations show the version of your crate. Your board's version and unique number belong here too.
+        identity: Identity { flight_sw_version: firmware_version!(), ..Identity::NONE },
         // An erase of internal flash may take longer than a ground station waits for the answer to an upload.
         durability: Durability::Deferred,
         ..Config::new(Address::new(1, 1), pulse)
@@ -60,10 +63,12 @@ parameters! {
     pub struct Tuning {
         /// Least battery voltage for arming; an unknown one is too low. 0 disables the check.
         BAT_V_LOW: f32 = 0.0, 0.0..=60.0, "V";
-        /// Holds when the last ground station is lost.
-        FS_GCS_ENABLE: i32 = 1, 0..=1, "";
+        /// Action when the last ground station is lost.
+        FS_GCS_ENABLE: i32 = 1, 0..=1, "" { values: { 0 => "None", 1 => "Hold" } };
         /// Maximum speed.
         SPEED_MAX: f32 = 2.0, 0.1..=10.0, "m/s";
+        /// MAVLink system id: each vehicle of a ground station has its own.
+        SYS_ID: i32 = 1, 1..=254, "" { system_id };
     }
 }
 
