@@ -1,7 +1,8 @@
 //! A vehicle on a board: `docs/start.md`.
 
-use mavstack::config::{Identity, VehicleAddress};
+use mavstack::config::Identity;
 use mavstack::dialect::MavType;
+use mavstack::firmware_version;
 use mavstack::io::{SerialQueues, queue_len};
 use mavstack::prelude::*;
 use static_cell::ConstStaticCell;
@@ -13,7 +14,7 @@ static PULSE: Pulse = Pulse::new();
 const CONFIG: Config = Config {
     r#type: MavType::SURFACE_BOAT,
     identity: Identity {
-        flight_sw_version: u32::from_be_bytes([1, 4, 2, 255]), // 1.4.2, FIRMWARE_VERSION_TYPE_OFFICIAL
+        flight_sw_version: firmware_version!(), // your crate's version
         board_version: 3,
         ..Identity::NONE
     },
@@ -47,8 +48,7 @@ fn run(board: &mut impl Board, boat: &mut Boat) -> ! {
     let stack = STACK.take();
     let identity = Identity { uid: board.unique_number(), ..CONFIG.identity };
     stack.begin(Config { identity, ..CONFIG }, [LinkConfig::uart(57_600)]);
-    // With storage: `stack.restore(…)`.
-    take_stored_id(stack);
+    // With storage: `stack.restore(…)`, which takes the stored system id too.
     board.enable_uart_interrupt(); // last: it may fire at once
     loop {
         let now = clock.now(board.timer());
@@ -61,14 +61,6 @@ fn run(board: &mut impl Board, boat: &mut Boat) -> ! {
         if telem.has_to_send() {
             board.enable_transmit_interrupt();
         }
-    }
-}
-
-/// Takes the system id from a parameter. A change of the parameter needs a restart.
-fn take_stored_id(stack: &mut StackOf<Mavlink>) {
-    let system = u8::try_from(stack.parameters().get(Tuning::SYS_ID)).unwrap_or(1);
-    if let Some(address) = VehicleAddress::new(Address::new(system, 1)) {
-        stack.set_address(address);
     }
 }
 
@@ -93,10 +85,8 @@ mod tests {
     }
 
     #[test]
-    fn the_stored_id_is_the_address() {
-        let mut stack = Box::new(StackOf::<Mavlink>::new(CONFIG, [LinkConfig::uart(57_600)]));
-        stack.parameters_mut().set(Tuning::SYS_ID, 7);
-        take_stored_id(&mut stack);
-        assert_eq!(stack.address(), Address::new(7, 1));
+    fn the_parameter_is_the_system_id() {
+        let stack = Box::new(StackOf::<Mavlink>::new(CONFIG, [LinkConfig::uart(57_600)]));
+        assert_eq!(i32::from(stack.address().system.wire()), stack.parameters().get(Tuning::SYS_ID));
     }
 }

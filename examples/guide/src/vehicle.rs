@@ -18,9 +18,11 @@ pub struct Mavlink;
 mavstack::parameters! {
     pub struct Tuning {
         /// Speed between waypoints.
-        CRUISE: f32 = 2.0, 0.5..=8.0, "m/s";
-        /// System id.
-        SYS_ID: i32 = 1, 1..=254, "", [reboot_required];
+        CRUISE: f32 = 2.0, 0.5..=8.0, "m/s" { decimals: 1, increment: 0.5 };
+        /// Action when the last ground station is lost.
+        FS_GCS_ACT: i32 = 1, 0..=2, "" { values: { 0 => "None", 1 => "Hold", 2 => "Return" }, category: "Failsafe" };
+        /// MAVLink system id.
+        SYS_ID: i32 = 1, 1..=254, "" { system_id };
     }
 }
 
