@@ -17,6 +17,9 @@ struct Row {
     other: usize,
 }
 
+/// The bytes for each byte that need no row of their own.
+const LITTLE: usize = 3;
+
 /// The figure of what goes on as often as was asked for.
 const AS_ASKED: usize = usize::MAX;
 
@@ -94,8 +97,14 @@ fn table(rows: &BTreeMap<&str, Row>) -> String {
     rows.iter().for_each(|(name, row)| kinds.entry(*row).or_default().push(name));
     let mut table = String::from("| same link | another link | requests |\n|---|---|---|\n");
     let figure = |bytes: usize| if bytes == AS_ASKED { String::from("as asked") } else { format!("{bytes}") };
+    let mut others = 0;
     for (Row { own, other }, names) in kinds.iter().rev() {
-        table += &format!("| {} | {} | {} |\n", figure(*own), figure(*other), names.join(", "));
+        if *own <= LITTLE && *other <= LITTLE {
+            others += names.len();
+        } else {
+            table += &format!("| {} | {} | {} |\n", figure(*own), figure(*other), names.join(", "));
+        }
     }
+    table += &format!("| {LITTLE} or less | {LITTLE} or less | {others} other kinds |\n");
     table
 }

@@ -31,6 +31,16 @@ type Table = fn(&Figures) -> String;
 const TABLES: [(&str, Table); 3] =
     [("size", size::table), ("options", options::table), ("vehicles", options::vehicles)];
 
+/// Tables with `{section.key}` in place of each figure.
+const TEMPLATES: [(&str, &str); 6] = [
+    ("boards", include_str!("tables/boards.txt")),
+    ("delays", include_str!("tables/delays.txt")),
+    ("erases", include_str!("tables/erases.txt")),
+    ("libraries", include_str!("tables/libraries.txt")),
+    ("load", include_str!("tables/load.txt")),
+    ("speed", include_str!("tables/speed.txt")),
+];
+
 /// A figure as it was measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
@@ -228,11 +238,28 @@ impl Figures {
             self.get(id).map(str::to_owned).ok_or_else(|| format!("{FILE} has no figure {id}"))
         })?;
         let (text, tables) = replaced(&text, "table", |name| {
+            if let Some((_, template)) = TEMPLATES.iter().find(|(known, _)| *known == name) {
+                return Ok(format!("\n{}", self.inserted(template)?));
+            }
             let (_, table) = TABLES.iter().find(|(known, _)| *known == name).ok_or(format!("no table {name}"))?;
             Ok(format!("\n{}", table(self)))
         })?;
         differences.extend(tables);
         Ok((text, differences))
+    }
+}
+
+impl Figures {
+    /// Returns the template with its figures.
+    fn inserted(&self, template: &str) -> Result<String> {
+        let mut parts = template.split('{');
+        let mut text = parts.next().unwrap_or_default().to_owned();
+        for part in parts {
+            let (id, rest) = part.split_once('}').ok_or_else(|| format!("a template has no `}}` after `{{{part}`"))?;
+            text += self.get(id).ok_or_else(|| format!("{FILE} has no figure {id}"))?;
+            text += rest;
+        }
+        Ok(text)
     }
 }
 
@@ -305,6 +332,13 @@ mod tests {
     #[test]
     fn no_page_shows_another_figure() {
         assert_eq!(check(false), Ok(()));
+    }
+
+    #[test]
+    fn a_template_has_the_figures() {
+        let inserted = |template| figures().inserted(template);
+        assert_eq!(inserted("| a | {size.a.flash} | {by-hand.b} |\n"), Ok("| a | 1,000 | x |\n".to_owned()));
+        assert!(inserted("{size.c}").is_err() && inserted("{size.a.flash").is_err());
     }
 
     #[test]
