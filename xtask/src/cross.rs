@@ -1,4 +1,4 @@
-//! `cargo xtask cross`: the library, the snapshot and the drivers for each kind of microcontroller.
+//! `cargo xtask cross`: the library, the snapshot and the drivers for each kind of microcontroller, and the code of the guides for one.
 
 use crate::system::{Result, run};
 use crate::toolchain::{self, Choice, TARGETS};
@@ -17,6 +17,11 @@ pub fn build_all(choice: Option<Choice>) -> Result {
             println!("{package} for {target}");
             run(toolchain::cargo_build(choice, target).args(["--package", package, "--lib"]))?;
         }
+    }
+    // The recipes with registers are for Cortex-M3 and later.
+    for target in TARGETS.iter().filter(|target| target.starts_with("thumbv7em")) {
+        println!("mavstack-guide for {target}");
+        run(toolchain::cargo_build(choice, target).args(["--package", "mavstack-guide", "--lib"]))?;
     }
     Ok(())
 }

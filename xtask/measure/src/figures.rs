@@ -32,13 +32,18 @@ const TABLES: [(&str, Table); 3] =
     [("size", size::table), ("options", options::table), ("vehicles", options::vehicles)];
 
 /// Tables with `{section.key}` in place of each figure.
-const TEMPLATES: [(&str, &str); 6] = [
+const TEMPLATES: [(&str, &str); 11] = [
     ("boards", include_str!("tables/boards.txt")),
+    ("calls", include_str!("tables/calls.txt")),
     ("delays", include_str!("tables/delays.txt")),
     ("erases", include_str!("tables/erases.txt")),
+    ("late", include_str!("tables/late.txt")),
     ("libraries", include_str!("tables/libraries.txt")),
     ("load", include_str!("tables/load.txt")),
     ("speed", include_str!("tables/speed.txt")),
+    ("targets", include_str!("tables/targets.txt")),
+    ("times", include_str!("tables/times.txt")),
+    ("work", include_str!("tables/work.txt")),
 ];
 
 /// A figure as it was measured.
