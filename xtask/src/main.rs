@@ -45,7 +45,8 @@ enum Task {
     /// Install everything that the other commands would install on demand.
     ///
     /// That is: compiler targets, QEMU, the ground stations' libraries, a nightly toolchain, cargo-fuzz. Run this before you run
-    /// several commands at the same time. Only `boards --run` needs more: Node.js and rp2040js, which it installs itself.
+    /// several commands at the same time. Only `boards --run` and `book` need more, which they install themselves: Node.js and rp2040js,
+    /// and mdBook.
     Setup,
     Qemu(Qemu),
     Integration(Integration),
