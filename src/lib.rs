@@ -136,17 +136,7 @@
 //!
 //! # Cargo features
 //!
-//! - `defmt`: `Format` on the public types, and log events: one per protocol transition, and drop counters and refused requests
-//!   at most once a second.
-//! - `embedded-hal-nb`, `embedded-io-06`, `embedded-io-async`: adapters for UARTs with those traits, see [`mod@io`]; with the last
-//!   also the ends of a link for async tasks, `io::AsyncReceiver` and `io::AsyncTransmitter`.
-//! - `embassy-time`, `fugit`: [`Instant`] and [`Duration`] from those of these crates, and back to Embassy's.
-//! - `embedded-storage-async`: `storage` on async flash drivers, see `storage::AsyncStore`.
-//! - `fmt`: `write!` into a [`Text`], `Text::formatted`, and the files of component metadata (`metadata`). They need `core::fmt`.
-//! - `plan-texts` (default): a STATUSTEXT with the reason for every plan, item, parameter, command and mode that the stack
-//!   refuses. Rate limits: one text a second for parameters, and one a second on each link for commands and modes.
-//! - `signing`: signs and verifies frames; see `Signing`.
-//! - `storage`: plans and parameters that survive power loss, in NOR flash, FRAM or EEPROM; with `signing` also the key.
+//! [The first guide](guides::start#1-the-package) lists them. Without any, there is no storage, no signing, and no `core::fmt`.
 #![no_std]
 // No received byte causes a panic (SEC-1).
 #![cfg_attr(
