@@ -19,7 +19,8 @@ pub struct Again<D, F> {
 }
 
 impl<D: Dialogue, F: FnMut() -> D> Again<D, F> {
-    /// Tries at most `tries` times, at least once. Only [`Failure::Timeout`] is tried again.
+    /// Tries at most `tries` times, at least once. Only what lost frames may cause is tried again, see
+    /// [`Failure::is_by_loss`].
     pub fn new(tries: u32, mut begin: F) -> Self {
         let current = begin();
         Self { begin, current, left: tries.saturating_sub(1) }
@@ -31,7 +32,7 @@ impl<D: Dialogue, F: FnMut() -> D> Dialogue for Again<D, F> {
 
     fn poll(&mut self, io: &mut Io<'_>) -> Option<Result<D::Output, Failure>> {
         match self.current.poll(io)? {
-            Err(Failure::Timeout { .. }) if self.left > 0 => {
+            Err(failure) if failure.is_by_loss() && self.left > 0 => {
                 self.left -= 1;
                 self.current = (self.begin)();
                 None

@@ -67,6 +67,12 @@ impl Failure {
         Self::Timeout { request: request.into(), tries }
     }
 
+    /// Whether lost frames may be the cause: the same dialogue may succeed the next time. MAVSDK ends a download with
+    /// [`MavFtpErr::EOF`] if the last data was lost, because the end that follows it comes too early.
+    pub fn is_by_loss(&self) -> bool {
+        matches!(self, Self::Timeout { .. } | Self::File { error: MavFtpErr::EOF, .. })
+    }
+
     /// Returns the vehicle's text with the reason of a refusal, if one came.
     pub fn text(&self) -> Option<&str> {
         match self {

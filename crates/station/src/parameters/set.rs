@@ -21,6 +21,8 @@ pub struct Set {
 #[derive(Clone, Debug)]
 enum Phase {
     New,
+    /// The type is as it was given.
+    Typed,
     /// Learns the type.
     Read(Read),
     Set(Retry),
@@ -31,6 +33,15 @@ enum Phase {
 struct Answer {
     value: Option<Parameter>,
     error: Option<MavParamError>,
+    /// MAVSDK repeats the request at once after another value: that there was one is kept.
+    had_other: bool,
+}
+
+impl Answer {
+    /// Whether the vehicle has answered at all.
+    fn is_some(&self) -> bool {
+        self.value.is_some() || self.error.is_some() || self.had_other
+    }
 }
 
 impl Set {
@@ -41,7 +52,7 @@ impl Set {
 
     /// Creates a dialogue that sends exactly this type, right or wrong, without a read before.
     pub fn typed(name: &str, value: Value) -> Self {
-        Self { phase: Phase::Set(Retry::new(Duration::from_secs(1), 3)), ..Self::new(name, value) }
+        Self { phase: Phase::Typed, ..Self::new(name, value) }
     }
 
     fn timer(client: Client) -> Retry {
@@ -80,6 +91,9 @@ impl Set {
                 }
             };
         }
+        if matches!(self.phase, Phase::Typed) {
+            self.phase = Phase::Set(Self::timer(io.client()));
+        }
         let Phase::Read(read) = &mut self.phase else { return None };
         match read.poll(io)? {
             // MAVSDK: an integer is not set where there is a float.
@@ -101,7 +115,7 @@ impl Set {
 
     /// Returns the result if the answer decides. MAVSDK repeats at once after another value.
     fn decide(&mut self, client: Client) -> Option<Result<Parameter, Failure>> {
-        let Answer { value, error } = &self.answer;
+        let Answer { value, error, .. } = &self.answer;
         if let Some(parameter) = value {
             let is_same = (parameter.value.number() - self.value.number()).abs() <= tolerance(client, self.value);
             match client {
@@ -145,6 +159,7 @@ impl Dialogue for Set {
         let Phase::Set(retry) = &mut self.phase else { return None };
         if io.client() == Client::Mavsdk && self.answer.value.take().is_some() {
             retry.hurry(io.now());
+            self.answer.had_other = true;
         }
         match retry.due(io.now()) {
             Due::Wait => None,
@@ -152,9 +167,7 @@ impl Dialogue for Set {
                 self.transmit(io);
                 None
             }
-            Due::GiveUp if self.answer.value.is_some() || self.answer.error.is_some() => {
-                Some(Err(self.refused(self.answer.error)))
-            }
+            Due::GiveUp if self.answer.is_some() => Some(Err(self.refused(self.answer.error))),
             Due::GiveUp => {
                 let tries = retry.tries();
                 Some(Err(Failure::timeout(format!("the set of parameter {}", self.name), tries)))

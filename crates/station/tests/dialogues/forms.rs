@@ -393,3 +393,29 @@ fn modes_are_set_in_three_forms() {
     assert_eq!(sent(Client::Mavsdk, 5), (MavCmd::DO_SET_MODE, 129.0, 5.0, 0.0));
     assert_eq!(sent(Client::MavProxy, 5), (MavCmd::DO_SET_MODE, 1.0, 5.0, 0.0));
 }
+
+/// A vehicle without PARAM_ERROR reports the value that it kept: a refusal, and no timeout.
+#[test]
+fn mavsdk_reads_the_old_value_as_a_refusal() {
+    let mut play = generic(Client::Mavsdk);
+    let mut set = parameters::Set::new("CRUISE", 50.0);
+    play.pass(0, &mut set);
+    play.value("CRUISE", 0, 1, parameters::Value::F32(5.0));
+    play.pass(0, &mut set);
+    assert_eq!(play.count::<ParamSet>(), 2, "repeated at once");
+    assert_eq!(
+        play.pass(3_500, &mut set),
+        Some(Err(Failure::Param { name: "CRUISE".into(), error: None, text: None }))
+    );
+}
+
+/// A type that a test gives is sent in the client's own time.
+#[test]
+fn a_set_of_a_given_type_has_the_clients_timer() {
+    for (client, sets) in [(Client::Mavsdk, 6), (Client::QGroundControl, 3)] {
+        let mut play = generic(client);
+        let mut set = parameters::Set::typed("CRUISE", parameters::Value::I32(5));
+        assert!(matches!(play.pass(4_000, &mut set), Some(Err(Failure::Timeout { .. }))));
+        assert_eq!(play.count::<ParamSet>(), sets, "{client}");
+    }
+}

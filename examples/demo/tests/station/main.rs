@@ -3,7 +3,7 @@
 use mavstack::dialect::{HighLatency2, MavCmd};
 use mavstack::storage::Store;
 use mavstack::{Duration, Instant, LinkId, StackOf};
-use mavstack_demo::{App, LogMemory, Mavlink, Mode, Quadrotor};
+use mavstack_demo::{App, LogMemory, Mavlink, Mode, Quadrotor, Tuning};
 use mavstack_station::command::Place;
 use mavstack_station::kit::{self, Board, Firmware, LineConfig, Port, RamFlash, Rig};
 use mavstack_station::parameters::Value;
@@ -30,9 +30,7 @@ impl Demo {
         app.restore(Instant::ZERO, &mut store).expect("what is stored can be read");
         Self { app, store }
     }
-}
 
-impl Demo {
     fn vehicle(&self) -> &Quadrotor {
         self.app.vehicle()
     }
@@ -194,7 +192,8 @@ fn a_reboot_restores_the_parameters() -> Result<(), Failure> {
     for (reboots, speed) in (1..).zip([5.0, 6.0, 7.0]) {
         rig.set("MPC_XY_CRUISE", speed)?;
         rig.command(MavCmd::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0])?;
-        rig.until(SECOND, |rig| rig.reboots() == reboots);
+        rig.until(Duration::from_millis(500), |rig| rig.reboots() == reboots);
+        assert_eq!(rig.firmware().app.stack().parameters().get(Tuning::MPC_XY_CRUISE), speed);
         assert_eq!(rig.get("MPC_XY_CRUISE")?, Value::F32(speed));
     }
     Ok(())
