@@ -57,6 +57,8 @@ pub enum Failure {
     },
     /// The vehicle broke the protocol, or does not have what the client needs.
     Protocol(String),
+    /// The vehicle is armed, and nothing is to be sent to an armed one. No dialogue of this crate ends so: what drives one may.
+    Armed,
     /// The transport failed.
     Transport(String),
 }
@@ -116,6 +118,7 @@ impl std::fmt::Display for Failure {
             }
             Self::Param { name, .. } => write!(f, "the vehicle kept another value of parameter {name}")?,
             Self::File { path, error, .. } => write!(f, "the vehicle refused file {path}: {}", error.named())?,
+            Self::Armed => f.write_str("the vehicle is armed")?,
             Self::Protocol(what) | Self::Transport(what) => f.write_str(what)?,
         }
         self.text().map_or(Ok(()), |text| write!(f, " ({text})"))

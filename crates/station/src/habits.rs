@@ -19,15 +19,21 @@ pub(crate) struct Habits {
     /// `None` until the vehicle was heard.
     streams_due: Option<Instant>,
     home_due: Option<Instant>,
+    leaves_streams_alone: bool,
 }
 
 impl Habits {
+    /// Never requests the streams.
+    pub(crate) fn leave_streams_alone(&mut self) {
+        self.leaves_streams_alone = true;
+    }
+
     /// Sends what is due, as [`Station::poll`](crate::Station::poll) says.
     pub(crate) fn poll(&mut self, now: Instant, target: Address, seen: &Seen, sender: &mut Sender) {
         match sender.client {
             Client::Mavsdk => self.ping(now, target, seen, sender),
             Client::MavProxy => {
-                if is_due(&mut self.streams_due, now, STREAMS) {
+                if !self.leaves_streams_alone && is_due(&mut self.streams_due, now, STREAMS) {
                     request_streams(now, seen, sender);
                 }
                 if is_due(&mut self.home_due, now, HOME) && seen.last_from::<HomePosition>(target).is_none() {
@@ -38,7 +44,7 @@ impl Habits {
         }
     }
 
-    /// MAVSDK pings everybody, but not if the vehicle is ArduPilot. Its sequence number stays 0.
+    /// MAVSDK sends PING to all components, unless the vehicle is ArduPilot. Its sequence number stays 0.
     fn ping(&mut self, now: Instant, target: Address, seen: &Seen, sender: &mut Sender) {
         let heartbeat = seen.component(target).and_then(|component| component.heartbeat);
         let is_ardupilot = heartbeat.is_some_and(|heartbeat| heartbeat.autopilot == MavAutopilot::ARDUPILOTMEGA);

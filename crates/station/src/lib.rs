@@ -65,12 +65,11 @@
 //! | [`mod@signing`] | SETUP_SIGNING |
 //!
 //! The table at the top of each module says what the clients do differently. [`Again`] repeats a dialogue as a user does who presses
-//! the button again. [`Beside`] runs two at once, and [`GroundStation::alongside`] one beside all that follow.
+//! the button again. [`GroundStation::alongside`] runs one beside all that follow.
 #![forbid(unsafe_code)]
 
 mod again;
 mod alongside;
-mod beside;
 pub mod camera;
 mod client;
 pub mod command;
@@ -99,11 +98,10 @@ pub mod time;
 
 pub use again::Again;
 pub use alongside::{Alongside, Wait};
-pub use beside::Beside;
 pub use client::Client;
 pub use dialogue::{Dialogue, Drive, Io};
 pub use failure::Failure;
 pub use ground_station::GroundStation;
 pub use retry::{Due, Retry};
 pub use seen::{Heard, Seen, SeenText, SeenVehicle};
-pub use station::{Received, Station};
+pub use station::{Received, Sending, Station};

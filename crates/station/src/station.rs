@@ -1,8 +1,8 @@
 //! The ground station: bytes to frames and back, heartbeats, and what was seen.
 
 use crate::habits::Habits;
-use crate::{Client, Dialogue, Failure, Io, Seen};
-use mavstack::dialect::Ping;
+use crate::{Client, Dialogue, Failure, Io, Seen, SeenVehicle};
+use mavstack::dialect::{Heartbeat, Ping};
 use mavstack::frame::{Decoder, Header, MAX_FRAME_LEN, RxCounters, SigningKey, Version, encode, encode_signed};
 use mavstack::message::{Dialect, MessageTable};
 use mavstack::{Address, Duration, Frame, Instant, Message};
@@ -76,6 +76,21 @@ pub struct Station {
     sender: Sender,
     heartbeats: Heartbeats,
     habits: Habits,
+    sending: Sending,
+}
+
+/// When a station sends at all.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Sending {
+    /// Always, as real clients do.
+    #[default]
+    Always,
+    /// Until a heartbeat says that a vehicle is armed.
+    UnlessArmed,
+    /// Only while the last heartbeat of the [target](Station::target) says that it is disarmed, and no vehicle is armed.
+    WhileDisarmed,
+    /// Never: it only listens.
+    Never,
 }
 
 /// When a station sends heartbeats.
@@ -96,6 +111,8 @@ pub(crate) struct Sender {
     signing: Option<Signing>,
     /// The session and the number of pymavlink's next packet of MAVLink FTP.
     pub(crate) file_session: (u8, u16),
+    /// Whether nothing is sent, see [`Sending`].
+    is_silent: bool,
     output: Vec<u8>,
 }
 
@@ -130,10 +147,12 @@ impl Station {
                 seq: 0,
                 signing: None,
                 file_session: (0, 0),
+                is_silent: false,
                 output: Vec::new(),
             },
             heartbeats: Heartbeats { interval: client.heartbeat_interval(), due: Instant::ZERO },
             habits: Habits::default(),
+            sending: Sending::Always,
         }
     }
 
@@ -172,6 +191,13 @@ impl Station {
         self
     }
 
+    /// Sends no REQUEST_DATA_STREAM by itself, which MAVProxy does otherwise: ArduPilot keeps the rates after the client has gone.
+    #[must_use]
+    pub fn without_stream_requests(mut self) -> Self {
+        self.habits.leave_streams_alone();
+        self
+    }
+
     /// Signs sent frames with this key, see [`set_signing`](Self::set_signing).
     #[must_use]
     pub fn with_signing(mut self, key: [u8; 32], timestamp: u64) -> Self {
@@ -193,6 +219,40 @@ impl Station {
     /// Speaks with this vehicle from now on.
     pub fn set_target(&mut self, target: Address) {
         self.sender.target = Some(target);
+        self.obey();
+    }
+
+    /// Sets when it sends at all. While it may not, it drops what it is told to send, and what
+    /// [`take_output`](Self::take_output) has not taken.
+    pub fn set_sending(&mut self, sending: Sending) {
+        self.sending = sending;
+        self.obey();
+    }
+
+    /// Returns whether it may send now, see [`set_sending`](Self::set_sending).
+    pub fn may_send(&self) -> bool {
+        let target = self.target().and_then(|target| self.seen.component(target));
+        let is_disarmed = target.is_some_and(|target| target.heartbeat.is_some());
+        match self.sending {
+            Sending::Always => true,
+            Sending::UnlessArmed => !self.is_any_armed(),
+            Sending::WhileDisarmed => is_disarmed && !self.is_any_armed(),
+            Sending::Never => false,
+        }
+    }
+
+    /// Returns whether the last heartbeat of the target, or of any autopilot, said that it is armed.
+    pub fn is_any_armed(&self) -> bool {
+        let target = self.target().and_then(|target| self.seen.component(target));
+        self.seen.vehicles().chain(target).any(SeenVehicle::is_armed)
+    }
+
+    /// Stops or resumes sending, after something has changed on which it depends.
+    fn obey(&mut self) {
+        self.sender.is_silent = !self.may_send();
+        if self.sender.is_silent {
+            self.sender.output.clear();
+        }
     }
 
     /// Returns the client that it behaves as.
@@ -226,19 +286,22 @@ impl Station {
     }
 
     fn decode(&mut self, now: Instant) {
-        let Self { decoder, inbox, heard, seen, sender, .. } = self;
-        while let Some(frame) = decoder.next(now, self.messages, &mut u32::MAX.clone(), |_| false) {
-            let received = sender.accept(now, &frame);
-            seen.note(&received);
-            sender.answer_ping(now, &received);
-            if sender.target.is_none() && seen.component(received.source()).is_some_and(|heard| heard.is_autopilot()) {
-                sender.target = Some(received.source());
+        while let Some(frame) = self.decoder.next(now, self.messages, &mut u32::MAX.clone(), |_| false) {
+            let received = self.sender.accept(now, &frame);
+            self.seen.note(&received);
+            let sender = self.seen.component(received.source());
+            if self.sender.target.is_none() && sender.is_some_and(SeenVehicle::is_autopilot) {
+                self.sender.target = Some(received.source());
             }
-            if inbox.len() == MAX_INBOX {
-                inbox.pop_front();
+            if received.header.id == Heartbeat::ID {
+                self.obey();
             }
-            inbox.push_back(received);
-            *heard += 1;
+            self.sender.answer_ping(now, &received);
+            if self.inbox.len() == MAX_INBOX {
+                self.inbox.pop_front();
+            }
+            self.inbox.push_back(received);
+            self.heard += 1;
         }
     }
 
@@ -247,7 +310,7 @@ impl Station {
     /// were set, and asks for the home position every 2 s until it has heard it. A station without heartbeats is silent.
     pub fn poll(&mut self, now: Instant) {
         self.now = self.now.max(now);
-        let Some(interval) = self.heartbeats.interval else { return };
+        let Some(interval) = self.heartbeats.interval.filter(|_| !self.sender.is_silent) else { return };
         if now >= self.heartbeats.due {
             self.heartbeats.due = now + interval;
             self.send(&self.client().heartbeat());
@@ -276,7 +339,9 @@ impl Station {
 
     /// Sends bytes as they are, for tests of frames that no client sends.
     pub fn send_raw(&mut self, bytes: &[u8]) {
-        self.sender.output.extend(bytes);
+        if !self.sender.is_silent {
+            self.sender.output.extend(bytes);
+        }
     }
 
     /// Takes the bytes to send: whole frames.
@@ -290,8 +355,6 @@ impl Station {
     }
 
     /// Hands a dialogue the frames received since the last call, then the time. Returns its result once it has ended.
-    ///
-    /// Several dialogues may run at once as one, see [`dialogue::Beside`](crate::Beside).
     pub fn advance<D: Dialogue>(&mut self, now: Instant, dialogue: &mut D) -> Option<Result<D::Output, Failure>> {
         self.now = self.now.max(now);
         let mut io = Io::new(self.now, &mut self.sender, &self.seen);
@@ -378,6 +441,9 @@ impl Sender {
 
     /// Sends a message. With MAVLink 1, a message that needs MAVLink 2 is not sent, as the real clients do.
     pub(crate) fn send<M: Message>(&mut self, now: Instant, message: &M) {
+        if self.is_silent {
+            return;
+        }
         let mut frame = [0; MAX_FRAME_LEN];
         let len = match &mut self.signing {
             Some(signing) => {

@@ -165,10 +165,15 @@ impl<M: Message> Dialogue for Request<M> {
     fn receive(&mut self, io: &mut Io<'_>, frame: &Received) {
         let Some(send) = &mut self.send else { return };
         send.receive(io, frame);
-        if frame.source() == self.target.unwrap_or(io.target()) {
+        if frame.source() == self.target.unwrap_or(io.target()) && !is_of_another(frame, self.index) {
             self.message = frame.decode::<M>().or(self.message.take());
         }
     }
+}
+
+/// Whether a frame is the MESSAGE_INTERVAL of another message than the requested one: a late answer to an earlier request.
+fn is_of_another(frame: &Received, index: u32) -> bool {
+    frame.decode::<MessageInterval>().is_some_and(|interval| u32::from(interval.message_id) != index)
 }
 
 /// How often a message is streamed.

@@ -123,7 +123,7 @@ impl List {
 /// Sends a PARAM_REQUEST_READ by index.
 fn request_by_index(io: &mut Io<'_>, index: u16) {
     let target = io.target();
-    // DroneKit addresses everybody.
+    // DroneKit addresses all components.
     let is_broadcast = io.client() == Client::Pymavlink;
     let (target_system, target_component) =
         if is_broadcast { (0, 0) } else { (target.system.wire(), target.component.wire()) };

@@ -4,7 +4,7 @@ use crate::vehicle::rig;
 use mavstack::Duration;
 use mavstack::dialect::{Attitude, CommandAck, Ping};
 use mavstack_station::streams::Interval;
-use mavstack_station::{Client, Drive, Failure, GroundStation};
+use mavstack_station::{Client, Drive, Failure, GroundStation, Station};
 
 #[test]
 fn qgroundcontrol_loads_everything() -> Result<(), Failure> {
@@ -74,6 +74,17 @@ fn mavproxy_overrides_intervals() -> Result<(), Failure> {
     assert_eq!(rig.interval::<Attitude>()?, Some(Interval::Every(Duration::from_millis(50))));
     rig.run_for(Duration::from_secs(15));
     assert_eq!(rig.interval::<Attitude>()?, Some(Interval::Every(Duration::from_millis(250))));
+    Ok(())
+}
+
+/// A client that must leave no rate behind.
+#[test]
+fn mavproxy_may_leave_the_streams_alone() -> Result<(), Failure> {
+    let mut rig = rig(Client::MavProxy, 0.0, 1);
+    rig.on(0).replace_station(Station::new(Client::MavProxy).without_stream_requests());
+    rig.connect()?;
+    rig.run_for(Duration::from_secs(31));
+    assert_eq!(rig.seen().count::<Attitude>(), 0);
     Ok(())
 }
 

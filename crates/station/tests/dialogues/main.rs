@@ -7,5 +7,6 @@ mod lines;
 mod modes;
 mod parameters;
 mod plans;
+mod sending;
 mod streams;
 mod vehicle;

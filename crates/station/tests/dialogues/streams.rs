@@ -1,10 +1,11 @@
 //! Requested messages and streams.
 
 use crate::vehicle::{persist, rig};
-use mavstack::Duration;
-use mavstack::dialect::{Attitude, AutopilotVersion, MavProtocolCapability, VfrHud};
-use mavstack_station::streams::Interval;
-use mavstack_station::{Client, Failure, GroundStation};
+use mavstack::dialect::{Attitude, AutopilotVersion, MavProtocolCapability, MessageInterval, VfrHud};
+use mavstack::frame::{Version, encode};
+use mavstack::{Address, Duration, Instant};
+use mavstack_station::streams::{Interval, Request};
+use mavstack_station::{Client, Failure, GroundStation, Station};
 
 const SECOND: Duration = Duration::from_secs(1);
 
@@ -38,6 +39,23 @@ fn every_client_sets_intervals() -> Result<(), Failure> {
         rig.expect::<Attitude>(SECOND).expect_err("it is off");
     }
     Ok(())
+}
+
+/// A late answer to an earlier request is no answer.
+#[test]
+fn the_interval_of_another_message_is_not_taken() {
+    let mut station = Station::new(Client::Pymavlink).with_target(Address::new(1, 1));
+    let mut request = Request::<MessageInterval>::new().with_index(30);
+    let mut answer = |message_id| {
+        let interval = MessageInterval { message_id, interval_us: 100 };
+        let mut frame = [0; 64];
+        let len = encode(&interval, Version::V2, Address::new(1, 1), 0, &mut frame).expect("room");
+        assert!(station.advance(Instant::ZERO, &mut request).is_none());
+        station.receive(Instant::ZERO, &frame[..len]);
+        station.advance(Instant::ZERO, &mut request)
+    };
+    assert_eq!(answer(33), None);
+    assert_eq!(answer(30).map(|result| result.map(|interval| interval.message_id)), Some(Ok(30)));
 }
 
 #[test]
