@@ -48,9 +48,7 @@ impl Chunks {
         let arrives = !first.is_mostly_lost() && first.answered * 2 > first.tried;
         rest.get(lost).filter(|_| arrives).map(|burst| burst.bytes)
     }
-}
 
-impl Chunks {
     /// Returns the rate of the line to the vehicle (bytes/s), by the time that the largest burst took; `None` if it was lost.
     pub fn rate(&self) -> Option<f64> {
         let (first, last) = (self.bursts.first()?, self.bursts.last()?);

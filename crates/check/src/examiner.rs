@@ -3,15 +3,31 @@
 use std::collections::VecDeque;
 
 use mavstack::{Address, Duration, Instant};
-use mavstack_station::{Client, Dialogue, Drive, Failure, Io, Received, Station};
+use mavstack_station::{Client, Dialogue, Drive, Failure, GroundStation, Io, Received, Sending, Station};
 
 use crate::echo::Echo;
 use crate::trace::{Probe, Trace};
 
-/// Keeps the frames of everything but ground stations.
+/// How old the last heartbeat may be when something is changed.
+const FRESH: Duration = Duration::from_secs(2);
+/// How long a fresh heartbeat is awaited, and how old the last one may be when a request is sent.
+const HEARTBEAT_PATIENCE: Duration = Duration::from_secs(10);
+
+/// Keeps the frames of the vehicle, and of all components as long as it is not known.
 #[derive(Debug, Default)]
 struct Recorder {
+    vehicle: Option<Address>,
     frames: Vec<Received>,
+}
+
+impl Recorder {
+    /// Keeps the frames of this vehicle alone.
+    fn keep(&mut self, vehicle: Option<Address>) {
+        if let Some(address) = vehicle.filter(|_| vehicle != self.vehicle) {
+            self.frames.retain(|frame| frame.source() == address);
+            self.vehicle = vehicle;
+        }
+    }
 }
 
 impl Dialogue for Recorder {
@@ -21,8 +37,8 @@ impl Dialogue for Recorder {
         None
     }
 
-    fn receive(&mut self, io: &mut Io<'_>, frame: &Received) {
-        if frame.source().system == io.target().system {
+    fn receive(&mut self, _: &mut Io<'_>, frame: &Received) {
+        if self.vehicle.is_none_or(|vehicle| vehicle == frame.source()) {
             self.frames.push(frame.clone());
         }
     }
@@ -43,20 +59,27 @@ pub struct Load {
 
 impl Load {
     /// Nothing but probes, ten in a second.
-    pub fn calm(time: Duration) -> Self {
+    pub fn idle(time: Duration) -> Self {
         Self { time, probe_every: Duration::from_millis(100), patience: Duration::MAX, fill: 0.0 }
     }
 }
 
-/// Moves an examination forward: a [`Drive`] that keeps all frames, with which the checks measure.
+/// Moves an examination forward: a [`Drive`] that keeps the vehicle's frames, with which the checks measure.
+///
+/// It sends nothing until [`begin`](Self::begin), and nothing more once a heartbeat says that a vehicle is armed: every step
+/// then fails with [`Failure::Armed`].
 #[derive(Debug)]
 pub struct Examiner<'a, T> {
     drive: &'a mut T,
     recorder: Recorder,
+    /// When it sends; [`Sending::Never`] before it begins.
+    sending: Sending,
     /// The frames that the recorder has seen, see [`Station::overhear`].
     heard: u64,
     /// How long an answer may take, by the first one.
     pub(crate) patience: Duration,
+    /// When it has begun to send.
+    begun: Instant,
     /// What the probes are.
     pub(crate) echo: Echo,
     /// Spreads the probes, so that they meet a periodic poll in all phases.
@@ -70,8 +93,17 @@ impl<T: Drive> Drive for Examiner<'_, T> {
 
     fn step(&mut self) -> Result<Instant, Failure> {
         let now = self.drive.step()?;
-        let _ = self.drive.station().overhear(now, &mut self.recorder, &mut self.heard);
-        Ok(now)
+        let station = self.drive.station();
+        self.recorder.keep(station.target());
+        let _ = station.overhear(now, &mut self.recorder, &mut self.heard);
+        let is_armed = station.is_any_armed();
+        let silence = now - self.last_heartbeat().unwrap_or(self.begun).max(self.begun);
+        match self.sending {
+            Sending::Always | Sending::Never => Ok(now),
+            _ if is_armed => Err(self.stop(Failure::Armed)),
+            Sending::WhileDisarmed if silence > HEARTBEAT_PATIENCE => Err(self.stop(Failure::NoVehicle)),
+            Sending::WhileDisarmed | Sending::UnlessArmed => Ok(now),
+        }
     }
 }
 
@@ -79,9 +111,12 @@ impl<'a, T: Drive> Examiner<'a, T> {
     /// Takes over what drives the station.
     pub fn new(drive: &'a mut T) -> Self {
         let heard = drive.station().frames_heard();
+        drive.station().set_sending(Sending::Never);
         Self {
             drive,
             recorder: Recorder::default(),
+            sending: Sending::Never,
+            begun: Instant::ZERO,
             heard,
             patience: Duration::MAX,
             echo: Echo::Command,
@@ -99,60 +134,113 @@ impl<'a, T: Drive> Examiner<'a, T> {
         self.station().target().unwrap_or(Address::new(1, 1))
     }
 
-    /// Returns all frames recorded so far.
+    /// Returns all frames of the vehicle recorded so far.
     pub fn frames(&self) -> &[Received] {
         &self.recorder.frames
     }
 
-    /// Behaves as another client from now on.
-    pub fn become_client(&mut self, client: Client) {
-        let station = self.drive.station();
-        let target = station.target();
-        *station = Station::new(client);
-        if let Some(target) = target {
-            station.set_target(target);
-        }
-        self.heard = 0;
+    /// Returns the frames of the vehicle recorded after the first `count`.
+    pub(crate) fn frames_after(&self, count: usize) -> &[Received] {
+        self.recorder.frames.get(count..).unwrap_or_default()
     }
 
-    /// Runs `part`, and returns a trace of what was received meanwhile.
+    /// Sends from now on, while `sending` allows it.
+    pub fn begin(&mut self, sending: Sending) {
+        (self.sending, self.begun) = (sending, self.now());
+        self.station().set_sending(sending);
+    }
+
+    /// Sends nothing from now on. Returns `failure`, with which the examination ends.
+    fn stop(&mut self, failure: Failure) -> Failure {
+        self.station().set_sending(Sending::Never);
+        failure
+    }
+
+    /// Returns when the vehicle's last heartbeat was received, if this client has heard one.
+    pub(crate) fn last_heartbeat(&mut self) -> Option<Instant> {
+        let target = self.target();
+        self.drive.station().seen().component(target).and_then(|vehicle| vehicle.heartbeats.last().copied())
+    }
+
+    /// Waits until a heartbeat of the last two seconds says that the vehicle is disarmed. Call it before everything that changes the
+    /// vehicle.
     ///
     /// # Errors
     ///
-    /// The transport failed.
-    pub fn trace(&mut self, part: impl FnOnce(&mut Self) -> Result<Vec<Probe>, Failure>) -> Result<Trace, Failure> {
+    /// [`Failure::Armed`], [`Failure::NoVehicle`] if no heartbeat came, or the transport failed.
+    pub fn ensure_disarmed(&mut self) -> Result<(), Failure> {
+        let end = self.now() + HEARTBEAT_PATIENCE;
+        loop {
+            let (now, heard) = (self.now(), self.last_heartbeat());
+            if self.station().is_any_armed() {
+                return Err(self.stop(Failure::Armed));
+            }
+            if heard.is_some_and(|at| now - at <= FRESH) {
+                return Ok(());
+            }
+            if now >= end {
+                return Err(self.stop(Failure::NoVehicle));
+            }
+            self.step()?;
+        }
+    }
+
+    /// Behaves as another client from now on, and waits for the vehicle's heartbeat. It leaves the streams alone.
+    ///
+    /// # Errors
+    ///
+    /// As [`ensure_disarmed`](Self::ensure_disarmed).
+    pub fn become_client(&mut self, client: Client) -> Result<(), Failure> {
+        // What the last client has said to the end is sent.
+        self.wait(Duration::from_millis(50))?;
+        let (station, target) = (Station::new(client).without_stream_requests(), self.target());
+        *self.drive.station() = station.with_target(target);
+        self.heard = 0;
+        self.station().set_sending(Sending::Never);
+        self.drive.step()?;
+        self.begin(self.sending);
+        self.ensure_disarmed()
+    }
+
+    /// Runs `part`. Returns a trace of what was received meanwhile, and the result of `part`, which may have ended early.
+    pub fn trace(
+        &mut self,
+        part: impl FnOnce(&mut Self, &mut Vec<Probe>) -> Result<(), Failure>,
+    ) -> (Trace, Result<(), Failure>) {
         let (began, first, before) = (self.now(), self.recorder.frames.len(), self.station().counters());
-        let probes = part(self)?;
-        let frames = self.recorder.frames[first..].to_vec();
+        let mut probes = Vec::new();
+        let result = part(self, &mut probes);
+        let frames = self.frames_after(first).to_vec();
         let mut trace = Trace { began, ended: self.now(), frames, probes, ..Trace::default() };
         trace.add_damage(before, self.station().counters());
-        Ok(trace)
+        (trace, result)
     }
 
-    /// Lets time pass, and sends probes and other frames meanwhile.
-    ///
-    /// # Errors
-    ///
-    /// The transport failed.
-    pub fn measure(&mut self, load: Load) -> Result<Trace, Failure> {
-        self.trace(|examiner| examiner.probe(load))
+    /// Listens, and sends nothing besides what the station sends by itself.
+    pub fn listen(&mut self, time: Duration) -> (Trace, Result<(), Failure>) {
+        self.trace(|examiner, _| examiner.wait(time))
+    }
+
+    /// Lets time pass, and sends probes and other frames meanwhile. Returns what was received, and whether it ended early.
+    pub fn measure(&mut self, load: Load) -> (Trace, Result<(), Failure>) {
+        self.trace(|examiner, probes| examiner.probe(load, probes))
     }
 
     /// Sends a probe whenever one is due and the last one was answered or given up.
-    pub(crate) fn probe(&mut self, load: Load) -> Result<Vec<Probe>, Failure> {
+    pub(crate) fn probe(&mut self, load: Load, probes: &mut Vec<Probe>) -> Result<(), Failure> {
         let (began, target) = (self.now(), self.target());
         let end = began + load.time;
-        let (mut probes, mut due, mut filled) = (Vec::<Probe>::new(), began, 0.0);
+        let (mut due, mut filled) = (began, 0.0);
         let (mut read, mut is_open) = (self.recorder.frames.len(), false);
         loop {
             let now = self.step()?;
             let was_open = is_open;
-            is_open = self.answer(&mut probes, &mut read, now, load.patience.min(self.patience));
+            is_open = self.answer(probes, &mut read, now, load.patience.min(self.patience));
             if was_open && !is_open {
                 due = now + self.spread(load.probe_every);
             }
             if now >= end && !is_open {
-                return Ok(probes);
+                return Ok(());
             }
             if now >= end {
                 continue;
@@ -169,7 +257,7 @@ impl<'a, T: Drive> Examiner<'a, T> {
 
     /// Looks for the answer to the last probe. Returns whether it is still awaited.
     fn answer(&self, probes: &mut [Probe], read: &mut usize, now: Instant, patience: Duration) -> bool {
-        let new = &self.recorder.frames[*read..];
+        let new = self.frames_after(*read);
         *read = self.recorder.frames.len();
         let Some(probe) = probes.last_mut().filter(|probe| probe.answered.is_none()) else { return false };
         let answer = new.iter().find(|frame| self.echo.is_answer(frame, probe.sent));
@@ -212,7 +300,7 @@ impl<'a, T: Drive> Examiner<'a, T> {
     pub fn until(&mut self, limit: Duration, is_reached: impl Fn(&Received) -> bool) -> Result<bool, Failure> {
         let (end, first) = (self.now() + limit, self.recorder.frames.len());
         while self.step()? < end {
-            if self.recorder.frames[first..].iter().any(&is_reached) {
+            if self.frames_after(first).iter().any(&is_reached) {
                 return Ok(true);
             }
         }

@@ -47,6 +47,20 @@ pub struct Finding {
     pub remedy: &'static str,
 }
 
+impl Finding {
+    /// Creates a finding.
+    pub(crate) fn new(
+        topic: Topic,
+        id: &'static str,
+        severity: Severity,
+        observed: impl Into<String>,
+        cause: &'static str,
+        remedy: &'static str,
+    ) -> Self {
+        Self { id, topic, severity, observed: observed.into(), cause, remedy }
+    }
+}
+
 /// A value that was measured.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Measured {
@@ -81,6 +95,8 @@ pub enum Outcome {
     Findings,
     /// Nothing was received, not one byte.
     Silent,
+    /// The transport failed before the end.
+    Failed,
 }
 
 /// The result of an examination.

@@ -1,8 +1,8 @@
 //! Addresses, types and capabilities.
 
-use mavstack::dialect::{MavAutopilot, MavType};
-use mavstack_station::Client;
+use mavstack::dialect::{MavAutopilot, MavFtpErr, MavMissionResult, MavResult, MavType};
 use mavstack_station::names::Named;
+use mavstack_station::{Client, Failure};
 
 use crate::evidence::Evidence;
 use crate::finding::{Finding, Severity, Topic};
@@ -13,23 +13,14 @@ pub fn check(evidence: &Evidence) -> Vec<Finding> {
     checks.iter().filter_map(|check| check(evidence)).collect()
 }
 
-fn finding(
-    id: &'static str,
-    severity: Severity,
-    observed: String,
-    cause: &'static str,
-    remedy: &'static str,
-) -> Finding {
-    Finding { id, topic: Topic::Identity, severity, observed, cause, remedy }
-}
-
 /// The component id.
 fn component(evidence: &Evidence) -> Option<Finding> {
     let component = evidence.vehicle?.component.wire();
     let heartbeat = evidence.heartbeat?;
     let is_autopilot = heartbeat.autopilot != MavAutopilot::INVALID;
     (is_autopilot && component != 1).then(|| {
-        finding(
+        Finding::new(
+            Topic::Identity,
             "component-id",
             Severity::Error,
             format!("The autopilot's heartbeats come from component {component}."),
@@ -44,7 +35,8 @@ fn no_autopilot(evidence: &Evidence) -> Option<Finding> {
     let heartbeat = evidence.heartbeat?;
     let is_none = heartbeat.autopilot == MavAutopilot::INVALID || heartbeat.r#type == MavType::GCS;
     is_none.then(|| {
-        finding(
+        Finding::new(
+            Topic::Identity,
             "no-autopilot",
             Severity::Error,
             format!(
@@ -62,17 +54,29 @@ fn no_autopilot(evidence: &Evidence) -> Option<Finding> {
 fn no_version(evidence: &Evidence) -> Option<Finding> {
     let asked =
         evidence.connected.iter().filter(|(client, _)| matches!(client, Client::QGroundControl | Client::Mavsdk));
-    let (mut asked, line) = (asked.peekable(), evidence.calm.unanswered());
+    let (mut asked, line) = (asked.peekable(), evidence.idle.unanswered());
     asked.peek()?;
     (asked.all(|(_, connected)| connected.version.is_none()) && line < 0.05).then(|| {
-        finding(
+        Finding::new(
+            Topic::Identity,
             "no-version",
             Severity::Error,
-            "AUTOPILOT_VERSION was requested, and did not come.".into(),
+            "AUTOPILOT_VERSION was requested, and did not come.",
             "The request for message 148 is not answered, so no client knows the capabilities.",
-            "Answer MAV_CMD_REQUEST_MESSAGE, which the stack does; let `Commands::command` not take it away.",
+            "The stack answers MAV_CMD_REQUEST_MESSAGE and MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: do not handle them in `Commands::command`.",
         )
     })
+}
+
+/// Whether a failure says that the vehicle does not have the service. One that is refused for another reason is served.
+fn is_unserved(failure: &Failure) -> bool {
+    match failure {
+        Failure::Timeout { .. } => true,
+        Failure::Command { result, .. } => *result == MavResult::UNSUPPORTED,
+        Failure::Plan { result, .. } => *result == MavMissionResult::UNSUPPORTED,
+        Failure::File { error, .. } => *error == MavFtpErr::UNKNOWNCOMMAND,
+        _ => false,
+    }
 }
 
 /// Capabilities that are announced and not served.
@@ -80,12 +84,14 @@ fn unserved(evidence: &Evidence) -> Option<Finding> {
     let failed: Vec<_> = evidence
         .services
         .iter()
-        .filter_map(|(name, result)| result.as_ref().err().map(|failure| format!("{name}: {failure}")))
+        .filter_map(|(name, result)| Some((name, result.as_ref().err().filter(|failure| is_unserved(failure))?)))
+        .map(|(name, failure)| format!("{name}: {failure}"))
         .collect();
-    if failed.is_empty() || evidence.calm.unanswered() > 0.05 {
+    if failed.is_empty() || evidence.idle.unanswered() > 0.05 {
         return None;
     }
-    Some(finding(
+    Some(Finding::new(
+        Topic::Identity,
         "capability-not-served",
         Severity::Error,
         format!("Announced, but not served: {}.", failed.join("; ")),
@@ -117,18 +123,30 @@ fn texts(evidence: &Evidence) -> Option<Finding> {
         let known = known.iter().find(|(part, ..)| text.text.contains(part))?;
         Some((&text.text, *known))
     })?;
-    Some(finding("vehicle-text", Severity::Error, format!("The vehicle says: \"{text}\"."), cause, remedy))
+    Some(Finding::new(
+        Topic::Identity,
+        "vehicle-text",
+        Severity::Error,
+        format!("The vehicle says: \"{text}\"."),
+        cause,
+        remedy,
+    ))
 }
 
 /// What the examination has changed and could not restore.
 fn unrestored(evidence: &Evidence) -> Option<Finding> {
+    let cause = match evidence.ended_by {
+        Some(_) => "The examination ended before it could restore it, and sends nothing more.",
+        None => "The vehicle did not accept its old value, or did not answer.",
+    };
     (!evidence.unrestored.is_empty()).then(|| {
-        finding(
+        Finding::new(
+            Topic::Identity,
             "not-restored",
             Severity::Error,
             format!("Changed by this examination, and not restored: {}.", evidence.unrestored.join("; ")),
-            "The vehicle did not accept its old value, or did not answer.",
-            "Restore it with a ground station.",
+            cause,
+            "Restore it with a ground station. A reboot restores the rates of streams.",
         )
     })
 }

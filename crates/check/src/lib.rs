@@ -1,28 +1,34 @@
-//! Examines a vehicle's board over its link: what loses bytes, polls too rarely, stalls, or sends wrong times, units and addresses.
+//! Examines a vehicle's board over its link, and names what is wrong with it, each with its cause and remedy: lost bytes, slow polls,
+//! stalls, wrong clocks, units and addresses.
 //!
-//! [`examine`] is sans-IO over [`Drive`]: a program gives it a serial port or a socket, and a test a rig of
-//! [`mavstack_station::kit`]. The program is `mavstack-check doctor`.
+//! [`examine`] has neither a clock nor a transport: it runs over anything that implements [`Drive`]. In the program
+//! `mavstack-check doctor` that is a serial port or a socket, and in a test a rig of [`mavstack_station::kit`].
 //!
 //! ```
 //! use mavstack_check::{Options, examine};
-//! use mavstack_station::{Drive, Failure};
+//! use mavstack_station::Drive;
 //!
-//! fn is_sound(board: &mut impl Drive) -> Result<bool, Failure> {
-//!     let report = examine(board, &Options::default(), &mut |step| eprintln!("{step}"))?;
+//! fn is_sound(board: &mut impl Drive) -> bool {
+//!     let report = examine(board, &Options::default(), &mut |step| eprintln!("{step}"));
 //!     for finding in report.problems() {
 //!         println!("{}\n  {}\n  {}", finding.observed, finding.cause, finding.remedy);
 //!     }
-//!     Ok(report.problems().next().is_none())
+//!     report.problems().next().is_none()
 //! }
 //! ```
 //!
 //! # What it does to the vehicle
 //!
-//! It requests messages, fills the line for some seconds, and connects as QGroundControl, MAVSDK and MAVProxy do. It changes one
-//! parameter in its last bit and restores it. It changes the rates of streams on its link and restores them. It uploads a plan only with
-//! [`Depth::WithPlan`]. It never arms, erases or reboots, and an armed vehicle is only listened to.
+//! It sends nothing until a heartbeat says that the vehicle is disarmed, and nothing more once one says that it is armed. An armed vehicle
+//! is only listened to: if it heard the heartbeats of a ground station, their end would trigger its failsafe.
+//!
+//! It then sends heartbeats, requests messages, fills the line for some seconds, and connects as QGroundControl, MAVSDK and MAVProxy do.
+//! It changes the least significant bit of one parameter, and the rate of one stream on its link. With [`Depth::WithPlan`] it uploads a
+//! plan. Before each change it waits for a heartbeat that says that the vehicle is disarmed. It restores what it has changed, reads it
+//! back, and reports what is not as before. It never arms, erases or reboots, and requests no data streams.
 #![forbid(unsafe_code)]
 
+mod changes;
 pub mod chunks;
 pub mod echo;
 pub mod evidence;
@@ -48,12 +54,25 @@ pub struct Options {
     pub line_rate: Option<u32>,
     /// How much of the vehicle is examined.
     pub depth: Depth,
+    /// Who says that the vehicle is disarmed.
+    pub permission: Permission,
+}
+
+/// Who says that the vehicle is disarmed, so that requests may be sent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Permission {
+    /// The vehicle, in its heartbeats: without them, nothing is sent.
+    #[default]
+    Heartbeat,
+    /// The user: requests are sent even if no heartbeat comes. One that says "armed" still ends everything, and nothing is changed without
+    /// heartbeats.
+    User,
 }
 
 /// How much of a vehicle is examined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Depth {
-    /// A few seconds: what is seen in calm. Changes nothing.
+    /// A few seconds: what is seen while idle. Changes nothing.
     Quick,
     /// Also on a full line, while a parameter is stored, and with each client.
     #[default]
@@ -67,8 +86,8 @@ pub enum Depth {
 pub enum Step {
     /// Waits for a heartbeat and for an answer.
     Listening,
-    /// Measures in calm.
-    Calm,
+    /// Measures while idle.
+    Idle,
     /// Asks for the intervals of streams.
     Intervals,
     /// Sends bursts of different sizes.
@@ -87,7 +106,7 @@ impl std::fmt::Display for Step {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Listening => "waiting for the vehicle",
-            Self::Calm => "measuring in calm",
+            Self::Idle => "measuring while idle",
             Self::Intervals => "asking for the rates of streams",
             Self::Bursts => "sending bursts",
             Self::Load => "filling the line",
@@ -100,12 +119,9 @@ impl std::fmt::Display for Step {
 
 /// Examines a vehicle. Takes about a minute of the drive's time, or ten seconds with [`Depth::Quick`].
 ///
-/// # Errors
-///
-/// [`Failure::Transport`]: the transport failed. What is wrong with the vehicle is in the report.
-pub fn examine(drive: &mut impl Drive, options: &Options, progress: &mut dyn FnMut(Step)) -> Result<Report, Failure> {
-    let evidence = evidence::gather(drive, options, progress)?;
-    Ok(judge(&evidence))
+/// If the transport fails, or if the vehicle is armed meanwhile, the report has what was found until then, and what was not restored.
+pub fn examine(drive: &mut impl Drive, options: &Options, progress: &mut dyn FnMut(Step)) -> Report {
+    judge(&evidence::gather(drive, options, progress))
 }
 
 /// Judges what an examination has gathered.
@@ -119,6 +135,7 @@ pub fn judge(evidence: &Evidence) -> Report {
     findings.extend(stations::check(evidence, is_explained));
     findings.sort_by_key(|finding| finding.severity);
     let outcome = match findings.first() {
+        _ if matches!(evidence.ended_by, Some(Failure::Transport(_))) => Outcome::Failed,
         _ if !evidence.any_byte => Outcome::Silent,
         Some(finding) if finding.severity < Severity::Note => Outcome::Findings,
         _ => Outcome::Sound,
@@ -146,27 +163,35 @@ fn measured(evidence: &Evidence) -> Vec<Measured> {
     let mut measured = Vec::new();
     let mut add = |name, value: Option<f64>, unit| measured.extend(value.map(|value| Measured { name, value, unit }));
     let millis = |duration: mavstack::Duration| duration.as_micros() as f64 / 1_000.0;
-    let has_calm = !evidence.calm.probes.is_empty();
-    let times = timing::answer_times(&evidence.calm);
-    add("shortest answer time in calm", times.map(|times| millis(times[0])), "ms");
-    add("median answer time in calm", times.map(|times| millis(times[1])), "ms");
-    add("longest answer time in calm", times.map(|times| millis(times[2])), "ms");
-    add("received in calm", has_calm.then(|| evidence.calm.bytes_per_second()), "bytes/s");
-    add("frames lost in calm", has_calm.then(|| evidence.calm.lost() as f64), "");
-    add("frames damaged in calm", has_calm.then(|| evidence.calm.damaged.into()), "");
-    add("requests unanswered in calm", has_calm.then(|| evidence.calm.unanswered() * 100.0), "%");
+    let has_idle = evidence.idle.time() > mavstack::Duration::ZERO;
+    let has_probes = !evidence.idle.probes.is_empty();
+    let times = timing::answer_times(&evidence.idle);
+    add("shortest answer time while idle", times.map(|times| millis(times[0])), "ms");
+    add("median answer time while idle", times.map(|times| millis(times[1])), "ms");
+    add("longest answer time while idle", times.map(|times| millis(times[2])), "ms");
+    add("received while idle", has_idle.then(|| evidence.idle.bytes_per_second()), "bytes/s");
+    add("frames lost while idle", has_idle.then(|| evidence.idle.lost() as f64), "");
+    add("frames damaged while idle", has_idle.then(|| evidence.idle.damaged.into()), "");
+    add("requests unanswered while idle", has_probes.then(|| evidence.idle.unanswered() * 100.0), "%");
     let load = evidence.load.as_ref();
     let loaded = load.and_then(timing::answer_times);
     add("median answer time on a full line", loaded.map(|times| millis(times[1])), "ms");
     add("received on a full line", load.map(trace::Trace::bytes_per_second), "bytes/s");
+    add("frames lost on a full line", load.map(|trace| trace.lost() as f64), "");
+    add("frames damaged on a full line", load.map(|trace| trace.damaged.into()), "");
     add("requests unanswered on a full line", load.map(|trace| trace.unanswered() * 100.0), "%");
     add(
-        "longest time between heartbeats in calm",
-        has_calm.then(|| millis(evidence.calm.longest_heartbeat_gap())),
+        "longest time between heartbeats while idle",
+        has_idle.then(|| millis(evidence.idle.longest_heartbeat_gap())),
         "ms",
     );
-    let storing = evidence.storing.as_ref().map(|trace| millis(trace.longest_silence().1));
-    add("longest silence while storing", storing, "ms");
+    let silence = |trace: &trace::Trace| millis(trace.longest_silence().1);
+    let gap = |trace: &trace::Trace| millis(trace.longest_heartbeat_gap());
+    let (storing, planning) = (evidence.storing.as_ref(), evidence.planning.as_ref());
+    add("longest silence while storing", storing.map(silence), "ms");
+    add("longest time between heartbeats while storing", storing.map(gap), "ms");
+    add("longest silence while a plan is uploaded", planning.map(silence), "ms");
+    add("longest time between heartbeats while a plan is uploaded", planning.map(gap), "ms");
     add("clock rate", evidence.clock_rate, "");
     measured
 }

@@ -3,30 +3,42 @@
 use crate::evidence::Evidence;
 use crate::finding::{Finding, Severity, Topic};
 use crate::trace::{Trace, seconds};
+use mavstack_station::Failure;
 
 /// Judges the line.
 pub fn check(evidence: &Evidence) -> Vec<Finding> {
-    let checks = [silence, garbage, unanswered, damage, stray, bursts, lost_requests, lost_frames];
+    let checks = [failed, silence, garbage, unanswered, damage, stray, bursts, lost_requests, lost_frames];
     checks.iter().filter_map(|check| check(evidence)).collect()
 }
 
-fn finding(
-    id: &'static str,
-    severity: Severity,
-    observed: String,
-    cause: &'static str,
-    remedy: &'static str,
-) -> Finding {
-    Finding { id, topic: Topic::Line, severity, observed, cause, remedy }
+/// The transport failed.
+fn failed(evidence: &Evidence) -> Option<Finding> {
+    let Some(Failure::Transport(what)) = &evidence.ended_by else { return None };
+    Some(Finding::new(
+        Topic::Line,
+        "line-failed",
+        Severity::Error,
+        format!("The line failed during the examination: {what}."),
+        "The cable or the adapter was unplugged; or the board was reset, and its USB port with it; or the far side closed the connection.",
+        "Check the power supply and the cable. If the board resets itself, look for its watchdog or a brown-out.",
+    ))
 }
 
 /// Not one byte.
 fn silence(evidence: &Evidence) -> Option<Finding> {
-    (!evidence.any_byte).then(|| {
-        finding(
+    let observed = match evidence.is_asked {
+        true => "Not one byte was received, and no request was answered.",
+        false => {
+            "Not one byte was received. No request was sent, because no heartbeat says that the vehicle is disarmed."
+        }
+    };
+    let has_failed = matches!(evidence.ended_by, Some(Failure::Transport(_)));
+    (!evidence.any_byte && !has_failed).then(|| {
+        Finding::new(
+            Topic::Line,
             "silent",
             Severity::Error,
-            "Not one byte was received, and no request was answered.".into(),
+            observed,
             "The wiring, the pins or the port; or the firmware calls neither `stack.begin` nor `poll_link`, or it hangs.",
             "Check with `stack.link_counters(link)` whether the firmware sends. If it does, swap RX and TX, and check the ground wire.",
         )
@@ -37,7 +49,8 @@ fn silence(evidence: &Evidence) -> Option<Finding> {
 fn garbage(evidence: &Evidence) -> Option<Finding> {
     let first = &evidence.first;
     (evidence.any_byte && evidence.vehicle.is_none()).then(|| {
-        finding(
+        Finding::new(
+            Topic::Line,
             "no-frames",
             Severity::Error,
             format!(
@@ -52,7 +65,7 @@ fn garbage(evidence: &Evidence) -> Option<Finding> {
 
 /// Heartbeats, but no answer.
 fn unanswered(evidence: &Evidence) -> Option<Finding> {
-    let hears = !evidence.first.frames.is_empty() && evidence.echo.is_none();
+    let hears = !evidence.first.frames.is_empty() && evidence.is_asked && evidence.echo.is_none();
     let (observed, cause, remedy) = match evidence.answers_slow_bytes {
         _ if !hears || is_timer_alone(evidence) => return None,
         true => (
@@ -67,7 +80,7 @@ fn unanswered(evidence: &Evidence) -> Option<Finding> {
             "Call `poll_link` in every pass. Check the RX pin, and that the UART's receiver is enabled.",
         ),
     };
-    Some(finding("no-answers", Severity::Error, observed.into(), cause, remedy))
+    Some(Finding::new(Topic::Line, "no-answers", Severity::Error, observed, cause, remedy))
 }
 
 /// Nothing but heartbeats: see [`timing`](crate::timing).
@@ -75,25 +88,30 @@ fn is_timer_alone(evidence: &Evidence) -> bool {
     crate::timing::is_only_heartbeats(&evidence.first)
 }
 
+/// The parts in which the line is judged: idle, and full.
+fn parts(evidence: &Evidence) -> impl Iterator<Item = (&'static str, &Trace)> {
+    std::iter::once(("While idle", &evidence.idle)).chain(evidence.load.as_ref().map(|load| ("On a full line", load)))
+}
+
+/// Whether a noticeable share of the frames is damaged.
+fn is_damaged(trace: &Trace) -> bool {
+    let frames = trace.frames.len().max(1) as f64;
+    f64::from(trace.damaged) / frames >= 0.005 || trace.damaged >= 2
+}
+
 /// Damaged frames.
 fn damage(evidence: &Evidence) -> Option<Finding> {
-    let calm = &evidence.calm;
-    let frames = calm.frames.len().max(1) as f64;
-    if f64::from(calm.damaged) / frames < 0.005 && calm.damaged < 2 {
-        return None;
-    }
+    let (when, trace) = parts(evidence).find(|(_, trace)| is_damaged(trace))?;
     let observed = |up: &str| {
-        format!(
-            "In calm, {} of {} frames from the vehicle were damaged, {up}.",
-            calm.damaged,
-            calm.damaged as usize + calm.frames.len()
-        )
+        let frames = trace.damaged as usize + trace.frames.len();
+        format!("{when}, {} of {frames} frames from the vehicle were damaged, {up}.", trace.damaged)
     };
-    let (unheard, probes) = (calm.unheard(), calm.probes.len());
-    let unanswered = calm.probes.iter().filter(|probe| probe.answered.is_none()).count();
+    let (unheard, probes) = (trace.unheard(), trace.probes.len());
+    let unanswered = trace.probes.iter().filter(|probe| probe.answered.is_none()).count();
     let is_limited = evidence.chunks.as_ref().is_some_and(|chunks| chunks.limit().is_some());
     if unheard > 0 && unheard * 10 >= unanswered && !is_limited {
-        return Some(finding(
+        return Some(Finding::new(
+            Topic::Line,
             "damage-both-ways",
             Severity::Error,
             observed(&format!("and {unheard} of {probes} requests did not reach it")),
@@ -102,27 +120,40 @@ fn damage(evidence: &Evidence) -> Option<Finding> {
              Else check the ground wire and the levels.",
         ));
     }
-    Some(finding(
+    let (up, cause) = match probes {
+        0 => (
+            "and no request was sent",
+            "The baud rates of the two sides differ slightly; or two writers share the vehicle's UART.",
+        ),
+        _ => (
+            "but requests reach it",
+            "The vehicle's transmit side: two writers share the UART, or a DMA buffer is changed while it is sent, or a queue overruns; or \
+             the line is disturbed.",
+        ),
+    };
+    Some(Finding::new(
+        Topic::Line,
         "damage-from-vehicle",
         Severity::Error,
-        observed("but requests reach it"),
-        "The vehicle's transmit side: two writers share the UART, or a DMA buffer is changed while it is sent, or the line is disturbed.",
+        observed(up),
+        cause,
         "Let only `poll_link` write to the UART. Do not reuse a DMA buffer before its transfer has ended.",
     ))
 }
 
 /// Bytes outside frames.
 fn stray(evidence: &Evidence) -> Option<Finding> {
-    let calm = &evidence.calm;
-    (calm.damaged == 0 && calm.stray > 4).then(|| {
-        finding(
-            "stray-bytes",
-            Severity::Warning,
-            format!("{} bytes outside frames were received in {} s.", calm.stray, calm.time().as_millis() / 1_000),
-            "Something else writes to the same port: a log, `printf`, a boot loader.",
-            "Log over another port, such as defmt over RTT, or in STATUSTEXT.",
-        )
-    })
+    let is_any_damaged = parts(evidence).any(|(_, trace)| trace.damaged > 0);
+    let (when, trace) = parts(evidence).find(|(_, trace)| trace.stray > 4).filter(|_| !is_any_damaged)?;
+    let seconds = trace.time().as_millis() / 1_000;
+    Some(Finding::new(
+        Topic::Line,
+        "stray-bytes",
+        Severity::Warning,
+        format!("{when}, {} bytes outside frames were received in {seconds} s.", trace.stray),
+        "Something else writes to the same port: a log, `printf`, a boot loader.",
+        "Log over another port, such as defmt over RTT, or in STATUSTEXT.",
+    ))
 }
 
 /// The end of large bursts is lost.
@@ -131,7 +162,7 @@ fn stray(evidence: &Evidence) -> Option<Finding> {
 /// is that time. A limit that polls do not explain is that of a buffer which is only handed over when the line is idle.
 fn bursts(evidence: &Evidence) -> Option<Finding> {
     let limit = evidence.chunks.as_ref()?.limit()?;
-    let times = evidence.calm.round_trips();
+    let times = evidence.idle.round_trips();
     let spread = *times.get(times.len() * 9 / 10)? - *times.first()?;
     let between_polls = seconds(spread) * evidence.rate();
     let observed = format!(
@@ -139,7 +170,8 @@ fn bursts(evidence: &Evidence) -> Option<Finding> {
         spread.as_millis()
     );
     if between_polls < 0.6 * limit as f64 {
-        return Some(finding(
+        return Some(Finding::new(
+            Topic::Line,
             "receive-cut",
             Severity::Error,
             observed,
@@ -148,7 +180,8 @@ fn bursts(evidence: &Evidence) -> Option<Finding> {
              that is longer than the longest burst: a frame has up to 280 bytes.",
         ));
     }
-    Some(finding(
+    Some(Finding::new(
+        Topic::Line,
         "receive-overrun",
         Severity::Error,
         observed,
@@ -159,23 +192,20 @@ fn bursts(evidence: &Evidence) -> Option<Finding> {
 
 /// Requests are lost without damage and without a limit of size.
 fn lost_requests(evidence: &Evidence) -> Option<Finding> {
-    let load = evidence.load.as_ref()?;
     let share = |trace: &Trace| trace.unheard() as f64 / trace.probes.len().max(1) as f64;
-    let (calm, loaded) = (share(&evidence.calm), share(load));
+    let (when, lost) = parts(evidence).map(|(when, trace)| (when, share(trace))).find(|(_, lost)| *lost >= 0.03)?;
     let limit = evidence.chunks.as_ref().and_then(|chunks| chunks.limit());
-    let is_damaged = evidence.calm.damaged > 1;
-    let is_explained = limit.is_some() || is_damaged || crate::timing::is_clock_wrong(evidence);
-    if is_explained || calm.max(loaded) < 0.03 {
+    let is_damaged = parts(evidence).any(|(_, trace)| trace.damaged > 1);
+    // Without bursts it is not known whether a FIFO overruns.
+    let is_measured = evidence.load.is_some();
+    if !is_measured || limit.is_some() || is_damaged || crate::timing::is_clock_wrong(evidence) {
         return None;
     }
-    Some(finding(
+    Some(Finding::new(
+        Topic::Line,
         "requests-lost",
         Severity::Warning,
-        format!(
-            "{:.0} % of the requests did not reach the vehicle in calm, and {:.0} % on a full line.",
-            calm * 100.0,
-            loaded * 100.0
-        ),
+        format!("{when}, {:.0} % of the requests did not reach the vehicle.", lost * 100.0),
         "The line loses frames, as a radio does at its range; or the receive queue overruns between two polls.",
         "Look at `stack.rx_counters(link)`: `checksum` grows with lost bytes. Compare on a cable.",
     ))
@@ -183,17 +213,19 @@ fn lost_requests(evidence: &Evidence) -> Option<Finding> {
 
 /// Frames of the vehicle are lost without damage.
 fn lost_frames(evidence: &Evidence) -> Option<Finding> {
-    let calm = &evidence.calm;
-    let lost = calm.lost();
-    if calm.damaged > 1 || lost * 50 <= calm.frames.len() as u64 || crate::timing::has_own_numbers(calm) {
+    let is_damaged = parts(evidence).any(|(_, trace)| trace.damaged > 1);
+    if is_damaged || crate::timing::has_own_numbers(&evidence.idle) {
         return None;
     }
-    Some(finding(
+    let (when, trace) = parts(evidence).find(|(_, trace)| trace.lost() * 50 > trace.frames.len() as u64)?;
+    Some(Finding::new(
+        Topic::Line,
         "frames-lost",
         Severity::Warning,
         format!(
-            "{lost} frames from the vehicle were lost, and {} arrived, by their sequence numbers.",
-            calm.frames.len()
+            "{when}, {} frames from the vehicle were lost, and {} arrived, by their sequence numbers.",
+            trace.lost(),
+            trace.frames.len()
         ),
         "The line loses whole frames, as a radio or UDP does; or the transmit queue drops what it cannot hold; or two encoders share an \
          address.",

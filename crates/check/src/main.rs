@@ -13,7 +13,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::{Args, Parser, Subcommand};
-use mavstack_check::{Depth, Options, Outcome, Report, Step, examine};
+use mavstack_check::{Depth, Options, Outcome, Permission, Report, Step, examine};
 
 use address::LineAddress;
 use render::{Colours, Document};
@@ -34,15 +34,16 @@ enum Task {
 
 /// Examine your own board over its link, and report what is wrong, with cause and remedy.
 ///
-/// It takes about a minute. It requests messages, fills the line for some seconds, and connects as QGroundControl, MAVSDK and MAVProxy
-/// do. It changes one parameter in its last bit and restores it. It changes the rates of streams on this link and restores them. It never
-/// arms, erases or reboots. An armed vehicle is only listened to. Close all ground stations first: they share the line.
+/// It takes about a minute. It sends nothing until a heartbeat says that the vehicle is disarmed, and nothing more once one says that it is
+/// armed. It requests messages, fills the line for some seconds, and connects as QGroundControl, MAVSDK and MAVProxy do. It changes the
+/// least significant bit of one parameter, and the rate of one stream on this link. It restores both, and reads them back. It never arms,
+/// erases or reboots. Close all ground stations first: they share the line.
 ///
-/// Exit code: 0 if nothing was found, 1 if something was, 2 if the line could not be opened or is silent.
+/// Exit code: 0 if nothing was found, 1 if something was, 2 if the line could not be opened, is silent or failed.
 #[derive(Args)]
 struct Doctor {
     /// The line: serial:PORT:BAUD, such as serial:/dev/ttyACM0:115200 or serial:COM3:57600; tcp:HOST:PORT; udpin:HOST:PORT, which waits
-    /// for the vehicle, such as udpin:0.0.0.0:14550; udpout:HOST:PORT, which sends first.
+    /// for the vehicle, such as udpin:0.0.0.0:14550; udpout:HOST:PORT, which sends first and needs --disarmed.
     #[arg(value_name = "ADDRESS")]
     address: LineAddress,
     /// Baud rate of the UART or radio behind a TCP or UDP port. Without it, full lines and slow links are judged by answer times only.
@@ -51,6 +52,9 @@ struct Doctor {
     /// Also upload a plan: the vehicle's own mission again. If it has none, another one is uploaded and cleared.
     #[arg(long)]
     write: bool,
+    /// The vehicle is disarmed, or cannot move: send requests even if no heartbeat says so.
+    #[arg(long)]
+    disarmed: bool,
     /// Only look for ten seconds, and change nothing.
     #[arg(long, conflicts_with = "write")]
     quick: bool,
@@ -64,6 +68,9 @@ struct Doctor {
 
 impl Doctor {
     fn run(&self) -> Result<Report, String> {
+        if matches!(self.address, LineAddress::UdpOut(_)) && !self.disarmed {
+            return Err("udpout sends before the vehicle has said that it is disarmed: make sure that it is, and add --disarmed".into());
+        }
         let mut connection = Connection::open(&self.address).map_err(|error| format!("{}: {error}", self.address))?;
         let line_rate = self.baud.or(self.address.baud()).map(|baud| baud / 10);
         let started = Instant::now();
@@ -78,8 +85,8 @@ impl Doctor {
             (false, false) => Depth::Full,
             (false, true) => Depth::WithPlan,
         };
-        let options = Options { line_rate, depth };
-        examine(&mut connection, &options, &mut progress).map_err(|failure| format!("{}: {failure}", self.address))
+        let permission = if self.disarmed { Permission::User } else { Permission::Heartbeat };
+        Ok(examine(&mut connection, &Options { line_rate, depth, permission }, &mut progress))
     }
 
     fn print(&self, report: &Report) -> std::io::Result<()> {
@@ -108,6 +115,6 @@ fn main() -> ExitCode {
     ExitCode::from(match report.outcome {
         Outcome::Sound => 0,
         Outcome::Findings => 1,
-        Outcome::Silent => 2,
+        Outcome::Silent | Outcome::Failed => 2,
     })
 }

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use mavstack::dialect::{MavAutopilot, MavParamType, MavResult, MavSysStatusSensor as Sensor, SysStatus};
+use mavstack::dialect::{
+    MavAutopilot, MavParamType, MavProtocolCapability, MavResult, MavSysStatusSensor as Sensor, SysStatus,
+};
 use mavstack_station::connect::Connected;
 use mavstack_station::{Client, Failure};
 
@@ -25,22 +27,13 @@ pub fn check(evidence: &Evidence, is_explained: bool) -> Vec<Finding> {
     findings
 }
 
-fn finding(
-    id: &'static str,
-    severity: Severity,
-    observed: String,
-    cause: &'static str,
-    remedy: &'static str,
-) -> Finding {
-    Finding { id, topic: Topic::Stations, severity, observed, cause, remedy }
-}
-
 fn no_parameters(connected: &Connected) -> Option<Finding> {
     connected.parameters.is_empty().then(|| {
-        finding(
+        Finding::new(
+            Topic::Stations,
             "no-parameters",
             Severity::Error,
-            "QGroundControl stays at \"loading parameters\": it received none.".into(),
+            "QGroundControl stays at \"loading parameters\": it received none.",
             "The vehicle has no parameters; or `poll_link` runs too rarely, and the UART's queue overruns, which it counts.",
             "Declare at least one parameter with `parameters!`.",
         )
@@ -49,10 +42,11 @@ fn no_parameters(connected: &Connected) -> Option<Finding> {
 
 fn no_modes(connected: &Connected) -> Option<Finding> {
     connected.modes.is_empty().then(|| {
-        finding(
+        Finding::new(
+            Topic::Stations,
             "no-modes",
             Severity::Warning,
-            "QGroundControl shows no mode to choose.".into(),
+            "QGroundControl shows no mode to choose.",
             "The vehicle does not answer the request for AVAILABLE_MODES.",
             "Declare `modes` in the stack, and list them in `Modes::MODES`.",
         )
@@ -61,7 +55,7 @@ fn no_modes(connected: &Connected) -> Option<Finding> {
 
 /// QGroundControl's "Not ready".
 fn not_ready(evidence: &Evidence) -> Option<Finding> {
-    let status = evidence.calm.frames.iter().rev().find_map(|frame| frame.decode::<SysStatus>());
+    let status = evidence.idle.frames.iter().rev().find_map(|frame| frame.decode::<SysStatus>());
     let is_set = |sensors: Sensor| sensors.contains(Sensor::PREARM_CHECK);
     let is_ready = status.is_some_and(|status| {
         is_set(status.onboard_control_sensors_present)
@@ -69,10 +63,11 @@ fn not_ready(evidence: &Evidence) -> Option<Finding> {
             && is_set(status.onboard_control_sensors_health)
     });
     (!is_ready).then(|| {
-        finding(
+        Finding::new(
+            Topic::Stations,
             "not-ready",
             Severity::Note,
-            "QGroundControl shows \"Not Ready\", or no readiness.".into(),
+            "QGroundControl shows \"Not Ready\", or no readiness.",
             "SYS_STATUS is not streamed, or its pre-arm check is not present, enabled and healthy.",
             "Nothing, if the vehicle is not ready. Else set MAV_SYS_STATUS_PREARM_CHECK in all three fields.",
         )
@@ -85,7 +80,8 @@ fn integers(connected: &Connected) -> Option<Finding> {
     let count = integers.count();
     let decodes = matches!(connected.heartbeat.autopilot, MavAutopilot::PX4 | MavAutopilot::ARDUPILOTMEGA);
     (count > 0 && !decodes).then(|| {
-        finding(
+        Finding::new(
+            Topic::Stations,
             "mavproxy-integers",
             Severity::Note,
             format!("MAVProxy shows wrong values of {count} integer parameters."),
@@ -95,19 +91,29 @@ fn integers(connected: &Connected) -> Option<Finding> {
     })
 }
 
+/// Whether this request was one of MAVLink FTP.
+fn is_by_ftp(failure: &Failure) -> bool {
+    matches!(failure, Failure::Timeout { request, .. } if request.ends_with("by FTP"))
+}
+
 /// Requests of the clients that were not answered. A refusal is an answer.
 fn unanswered(evidence: &Evidence) -> Option<Finding> {
+    // MAVProxy asks every vehicle for a file, and takes the list from those that do not answer.
+    let mut all = evidence.connected.iter().map(|(_, connected)| connected.capabilities());
+    let has_files = all.any(|capabilities| capabilities.contains(MavProtocolCapability::FTP));
     let failures = evidence.connected.iter().flat_map(|(client, connected)| {
         let timeouts = connected
             .failures
             .iter()
-            .filter(|failure| matches!(failure, Failure::Timeout { .. } | Failure::Protocol(_)));
+            .filter(|failure| matches!(failure, Failure::Timeout { .. } | Failure::Protocol(_)))
+            .filter(|failure| has_files || !is_by_ftp(failure));
         timeouts.map(move |failure| format!("{client}: {failure}"))
     });
     let failures: BTreeSet<_> = failures.collect();
     let failures = Vec::from_iter(failures);
     (!failures.is_empty()).then(|| {
-        finding(
+        Finding::new(
+            Topic::Stations,
             "client-unanswered",
             Severity::Warning,
             format!("{}.", failures.join("; ")),
@@ -120,7 +126,8 @@ fn unanswered(evidence: &Evidence) -> Option<Finding> {
 /// An upload that does not end.
 fn plan(evidence: &Evidence) -> Option<Finding> {
     let failure = evidence.unanswered_plan.as_ref()?;
-    Some(finding(
+    Some(Finding::new(
+        Topic::Stations,
         "plan-unanswered",
         Severity::Error,
         format!("The upload of a mission does not end: {failure}."),
@@ -143,7 +150,8 @@ fn hidden(evidence: &Evidence) -> Option<Finding> {
     let refused: BTreeSet<_> = refused.collect();
     let refused = Vec::from_iter(refused);
     (!refused.is_empty()).then(|| {
-        finding(
+        Finding::new(
+            Topic::Stations,
             "hidden",
             Severity::Note,
             format!("{}.", refused.join("; ")),

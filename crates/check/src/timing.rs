@@ -1,16 +1,20 @@
 //! Answer times, heartbeats, stalls and clocks.
 
 use mavstack::dialect::{Heartbeat, SystemTime};
-use mavstack::{Duration, Message};
+use mavstack::{Duration, Instant, Message};
 
 use crate::evidence::Evidence;
 use crate::finding::{Finding, Severity, Topic};
 use crate::trace::{Trace, seconds, timesync_rate};
 
-/// The spread of the answer times in calm from which on polls are too rare.
+/// The spread of the answer times while idle from which on polls are too rare.
 const SPREAD: Duration = Duration::from_millis(100);
 /// The longest silence while something is stored.
 const STALL: Duration = Duration::from_millis(700);
+/// The time between two heartbeats from which on one is late.
+const LATE_HEARTBEAT: Duration = Duration::from_millis(1_600);
+/// When clients give up.
+const LOST_AFTER: &str = "QGroundControl and MAVSDK declare the link lost after 3.5 s and 3 s.";
 
 /// Judges the times.
 pub fn check(evidence: &Evidence) -> Vec<Finding> {
@@ -24,20 +28,11 @@ pub fn check(evidence: &Evidence) -> Vec<Finding> {
         slow_polls,
         slow_answers,
         late_heartbeats,
+        heartbeats_late_while_busy,
         stall,
         slow_under_load,
     ];
     checks.iter().filter_map(|check| check(evidence)).collect()
-}
-
-fn finding(
-    id: &'static str,
-    severity: Severity,
-    observed: String,
-    cause: &'static str,
-    remedy: &'static str,
-) -> Finding {
-    Finding { id, topic: Topic::Timing, severity, observed, cause, remedy }
 }
 
 /// Whether the clock runs at a wrong rate, which explains everything else.
@@ -78,15 +73,16 @@ fn clock(evidence: &Evidence) -> Option<Finding> {
             "Check the timer's clock and prescaler. Times of the library are microseconds.",
         ),
     };
-    Some(finding("clock-unit", Severity::Error, observed(what), cause, remedy))
+    Some(Finding::new(Topic::Timing, "clock-unit", Severity::Error, observed(what), cause, remedy))
 }
 
 /// The answers to TIMESYNC.
 fn timesync(evidence: &Evidence) -> Option<Finding> {
-    let rate = timesync_rate(&evidence.calm)?;
+    let rate = timesync_rate(&evidence.idle)?;
     let is_explained = is_clock_wrong(evidence) || crate::telemetry::is_overloaded(evidence);
     (!is_explained && !(0.9..=1.1).contains(&rate)).then(|| {
-        finding(
+        Finding::new(
+            Topic::Timing,
             "timesync-unit",
             Severity::Error,
             format!("The answers to TIMESYNC count {:.0} ns a second.", rate * 1e9),
@@ -100,9 +96,10 @@ fn timesync(evidence: &Evidence) -> Option<Finding> {
 fn unix_time(evidence: &Evidence) -> Option<Finding> {
     /// 2015-01-01, which is before every vehicle with this message, and 2100-01-01 (µs since 1970).
     const PLAUSIBLE: std::ops::Range<u64> = 1_420_070_400_000_000..4_102_444_800_000_000;
-    let time = evidence.calm.frames.iter().rev().find_map(|frame| frame.decode::<SystemTime>())?.time_unix_usec;
+    let time = evidence.idle.frames.iter().rev().find_map(|frame| frame.decode::<SystemTime>())?.time_unix_usec;
     (time != 0 && !PLAUSIBLE.contains(&time)).then(|| {
-        finding(
+        Finding::new(
+            Topic::Timing,
             "unix-time",
             Severity::Warning,
             format!("SYSTEM_TIME has {time} µs since 1970, which is not a date of today."),
@@ -115,9 +112,10 @@ fn unix_time(evidence: &Evidence) -> Option<Finding> {
 /// A clock at nearly the right rate.
 fn drift(evidence: &Evidence, rate: f64) -> Option<Finding> {
     let drift = (rate - 1.0) * 1e6;
-    let is_covered = evidence.calm.time() > Duration::from_secs(5) && !crate::telemetry::is_overloaded(evidence);
+    let is_covered = evidence.idle.time() > Duration::from_secs(5) && !crate::telemetry::is_overloaded(evidence);
     (drift.abs() > 10_000.0 && is_covered).then(|| {
-        finding(
+        Finding::new(
+            Topic::Timing,
             "clock-drift",
             Severity::Warning,
             format!("The vehicle's clock drifts by {drift:.0} ppm."),
@@ -135,10 +133,15 @@ fn no_heartbeats(evidence: &Evidence) -> Option<Finding> {
     }
     let observed = format!(
         "{} frames were received, but no HEARTBEAT. {}",
-        evidence.first.frames.len() + evidence.calm.frames.len(),
-        if evidence.echo.is_some() { "Requests are answered." } else { "No request was answered." },
+        evidence.first.frames.len() + evidence.idle.frames.len(),
+        match evidence.echo {
+            _ if !evidence.is_asked => "No request was sent, because none says that the vehicle is disarmed.",
+            Some(_) => "Requests are answered.",
+            None => "No request was answered.",
+        },
     );
-    Some(finding(
+    Some(Finding::new(
+        Topic::Timing,
         "no-heartbeat",
         Severity::Error,
         observed,
@@ -177,8 +180,8 @@ const TIMER_REMEDY: &str = "Send no heartbeats yourself: the stack sends them wh
 
 /// Heartbeats with numbers of their own.
 fn own_numbers(evidence: &Evidence) -> Option<Finding> {
-    let stall = evidence.storing.as_ref().and_then(heartbeats_in_stall);
-    let numbers = has_own_numbers(&evidence.calm);
+    let stall = evidence.storing.as_ref().and_then(|storing| heartbeats_in_stall(&evidence.idle, storing));
+    let numbers = has_own_numbers(&evidence.idle);
     let observed = match (numbers, stall) {
         (false, None) => return None,
         (true, None) => "The heartbeats have sequence numbers of their own.".into(),
@@ -186,48 +189,74 @@ fn own_numbers(evidence: &Evidence) -> Option<Finding> {
             format!("Nothing was answered or streamed for {time:.1} s, and {count} heartbeats came meanwhile.")
         }
     };
-    Some(finding("heartbeats-from-timer", Severity::Error, observed, TIMER_CAUSE, TIMER_REMEDY))
+    Some(Finding::new(Topic::Timing, "heartbeats-from-timer", Severity::Error, observed, TIMER_CAUSE, TIMER_REMEDY))
 }
 
 /// Returns the longest silence (s), and the heartbeats that came in it, if a vehicle whose loop ticks would have sent fewer.
-fn heartbeats_in_stall(trace: &Trace) -> Option<(f64, usize)> {
+fn heartbeats_in_stall(idle: &Trace, trace: &Trace) -> Option<(f64, usize)> {
     let (begin, time) = trace.longest_silence();
     // The stack stops half a second after the last tick.
     let allowance = Duration::from_millis(600);
     let count = trace.heartbeats_within(begin + allowance, time - allowance);
-    (time > Duration::from_millis(1_500) && count > 0).then(|| (seconds(time), count))
+    let is_stall = time > Duration::from_millis(1_500) && !is_loss(idle, trace, begin, time);
+    (is_stall && count > 0).then(|| (seconds(time), count))
 }
 
 /// Nothing but heartbeats, and nothing is answered.
 fn only_heartbeats(evidence: &Evidence) -> Option<Finding> {
-    if evidence.echo.is_some() || !is_only_heartbeats(&evidence.first) {
+    if !evidence.is_asked || evidence.echo.is_some() || !is_only_heartbeats(&evidence.first) {
         return None;
     }
     let observed =
         format!("{} heartbeats were received and nothing else. No request was answered.", evidence.first.frames.len());
-    Some(finding("heartbeats-from-timer", Severity::Error, observed, TIMER_CAUSE, TIMER_REMEDY))
+    Some(Finding::new(Topic::Timing, "heartbeats-from-timer", Severity::Error, observed, TIMER_CAUSE, TIMER_REMEDY))
 }
 
-/// Returns the shortest, the median and the longest answer time in calm.
+/// Returns the shortest, the median and the longest answer time while idle.
 pub(crate) fn answer_times(trace: &Trace) -> Option<[Duration; 3]> {
     let times = trace.round_trips();
     Some([*times.first()?, times[times.len() / 2], *times.last()?])
 }
 
+/// Returns the spread of the times from the vehicle to the station, by its own times in what it sends; `None` if it has none.
+fn way_back(evidence: &Evidence) -> Option<Duration> {
+    let mut delays = evidence.idle.ways_back();
+    delays.sort_unstable();
+    let late = delays.get(delays.len() * 9 / 10)?;
+    (delays.len() >= 8).then(|| Duration::from_micros(late.abs_diff(delays[0])))
+}
+
 /// The answer times spread: requests wait for the next poll.
 fn slow_polls(evidence: &Evidence) -> Option<Finding> {
-    let times = evidence.calm.round_trips();
-    let [shortest, ..] = answer_times(&evidence.calm)?;
+    let times = evidence.idle.round_trips();
+    let [shortest, ..] = answer_times(&evidence.idle)?;
     let late = *times.get(times.len() * 9 / 10)?;
     let spread = late - shortest;
     let is_explained = is_clock_wrong(evidence) || crate::telemetry::is_overloaded(evidence);
     if spread < SPREAD || shortest > spread || is_explained || times.len() < 8 {
         return None;
     }
-    Some(finding(
+    let (shortest, late) = (shortest.as_millis(), late.as_millis());
+    // A poll delays what the vehicle receives, and not what it sends. The time slots of a radio delay both.
+    let is_delayed_before = match way_back(evidence) {
+        Some(back) => back * 3 < spread,
+        None => false,
+    };
+    if !is_delayed_before {
+        return Some(Finding::new(
+            Topic::Timing,
+            "answers-spread",
+            Severity::Note,
+            format!("While idle, answers take {shortest} to {late} ms."),
+            "A radio with time slots, such as a SiK radio, delays frames so; or `poll_link` runs too rarely.",
+            "Nothing, if this is a radio. Else compare on a cable: there the answers of a vehicle that polls often are not spread.",
+        ));
+    }
+    Some(Finding::new(
+        Topic::Timing,
         "poll-slow",
         Severity::Error,
-        format!("In calm, answers take {} to {} ms, evenly spread.", shortest.as_millis(), late.as_millis()),
+        format!("While idle, answers take {shortest} to {late} ms, and the delay is before they are written."),
         "`poll_link` runs too rarely: a request waits until the next call. The UART's queue overruns meanwhile.",
         "Call `poll_link` in every pass, at least every 10 ms, or when `next_deadline` is reached or a byte has arrived.",
     ))
@@ -235,15 +264,16 @@ fn slow_polls(evidence: &Evidence) -> Option<Finding> {
 
 /// All answers are slow.
 fn slow_answers(evidence: &Evidence) -> Option<Finding> {
-    let [shortest, median, _] = answer_times(&evidence.calm)?;
+    let [shortest, median, _] = answer_times(&evidence.idle)?;
     if shortest < Duration::from_millis(250) || crate::telemetry::is_overloaded(evidence) || is_clock_wrong(evidence) {
         return None;
     }
-    Some(finding(
+    Some(Finding::new(
+        Topic::Timing,
         "answers-slow",
         Severity::Warning,
         format!(
-            "In calm, every answer takes at least {} ms, half of them {} ms.",
+            "While idle, every answer takes at least {} ms, half of them {} ms.",
             shortest.as_millis(),
             median.as_millis()
         ),
@@ -252,41 +282,77 @@ fn slow_answers(evidence: &Evidence) -> Option<Finding> {
     ))
 }
 
-/// Heartbeats in calm.
+/// Heartbeats while idle.
 fn late_heartbeats(evidence: &Evidence) -> Option<Finding> {
-    let calm = &evidence.calm;
-    let gap = calm.longest_heartbeat_gap();
+    let idle = &evidence.idle;
+    let gap = idle.longest_heartbeat_gap();
     let explained =
-        is_clock_wrong(evidence) || crate::telemetry::is_overloaded(evidence) || calm.lost() > 0 || calm.damaged > 0;
-    if evidence.heartbeat.is_none() || explained || gap < Duration::from_millis(1_600) {
+        is_clock_wrong(evidence) || crate::telemetry::is_overloaded(evidence) || idle.lost() > 0 || idle.damaged > 0;
+    if evidence.heartbeat.is_none() || explained || gap < LATE_HEARTBEAT {
         return None;
     }
-    Some(finding(
+    Some(Finding::new(
+        Topic::Timing,
         "heartbeats-late",
         Severity::Error,
-        format!(
-            "In calm, {:.1} s passed between two heartbeats. QGroundControl waits 3.5 s, MAVSDK 3 s.",
-            seconds(gap)
-        ),
+        format!("While idle, {:.1} s passed between two heartbeats. {LOST_AFTER}", seconds(gap)),
         "Passes of the flight loop take longer than `max_loop_gap`, or `stack.poll` runs too rarely.",
         "Keep passes short. Move what blocks, such as an erase, to a time when it does not matter.",
     ))
 }
 
-/// A silence while a parameter is stored or a plan comes.
-fn stall(evidence: &Evidence) -> Option<Finding> {
+/// Heartbeats while a parameter is stored or a plan is uploaded.
+fn heartbeats_late_while_busy(evidence: &Evidence) -> Option<Finding> {
     let parts =
-        [(evidence.storing.as_ref(), "a parameter is stored"), (evidence.planning.as_ref(), "a plan is uploaded")];
-    let calm = evidence.calm.longest_silence().1;
-    let stalls = parts.into_iter().filter_map(|(trace, what)| Some((trace?.longest_silence().1, what)));
-    let (silence, what) = stalls.max_by_key(|(silence, _)| *silence)?;
-    if silence < STALL || silence < calm + calm || is_clock_wrong(evidence) {
+        [(evidence.storing.as_ref(), "a parameter was stored"), (evidence.planning.as_ref(), "a plan was uploaded")];
+    let is_whole = |trace: &&Trace| trace.lost() == 0 && trace.damaged == 0 || has_own_numbers(trace);
+    let gaps = parts.into_iter().filter_map(|(trace, what)| {
+        let trace = trace.filter(is_whole)?;
+        Some((trace.longest_heartbeat_gap(), trace.longest_silence().1, what))
+    });
+    let (gap, silence, what) = gaps.max_by_key(|(gap, ..)| *gap)?;
+    // A stall delays the heartbeats, too: it is a finding of its own.
+    let is_stall = stall(evidence).is_some() && gap < silence + Duration::from_millis(1_500);
+    let is_explained = is_stall || is_clock_wrong(evidence) || late_heartbeats(evidence).is_some();
+    if evidence.heartbeat.is_none() || is_explained || gap < LATE_HEARTBEAT {
         return None;
     }
-    Some(finding(
+    Some(Finding::new(
+        Topic::Timing,
+        "heartbeats-late",
+        if gap < Duration::from_secs(3) { Severity::Warning } else { Severity::Error },
+        format!("While {what}, {:.1} s passed between two heartbeats. {LOST_AFTER}", seconds(gap)),
+        "The flight loop stands still while something is stored: its passes take longer than `max_loop_gap`.",
+        "Store in a task of lower priority than the flight loop, or in memory that does not stop the processor.",
+    ))
+}
+
+/// Whether lost frames explain a silence: as many are missing, by their numbers, as the vehicle would have streamed meanwhile. If it
+/// streams too little to tell, any loss explains the silence.
+fn is_loss(idle: &Trace, part: &Trace, begin: Instant, silence: Duration) -> bool {
+    let missing = part.lost_within(begin, begin + silence) as f64;
+    let streamed = idle.streamed_per_second() * seconds(silence);
+    if streamed < 3.0 { idle.unanswered() > 0.0 || idle.lost() > 0 } else { missing * 2.0 >= streamed }
+}
+
+/// A silence while a parameter is stored or a plan is uploaded.
+fn stall(evidence: &Evidence) -> Option<Finding> {
+    let parts =
+        [(evidence.storing.as_ref(), "a parameter was stored"), (evidence.planning.as_ref(), "a plan was uploaded")];
+    let idle = evidence.idle.longest_silence().1;
+    let stalls = parts.into_iter().filter_map(|(trace, what)| {
+        let (begin, silence) = trace?.longest_silence();
+        (!is_loss(&evidence.idle, trace?, begin, silence)).then_some((silence, what))
+    });
+    let (silence, what) = stalls.max_by_key(|(silence, _)| *silence)?;
+    if silence < STALL || silence < idle + idle || is_clock_wrong(evidence) {
+        return None;
+    }
+    Some(Finding::new(
+        Topic::Timing,
         "stall",
         if silence > Duration::from_millis(1_500) { Severity::Error } else { Severity::Warning },
-        format!("Nothing was received for {:.1} s while {what}.", seconds(silence)),
+        format!("No answer or telemetry was received for {:.1} s while {what}.", seconds(silence)),
         "The firmware stands still in an erase or a write: an erase of internal flash stops the processor, and the UART's queue overruns.",
         "Keep the storage in a second bank, in external flash or in FRAM; or use smaller sectors. The stack stores only while disarmed, \
          unless `Vehicle::may_persist` says otherwise.",
@@ -304,7 +370,8 @@ fn slow_under_load(evidence: &Evidence) -> Option<Finding> {
     if is_explained || (median < Duration::from_millis(1_000) && gap < Duration::from_secs(3)) {
         return None;
     }
-    Some(finding(
+    Some(Finding::new(
+        Topic::Timing,
         "slow-under-load",
         Severity::Warning,
         format!(

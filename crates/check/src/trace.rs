@@ -2,7 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use mavstack::dialect::{Attitude, GlobalPositionInt, Heartbeat, LocalPositionNed, SystemTime, Timesync};
+use mavstack::dialect::{
+    Attitude, AutopilotVersion, CommandAck, GlobalPositionInt, Heartbeat, LocalPositionNed, ParamValue, SystemTime,
+    Timesync,
+};
 use mavstack::frame::{RxCounters, Version};
 use mavstack::{Address, Duration, Instant, Message};
 use mavstack_station::Received;
@@ -95,6 +98,35 @@ impl Trace {
         lost(self.frames.iter())
     }
 
+    /// Returns the number of frames lost from the last one at `begin` to the first one at `end`. Heartbeats, which may have numbers of their
+    /// own, are left out.
+    pub fn lost_within(&self, begin: Instant, end: Instant) -> u64 {
+        let is_within = |frame: &&Received| frame.header.id != Heartbeat::ID && begin <= frame.at && frame.at <= end;
+        lost(self.frames.iter().filter(is_within))
+    }
+
+    /// Returns how many frames the vehicle sends per second by itself: neither heartbeats nor answers to probes.
+    pub fn streamed_per_second(&self) -> f64 {
+        let others = [Heartbeat::ID, Timesync::ID, ParamValue::ID, CommandAck::ID, AutopilotVersion::ID];
+        let streamed = self.frames.iter().filter(|frame| !others.contains(&frame.header.id)).count();
+        streamed as f64 / seconds(self.time()).max(0.001)
+    }
+
+    /// Returns the time from the vehicle to the station of each frame with the vehicle's time, plus the same unknown offset (µs): those of
+    /// the answers to TIMESYNC, or else of the message with the time since boot that came most often.
+    pub fn ways_back(&self) -> Vec<i64> {
+        let mut ways: BTreeMap<u32, Vec<i64>> = BTreeMap::new();
+        for frame in &self.frames {
+            let sync = frame.decode::<Timesync>().filter(|sync| sync.tc1 != 0 && sync.ts1 != 0);
+            let time = sync.map(|sync| sync.tc1 / 1_000).or_else(|| Some(i64::from(boot_ms(frame)?) * 1_000));
+            if let Some(time) = time {
+                ways.entry(frame.header.id).or_default().push(frame.at.as_micros() as i64 - time);
+            }
+        }
+        let syncs = ways.remove(&Timesync::ID).filter(|ways| ways.len() >= 8);
+        syncs.unwrap_or_else(|| ways.into_values().max_by_key(Vec::len).unwrap_or_default())
+    }
+
     /// Returns the number of frames lost, if the heartbeats had sequence numbers of their own and are left out.
     pub fn lost_without_heartbeats(&self) -> u64 {
         lost(self.frames.iter().filter(|frame| frame.header.id != Heartbeat::ID))
@@ -104,6 +136,12 @@ impl Trace {
     pub fn bytes_per_second(&self) -> f64 {
         let bytes: usize = self.frames.iter().map(wire_len).sum();
         bytes as f64 / seconds(self.time()).max(0.001)
+    }
+
+    /// Returns the mean length of this message's frames (bytes), 0 if there are none.
+    pub fn mean_len(&self, id: u32) -> usize {
+        let lens: Vec<_> = self.frames.iter().filter(|frame| frame.header.id == id).map(wire_len).collect();
+        lens.iter().sum::<usize>() / lens.len().max(1)
     }
 
     /// Returns when each frame of this message was received.

@@ -103,7 +103,7 @@ fn summary(report: &Report) -> String {
     };
     let [errors, warnings, notes] = [Severity::Error, Severity::Warning, Severity::Note].map(count);
     match errors + warnings {
-        0 => format!("Nothing is wrong; {}.", plural(notes, "note")),
+        0 => format!("Nothing wrong was found; {}.", plural(notes, "note")),
         _ => format!("{}, {}, {}.", plural(errors, "error"), plural(warnings, "warning"), plural(notes, "note")),
     }
 }

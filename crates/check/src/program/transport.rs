@@ -8,7 +8,7 @@ use std::time::{Duration, Instant as Clock};
 
 use mavstack::Instant;
 use mavstack_station::{Client, Drive, Failure, Station};
-use serialport::SerialPort;
+use serialport::{ClearBuffer, SerialPort};
 
 use crate::address::LineAddress;
 
@@ -25,6 +25,8 @@ pub struct Connection {
     station: Station,
     /// What is to be sent, and the line does not take yet.
     pending: VecDeque<u8>,
+    /// Whether something was sent since [`drop_pending`](Self::drop_pending).
+    has_sent: bool,
     started: Clock,
 }
 
@@ -49,11 +51,12 @@ impl Connection {
             }
         };
         let station = Station::new(Client::QGroundControl);
-        Ok(Self { line, station, pending: VecDeque::new(), started: Clock::now() })
+        Ok(Self { line, station, pending: VecDeque::new(), has_sent: false, started: Clock::now() })
     }
 
     /// Sends what the line takes without blocking.
     fn send(&mut self) -> io::Result<()> {
+        self.has_sent |= !self.pending.is_empty();
         match &mut self.line {
             Line::Udp(socket, Some(vehicle)) => {
                 // One frame in a datagram, as QGroundControl sends.
@@ -68,6 +71,17 @@ impl Connection {
             Line::Serial(port) => write(port, &mut self.pending, SERIAL_CHUNK)?,
         }
         Ok(())
+    }
+
+    /// Drops what is not sent yet, also what the operating system still has to send.
+    fn drop_pending(&mut self) {
+        if let Line::Serial(port) = &self.line
+            && std::mem::take(&mut self.has_sent)
+        {
+            // If it fails, a little more is sent.
+            let _ = port.clear(ClearBuffer::Output);
+        }
+        self.pending.clear();
     }
 
     /// Returns what has arrived, and waits a little if there is nothing.
@@ -115,6 +129,9 @@ impl Drive for Connection {
         let now = Instant::ZERO + self.started.elapsed().into();
         self.station.receive(now, &bytes);
         self.station.poll(now);
+        if !self.station.may_send() {
+            self.drop_pending();
+        }
         Ok(now)
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
-use mavstack::dialect::{GpsFixType, Heartbeat, MavAutopilot, MavState, MavType};
+use mavstack::dialect::{Attitude, GpsFixType, Heartbeat, MavAutopilot, MavProtocolCapability, MavState, MavType};
 use mavstack::frame::{Version, encode};
 use mavstack::message::LatLon;
 use mavstack::prelude::*;
@@ -23,6 +23,12 @@ pub const SLOW_BAUD: u32 = 2_400;
 const DMA_LEN: usize = 64;
 /// How long an erase takes.
 const ERASE: Duration = Duration::from_secs(2);
+/// How long a flight loop stands still that waits for the storage.
+const PAUSE: Duration = Duration::from_secs(3);
+/// The bytes that a driver sends in a second without losing any, and the number of those behind of which it loses one.
+const BUSY: (u64, u64) = (2_000, 100);
+/// The time slots of a radio.
+const SLOT: Duration = Duration::from_millis(80);
 
 /// What is wrong with the board.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,6 +65,18 @@ pub enum Fault {
     Log,
     /// The board has no power.
     Dead,
+    /// The flight loop stands still for 3 s when a parameter is stored; another task polls the link.
+    SlowLoop,
+    /// A driver loses bytes while it sends more than 2,000 a second.
+    BusyTx,
+    /// None: a radio with time slots is between the board and the station.
+    SlottedRadio,
+    /// None: a gimbal of the same system streams other values.
+    Gimbal,
+    /// A parameter that was changed keeps its new value.
+    KeepsValue,
+    /// The capabilities announce a fence, which the stack does not have.
+    Promises,
 }
 
 /// The board's firmware.
@@ -69,11 +87,16 @@ pub struct BoardFirmware {
     pub rover: Rover,
     store: Store<Flash>,
     dma: Dma,
+    radio: Radio,
     /// When the timer sends its next heartbeat, and with which number.
     timer: (Instant, u8),
     /// Until when the main loop stands still.
     busy_until: Instant,
     speed: f32,
+    /// The current second, and the bytes sent in it.
+    sent: (u64, u64),
+    /// The value that a parameter keeps.
+    kept: Option<f32>,
 }
 
 impl BoardFirmware {
@@ -88,6 +111,9 @@ impl BoardFirmware {
                 ..Config::new(Address::new(1, 50), pulse)
             };
         }
+        if fault == Fault::Promises {
+            config.identity.capabilities = MavProtocolCapability::MISSION_FENCE;
+        }
         if matches!(fault, Fault::Timer | Fault::TimerErase | Fault::TimerHangs) {
             config.pulse = None;
         }
@@ -98,9 +124,12 @@ impl BoardFirmware {
             rover: rover(pulse),
             store: Store::new(board.flash(len), 0..len),
             dma: Dma::default(),
+            radio: Radio::default(),
             timer: (Instant::ZERO, 0),
             busy_until: Instant::ZERO,
             speed: 2.0,
+            sent: (0, 0),
+            kept: None,
         };
         let _ = firmware.stack.restore(Instant::ZERO, &mut firmware.store, &mut firmware.rover);
         firmware
@@ -116,7 +145,12 @@ impl BoardFirmware {
 
     /// The interrupt of a timer that sends heartbeats.
     fn on_timer(&mut self, now: Instant, port: &mut Port) {
-        if !matches!(self.fault, Fault::Timer | Fault::TimerErase | Fault::TimerHangs) || now < self.timer.0 {
+        let has_timer = [Fault::Timer, Fault::TimerErase, Fault::TimerHangs, Fault::Gimbal].contains(&self.fault);
+        if !has_timer || now < self.timer.0 {
+            return;
+        }
+        if self.fault == Fault::Gimbal {
+            self.send_as_gimbal(now, port);
             return;
         }
         let heartbeat = Heartbeat {
@@ -133,11 +167,29 @@ impl BoardFirmware {
         self.timer = (now + Duration::from_secs(1), self.timer.1.wrapping_add(1));
     }
 
+    /// Sends what a gimbal streams, with angles in degrees and a clock of its own.
+    fn send_as_gimbal(&mut self, now: Instant, port: &mut Port) {
+        let heartbeat = Heartbeat { r#type: MavType::GIMBAL, autopilot: MavAutopilot::INVALID, ..Heartbeat::default() };
+        let time_boot_ms = u32::try_from(now.as_millis() * 7).expect("a test is short");
+        let attitude = Attitude { time_boot_ms, yaw: 271.0, ..Attitude::default() };
+        let mut frames = [0; 128];
+        let from = Address::new(1, 154);
+        let first = encode(&heartbeat, Version::V2, from, self.timer.1, &mut frames).expect("room");
+        let second = encode(&attitude, Version::V2, from, self.timer.1.wrapping_add(1), &mut frames[first..]);
+        let _ = port.write(&frames[..first + second.expect("room")]);
+        self.timer = (now + Duration::from_millis(500), self.timer.1.wrapping_add(2));
+    }
+
     /// Whether the main loop stands still: it stores a parameter, or hangs.
     fn is_stalled(&mut self, now: Instant) -> bool {
         let speed = self.stack.parameters().get(Tuning::SPEED_MAX);
-        if matches!(self.fault, Fault::Erase | Fault::TimerErase) && speed != self.speed {
-            (self.speed, self.busy_until) = (speed, now + ERASE);
+        if speed != self.speed {
+            let time = match self.fault {
+                Fault::Erase | Fault::TimerErase => ERASE,
+                Fault::SlowLoop => PAUSE,
+                _ => Duration::ZERO,
+            };
+            (self.speed, self.busy_until) = (speed, now + time);
         }
         now < self.busy_until || self.fault == Fault::Dead || self.fault == Fault::TimerHangs
     }
@@ -180,8 +232,13 @@ impl Firmware for BoardFirmware {
 
     fn poll(&mut self, now: Instant, ports: &mut [Port]) {
         self.on_timer(now, &mut ports[0]);
-        if self.is_stalled(now) {
+        if self.is_stalled(now) && self.fault != Fault::SlowLoop {
             return;
+        }
+        if self.fault == Fault::KeepsValue {
+            let speed = self.stack.parameters().get(Tuning::SPEED_MAX);
+            self.kept = self.kept.or(Some(speed).filter(|speed| *speed != 2.0));
+            let _ = self.stack.parameters_mut().set(Tuning::SPEED_MAX, self.kept.unwrap_or(speed));
         }
         let now = self.time(now);
         if self.fault != Fault::NoPoll {
@@ -192,6 +249,16 @@ impl Firmware for BoardFirmware {
             Fault::DmaCut => {
                 self.dma.transfer(port);
                 let mut port = DmaPort { port, dma: &mut self.dma };
+                self.stack.poll_link(now, LinkId(0), &mut port, &mut self.rover)
+            }
+            Fault::SlottedRadio => {
+                self.radio.transfer(now, port);
+                self.stack.poll_link(now, LinkId(0), &mut self.radio, &mut self.rover)
+            }
+            Fault::BusyTx => {
+                let second = now.as_millis() / 1_000;
+                self.sent = if self.sent.0 == second { self.sent } else { (second, 0) };
+                let mut port = BusyPort { port, sent: &mut self.sent.1 };
                 self.stack.poll_link(now, LinkId(0), &mut port, &mut self.rover)
             }
             _ => self.stack.poll_link(now, LinkId(0), port, &mut self.rover),
@@ -264,6 +331,105 @@ impl Write for DmaPort<'_> {
 
     fn flush(&mut self) -> Result<(), LineError> {
         self.port.flush()
+    }
+}
+
+/// A UART whose driver loses bytes while it is busy.
+struct BusyPort<'a> {
+    port: &'a mut Port,
+    /// The bytes sent in this second.
+    sent: &'a mut u64,
+}
+
+impl ErrorType for BusyPort<'_> {
+    type Error = LineError;
+}
+
+impl ReadReady for BusyPort<'_> {
+    fn read_ready(&mut self) -> Result<bool, LineError> {
+        self.port.read_ready()
+    }
+}
+
+impl Read for BusyPort<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, LineError> {
+        self.port.read(bytes)
+    }
+}
+
+impl WriteReady for BusyPort<'_> {
+    fn write_ready(&mut self) -> Result<bool, LineError> {
+        self.port.write_ready()
+    }
+}
+
+impl Write for BusyPort<'_> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, LineError> {
+        *self.sent += 1;
+        let is_lost = *self.sent > BUSY.0 && self.sent.is_multiple_of(BUSY.1);
+        if is_lost { Ok(1) } else { self.port.write(&bytes[..1]) }
+    }
+
+    fn flush(&mut self) -> Result<(), LineError> {
+        self.port.flush()
+    }
+}
+
+/// A radio whose two ends send in turn.
+#[derive(Default)]
+struct Radio {
+    to_vehicle: VecDeque<u8>,
+    from_vehicle: VecDeque<u8>,
+}
+
+impl Radio {
+    /// Carries what waits in the direction whose slot it is.
+    fn transfer(&mut self, now: Instant, port: &mut Port) {
+        if (now.as_millis() / SLOT.as_millis()).is_multiple_of(2) {
+            while port.read_ready() == Ok(true) {
+                let mut bytes = [0; 64];
+                let len = port.read(&mut bytes).unwrap_or(0);
+                self.to_vehicle.extend(&bytes[..len]);
+            }
+        } else if !self.from_vehicle.is_empty() && port.write_ready() == Ok(true) {
+            let written = port.write(self.from_vehicle.make_contiguous()).unwrap_or(0);
+            self.from_vehicle.drain(..written);
+        }
+    }
+}
+
+impl ErrorType for Radio {
+    type Error = LineError;
+}
+
+impl ReadReady for Radio {
+    fn read_ready(&mut self) -> Result<bool, LineError> {
+        Ok(!self.to_vehicle.is_empty())
+    }
+}
+
+impl Read for Radio {
+    fn read(&mut self, bytes: &mut [u8]) -> Result<usize, LineError> {
+        let len = bytes.len().min(self.to_vehicle.len());
+        bytes.iter_mut().zip(self.to_vehicle.drain(..len)).for_each(|(to, from)| *to = from);
+        Ok(len)
+    }
+}
+
+impl WriteReady for Radio {
+    fn write_ready(&mut self) -> Result<bool, LineError> {
+        Ok(self.from_vehicle.len() < 1_024)
+    }
+}
+
+impl Write for Radio {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, LineError> {
+        self.from_vehicle.extend(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<(), LineError> {
+        Ok(())
     }
 }
 

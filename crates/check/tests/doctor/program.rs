@@ -119,8 +119,8 @@ fn a_sound_board_ends_with_0_and_text() {
     let (text, progress) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert_eq!(output.status.code(), Some(0), "{text}");
     assert!(text.contains("System 1, component 1: GROUND_ROVER, autopilot GENERIC"), "{text}");
-    assert!(text.contains("Nothing is wrong") && !text.contains('\x1b'), "{text}");
-    assert!(progress.contains("measuring in calm"), "{progress}");
+    assert!(text.contains("Nothing wrong was found") && !text.contains('\x1b'), "{text}");
+    assert!(progress.contains("measuring while idle"), "{progress}");
 }
 
 #[test]
@@ -149,6 +149,48 @@ fn a_port_where_nobody_listens_ends_with_2() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("error: tcp:127.0.0.1"));
 }
 
+/// It would send before the vehicle has said anything.
+#[test]
+fn udpout_needs_the_users_word() {
+    let vehicle = socket();
+    let address = format!("udpout:{}", vehicle.local_addr().expect("its address"));
+    let output = run(&["doctor", &address, "--quick"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("--disarmed"));
+    assert!(vehicle.recv_from(&mut [0; 64]).is_err(), "a datagram was sent");
+}
+
+#[test]
+fn a_connection_that_is_closed_ends_with_2_and_the_report() {
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
+    let address = format!("tcp:{}", listener.local_addr().expect("its address"));
+    let output = doctor_at(&address, &[], Fault::None, || {
+        let stream = listener.accept().expect("the program connects").0;
+        stream.set_read_timeout(Some(MILLISECOND)).expect("a socket");
+        Closing(stream, 0)
+    });
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(2), "{text}");
+    assert!(text.contains("error line-failed") && text.contains("received while idle"), "{text}");
+}
+
+/// A TCP connection that the board closes after 4,000 bytes.
+struct Closing(TcpStream, usize);
+
+impl FarEnd for Closing {
+    fn receive(&mut self) -> std::io::Result<Vec<u8>> {
+        self.0.receive()
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        self.1 += bytes.len();
+        if self.1 > 4_000 {
+            return Err(ErrorKind::ConnectionAborted.into());
+        }
+        self.0.send(bytes)
+    }
+}
+
 #[test]
 fn a_wrong_address_is_explained() {
     let output = run(&["doctor", "5760"]);
@@ -160,7 +202,7 @@ fn a_wrong_address_is_explained() {
 fn a_board_is_examined_over_udp() {
     let vehicle = socket();
     let address = format!("udpout:{}", vehicle.local_addr().expect("its address"));
-    let output = doctor_at(&address, &["--quick"], Fault::None, || Datagrams(vehicle, None));
+    let output = doctor_at(&address, &["--quick", "--disarmed"], Fault::None, || Datagrams(vehicle, None));
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stdout));
 
     // The port is free again when the socket is gone.

@@ -1,12 +1,14 @@
 //! Values that a ground station shows wrongly, and promises that are not kept.
 
 use mavstack::dialect::{
-    Attitude, Common, Heartbeat, MavModeProperty, MavResult, MavStandardMode, SystemTime, Timesync,
+    Attitude, BatteryStatus, Common, Heartbeat, MavCmd, MavFtpErr, MavMissionResult, MavModeProperty, MavResult,
+    MavStandardMode, SysStatus, SystemTime, Timesync,
 };
-use mavstack::frame::{Decoder, Version, encode};
+use mavstack::frame::{Decoder, Header, Version, encode};
 use mavstack::message::{Dialect, LatLon};
-use mavstack::{Address, Duration, Instant, Message};
+use mavstack::{Address, Duration, Instant, Message, PlanType};
 use mavstack_check::evidence::Evidence;
+use mavstack_check::trace::Trace;
 use mavstack_check::{Depth, Options, Report, Severity, examine, judge};
 use mavstack_rover::Rover;
 use mavstack_station::connect::Connected;
@@ -19,8 +21,8 @@ use crate::board::{Fault, board};
 fn quick(change: impl FnOnce(&mut Rover)) -> Report {
     let mut rig = board(Fault::None);
     change(&mut rig.firmware_mut().rover);
-    let options = Options { line_rate: None, depth: Depth::Quick };
-    examine(&mut rig, &options, &mut |_| {}).expect("the rig's transport does not fail")
+    let options = Options { depth: Depth::Quick, ..Options::default() };
+    examine(&mut rig, &options, &mut |_| {})
 }
 
 #[track_caller]
@@ -33,7 +35,7 @@ fn observes(report: &Report, id: &str, part: &str) {
 fn degrees_in_place_of_radians() {
     let attitude = Attitude { roll: 0.5, pitch: -3.0, yaw: 271.0, ..Attitude::default() };
     let mut evidence = evidence();
-    evidence.calm.frames.push(received(&attitude));
+    evidence.idle.frames.push(received(&attitude));
     observes(&judge(&evidence), "units", "271.0");
 }
 
@@ -45,7 +47,10 @@ fn degrees_in_place_of_degrees_1e7() {
 
 #[test]
 fn volts_in_place_of_millivolts() {
-    observes(&quick(|rover| rover.battery.voltage = 0.012), "units", "12 mV");
+    let report = quick(|rover| rover.battery.voltage = 0.012);
+    observes(&report, "units", "12 mV");
+    // The battery may be missing on the bench.
+    assert_eq!(report.finding("units").map(|finding| finding.severity), Some(Severity::Warning));
 }
 
 #[test]
@@ -56,12 +61,70 @@ fn a_position_at_0_0() {
         rover.gps.position = Some(zero);
     });
     observes(&report, "position-zero", "GLOBAL_POSITION_INT, GPS_RAW_INT with a fix");
+    assert_eq!(report.finding("position-zero").map(|finding| finding.severity), Some(Severity::Warning));
 }
 
 #[test]
 fn latitude_and_longitude_swapped() {
     let swapped = LatLon { latitude: 85_456_000, longitude: 473_977_000 };
     observes(&quick(|rover| rover.gps.position = Some(swapped)), "positions-differ", "85456000, 473977000");
+}
+
+/// Returns the finding of voltages, of a vehicle with 12.4 V and this battery.
+fn voltages(battery: BatteryStatus) -> Option<String> {
+    let status = received(&SysStatus { voltage_battery: 12_400, ..SysStatus::default() });
+    let evidence = with(&[(Instant::ZERO, status), (Instant::ZERO, received(&battery))]);
+    judge(&evidence).finding("voltages-differ").map(|finding| finding.observed.clone())
+}
+
+#[test]
+fn voltages_of_cells() {
+    const NO: u16 = u16::MAX;
+    let battery = |cells: &[u16], more: [u16; 4]| {
+        let mut voltages = [NO; 10];
+        voltages[..cells.len()].copy_from_slice(cells);
+        BatteryStatus { voltages, voltages_ext: more, ..BatteryStatus::default() }
+    };
+    assert_eq!(voltages(battery(&[12_400], [0; 4])), None);
+    assert_eq!(voltages(battery(&[4_133, 4_133, 4_134], [0; 4])), None);
+    let wrong = voltages(battery(&[12_400; 3], [0; 4])).expect("three times as much");
+    assert!(wrong.contains("37200 mV"), "{wrong}");
+    // 14 cells of 885 mV.
+    assert_eq!(voltages(battery(&[885; 10], [885; 4])), None);
+    // The second of three cells is not measured.
+    assert_eq!(voltages(battery(&[4_133, NO, 4_133], [0; 4])), None);
+    // SYS_STATUS has the first battery's voltage.
+    assert_eq!(voltages(BatteryStatus { id: 1, ..battery(&[24_800], [0; 4]) }), None);
+}
+
+/// Returns the evidence of a vehicle that streams 10 frames a second, and of 2 s of silence while a parameter was stored, after which
+/// the next frame has this number.
+fn silence(seq_after: u8) -> Evidence {
+    let frame = |at: u64, seq: u8| {
+        let frame = received(&Attitude::default());
+        let header = Header { seq, ..frame.header };
+        Received { at: Instant::from_millis(at), header, ..frame }
+    };
+    let mut evidence = evidence();
+    evidence.idle.frames = (0..100).map(|index| frame(u64::from(index) * 100, index)).collect();
+    evidence.idle.ended = Instant::from_millis(10_000);
+    let frames = vec![frame(10_000, 100), frame(12_000, seq_after), frame(12_100, seq_after + 1)];
+    let (began, ended) = (Instant::from_millis(9_900), Instant::from_millis(12_200));
+    evidence.storing = Some(Trace { began, ended, frames, ..Trace::default() });
+    evidence
+}
+
+/// A silence in which frames were lost is no stall.
+#[test]
+fn a_stall_is_told_from_lost_frames() {
+    observes(
+        &judge(&silence(101)),
+        "stall",
+        "No answer or telemetry was received for 2.0 s while a parameter was stored.",
+    );
+    // One of them was lost behind the stall.
+    observes(&judge(&silence(102)), "stall", "2.0 s");
+    assert_eq!(judge(&silence(120)).finding("stall"), None);
 }
 
 /// An unknown value is allowed, and said.
@@ -87,8 +150,8 @@ fn received(message: &impl Message) -> Received {
 fn with(messages: &[(Instant, Received)]) -> Evidence {
     let mut evidence = evidence();
     let frames = messages.iter().map(|(at, frame)| Received { at: *at, ..frame.clone() });
-    evidence.calm.frames.extend(frames);
-    evidence.calm.ended = Instant::ZERO + Duration::from_secs(10);
+    evidence.idle.frames.extend(frames);
+    evidence.idle.ended = Instant::ZERO + Duration::from_secs(10);
     evidence
 }
 
@@ -154,15 +217,34 @@ fn a_capability_that_is_not_served() {
     observes(&judge(&evidence), "capability-not-served", "MISSION_FENCE: MISSION_REQUEST_LIST was not answered");
 }
 
+/// A refusal for another reason shows that the service is there.
+#[test]
+fn a_service_that_refuses_is_served() {
+    let command = |result| Failure::Command { command: MavCmd::REQUEST_MESSAGE, result, text: None };
+    let plan = |result| Failure::Plan { plan: PlanType::Fence, seq: None, result, text: None };
+    let file = |error| Failure::File { path: "/".into(), error, text: None };
+    let served = [
+        command(MavResult::DENIED),
+        command(MavResult::TEMPORARILY_REJECTED),
+        command(MavResult::FAILED),
+        plan(MavMissionResult::DENIED),
+        file(MavFtpErr::FAIL),
+    ];
+    let unserved =
+        [command(MavResult::UNSUPPORTED), plan(MavMissionResult::UNSUPPORTED), file(MavFtpErr::UNKNOWNCOMMAND)];
+    let is_found = |failure: &Failure| {
+        let services = vec![("SERVICE", Err(failure.clone()))];
+        judge(&Evidence { services, ..evidence() }).finding("capability-not-served").is_some()
+    };
+    assert!(!served.iter().any(is_found));
+    assert!(unserved.iter().all(is_found));
+}
+
 #[test]
 fn what_qgroundcontrol_does_not_get() {
     let mut evidence = evidence();
     evidence.connected[0].1.modes.clear();
-    let refused = Failure::Command {
-        command: mavstack::dialect::MavCmd::REQUEST_MESSAGE,
-        result: MavResult::UNSUPPORTED,
-        text: None,
-    };
+    let refused = Failure::Command { command: MavCmd::REQUEST_MESSAGE, result: MavResult::UNSUPPORTED, text: None };
     evidence.connected[0].1.failures.push(refused);
     let report = judge(&evidence);
     observes(&report, "no-parameters", "loading parameters");
