@@ -6,7 +6,7 @@ use mavstack::{Address, Duration, Instant};
 use mavstack_station::{Client, Dialogue, Drive, Failure, GroundStation, Io, Received, Sending, Station};
 
 use crate::echo::Echo;
-use crate::trace::{Probe, Trace};
+use crate::trace::{Probe, Trace, wire_len};
 
 /// How old the last heartbeat may be when something is changed.
 const FRESH: Duration = Duration::from_secs(2);
@@ -18,6 +18,8 @@ const HEARTBEAT_PATIENCE: Duration = Duration::from_secs(10);
 struct Recorder {
     vehicle: Option<Address>,
     frames: Vec<Received>,
+    /// The bytes of other frames, which take their share of the line.
+    other_bytes: usize,
 }
 
 impl Recorder {
@@ -40,6 +42,8 @@ impl Dialogue for Recorder {
     fn receive(&mut self, _: &mut Io<'_>, frame: &Received) {
         if self.vehicle.is_none_or(|vehicle| vehicle == frame.source()) {
             self.frames.push(frame.clone());
+        } else {
+            self.other_bytes += wire_len(frame);
         }
     }
 }
@@ -171,17 +175,13 @@ impl<'a, T: Drive> Examiner<'a, T> {
     pub fn ensure_disarmed(&mut self) -> Result<(), Failure> {
         let end = self.now() + HEARTBEAT_PATIENCE;
         loop {
-            let (now, heard) = (self.now(), self.last_heartbeat());
-            if self.station().is_any_armed() {
-                return Err(self.stop(Failure::Armed));
-            }
-            if heard.is_some_and(|at| now - at <= FRESH) {
+            let now = self.step()?;
+            if self.last_heartbeat().is_some_and(|at| now - at <= FRESH) {
                 return Ok(());
             }
             if now >= end {
                 return Err(self.stop(Failure::NoVehicle));
             }
-            self.step()?;
         }
     }
 
@@ -208,10 +208,11 @@ impl<'a, T: Drive> Examiner<'a, T> {
         part: impl FnOnce(&mut Self, &mut Vec<Probe>) -> Result<(), Failure>,
     ) -> (Trace, Result<(), Failure>) {
         let (began, first, before) = (self.now(), self.recorder.frames.len(), self.station().counters());
-        let mut probes = Vec::new();
+        let (mut probes, others) = (Vec::new(), self.recorder.other_bytes);
         let result = part(self, &mut probes);
         let frames = self.frames_after(first).to_vec();
         let mut trace = Trace { began, ended: self.now(), frames, probes, ..Trace::default() };
+        trace.other_bytes = self.recorder.other_bytes - others;
         trace.add_damage(before, self.station().counters());
         (trace, result)
     }

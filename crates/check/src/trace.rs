@@ -35,6 +35,8 @@ pub struct Trace {
     pub ended: Instant,
     /// The vehicle's frames.
     pub frames: Vec<Received>,
+    /// The bytes of other components' frames.
+    pub other_bytes: usize,
     /// The probes.
     pub probes: Vec<Probe>,
     /// Candidates with a wrong checksum or length.
@@ -55,6 +57,7 @@ impl Trace {
     pub(crate) fn extend(&mut self, next: Self) {
         self.ended = next.ended;
         self.frames.extend(next.frames);
+        self.other_bytes += next.other_bytes;
         self.probes.extend(next.probes);
         self.damaged += next.damaged;
         self.stray += next.stray;
@@ -132,10 +135,10 @@ impl Trace {
         lost(self.frames.iter().filter(|frame| frame.header.id != Heartbeat::ID))
     }
 
-    /// Returns the bytes received per second, as far as they were frames.
+    /// Returns the bytes received per second, as far as they were frames, of all components.
     pub fn bytes_per_second(&self) -> f64 {
         let bytes: usize = self.frames.iter().map(wire_len).sum();
-        bytes as f64 / seconds(self.time()).max(0.001)
+        (bytes + self.other_bytes) as f64 / seconds(self.time()).max(0.001)
     }
 
     /// Returns the mean length of this message's frames (bytes), 0 if there are none.
@@ -230,7 +233,8 @@ fn lost<'a>(frames: impl Iterator<Item = &'a Received>) -> u64 {
     lost
 }
 
-fn wire_len(frame: &Received) -> usize {
+/// Returns the bytes of a frame on the line.
+pub(crate) fn wire_len(frame: &Received) -> usize {
     let overhead = match frame.header.version {
         Version::V1 => 8,
         _ => 12,

@@ -177,7 +177,7 @@ impl BoardFirmware {
         let first = encode(&heartbeat, Version::V2, from, self.timer.1, &mut frames).expect("room");
         let second = encode(&attitude, Version::V2, from, self.timer.1.wrapping_add(1), &mut frames[first..]);
         let _ = port.write(&frames[..first + second.expect("room")]);
-        self.timer = (now + Duration::from_millis(500), self.timer.1.wrapping_add(2));
+        self.timer = (now + Duration::from_millis(40), self.timer.1.wrapping_add(2));
     }
 
     /// Whether the main loop stands still: it stores a parameter, or hangs.
