@@ -195,6 +195,8 @@ fn listen<T: Drive>(
             return Ok(());
         }
         evidence.echo = find_echo(examiner)?;
+        // It may have sent nothing before.
+        choose_vehicle(examiner);
         if evidence.echo.is_none() {
             evidence.answers_slow_bytes = answers_slow_bytes(examiner)?;
         }
@@ -218,8 +220,14 @@ fn await_vehicle<T: Drive>(examiner: &mut Examiner<'_, T>) -> Result<(), Failure
     let (began, end) = (examiner.now(), examiner.now() + FIRST_HEARTBEAT);
     // What was heard before may be out of date.
     while examiner.last_heartbeat().is_none_or(|at| at <= began) && examiner.step()? < end {}
+    choose_vehicle(examiner);
+    Ok(())
+}
+
+/// Speaks with the autopilot that was heard, or with another component.
+fn choose_vehicle<T: Drive>(examiner: &mut Examiner<'_, T>) {
     if examiner.station().target().is_some() {
-        return Ok(());
+        return;
     }
     let is_station = |heard: &SeenVehicle| heard.heartbeat.is_some_and(|heartbeat| heartbeat.r#type == MavType::GCS);
     let heard = examiner.station().seen().components();
@@ -227,7 +235,6 @@ fn await_vehicle<T: Drive>(examiner: &mut Examiner<'_, T>) -> Result<(), Failure
     if let Some(address) = heard.map(|heard| heard.address) {
         examiner.station().set_target(address);
     }
-    Ok(())
 }
 
 /// Begins to send, if a heartbeat has said that the vehicle is disarmed, or the user has. Returns whether it has begun.

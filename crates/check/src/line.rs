@@ -26,11 +26,16 @@ fn failed(evidence: &Evidence) -> Option<Finding> {
 
 /// Not one byte.
 fn silence(evidence: &Evidence) -> Option<Finding> {
-    let observed = match evidence.is_asked {
-        true => "Not one byte was received, and no request was answered.",
-        false => {
-            "Not one byte was received. No request was sent, because no heartbeat says that the vehicle is disarmed."
-        }
+    let (observed, cause) = match evidence.is_asked {
+        true => (
+            "Not one byte was received, and no request was answered.",
+            "The wiring, the pins or the port; or the firmware calls neither `stack.begin` nor `poll_link`, or it hangs.",
+        ),
+        false => (
+            "Not one byte was received. No request was sent, because no heartbeat says that the vehicle is disarmed.",
+            "The wiring, the pins or the port; or the firmware does not call `poll_link`, or not `stack.poll`, which sends the heartbeats; or \
+             it hangs.",
+        ),
     };
     let has_failed = matches!(evidence.ended_by, Some(Failure::Transport(_)));
     (!evidence.any_byte && !has_failed).then(|| {
@@ -39,7 +44,7 @@ fn silence(evidence: &Evidence) -> Option<Finding> {
             "silent",
             Severity::Error,
             observed,
-            "The wiring, the pins or the port; or the firmware calls neither `stack.begin` nor `poll_link`, or it hangs.",
+            cause,
             "Check with `stack.link_counters(link)` whether the firmware sends. If it does, swap RX and TX, and check the ground wire.",
         )
     })

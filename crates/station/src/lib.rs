@@ -66,6 +66,8 @@
 //!
 //! The table at the top of each module says what the clients do differently. [`Again`] repeats a dialogue as a user does who presses
 //! the button again. [`GroundStation::alongside`] runs one beside all that follow.
+//!
+//! A program for real boards must not send to an armed vehicle: see [`Station::set_sending`].
 #![forbid(unsafe_code)]
 
 mod again;
