@@ -156,17 +156,21 @@ pub(crate) fn store<T: Drive>(examiner: &mut Examiner<'_, T>, evidence: &mut Evi
     let text = format!("{name} was {value}");
     note(evidence, &text);
     let near = f32::from_bits(value.to_bits() + 1);
+    let mut is_changed = false;
     let (trace, result) = examiner.trace(|examiner, probes| {
         let load = Load { probe_every: Duration::from_millis(60), ..Load::idle(Duration::from_secs(4)) };
         for value in [near, value] {
             examiner.ensure_disarmed()?;
-            answered(examiner.set(&name, value))?;
+            is_changed |= answered(examiner.set(&name, value))? == Some(Value::F32(near));
             examiner.probe(load, probes)?;
         }
         Ok(())
     });
     evidence.storing = judged(trace, &result);
     result?;
+    if !is_changed {
+        evidence.skipped.push(format!("stalls while a parameter is stored: {name} could not be changed"));
+    }
     for _ in 0..RESTORE_TRIES {
         // A late answer to the set is not what the vehicle has now.
         examiner.wait(DRAIN)?;

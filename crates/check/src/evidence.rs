@@ -3,7 +3,7 @@
 //! Nothing is sent until a heartbeat says that the vehicle is disarmed, see [`Examiner`].
 
 use mavstack::dialect::{Attitude, AutopilotVersion, CommandInt, CommandLong, Heartbeat, MavCmd, MavType, SystemTime};
-use mavstack::{Address, Duration, Message};
+use mavstack::{Address, Duration, Instant, Message};
 use mavstack_station::command::Send;
 use mavstack_station::connect::{Connect, Connected};
 use mavstack_station::{Client, Drive, Failure, GroundStation, Received, SeenText, SeenVehicle, Sending};
@@ -27,10 +27,11 @@ const MOST_RATE: f64 = 5_760.0;
 const MAX_UNANSWERED: f64 = 0.3;
 /// The time between two of the first requests: a small FIFO should not have to hold both.
 const BETWEEN_REQUESTS: Duration = Duration::from_millis(120);
-
 /// The time that a measurement of the vehicle's clock takes at least.
 const CLOCK_TIME: Duration = Duration::from_secs(2);
+/// What is not examined if the vehicle is armed.
 const ARMED: &str = "everything that is sent: the vehicle is armed";
+/// What is not examined if the vehicle does not say whether it is armed.
 const NOT_DISARMED: &str =
     "everything that is sent: no heartbeat says that the vehicle is disarmed. If it is, say so with --disarmed";
 
@@ -189,8 +190,10 @@ fn listen<T: Drive>(
 ) -> Result<(), Failure> {
     let before = examiner.station().counters();
     let (first, result) = examiner.trace(|examiner, _| {
-        await_vehicle(examiner)?;
-        evidence.is_asked = may_send(examiner, permission);
+        let has_heard = await_vehicle(examiner)?;
+        if has_heard || permission == Permission::User {
+            evidence.is_asked = may_send(examiner, permission);
+        }
         if !evidence.is_asked {
             return Ok(());
         }
@@ -215,13 +218,14 @@ fn listen<T: Drive>(
     result
 }
 
-/// Waits for a vehicle, and sends nothing. Without heartbeats of an autopilot it may be any component but a ground station.
-fn await_vehicle<T: Drive>(examiner: &mut Examiner<'_, T>) -> Result<(), Failure> {
+/// Waits for a vehicle, and sends nothing. Without heartbeats of an autopilot it may be any component but a ground station. Returns whether
+/// it has sent a heartbeat: one that was heard before may be out of date.
+fn await_vehicle<T: Drive>(examiner: &mut Examiner<'_, T>) -> Result<bool, Failure> {
     let (began, end) = (examiner.now(), examiner.now() + FIRST_HEARTBEAT);
-    // What was heard before may be out of date.
-    while examiner.last_heartbeat().is_none_or(|at| at <= began) && examiner.step()? < end {}
+    let is_new = |at: Instant| at > began;
+    while !examiner.last_heartbeat().is_some_and(is_new) && examiner.step()? < end {}
     choose_vehicle(examiner);
-    Ok(())
+    Ok(examiner.last_heartbeat().is_some_and(is_new))
 }
 
 /// Speaks with the autopilot that was heard, or with another component.

@@ -2,6 +2,7 @@
 
 use mavstack::dialect::{Heartbeat, SystemTime};
 use mavstack::{Duration, Instant, Message};
+use mavstack_station::Failure;
 
 use crate::evidence::Evidence;
 use crate::finding::{Finding, Severity, Topic};
@@ -27,6 +28,7 @@ pub fn check(evidence: &Evidence) -> Vec<Finding> {
         only_heartbeats,
         slow_polls,
         slow_answers,
+        stopped_heartbeats,
         late_heartbeats,
         heartbeats_late_while_busy,
         stall,
@@ -282,6 +284,20 @@ fn slow_answers(evidence: &Evidence) -> Option<Finding> {
     ))
 }
 
+/// Heartbeats that stop.
+fn stopped_heartbeats(evidence: &Evidence) -> Option<Finding> {
+    (evidence.ended_by == Some(Failure::NoVehicle) && !is_clock_wrong(evidence)).then(|| {
+        Finding::new(
+            Topic::Timing,
+            "heartbeats-stopped",
+            Severity::Error,
+            format!("The heartbeats stopped during the examination. {LOST_AFTER}"),
+            "The flight loop hangs and ticks its pulse no more; or the board was switched off.",
+            "Look at what the examination did last, and look for a loop that waits in the firmware.",
+        )
+    })
+}
+
 /// Heartbeats while idle.
 fn late_heartbeats(evidence: &Evidence) -> Option<Finding> {
     let idle = &evidence.idle;
@@ -313,7 +329,8 @@ fn heartbeats_late_while_busy(evidence: &Evidence) -> Option<Finding> {
     let (gap, silence, what) = gaps.max_by_key(|(gap, ..)| *gap)?;
     // A stall delays the heartbeats, too: it is a finding of its own.
     let is_stall = stall(evidence).is_some() && gap < silence + Duration::from_millis(1_500);
-    let is_explained = is_stall || is_clock_wrong(evidence) || late_heartbeats(evidence).is_some();
+    let has_stopped = stopped_heartbeats(evidence).is_some();
+    let is_explained = is_stall || has_stopped || is_clock_wrong(evidence) || late_heartbeats(evidence).is_some();
     if evidence.heartbeat.is_none() || is_explained || gap < LATE_HEARTBEAT {
         return None;
     }

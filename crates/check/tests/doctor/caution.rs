@@ -135,15 +135,32 @@ fn nothing_is_sent_from_the_moment_the_vehicle_is_armed() {
 /// A vehicle that falls silent may be armed meanwhile.
 #[test]
 fn nothing_is_changed_without_heartbeats() {
+    for (hangs_in, expected) in
+        [(Step::Storing, &["heartbeats-stopped", "not-restored"][..]), (Step::Clients, &["heartbeats-stopped"])]
+    {
+        let mut rig = board(Fault::None);
+        let report = examine_with(&mut rig, |rig, step, _| {
+            if step == hangs_in {
+                rig.hang_flight_loop();
+            }
+            Ok(())
+        });
+        assert!(report.skipped.iter().any(|what| what.contains("no heartbeat")), "{:?}", report.skipped);
+        assert_eq!(report.problems().map(|finding| finding.id).collect::<Vec<_>>(), expected);
+    }
+}
+
+/// A heartbeat from before the examination may be out of date.
+#[test]
+fn a_vehicle_whose_heartbeats_have_stopped_receives_nothing() {
     let mut rig = board(Fault::None);
-    let report = examine_with(&mut rig, |rig, step, _| {
-        if step == Step::Storing {
-            rig.hang_flight_loop();
-        }
-        Ok(())
-    });
-    assert!(report.skipped.iter().any(|what| what.contains("no heartbeat")), "{:?}", report.skipped);
-    assert!(report.finding("not-restored").is_some());
+    rig.connect().expect("it is disarmed");
+    rig.hang_flight_loop();
+    rig.run_for(Duration::from_secs(3));
+    let before = sent(&rig);
+    let report = report_of(&mut rig, options(Fault::None));
+    assert_eq!(sent(&rig), before);
+    assert!(report.skipped.iter().any(|what| what.contains("--disarmed")), "{:?}", report.skipped);
 }
 
 #[test]
