@@ -193,11 +193,12 @@ impl<'a, T: Drive> Examiner<'a, T> {
     pub fn become_client(&mut self, client: Client) -> Result<(), Failure> {
         // What the last client has said to the end is sent.
         self.wait(Duration::from_millis(50))?;
-        let (station, target) = (Station::new(client).without_stream_requests(), self.target());
-        *self.drive.station() = station.with_target(target);
+        let (now, target) = (self.now(), self.target());
+        let mut station = Station::new(client).with_target(target).without_stream_requests();
+        // Its dialogues begin now.
+        station.receive(now, &[]);
+        *self.drive.station() = station;
         self.heard = 0;
-        self.station().set_sending(Sending::Never);
-        self.drive.step()?;
         self.begin(self.sending);
         self.ensure_disarmed()
     }

@@ -4,7 +4,8 @@
 //! `cargo run -p mavstack-station --example foreign -- mavsdk 14550 CRUISE_SPEED readme.txt`
 //!
 //! The arguments are the client, the port on which it listens (0 selects a free one), a parameter with a `REAL32`, and a file to
-//! read. The parameter is restored. **The mission is replaced and cleared, and the vehicle is armed and disarmed.**
+//! read. The parameter is restored. **The mission is replaced and cleared, and the vehicle is armed and disarmed.** A vehicle that is
+//! armed already is left alone.
 
 mod udp;
 
@@ -38,6 +39,9 @@ fn main() -> Result<ExitCode, Box<dyn std::error::Error>> {
 
     let mut report = Report { failed: false };
     report.note("connect", connect(&mut vehicle));
+    if vehicle.station().is_any_armed() {
+        return Err("the vehicle is armed: nothing was changed".into());
+    }
     report.note("list", vehicle.parameters().map(|list| format!("{} parameters", list.len())));
     report.note("set", set_and_restore(&mut vehicle, parameter));
     report.note("upload", vehicle.upload_mission(&mission()).map(|_| "accepted".to_owned()));
@@ -84,9 +88,10 @@ fn set_and_restore(vehicle: &mut Udp, name: &str) -> Result<String, Failure> {
         return Err(Failure::Protocol(format!("parameter {name} is not a REAL32")));
     };
     let other = before + 1.0;
-    vehicle.set(name, other)?;
-    let read = vehicle.get(name)?;
+    let read = vehicle.set(name, other).and_then(|_| vehicle.get(name));
+    // A set that was not answered may have been carried out.
     vehicle.set(name, before)?;
+    let read = read?;
     if read != Value::F32(other) {
         return Err(Failure::Protocol(format!("parameter {name} is {read} after it was set to {other}")));
     }

@@ -145,7 +145,7 @@ impl<F: Firmware> Rig<F> {
     pub fn with_line(mut self, config: LineConfig, station: impl Into<Station>) -> Self {
         let line = Line::new(&self.clock, config, self.seed_of(self.ends.len()));
         self.ports.push(line.ends().0);
-        self.ends.push(End { line, station: station.into() });
+        self.ends.push(End { line, station: at(self.now(), station.into()) });
         self
     }
 
@@ -386,6 +386,12 @@ impl<F> Drop for Rig<F> {
     }
 }
 
+/// Tells a new station the time. Otherwise its first dialogue would begin at 0, and time out at once.
+fn at(now: Instant, mut station: Station) -> Station {
+    station.receive(now, &[]);
+    station
+}
+
 /// The station of one line of a rig; see [`Rig::on`].
 #[derive(Debug)]
 pub struct OnLine<'a, F> {
@@ -401,7 +407,7 @@ impl<F: Firmware> OnLine<'_, F> {
 
     /// Replaces the station by another one, which has seen nothing.
     pub fn replace_station(&mut self, station: impl Into<Station>) {
-        self.rig.ends[self.link].station = station.into();
+        self.rig.ends[self.link].station = at(self.rig.now(), station.into());
     }
 }
 

@@ -43,6 +43,17 @@ fn mavsdk_and_scripts_want_little() -> Result<(), Failure> {
     Ok(())
 }
 
+/// Its time does not begin at 0.
+#[test]
+fn a_station_that_comes_later_connects() {
+    for client in Client::ALL {
+        let mut rig = rig(Client::QGroundControl, 0.0, 1);
+        rig.run_for(Duration::from_secs(20));
+        rig.on(0).replace_station(client);
+        rig.connect().unwrap_or_else(|failure| panic!("{client}: {failure}"));
+    }
+}
+
 #[test]
 fn a_line_without_a_vehicle_is_told() {
     let mut rig = rig(Client::QGroundControl, 1.0, 1);
