@@ -11,7 +11,7 @@ use mavstack_station::command::{Place, Send};
 use mavstack_station::parameters::{Parameter, Value};
 use mavstack_station::plans::{self, waypoint};
 use mavstack_station::streams::{Interval, Request};
-use mavstack_station::{Drive, Failure, GroundStation, parameters};
+use mavstack_station::{Drive, Failure, GroundStation, Received, parameters};
 
 use crate::evidence::Evidence;
 use crate::examiner::{Examiner, Load};
@@ -21,6 +21,10 @@ use crate::trace::Trace;
 const RESTORE_TRIES: u32 = 5;
 /// The most messages whose intervals are asked for.
 const MAX_INTERVALS: usize = 16;
+/// A vehicle that does not say the intervals of so many is not asked for others.
+const UNKNOWN_INTERVALS: usize = 3;
+/// How long MESSAGE_INTERVAL is awaited after the command was accepted.
+const INTERVAL_WITHIN: Duration = Duration::from_secs(1);
 /// The share of the line that is to be filled in each direction.
 const FULL: f64 = 0.8;
 /// The share of the line from which on it counts as full. Stacks leave room for answers.
@@ -65,9 +69,12 @@ pub(crate) fn intervals<T: Drive>(
     let answers = [Heartbeat::ID, Timesync::ID, ParamValue::ID];
     let streamed = idle.ids().into_iter().filter(|(id, count)| *count >= 2 && !answers.contains(id));
     let mut intervals = Vec::new();
-    for (id, _) in streamed.take(MAX_INTERVALS) {
+    for (index, (id, _)) in streamed.take(MAX_INTERVALS).enumerate() {
         if let Some(interval) = interval(examiner, id)? {
             intervals.push((id, interval));
+        }
+        if intervals.is_empty() && index + 1 == UNKNOWN_INTERVALS {
+            break;
         }
     }
     Ok(intervals)
@@ -76,11 +83,35 @@ pub(crate) fn intervals<T: Drive>(
 /// Returns the interval that the vehicle says of a message; `None` if it says none.
 fn interval<T: Drive>(examiner: &mut Examiner<'_, T>, id: u32) -> Result<Option<Duration>, Failure> {
     let request = Request::<MessageInterval>::new().with_index(id);
-    let message = answered(examiner.run(request))?;
+    let message = match answered(examiner.run(request))? {
+        None => interval_by_old_command(examiner, id)?,
+        message => message,
+    };
     Ok(message.and_then(|message| match Interval::from_message(&message)? {
         Interval::Every(interval) => Some(interval),
         Interval::Default | Interval::Off => None,
     }))
+}
+
+/// Asks for an interval by MAV_CMD_GET_MESSAGE_INTERVAL: ArduPilot knew it before MAV_CMD_REQUEST_MESSAGE.
+fn interval_by_old_command<T: Drive>(
+    examiner: &mut Examiner<'_, T>,
+    id: u32,
+) -> Result<Option<MessageInterval>, Failure> {
+    let first = examiner.frames().len();
+    let answer =
+        |frame: &Received| frame.decode::<MessageInterval>().filter(|interval| u32::from(interval.message_id) == id);
+    let command = Send::new(MavCmd::GET_MESSAGE_INTERVAL, &[id as f32]);
+    if answered(examiner.run(command))?.is_none() {
+        return Ok(None);
+    }
+    let end = examiner.now() + INTERVAL_WITHIN;
+    loop {
+        let found = examiner.frames_after(first).iter().find_map(answer);
+        if found.is_some() || examiner.step()? >= end {
+            return Ok(found);
+        }
+    }
 }
 
 /// Returns the streamed message that is to fill the line, with its interval: ATTITUDE, or else the longest one.

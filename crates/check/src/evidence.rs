@@ -30,10 +30,10 @@ const BETWEEN_REQUESTS: Duration = Duration::from_millis(120);
 /// The time that a measurement of the vehicle's clock takes at least.
 const CLOCK_TIME: Duration = Duration::from_secs(2);
 /// What is not examined if the vehicle is armed.
-const ARMED: &str = "everything that is sent: the vehicle is armed";
+const ARMED: &str = "everything that needs requests: the vehicle is armed";
 /// What is not examined if the vehicle does not say whether it is armed.
 const NOT_DISARMED: &str =
-    "everything that is sent: no heartbeat says that the vehicle is disarmed. If it is, say so with --disarmed";
+    "everything that needs requests: no heartbeat says that the vehicle is disarmed. If it is, add --disarmed";
 
 /// What an examination has gathered.
 #[derive(Clone, Debug, Default)]
@@ -97,7 +97,7 @@ pub fn gather<T: Drive>(drive: &mut T, options: &Options, progress: &mut dyn FnM
     let mut examiner = Examiner::new(drive);
     let mut evidence = Evidence { line_rate: options.line_rate.map(f64::from), ..Evidence::default() };
     if let Err(failure) = steps(&mut examiner, &mut evidence, options, progress) {
-        evidence.skipped.push(format!("what follows: {failure}"));
+        evidence.skipped.push(format!("the remaining steps: {failure}"));
         evidence.ended_by = Some(failure);
     }
     if evidence.clock_rate.is_none() {

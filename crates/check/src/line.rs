@@ -202,7 +202,7 @@ fn lost_requests(evidence: &Evidence) -> Option<Finding> {
     let limit = evidence.chunks.as_ref().and_then(|chunks| chunks.limit());
     let is_damaged = parts(evidence).any(|(_, trace)| trace.damaged > 1);
     // Without bursts it is not known whether a FIFO overruns.
-    let is_measured = evidence.load.is_some();
+    let is_measured = evidence.chunks.is_some();
     if !is_measured || limit.is_some() || is_damaged || crate::timing::is_clock_wrong(evidence) {
         return None;
     }

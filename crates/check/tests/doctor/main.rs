@@ -106,6 +106,16 @@ fn a_radio_that_loses_frames() {
     }
 }
 
+/// Only what is sent to the vehicle is lost, too much of it to change anything.
+#[test]
+fn requests_that_are_lost() {
+    let mut line = LineConfig::uart(BAUD).with_rx_fifo(512);
+    line.up.faults.frame_loss = 0.4;
+    let report = report_of(&mut board_on(Fault::None, line), options(Fault::None));
+    only(&report, &[("requests-lost", Warning)]);
+    assert!(report.skipped.iter().any(|what| what.contains("too many requests are lost")), "{:?}", report.skipped);
+}
+
 /// Two writers at the vehicle's UART: only what it sends is damaged.
 #[test]
 fn damage_from_the_vehicle_alone() {
