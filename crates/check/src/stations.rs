@@ -40,8 +40,10 @@ fn no_parameters(connected: &Connected) -> Option<Finding> {
     })
 }
 
+/// QGroundControl knows the modes of PX4 and ArduPilot by itself.
 fn no_modes(connected: &Connected) -> Option<Finding> {
-    connected.modes.is_empty().then(|| {
+    let is_known = matches!(connected.heartbeat.autopilot, MavAutopilot::PX4 | MavAutopilot::ARDUPILOTMEGA);
+    (connected.modes.is_empty() && !is_known).then(|| {
         Finding::new(
             Topic::Stations,
             "no-modes",

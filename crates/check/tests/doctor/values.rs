@@ -1,8 +1,8 @@
 //! Values that a ground station shows wrongly, and promises that are not kept.
 
 use mavstack::dialect::{
-    Attitude, BatteryStatus, Common, Heartbeat, MavCmd, MavFtpErr, MavMissionResult, MavModeProperty, MavResult,
-    MavStandardMode, SysStatus, SystemTime, Timesync,
+    Attitude, BatteryStatus, Common, Heartbeat, MavAutopilot, MavCmd, MavFtpErr, MavMissionResult, MavModeProperty,
+    MavResult, MavStandardMode, SysStatus, SystemTime, Timesync,
 };
 use mavstack::frame::{Decoder, Header, Version, encode};
 use mavstack::message::{Dialect, LatLon};
@@ -251,6 +251,15 @@ fn what_qgroundcontrol_does_not_get() {
     observes(&report, "no-modes", "no mode");
     observes(&report, "hidden", "UNSUPPORTED");
     assert_eq!(report.finding("hidden").map(|finding| finding.severity), Some(Severity::Note));
+}
+
+/// ArduPilot need not list its modes.
+#[test]
+fn modes_that_qgroundcontrol_knows() {
+    let mut evidence = evidence();
+    evidence.connected[0].1.modes.clear();
+    evidence.connected[0].1.heartbeat.autopilot = MavAutopilot::ARDUPILOTMEGA;
+    assert_eq!(judge(&evidence).finding("no-modes"), None);
 }
 
 #[test]
