@@ -6,7 +6,7 @@
 //! | answers TIMESYNC | | once it has measured | with the module `system_time` | |
 //! | measures by TIMESYNC | | every 5 s | every 10 s | |
 //!
-//! Its own measurements address nobody, as those of all of them. The station's clock counts from the time 0 of its
+//! Its own measurements have no address, as those of all of them. The station's clock counts from the time 0 of its
 //! [`Drive`](crate::Drive).
 
 use crate::{Client, Dialogue, Due, Failure, Io, Received, Retry};
@@ -151,8 +151,8 @@ impl Dialogue for Ping {
     }
 }
 
-/// Answers the vehicle's TIMESYNC and PING as the client does. Never ends: it runs
-/// [alongside](crate::GroundStation::alongside).
+/// Answers the vehicle's TIMESYNC as the client does. Never ends: it runs [alongside](crate::GroundStation::alongside). PING is answered
+/// by the [`Station`](crate::Station) itself.
 #[derive(Debug, Default)]
 pub struct Answering {
     answers: u32,
@@ -179,22 +179,13 @@ impl Dialogue for Answering {
 
     fn receive(&mut self, io: &mut Io<'_>, frame: &Received) {
         let client = io.client();
-        let from = frame.source();
-        let (target_system, target_component) = (from.system.wire(), from.component.wire());
         if let Some(request) = frame.decode::<dialect::Timesync>()
             && request.tc1 == 0
             && io.is_for_us(request.target_system, request.target_component)
             && matches!(client, Client::Mavsdk | Client::MavProxy)
         {
-            // Both send the form of MAVLink 1, which addresses nobody.
+            // Both send the form of MAVLink 1, which has no address.
             io.send(&dialect::Timesync { tc1: nanos(io.now()), ts1: request.ts1, ..dialect::Timesync::default() });
-            self.answers += 1;
-        }
-        if let Some(request) = frame.decode::<dialect::Ping>()
-            && (request.target_system, request.target_component) == (0, 0)
-            && matches!(client, Client::QGroundControl | Client::Mavsdk)
-        {
-            io.send(&dialect::Ping { target_system, target_component, ..request });
             self.answers += 1;
         }
     }

@@ -1,10 +1,12 @@
 //! TIMESYNC and PING both ways.
 
 use crate::rig::rig;
-use mavstack::{Duration, LinkId};
+use mavstack::dialect;
+use mavstack::frame::{Version, encode};
+use mavstack::{Address, Duration, Instant, LinkId};
 use mavstack_station::connect::Connect;
 use mavstack_station::time::{Answering, Ping, SendTime, Timesync};
-use mavstack_station::{Again, Client, Drive, GroundStation};
+use mavstack_station::{Again, Client, Drive, GroundStation, Station};
 
 #[test]
 fn clocks_are_measured_on_a_lossy_line() {
@@ -20,6 +22,25 @@ fn clocks_are_measured_on_a_lossy_line() {
             assert!(sample.round_trip < Duration::from_millis(40), "{client}, seed {seed}: {sample:?}");
             assert!(rig.run(Again::new(20, Ping::new)).unwrap() < Duration::from_millis(40), "{client}, seed {seed}");
         }
+    }
+}
+
+/// A PING to all is answered once, also beside the answers to TIMESYNC.
+#[test]
+fn a_ping_is_answered_once() {
+    for (client, answers) in Client::ALL.into_iter().zip([1, 1, 0, 0]) {
+        let mut station = Station::new(client).with_heartbeats(None);
+        let mut answering = Answering::new();
+        assert!(station.advance(Instant::ZERO, &mut answering).is_none());
+        let ping = dialect::Ping { seq: 7, ..dialect::Ping::default() };
+        let mut frame = [0; 64];
+        let len = encode(&ping, Version::V2, Address::new(1, 1), 0, &mut frame).expect("room");
+        station.receive(Instant::ZERO, &frame[..len]);
+        assert!(station.advance(Instant::ZERO, &mut answering).is_none());
+
+        let mut vehicle = Station::new(Client::Pymavlink);
+        vehicle.receive(Instant::ZERO, &station.take_output());
+        assert_eq!(vehicle.seen().count::<dialect::Ping>(), answers, "{client}");
     }
 }
 
