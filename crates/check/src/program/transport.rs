@@ -195,7 +195,11 @@ fn frames(mut bytes: &[u8]) -> Vec<&[u8]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavstack::dialect::Heartbeat;
+    use mavstack::Address;
+    use mavstack::dialect::{Heartbeat, MavAutopilot, MavModeFlag};
+    use mavstack::frame::{Version, encode};
+    use mavstack_station::Sending;
+    use std::net::{Ipv4Addr, TcpListener};
 
     #[test]
     fn the_output_is_split_into_frames() {
@@ -206,6 +210,39 @@ mod tests {
         assert_eq!(lens.len(), 3);
         assert_eq!(lens.iter().sum::<usize>(), bytes.len());
         assert_eq!(frames(&[1, 2, 3]), [[1, 2, 3]]);
+    }
+
+    /// Returns a heartbeat of the vehicle.
+    fn heartbeat(base_mode: MavModeFlag) -> Vec<u8> {
+        let heartbeat = Heartbeat { autopilot: MavAutopilot::GENERIC, base_mode, ..Heartbeat::default() };
+        let mut frame = [0; 64];
+        let len = encode(&heartbeat, Version::V2, Address::new(1, 1), 0, &mut frame).expect("room");
+        frame[..len].to_vec()
+    }
+
+    #[test]
+    fn what_waits_for_the_line_is_dropped_when_the_vehicle_is_armed() {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
+        let address = LineAddress::Tcp(listener.local_addr().expect("its address").to_string());
+        let mut connection = Connection::open(&address).expect("it listens");
+        let mut vehicle = listener.accept().expect("it connects").0;
+        let steps_until = |connection: &mut Connection, may_send| {
+            (0..10_000).any(|_| {
+                connection.step().expect("it is connected");
+                connection.station.may_send() == may_send
+            })
+        };
+        connection.station.set_sending(Sending::WhileDisarmed);
+        vehicle.write_all(&heartbeat(MavModeFlag::EMPTY)).expect("it is connected");
+        assert!(steps_until(&mut connection, true));
+
+        // The vehicle does not read: more is queued than the sockets hold.
+        connection.station.send_raw(&vec![0; 64 << 20]);
+        connection.step().expect("it is connected");
+        assert!(!connection.pending.is_empty());
+        vehicle.write_all(&heartbeat(MavModeFlag::SAFETY_ARMED)).expect("it is connected");
+        assert!(steps_until(&mut connection, false));
+        assert!(connection.pending.is_empty());
     }
 
     #[test]
