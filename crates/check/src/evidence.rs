@@ -78,7 +78,7 @@ pub struct Evidence {
     pub texts: Vec<SeenText>,
     /// What was not examined, and why.
     pub skipped: Vec<String>,
-    /// Why the examination ended early: the vehicle was armed, its heartbeats stopped, or the transport failed.
+    /// Why nothing was sent, or nothing more: the vehicle was armed, its heartbeats stopped, or the transport failed.
     pub ended_by: Option<Failure>,
     /// Bytes received, in frames or not.
     pub any_byte: bool,
@@ -212,6 +212,7 @@ fn listen<T: Drive>(
     note_heartbeat(examiner, evidence);
     if !evidence.is_asked && result.is_ok() {
         let is_armed = examiner.station().is_any_armed();
+        evidence.ended_by = is_armed.then_some(Failure::Armed);
         evidence.skipped.push(if is_armed { ARMED.into() } else { NOT_DISARMED.into() });
     }
     evidence.first = first;

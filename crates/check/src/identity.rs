@@ -9,8 +9,26 @@ use crate::finding::{Finding, Severity, Topic};
 
 /// Judges the identity.
 pub fn check(evidence: &Evidence) -> Vec<Finding> {
-    let checks = [component, no_autopilot, no_version, unserved, texts, unrestored];
+    let checks = [armed, component, no_autopilot, no_version, unserved, texts, unrestored];
     checks.iter().filter_map(|check| check(evidence)).collect()
+}
+
+/// An armed vehicle, which is not examined.
+fn armed(evidence: &Evidence) -> Option<Finding> {
+    let observed = match evidence.is_asked {
+        true => "The vehicle was armed during the examination, which ended then.",
+        false => "The vehicle is armed, so it was only listened to.",
+    };
+    (evidence.ended_by == Some(Failure::Armed)).then(|| {
+        Finding::new(
+            Topic::Identity,
+            "armed",
+            Severity::Warning,
+            observed,
+            "A heartbeat of this vehicle, or of another one on the line, says so. An armed vehicle is not examined, because it may move.",
+            "Disarm the vehicle, and examine it again.",
+        )
+    })
 }
 
 /// The component id.
