@@ -38,11 +38,11 @@ impl Capture {
         Self::at_interval(Duration::ZERO, 1)
     }
 
-    /// Takes `count` images.
+    /// Takes `count` images, at least one: the command's 0 would let the camera go on for ever.
     pub fn at_interval(interval: Duration, count: u32) -> Self {
         Self {
             interval,
-            count,
+            count: count.max(1),
             camera: None,
             command: None,
             end: None,

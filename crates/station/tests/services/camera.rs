@@ -43,6 +43,9 @@ fn images_are_reported() {
         let images = rig.run(Capture::at_interval(SECOND, 3)).unwrap();
         assert_eq!(images.iter().map(|image| image.image_index).collect::<Vec<_>>(), [1, 2, 3], "{client}");
         assert_eq!(rig.firmware().boat.images, 4, "{client}");
+        assert_eq!(rig.run(Capture::at_interval(SECOND, 0)).map(|images| images.len()), Ok(1), "{client}");
+        rig.wait(SECOND * 5).unwrap();
+        assert_eq!(rig.firmware().boat.images, 5, "{client}");
     }
 }
 
