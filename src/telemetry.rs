@@ -7,6 +7,7 @@
 //! | [`Motion`] | [`attitude`](Motion::attitude), [`global_position_int`](Motion::global_position_int), [`vfr_hud`](Motion::vfr_hud) |
 //! | [`GpsFix`] | [`gps_raw_int`](GpsFix::gps_raw_int) |
 //! | [`Battery`] | [`battery_status`](Battery::battery_status), [`sys_status`](Battery::sys_status) |
+//! | [`Geofence`] | its bits of SYS_STATUS: [`with_geofence`](SysStatus::with_geofence) |
 //! | [`Home`] | [`home_position`](Home::home_position) |
 //! | the landed state | [`extended_sys_state`] |
 //!
@@ -40,9 +41,9 @@ use core::f32::consts::{PI, TAU};
 
 use crate::dialect::{
     Attitude, BatteryStatus, ExtendedSysState, GlobalPositionInt, GpsFixType, GpsRawInt, HomePosition, MavLandedState,
-    SysStatus, VfrHud,
+    MavSysStatusSensor, SysStatus, VfrHud,
 };
-use crate::message::LatLon;
+use crate::message::{Item, LatLon};
 use crate::num;
 use crate::time::Instant;
 
@@ -283,8 +284,7 @@ impl Battery<'_> {
     }
 
     /// Returns SYS_STATUS with this battery's voltage, current and remaining charge. `load` is the share of time for
-    /// which the main loop is busy (%), 0 to 100; unknown is sent as 0. The sensors and the errors are those of
-    /// [`SysStatus::UNKNOWN`].
+    /// which the main loop is busy (%), 0 to 100; unknown is sent as 0. It has no sensors, no errors and no geofence.
     pub fn sys_status(&self, load: f32) -> SysStatus {
         SysStatus {
             load: num::half(field(load, 10.0, 0, 1_000, 0)),
@@ -293,6 +293,7 @@ impl Battery<'_> {
             battery_remaining: self.remaining(),
             ..SysStatus::UNKNOWN
         }
+        .with_geofence(Geofence::Absent)
     }
 
     /// Returns the voltage of the battery (V): the [measured](Self::voltage) one, otherwise the sum of the
@@ -315,6 +316,69 @@ impl Battery<'_> {
     fn remaining(&self) -> i8 {
         let [percent, ..] = field(self.remaining, 1.0, 0, 100, -1).to_le_bytes();
         percent.cast_signed()
+    }
+}
+
+/// The state of the geofence: for SYS_STATUS.
+///
+/// Ground stations show it, and MAVProxy says "fence breach" if the geofence is not healthy, even if there is none. So a vehicle
+/// without a fence reports a healthy one, as ArduPilot does:
+///
+/// | | present | enabled | healthy |
+/// |---|---|---|---|
+/// | `Absent` | | | yes |
+/// | `Disabled` | yes | | yes |
+/// | `Kept` | yes | yes | yes |
+/// | `Breached` | yes | yes | |
+///
+/// ```
+/// # use mavstack::dialect::{MavSysStatusSensor, SysStatus};
+/// # use mavstack::message::Item;
+/// use mavstack::telemetry::{Battery, Geofence};
+///
+/// // In the loop: `stack.fence().items()`.
+/// # let items = [Item::default()];
+/// let fence = Geofence::of(&items, false);
+/// let status = Battery::UNKNOWN.sys_status(20.0).with_geofence(fence);
+/// assert!(status.onboard_control_sensors_enabled.contains(MavSysStatusSensor::GEOFENCE));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Geofence {
+    /// There is none.
+    Absent,
+    /// There is one, which the vehicle may leave.
+    Disabled,
+    /// The vehicle is inside.
+    Kept,
+    /// The vehicle is outside.
+    Breached,
+}
+
+impl Geofence {
+    /// Returns the state of an enabled geofence with these items. An empty one is absent, whatever `is_breached` says.
+    pub const fn of(fence: &[Item], is_breached: bool) -> Self {
+        match (fence, is_breached) {
+            ([], _) => Self::Absent,
+            (_, true) => Self::Breached,
+            (_, false) => Self::Kept,
+        }
+    }
+}
+
+impl SysStatus {
+    /// Returns the status with the bits of the geofence. Call it last: the sensors of a struct update replace these bits.
+    #[must_use]
+    pub fn with_geofence(mut self, fence: Geofence) -> Self {
+        for (sensors, is_set) in [
+            (&mut self.onboard_control_sensors_present, fence != Geofence::Absent),
+            (&mut self.onboard_control_sensors_enabled, matches!(fence, Geofence::Kept | Geofence::Breached)),
+            (&mut self.onboard_control_sensors_health, fence != Geofence::Breached),
+        ] {
+            let others = sensors.without(MavSysStatusSensor::GEOFENCE);
+            *sensors = if is_set { others.with(MavSysStatusSensor::GEOFENCE) } else { others };
+        }
+        self
     }
 }
 

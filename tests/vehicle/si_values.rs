@@ -8,7 +8,7 @@ use crate::support::pymavlink;
 use mavstack::dialect::*;
 use mavstack::frame::{Version, encode};
 use mavstack::message::LatLon;
-use mavstack::telemetry::{Battery, GpsFix, Home, Motion, extended_sys_state};
+use mavstack::telemetry::{Battery, Geofence, GpsFix, Home, Motion, extended_sys_state};
 use mavstack::{Address, Instant, Message};
 use proptest::prelude::*;
 
@@ -171,11 +171,12 @@ fn battery_is_the_same_in_both_messages() {
         voltage_battery: 11_100,
         current_battery: 1_234,
         battery_remaining: 80,
+        onboard_control_sensors_health: MavSysStatusSensor::GEOFENCE,
         ..SysStatus::UNKNOWN
     };
     assert_eq!(battery(&cells).sys_status(33.34), expected);
     assert_eq!(Battery::UNKNOWN.battery_status(), BatteryStatus::UNKNOWN);
-    assert_eq!(Battery::UNKNOWN.sys_status(f32::NAN), SysStatus::UNKNOWN);
+    assert_eq!(Battery::UNKNOWN.sys_status(f32::NAN), SysStatus::UNKNOWN.with_geofence(Geofence::Absent));
 }
 
 /// Cells 11 to 14 have a field of their own, where 0 means that there is no such cell, so a dead cell has 1 mV there.
@@ -489,5 +490,33 @@ fn pymavlink_decodes_the_same_values() {
         let found = printed.lines().find_map(|line| line.strip_prefix(&format!("{field} ")));
         let found: f64 = found.unwrap_or_else(|| panic!("no {field} in:\n{printed}")).parse().expect("a number");
         assert!((found - value).abs() <= *tolerance, "{field}: {found}, given {value}");
+    }
+}
+
+/// The bits of SYS_STATUS by which ground stations know the geofence. Those of other sensors stay.
+#[test]
+fn geofence_has_its_bits() {
+    let fence = MavSysStatusSensor::GEOFENCE;
+    let gps = MavSysStatusSensor::SENSOR_GPS;
+    let other = SysStatus {
+        onboard_control_sensors_present: gps,
+        onboard_control_sensors_enabled: gps | fence,
+        onboard_control_sensors_health: gps,
+        ..SysStatus::UNKNOWN
+    };
+    let item = [mavstack::Item::default()];
+    for (state, bits) in [
+        (Geofence::of(&[], true), [gps, gps, gps | fence]),
+        (Geofence::Disabled, [gps | fence, gps, gps | fence]),
+        (Geofence::of(&item, false), [gps | fence; 3]),
+        (Geofence::of(&item, true), [gps | fence, gps | fence, gps]),
+    ] {
+        let status = other.with_geofence(state);
+        let sensors = [
+            status.onboard_control_sensors_present,
+            status.onboard_control_sensors_enabled,
+            status.onboard_control_sensors_health,
+        ];
+        assert_eq!(sensors, bits, "{state:?}");
     }
 }

@@ -108,7 +108,6 @@ impl Quadrotor {
             | Sensor::SENSOR_Z_ALTITUDE_CONTROL
             | Sensor::SENSOR_XY_POSITION_CONTROL
             | Sensor::SENSOR_MOTOR_OUTPUTS
-            | Sensor::GEOFENCE
             | Sensor::AHRS
             | Sensor::SENSOR_BATTERY
             | Sensor::PREARM_CHECK;
@@ -128,6 +127,7 @@ impl Quadrotor {
             // 20 %: 2 ms in every 10 ms.
             ..self.pack(&[]).sys_status(20.0)
         }
+        .with_geofence(self.last().fence)
     }
 
     #[inline(never)]

@@ -20,7 +20,7 @@ use mavstack::manual_control::{ControlSource, ManualControlInput, RcOverride};
 use mavstack::message::Item;
 use mavstack::plan::Durability;
 use mavstack::prelude::*;
-use mavstack::telemetry::{Battery, GpsFix, Home, Motion};
+use mavstack::telemetry::{Battery, Geofence, GpsFix, Home, Motion};
 use mavstack::{firmware_version, parameters};
 
 /// Ticked by the driving loop. When the loop hangs, the heartbeats stop.
@@ -206,6 +206,7 @@ impl Rover {
             onboard_control_sensors_health: health,
             ..self.battery.sys_status(0.0)
         }
+        .with_geofence(Geofence::Absent)
     }
 }
 

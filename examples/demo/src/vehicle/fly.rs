@@ -1,6 +1,7 @@
 //! Executes maneuvers step by step, within the fence.
 
 use mavstack::dialect::MavSeverity;
+use mavstack::telemetry::Geofence;
 use mavstack::{Context, PlanType};
 
 use super::{DT, Mode, Quadrotor};
@@ -52,12 +53,13 @@ impl Quadrotor {
         let here = self.body.position;
         if !self.allows(cx, next.position, next.ahead(self.fence_margin(cx))) {
             let is_outside = !self.allows(cx, here, here);
+            self.has_breached = is_outside;
             // Outside the fence the vehicle may still return or land.
             if !(is_outside && matches!(self.mode, Mode::Return | Mode::Land)) {
                 return self.stop_at_fence(cx, next, is_outside);
             }
         } else {
-            self.is_warned = false;
+            (self.is_warned, self.has_breached) = (false, false);
         }
         self.body = next;
         true
@@ -94,6 +96,18 @@ impl Quadrotor {
         let (far, high) = (cx.parameter(Tuning::GF_MAX_HOR_DIST), cx.parameter(Tuning::GF_MAX_VER_DIST));
         let is_near = |point| self.home.is_near(far, high, point);
         is_near(from) && is_near(to) && fence::allows(self.home, cx.plan(PlanType::Fence).items(), from, to)
+    }
+
+    /// Returns the state of the fence, which ground stations show. The distances from home are part of it.
+    pub(super) fn fence_state(&self, cx: &Context<'_>) -> Geofence {
+        let limits = [Tuning::GF_MAX_HOR_DIST, Tuning::GF_MAX_VER_DIST].map(|limit| cx.parameter(limit));
+        let is_present = limits != [0.0; 2] || !cx.plan(PlanType::Fence).items().is_empty();
+        match (is_present, cx.parameter(Tuning::GF_ACTION) != 0) {
+            (false, _) => Geofence::Absent,
+            (true, false) => Geofence::Disabled,
+            (true, true) if self.has_breached => Geofence::Breached,
+            (true, true) => Geofence::Kept,
+        }
     }
 
     /// Returns the distance from the fence at which the vehicle stops (m). It is 0 after a turn back at the fence, because the

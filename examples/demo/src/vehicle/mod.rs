@@ -23,6 +23,7 @@ use mavstack::clock::WallClock;
 use mavstack::dialect::{HomePosition, MavModeFlag, MavSeverity, MavState, MavType, SystemTime};
 use mavstack::manual_control::RcOverride;
 use mavstack::message::LatLon;
+use mavstack::telemetry::Geofence;
 use mavstack::{Component, Components, Context, ControlInput, Duration, Frame, Instant, LinkId, Vehicle, VehicleState};
 
 use crate::battery::{Battery, Charge};
@@ -92,6 +93,7 @@ pub(crate) struct Snapshot {
     pub is_ready: bool,
     /// Distance from the fence at which the vehicle stops (m).
     margin: f32,
+    pub fence: Geofence,
     pub satellites: u8,
     /// Height of the geoid above the ellipsoid (m).
     pub geoid_separation: i32,
@@ -129,6 +131,8 @@ pub struct Quadrotor {
     servos: [u16; SERVOS],
     /// The vehicle is disarmed outside its fence.
     is_outside: bool,
+    /// The vehicle is outside its fence, also in flight.
+    has_breached: bool,
     /// The current contact with the fence was reported.
     is_warned: bool,
     is_in_air: bool,
@@ -183,6 +187,7 @@ impl Quadrotor {
             circled: 0.0,
             servos: [0; SERVOS],
             is_outside: false,
+            has_breached: false,
             is_warned: false,
             is_in_air: false,
             times: Times { armed: Instant::ZERO, took_off: Instant::ZERO, landed: Instant::ZERO },
@@ -202,6 +207,7 @@ impl Quadrotor {
                 has_fix: false,
                 is_ready: false,
                 margin: 0.0,
+                fence: Geofence::Absent,
                 satellites: 0,
                 geoid_separation: 0,
                 flights: 0,
@@ -233,6 +239,7 @@ impl Quadrotor {
             has_fix: self.last.has_fix,
             is_ready: self.check_arming(cx).is_ok(),
             margin: self.fence_margin(cx),
+            fence: self.fence_state(cx),
             satellites: cx.parameter(Tuning::SIM_GPS_SATS) as u8,
             geoid_separation: cx.parameter(Tuning::SIM_GEOID_SEP),
             flights: cx.parameter(Tuning::STAT_FLIGHTS),
@@ -373,6 +380,7 @@ impl Quadrotor {
         self.watch_setpoints(cx);
         if !self.armed {
             self.is_outside = !self.allows(cx, self.body.position, self.body.position);
+            self.has_breached = self.is_outside;
             return self.body.fall(DT);
         }
         if self.mode == Mode::Mission {

@@ -279,3 +279,38 @@ fn telemetry_flows_by_default() {
     assert!(per_second < 5_760 / 7, "{per_second} bytes/s: more than a seventh of 57,600 bit/s");
     assert_eq!(flight.wire.bytes[2], 0);
 }
+
+/// The bits of the geofence, from which MAVProxy says "fence present", "fence enabled" and "fence breach". Without a fence it is healthy:
+/// otherwise MAVProxy says "fence breach" when it connects.
+#[test]
+fn geofence_is_present_enabled_and_breached() {
+    let mut flight = Flight::new();
+    let fence = |flight: &mut Flight| {
+        flight.run(1_100, |_| {});
+        let SysStatus {
+            onboard_control_sensors_present: present,
+            onboard_control_sensors_enabled: enabled,
+            onboard_control_sensors_health: health,
+            ..
+        } = flight.get(TELEMETRY);
+        [present, enabled, health].map(|sensors| sensors.contains(MavSysStatusSensor::GEOFENCE))
+    };
+    flight.run(6_000, |_| {});
+    assert_eq!(fence(&mut flight), [false, false, true]);
+    flight.wire.app.parts().0.parameters_mut().set(Tuning::GF_ACTION, 0);
+    flight.wire.app.parts().0.parameters_mut().set(Tuning::GF_MAX_HOR_DIST, 20.0);
+    assert_eq!(fence(&mut flight), [true, false, true]);
+    flight.wire.app.parts().0.parameters_mut().set(Tuning::GF_ACTION, 1);
+    assert_eq!(fence(&mut flight), [true, true, true]);
+    flight.command(MavCmd::COMPONENT_ARM_DISARM, 1.0, 0.0);
+    flight.command(MavCmd::NAV_TAKEOFF, 0.0, f32::NAN);
+    flight.run(8_000, |_| {});
+    assert_eq!(fence(&mut flight), [true, true, true]);
+    // 50 m to the north.
+    flight.reposition(47.398_2, 8.545_594);
+    flight.run(15_000, |_| {});
+    assert_eq!(fence(&mut flight), [true, true, false]);
+    flight.command(MavCmd::NAV_RETURN_TO_LAUNCH, 0.0, 0.0);
+    flight.run(10_000, |_| {});
+    assert_eq!(fence(&mut flight), [true, true, true]);
+}
