@@ -7,7 +7,7 @@ use mavstack::io::{SerialQueues, queue_len};
 use mavstack::prelude::*;
 use static_cell::ConstStaticCell;
 
-use crate::vehicle::{Boat, Mavlink, Tuning};
+use crate::vehicle::{Boat, Mavlink};
 
 static PULSE: Pulse = Pulse::new();
 
@@ -75,6 +75,7 @@ trait Board {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vehicle::Tuning;
     use std::boxed::Box;
 
     #[test]
