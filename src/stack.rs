@@ -165,6 +165,37 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         stack
     }
 
+    /// Returns the number of a link. In a `const`, one that the stack does not have is a compile error:
+    ///
+    /// ```
+    /// # use mavstack::prelude::*;
+    /// # struct Rover;
+    /// # impl Vehicle for Rover { fn state(&self) -> Option<VehicleState> { None } }
+    /// # impl Commands for Rover {
+    /// #     fn command(&mut self, _: &mut Context<'_>, _: &Command) -> Outcome { MavResult::UNSUPPORTED.into() }
+    /// # }
+    /// #[derive(Stack)]
+    /// #[stack(vehicle: Rover, links: 2)]
+    /// struct Mavlink;
+    ///
+    /// const RADIO: LinkId = StackOf::<Mavlink>::link(0);
+    /// const COMPANION: LinkId = StackOf::<Mavlink>::link(1);
+    /// ```
+    ///
+    /// # Panics
+    ///
+    /// Panics if the stack does not have so many links. Calls of the stack do not panic: with a wrong number,
+    /// [`poll_link`](Self::poll_link) returns [`LinkError::NoSuchLink`](crate::network::LinkError::NoSuchLink),
+    /// [`receive`](Self::receive) takes nothing, which the feature `defmt` logs, and [`transmit`](Self::transmit) returns nothing.
+    #[allow(clippy::as_conversions, reason = "const fn: `From` cannot be called; nothing is cut off")]
+    pub const fn link(number: u8) -> LinkId {
+        assert!(
+            (number as usize) < LINKS,
+            "the stack has no link with that number: they count from 0, and `links` in `#[stack]` says how many there are"
+        );
+        LinkId(number)
+    }
+
     /// Starts the stack in place. Call it once, before all other methods. A stack that is not started calls no hook, takes
     /// no frame and sends nothing, whatever is called (H-18); [`poll_link`](Self::poll_link) returns
     /// [`LinkError::NotBegun`](crate::network::LinkError::NotBegun).
@@ -281,7 +312,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
         // A pass for each buffer of bytes.
         loop {
             let rest = bytes.get(taken..).unwrap_or_default();
-            let Some(Link { decoder, .. }) = self.link_mut(link) else { return taken };
+            let Some(Link { decoder, .. }) = self.link_mut(link) else {
+                event!("bytes for {}, which the stack does not have", link);
+                return taken;
+            };
             let len = if rest.is_empty() { 0 } else { decoder.push(rest, time) };
             taken = taken.saturating_add(len);
             // Even if nothing was pushed: the buffer may be full of bytes from an earlier call, whose budget was used

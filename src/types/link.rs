@@ -8,7 +8,8 @@ use crate::dialect::{CommandAck, CommandCancel, CommandInt, CommandLong, Heartbe
 use crate::message::{Address, Message};
 use crate::time::Instant;
 
-/// The number of a link: its index in the stack's configuration, from 0.
+/// The number of a link: its index in the stack's configuration, from 0. [`Stack::link`](crate::Stack::link) returns one that is checked
+/// by the compiler.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LinkId(pub u8);

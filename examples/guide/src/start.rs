@@ -37,7 +37,7 @@ impl Clock {
     }
 }
 
-const TELEM: LinkId = LinkId(0);
+const TELEM: LinkId = StackOf::<Mavlink>::link(0);
 const QUEUE: usize = queue_len(57_600, Duration::from_millis(4));
 static QUEUES: SerialQueues<QUEUE, QUEUE> = SerialQueues::new();
 static STACK: ConstStaticCell<StackOf<Mavlink>> = ConstStaticCell::new(StackOf::<Mavlink>::VACANT);

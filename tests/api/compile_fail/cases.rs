@@ -529,6 +529,7 @@ pub fn cases() -> Vec<Case> {
             declares("links: 1, camera: { images: 16 }"),
             "`camera` is a field of the struct: `camera: mavstack::camera::CameraControl<[mavstack::camera::Image; 16]>`",
         ),
+        ("link_number", calls("const GPS: LinkId = StackOf::<Mavlink>::link(1);"), "the stack has no link with that number"),
         ("calls_forwarding", calls("stack.forward_counters(LinkId(0));"), "`forwarding` is missing in `#[stack]`"),
         ("calls_signing", calls("stack.signing_mut();"), "`signing` is missing in `#[stack]`"),
         ("calls_streams", calls("stack.announce::<Attitude>();"), "`streams` is missing in `#[stack]`"),

@@ -8,7 +8,7 @@ use mavstack::{Instant, LinkId, StackOf};
 
 use crate::vehicle::{Boat, Mavlink};
 
-const TELEM: LinkId = LinkId(0);
+const TELEM: LinkId = StackOf::<Mavlink>::link(0);
 static WAKE: Signal = Signal;
 
 async fn receive(shared: &Shared, uart: UartRx) {
