@@ -20,7 +20,7 @@ use crate::{
 use std::{collections::HashSet, fmt::Write as _};
 
 /// The enumeration that becomes a `bool`.
-const BOOL: &str = "MAV_BOOL";
+pub(crate) const BOOL: &str = "MAV_BOOL";
 
 /// Returns the path of an enumeration's type from inside the module of commands.
 pub(crate) type TypeOf<'a> = &'a dyn Fn(&str) -> String;

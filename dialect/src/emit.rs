@@ -321,7 +321,7 @@ impl<'a> Types<'a> {
 
 /// Returns the type of an enumeration. Of the integer types that hold all values, it is the one that most of its fields
 /// have, and the smaller of two that are equally frequent. Without fields it is the smallest.
-fn representation(dialect: &Dialect, enumeration: &Enum) -> Scalar {
+pub(crate) fn representation(dialect: &Dialect, enumeration: &Enum) -> Scalar {
     let holds = |scalar: &Scalar| {
         scalar.range().is_some_and(|(min, max)| enumeration.entries.iter().all(|e| (min..=max).contains(&e.value)))
     };

@@ -4,6 +4,7 @@
 //! - [`generate`] generates declarations with `mavstack`'s macros `wire_enum!`, `wire_bitmask!`, `command!`, `message!`
 //!   and `dialect!`.
 //! - [`write()`] replaces a file by the text.
+//! - [`export()`] goes the other way: it makes a definition of what a firmware declares in Rust, for ground stations and mavgen.
 //!
 //! The command line tool of the same name runs these three, and so does [`Build`] in a build script. The model
 //! ([`Dialect`]) has all facts of the XML, for tools that generate something else.
@@ -43,6 +44,8 @@ mod commands;
 mod doc;
 mod emit;
 mod error;
+#[cfg(feature = "cli")]
+mod export;
 mod load;
 pub mod model;
 mod names;
@@ -54,6 +57,8 @@ mod unknown;
 pub use build::Build;
 pub use emit::{Options, generate};
 pub use error::Error;
+#[cfg(feature = "cli")]
+pub use export::export;
 pub use load::load;
 pub use model::{Dialect, Origin};
 pub use output::{is_current, write};

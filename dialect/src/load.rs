@@ -28,6 +28,14 @@ pub fn load(input: &Path, include_dirs: &[PathBuf]) -> Result<Dialect, Error> {
     loader.finish()
 }
 
+/// As [`load`], for a definition that is not in a file yet: `file` is its name.
+#[cfg(feature = "cli")]
+pub(crate) fn text(file: &Path, xml: &str) -> Result<Dialect, Error> {
+    let mut loader = Loader::new(&[]);
+    loader.text(&file.into(), file.into(), xml)?;
+    loader.finish()
+}
+
 /// Loads the definitions from which `mavstack::dialect` is generated.
 pub(crate) fn common() -> Result<Dialect, Error> {
     let mut loader = Loader::new(&[]);

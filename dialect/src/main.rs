@@ -1,7 +1,7 @@
 //! `mavstack-dialect`: generates a Rust module from a MAVLink definition.
 
 use clap::Parser;
-use mavstack_dialect::{Error, Options, generate, is_current, load, write};
+use mavstack_dialect::{Error, Options, export, generate, is_current, load, write};
 use std::{fs, path::PathBuf, process::ExitCode};
 
 /// Generates Rust declarations for mavstack from a MAVLink definition and its includes.
@@ -10,10 +10,13 @@ use std::{fs, path::PathBuf, process::ExitCode};
 #[derive(Parser)]
 #[command(version)]
 struct Arguments {
-    /// The definition, in MAVLink's XML schema
+    /// The definition, in MAVLink's XML schema; with --export, the Rust file
     input: PathBuf,
-    /// The Rust file to write
+    /// The Rust file to write; with --export, the definition
     output: PathBuf,
+    /// Write a definition of the messages and commands that a Rust file declares by `message!` and `command!`
+    #[arg(long, conflicts_with_all = ["only", "only_from", "name", "beside_common", "include_dir"])]
+    export: bool,
     /// Generate only the messages, enums and typed commands with these MAVLink names, and the enums of their fields
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     only: Vec<String>,
@@ -48,6 +51,18 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> Result<(), Error> {
+    let text = if arguments.export { export(&arguments.input)? } else { generated(arguments)? };
+    if !arguments.check {
+        return write(&arguments.output, &text);
+    }
+    if is_current(&arguments.output, &text) {
+        return Ok(());
+    }
+    let input = if arguments.export { "declarations" } else { "definition" };
+    Err(about(&arguments.output, format!("is not up to date with the {input}; generate it again")))
+}
+
+fn generated(arguments: &Arguments) -> Result<String, Error> {
     let mut options = Options::for_file(&arguments.input);
     options.crate_path.clone_from(&arguments.crate_path);
     options.beside_common = arguments.beside_common;
@@ -63,14 +78,7 @@ fn run(arguments: &Arguments) -> Result<(), Error> {
     if arguments.only_from.is_some() || !only.is_empty() {
         options.only = Some(only);
     }
-    let text = generate(&load(&arguments.input, &arguments.include_dir)?, &options)?;
-    if !arguments.check {
-        return write(&arguments.output, &text);
-    }
-    if is_current(&arguments.output, &text) {
-        return Ok(());
-    }
-    Err(about(&arguments.output, "is not up to date with the definition; generate it again".into()))
+    generate(&load(&arguments.input, &arguments.include_dir)?, &options)
 }
 
 fn about(file: &std::path::Path, problem: String) -> Error {

@@ -40,6 +40,8 @@
 /// assert_eq!(WinchReport::decode(&payload), report);
 /// ```
 ///
+/// `mavstack-dialect --export` makes MAVLink's XML of the declarations in a file, for ground stations and mavgen.
+///
 /// A wrong order of fields is a compile error:
 ///
 /// ```compile_fail
