@@ -229,7 +229,7 @@ fn way_back(evidence: &Evidence) -> Option<Duration> {
 }
 
 /// The answer times spread: requests wait for the next poll.
-fn slow_polls(evidence: &Evidence) -> Option<Finding> {
+pub(crate) fn slow_polls(evidence: &Evidence) -> Option<Finding> {
     let times = evidence.idle.round_trips();
     let [shortest, ..] = answer_times(&evidence.idle)?;
     let late = *times.get(times.len() * 9 / 10)?;

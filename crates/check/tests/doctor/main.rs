@@ -169,6 +169,13 @@ fn a_poll_every_200_ms() {
     finds(Fault::SlowPoll, &[("receive-overrun", Error), ("poll-slow", Error)]);
 }
 
+/// The queue holds what arrives in the meantime.
+#[test]
+fn a_poll_every_200_ms_with_a_long_queue() {
+    let line = LineConfig::uart(BAUD).with_rx_fifo(2_048);
+    only(&report_of(&mut board_on(Fault::SlowPoll, line), options(Fault::SlowPoll)), &[("poll-slow", Error)]);
+}
+
 #[test]
 fn a_forgotten_poll() {
     finds(Fault::NoPoll, &[("no-heartbeat", Error)]);
