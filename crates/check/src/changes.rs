@@ -281,9 +281,13 @@ pub(crate) fn own_items<'a>(evidence: &Evidence, items: &'a [Item]) -> &'a [Item
 
 /// Returns a mission of 20 waypoints around the vehicle.
 fn route<T: Drive>(examiner: &mut Examiner<'_, T>) -> Vec<Item> {
+    /// Where a vehicle is that has no position: it may refuse latitude 0, longitude 0 as unknown.
+    const ELSEWHERE: [i32; 2] = [473_977_000, 85_456_000];
     let target = examiner.target();
-    let position = examiner.station().seen().last_from::<GlobalPositionInt>(target).unwrap_or_default();
-    let [latitude, longitude] = [position.lat, position.lon].map(|angle| f64::from(angle) / 1e7);
+    let position = examiner.station().seen().last_from::<GlobalPositionInt>(target);
+    let position = position.map_or(ELSEWHERE, |position| [position.lat, position.lon]);
+    let position = if position == [0, 0] { ELSEWHERE } else { position };
+    let [latitude, longitude] = position.map(|angle| f64::from(angle) / 1e7);
     (0..20).map(|step| waypoint(Place::relative(latitude + f64::from(step) * 1e-5, longitude, 10.0))).collect()
 }
 

@@ -135,6 +135,16 @@ fn unknown_values_are_a_note() {
     assert_eq!(report.problems().count(), 0, "{:?}", report.findings);
 }
 
+/// It is not refused as one without a position.
+#[test]
+fn a_plan_is_uploaded_to_a_vehicle_without_a_position() {
+    let mut rig = board(Fault::None);
+    rig.firmware_mut().rover.motion = mavstack::telemetry::Motion::UNKNOWN;
+    let options = Options { depth: Depth::WithPlan, ..Options::default() };
+    let report = examine(&mut rig, &options, &mut |_| {});
+    assert!(report.skipped.iter().all(|what| !what.contains("plan")), "{:?}", report.skipped);
+}
+
 /// Returns a message as a station receives it: for values that the library does not send.
 fn received(message: &impl Message) -> Received {
     let mut frame = [0; 280];
