@@ -8,8 +8,12 @@
 // | `query-counters` | in ns: `awake`, how long the processor did not sleep; `passed`, the time; `longest`, between two sleeps since the last query |
 // | | `writes`: of pages and sectors since the last reset; `resets`: how many |
 //
-// Time passes as on the hardware, or slower if this machine is too slow. An instruction takes as long as on a Cortex-M0+ whose code
-// hits the cache.
+// Time passes as on the hardware, or slower if this machine is too slow. With `--catch-up` it is not slower on average: an emulator that
+// was late, because of other programs, runs faster afterwards. An instruction takes as long as on a Cortex-M0+ whose code hits the cache.
+//
+// `--baud` is the rate of the far end of UART0, by default the same as the firmware's.
+//
+// It prints "ready" after the first second of the firmware, when it is no longer late.
 
 import { readFileSync } from 'node:fs';
 import { createServer } from 'node:net';
@@ -26,8 +30,12 @@ const UART0 = 0x40034;
 const XIP_CTRL = 0x14000;
 // The code runs in slices of this emulated time, and the sockets between them.
 const SLICE_NANOS = 2e6;
-// An emulator that is later than this does not catch up.
-const LATE_NANOS = 20e6;
+// An emulator that is later than this does not catch up. The second value is that of `--catch-up`.
+const LATE_NANOS = [20e6, 2e9];
+// The shortest sleep of this program.
+const NAP_NANOS = 1e6;
+// In its first second, this program is compiled, and late.
+const START_NANOS = 1e9;
 // Bytes that a line holds before TCP holds the rest.
 const LINE_LEN = 2048;
 
@@ -37,6 +45,8 @@ const { values: options } = parseArgs({
     uart: { type: 'string' },
     usb: { type: 'string' },
     control: { type: 'string' },
+    baud: { type: 'string' },
+    'catch-up': { type: 'boolean', default: false },
   },
 });
 
@@ -116,7 +126,7 @@ class Board {
         core.pendingInterrupts &= ~(1 << irq);
       }
     };
-    this.uart = new Uart(chip, (byte) => this.uartPort.write(Uint8Array.of(byte)));
+    this.uart = new Uart(chip, Number(options.baud ?? 0), (byte) => this.uartPort.write(Uint8Array.of(byte)));
     chip.peripherals[UART0] = this.uart;
     chip.peripherals[XIP_CTRL] = new XipControl();
     this.usb = new UsbHost(chip, (data) => this.usbPort.write(data));
@@ -178,7 +188,7 @@ class Board {
     if (!this.isStopped) {
       const now = this.chip.clock.nanos;
       const due = this.due();
-      if (now < due - LATE_NANOS) this.ahead = undefined;
+      if (now < due - LATE_NANOS[Number(options['catch-up'])]) this.ahead = undefined;
       try {
         this.run(Math.min(now + SLICE_NANOS, due));
       } catch (error) {
@@ -236,12 +246,18 @@ class Board {
 }
 
 const board = new Board();
-// As fast as possible while the emulator is late; else it waits for a millisecond.
+let isReady = false;
+// As fast as possible while the emulator is late; else it naps.
 const step = () => {
   board.slice();
-  if (!board.isStopped && board.chip.clock.nanos < board.due()) setImmediate(step);
-  else setTimeout(step, 1);
+  const { nanos } = board.chip.clock;
+  const isLate = !board.isStopped && nanos < board.due() - NAP_NANOS;
+  if (!isReady && !isLate && nanos > START_NANOS) {
+    isReady = true;
+    console.log('ready');
+  }
+  if (isLate) setImmediate(step);
+  else setTimeout(step, NAP_NANOS / 1e6);
 };
 await Promise.all([board.uartPort, board.usbPort, board.control].map((port) => port.isListening));
-console.log('ready');
 step();

@@ -62,11 +62,16 @@ export class UsbHost {
     };
   }
 
-  /** A program opens the port, or closes it. */
+  /**
+   * A program opens the port, or closes it. As on Linux, the host reads before it sets DTR.
+   *
+   * Both at once would meet a race of rp2040-hal 0.12: `UsbBus::poll` clears the bits of all IN endpoints, also of one that was set after
+   * it has read them. The device then waits for the end of that packet, and never sends again.
+   */
   setOpen(isOpen) {
     this.isOpen = isOpen;
     this.toSend = [];
-    this.setLineState();
+    this.connectAlarm.schedule(1e6);
     this.take();
   }
 
