@@ -8,7 +8,7 @@ use std::time::Instant;
 use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Endianness, Object, ObjectSection, SectionFlags, SectionKind, elf};
 
-use crate::emulator;
+use crate::emulator::{self, Emulator};
 use crate::figures;
 use crate::firmware::read;
 use crate::python;
@@ -52,18 +52,18 @@ const BOARDS: [Board; 8] = [
 const M3: &str = "thumbv7m-none-eabi";
 
 /// A board that QEMU emulates well enough.
-struct Emulated {
-    name: &'static str,
+pub struct Emulated {
+    pub name: &'static str,
     /// The machine in QEMU.
-    machine: &'static str,
+    pub machine: &'static str,
     /// The options of its build, and of the acceptance test.
-    build: &'static [&'static str],
+    pub build: &'static [&'static str],
     test: &'static [&'static str],
     /// The register that the driver of its flash reads after each word that it writes.
     ready: Option<&'static str>,
 }
 
-const IN_QEMU: [Emulated; 3] = [
+pub const IN_QEMU: [Emulated; 3] = [
     Emulated { name: "microbit", machine: "microbit", build: &[], test: &[], ready: Some("0x4001e400") },
     Emulated { name: "stm32f405", machine: "netduinoplus2", build: &["--features", "qemu"], test: &[], ready: None },
     Emulated {
@@ -75,16 +75,15 @@ const IN_QEMU: [Emulated; 3] = [
     },
 ];
 /// The boards with an RP2040, and the options of the acceptance test for each of their links.
-const IN_RP2040JS: [(&str, &[&[&str]]); 3] =
+pub const IN_RP2040JS: [(&str, &[&[&str]]); 3] =
     [("rp2040", &[&[], &["--usb"]]), ("rp2040-dma", &[&["--dma"]]), ("rp2040-embassy", &[&[], &["--usb"]])];
 /// By how many percent flash and RAM may differ from the accepted figures.
 const TOLERANCE: f64 = 2.0;
 /// The acceptance test of a port.
 const TEST: &str = ".ci/boards/acceptance.py";
 
-/// `cargo xtask boards`.
-pub fn build_all(runs: bool) -> Result {
-    let began = Instant::now();
+/// Installs the targets. Returns whether a board is built: without the target of the Cortex-M3, its board is left out.
+pub fn prepare() -> Result<impl Fn(&str) -> bool> {
     // Debian's toolchain has none of the libraries but `core`, and the HALs ask for newer compilers.
     toolchain::prepare(Some(Choice::Rustup), &TARGETS)?;
     let m3 = toolchain::prepare(Some(Choice::Rustup), &[M3]);
@@ -95,13 +94,16 @@ pub fn build_all(runs: bool) -> Result {
         }
         println!("The target {M3} is not available here: the board with it is left out.");
     }
-    let is_built = |name: &str| has_m3 || BOARDS.iter().any(|board| board.name == name && board.target != M3);
-    // One for all, so that what they share is built once.
-    let build_dir = target_dir().join("boards");
+    Ok(move |name: &str| has_m3 || BOARDS.iter().any(|board| board.name == name && board.target != M3))
+}
+
+/// `cargo xtask boards`.
+pub fn build_all(runs: bool) -> Result {
+    let began = Instant::now();
+    let is_built = prepare()?;
     let mut rows = Vec::new();
     for board in BOARDS.iter().filter(|board| is_built(board.name)) {
-        println!("Building examples/boards/{}", board.name);
-        let firmware = build(board, &build_dir, &[])?;
+        let firmware = build(board, &[])?;
         let (flash, ram) = measure(board, &read(&firmware)?).map_err(|error| format!("{}: {error}", board.name))?;
         rows.push((board.name, board.load, flash, ram));
     }
@@ -119,11 +121,11 @@ pub fn build_all(runs: bool) -> Result {
         emulator::prepare()?;
         let python = python::environment()?;
         for board in IN_QEMU.iter().filter(|board| is_built(board.name)) {
-            run_in_qemu(&build_dir, &python, board).map_err(|error| format!("{}: {error}", board.name))?;
+            run_in_qemu(&python, board).map_err(|error| format!("{}: {error}", board.name))?;
         }
         let program = rp2040js::prepare()?;
         for (name, links) in IN_RP2040JS {
-            run_in_rp2040js(&build_dir, &python, &program, name, links).map_err(|error| format!("{name}: {error}"))?;
+            run_in_rp2040js(&python, &program, name, links).map_err(|error| format!("{name}: {error}"))?;
         }
     }
     // At the end, because they also change with the compiler.
@@ -144,28 +146,48 @@ fn compare(accepted: &[(&str, String)], key: &str, bytes: u64) -> Result {
 }
 
 /// Builds a board's firmware, and returns its path.
-fn build(board: &Board, build_dir: &Path, options: &[&str]) -> Result<PathBuf> {
-    let mut command = Command::new(cargo());
-    command.args(["build", "--release"]).args(options).arg("--target-dir").arg(build_dir);
-    command.current_dir(root().join("examples/boards").join(board.name));
-    // They would replace the link arguments of the board's `.cargo/config.toml`.
-    run(command.env_remove("RUSTFLAGS").env_remove("CARGO_ENCODED_RUSTFLAGS"))?;
-    Ok(build_dir.join(board.target).join("release").join(format!("mavstack-{}", board.name)))
+fn build(board: &Board, options: &[&str]) -> Result<PathBuf> {
+    let (folder, package) = (format!("examples/boards/{}", board.name), format!("mavstack-{}", board.name));
+    compile(&folder, board.target, &package, options)
 }
 
 /// Builds the firmware of the board with this name, and returns its path.
-fn build_by_name(name: &str, build_dir: &Path, options: &[&str]) -> Result<PathBuf> {
+pub fn build_by_name(name: &str, options: &[&str]) -> Result<PathBuf> {
     let board = BOARDS.iter().find(|board| board.name == name).ok_or("no such board")?;
-    build(board, build_dir, options)
+    build(board, options)
+}
+
+/// Builds the firmware in a folder, and returns its path.
+pub fn compile(folder: &str, target: &str, package: &str, options: &[&str]) -> Result<PathBuf> {
+    println!("Building {folder} {}", options.join(" "));
+    // One for all, so that what they share is built once.
+    let build_dir = target_dir().join("boards");
+    let mut command = Command::new(cargo());
+    command.args(["build", "--release"]).args(options).arg("--target-dir").arg(&build_dir);
+    command.current_dir(root().join(folder));
+    // They would replace the link arguments of the board's `.cargo/config.toml`.
+    run(command.env_remove("RUSTFLAGS").env_remove("CARGO_ENCODED_RUSTFLAGS"))?;
+    Ok(build_dir.join(target).join("release").join(package))
 }
 
 /// Runs a board in QEMU, under pymavlink.
-fn run_in_qemu(build_dir: &Path, python: &Path, board: &Emulated) -> Result {
+fn run_in_qemu(python: &Path, board: &Emulated) -> Result {
     let Emulated { name, machine, .. } = board;
+    let firmware = build_by_name(name, board.build)?;
     println!("\nRunning examples/boards/{name} in QEMU's {machine}");
-    let firmware = build_by_name(name, build_dir, board.build)?;
-    let [uart, qmp, gdb] = free_ports()?;
+    let ports @ [uart, qmp, gdb] = free_ports()?;
     let gdb = gdb.to_string();
+    let mut options = board.test.to_vec();
+    if let Some(ready) = board.ready {
+        options.extend(["--gdb", &gdb, ready]);
+    }
+    // Ended when dropped, also if the test fails.
+    let _emulator = start_in_qemu(machine, &firmware, ports, &[])?;
+    test(python, uart, qmp, &options)
+}
+
+/// Starts a firmware in QEMU. Its UART, QMP and GDB are TCP servers on these ports.
+pub fn start_in_qemu(machine: &str, firmware: &Path, [uart, qmp, gdb]: [u16; 3], options: &[&str]) -> Result<Emulator> {
     let mut command = emulator::command();
     command
         .args(["-machine", machine, "-display", "none", "-monitor", "none"])
@@ -174,27 +196,22 @@ fn run_in_qemu(build_dir: &Path, python: &Path, board: &Emulated) -> Result {
         .args(["-qmp", &format!("tcp:127.0.0.1:{qmp},server=on,wait=off")])
         .args(["-gdb", &format!("tcp:127.0.0.1:{gdb}")])
         .arg("-kernel")
-        .arg(&firmware)
+        .arg(firmware)
+        .args(options)
         .stdin(Stdio::null())
         .stdout(Stdio::piped());
-    let mut options = board.test.to_vec();
-    if let Some(ready) = board.ready {
-        options.extend(["--gdb", &gdb, ready]);
-    }
-    // Ended when dropped, also if the test fails.
-    let (_emulator, _output) = emulator::start(&mut command)?;
-    test(python, uart, qmp, &options)
+    Ok(emulator::start(&mut command)?.0)
 }
 
 /// Runs a board in rp2040js, under pymavlink: a start for each of its links.
-fn run_in_rp2040js(build_dir: &Path, python: &Path, program: &Path, name: &str, links: &[&[&str]]) -> Result {
-    let firmware = build_by_name(name, build_dir, &[])?;
+fn run_in_rp2040js(python: &Path, program: &Path, name: &str, links: &[&[&str]]) -> Result {
+    let firmware = build_by_name(name, &[])?;
     for options in links {
         let [uart, usb, control] = free_ports()?;
         let (link, port) = if options.contains(&"--usb") { ("USB", usb) } else { ("UART0", uart) };
         println!("\nRunning examples/boards/{name} in rp2040js, by its {link}");
         // Ended when dropped, also if the test fails.
-        let _emulator = rp2040js::start(program, &firmware, [uart, usb, control])?;
+        let _emulator = rp2040js::start(program, &firmware, [uart, usb, control], &[])?;
         test(python, port, control, &[&["--rp2040js"], *options].concat())?;
     }
     Ok(())
@@ -217,7 +234,7 @@ fn test(python: &Path, link: u16, control: u16, options: &[&str]) -> Result {
 }
 
 /// Free TCP ports.
-fn free_ports<const N: usize>() -> Result<[u16; N]> {
+pub fn free_ports<const N: usize>() -> Result<[u16; N]> {
     // All are held until all are known.
     let listeners: Vec<_> = (0..N).map(|_| TcpListener::bind((Ipv4Addr::LOCALHOST, 0))).collect();
     let mut ports = [0; N];

@@ -9,12 +9,14 @@ mod bridge;
 mod corpus;
 mod cross;
 mod dialects;
+mod doctor;
 mod faults;
 mod figures;
 mod fuzz;
 mod integration;
 mod jitter;
 mod log;
+mod paced;
 mod publish;
 mod qemu;
 mod rp2040js;
@@ -128,6 +130,10 @@ struct Boards {
     /// pymavlink. This needs Node.js 18 or later, and rp2040js from the npm registry.
     #[arg(long)]
     run: bool,
+    /// Examine the six emulated boards with `mavstack-check doctor`, which must find nothing, and one that is made faulty in ten ways,
+    /// each of which it must name. Sizes are not compared.
+    #[arg(long, conflicts_with = "run")]
+    doctor: bool,
 }
 
 /// Build the library for three kinds of microcontroller, with no feature and with all features.
@@ -285,7 +291,8 @@ fn main() -> ExitCode {
             fuzz::fuzz(&fuzz::Options { seconds, executions, minimises: minimise, targets })
         }
         Task::Cross(arguments) => cross::build_all(arguments.toolchain),
-        Task::Boards(Boards { run }) => boards::build_all(run),
+        Task::Boards(Boards { doctor: true, .. }) => doctor::examine_all(),
+        Task::Boards(Boards { run, .. }) => boards::build_all(run),
         Task::Dialects(arguments) => dialects::run(arguments.toolchain),
         Task::Trace(Trace { places, tests }) => trace::run(trace::Printed { places, tests }),
         Task::Book => book::build(),

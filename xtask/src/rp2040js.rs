@@ -51,13 +51,14 @@ pub fn prepare() -> Result<PathBuf> {
 }
 
 /// Starts a firmware. Its UART0 and its USB are TCP servers on these ports, and so is the control of the emulator.
-pub fn start(program: &Path, firmware: &Path, [uart, usb, control]: [u16; 3]) -> Result<Emulator> {
+pub fn start(program: &Path, firmware: &Path, [uart, usb, control]: [u16; 3], options: &[&str]) -> Result<Emulator> {
     let mut command = emulator::command_of("node");
     command
         .arg(program)
         .arg("--firmware")
         .arg(firmware)
         .args(["--uart", &uart.to_string(), "--usb", &usb.to_string(), "--control", &control.to_string()])
+        .args(options)
         .stdin(Stdio::null())
         .stdout(Stdio::piped());
     let (emulator, output) = emulator::start(&mut command)?;

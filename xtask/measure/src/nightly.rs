@@ -31,7 +31,7 @@ const fn fuzz(name: &'static str, command: &'static [&'static str; 5]) -> Step {
 }
 
 /// All steps, short ones first.
-const STEPS: [Step; 33] = [
+const STEPS: [Step; 34] = [
     step(
         "signed-frames",
         "10^7 changed signed frames, none of which may be accepted",
@@ -48,6 +48,7 @@ const STEPS: [Step; 33] = [
         &["test", "--release", "--package", "mavstack-sitl", "--test", "fleet", "--", "--ignored", "--nocapture"],
     ),
     step("boards", "the boards' firmwares; six run in emulators under pymavlink", &["xtask", "boards", "--run"]),
+    step("doctor", "the doctor on boards in emulators, sound and made faulty", &["xtask", "boards", "--doctor"]),
     step(
         "ethernet",
         "1,000 frames a second in each direction for a minute, over smoltcp and embassy-net in QEMU",
