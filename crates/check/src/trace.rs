@@ -186,8 +186,11 @@ impl Trace {
 /// Returns how fast the vehicle's clock runs, by the messages with the time since boot: 1 is right. `None` if they do not cover enough
 /// time.
 pub fn clock_rate(frames: &[Received], least: Duration) -> Option<f64> {
+    /// The first frames may have waited in the vehicle's USB or in a bridge until the port was opened.
+    const STALE: Duration = Duration::from_millis(500);
     let mut ends: BTreeMap<u32, [(Instant, u32); 2]> = BTreeMap::new();
-    for frame in frames {
+    let begin = frames.first()?.at + STALE;
+    for frame in frames.iter().filter(|frame| frame.at >= begin) {
         if let Some(boot_ms) = boot_ms(frame) {
             ends.entry(frame.header.id).or_insert([(frame.at, boot_ms); 2])[1] = (frame.at, boot_ms);
         }

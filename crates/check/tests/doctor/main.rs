@@ -154,6 +154,13 @@ fn a_fifo_that_overruns() {
     finds(Fault::Fifo, &[("receive-overrun", Error)]);
 }
 
+/// It holds some requests, but not the one for the version.
+#[test]
+fn a_fifo_that_holds_short_frames() {
+    let line = LineConfig::uart(BAUD).with_rx_fifo(32);
+    only(&report_of(&mut board_on(Fault::Fifo, line), options(Fault::Fifo)), &[("receive-overrun", Error)]);
+}
+
 #[test]
 fn a_fifo_that_holds_no_frame() {
     finds(Fault::TinyFifo, &[("no-answers", Error)]);

@@ -145,6 +145,19 @@ fn a_plan_is_uploaded_to_a_vehicle_without_a_position() {
     assert!(report.skipped.iter().all(|what| !what.contains("plan")), "{:?}", report.skipped);
 }
 
+/// A frame that waited in the USB until the port was opened does not make the clock seem fast.
+#[test]
+fn a_stale_frame_says_nothing_of_the_clock() {
+    let attitude = |at: u64, time_boot_ms| Received {
+        at: Instant::from_millis(at),
+        ..received(&Attitude { time_boot_ms, ..Attitude::default() })
+    };
+    let current = (0..40_u32).map(|count| attitude(5_250 + u64::from(count) * 250, 5_250 + count * 250));
+    let frames: Vec<_> = [attitude(5_000, 200)].into_iter().chain(current).collect();
+    let rate = mavstack_check::trace::clock_rate(&frames, Duration::from_secs(2)).expect("ten seconds of frames");
+    assert!((rate - 1.0).abs() < 0.001, "{rate}");
+}
+
 /// Returns a message as a station receives it: for values that the library does not send.
 fn received(message: &impl Message) -> Received {
     let mut frame = [0; 280];
