@@ -54,7 +54,7 @@ crate::parameters! {
         AXES: u8 = 3, 1..=6, "";
         BAT_LOW: f32 = 10.5, 9.0..=12.6, "V";
         CRUISE: f32 = 5.0, 0.5..=20.0, "m/s";
-        STARTS: u32 = 0, 0..=u32::MAX, "", [read_only];
+        STARTS: u32 = 0, 0..=u32::MAX, "" { read_only };
         TRIM: i8 = -3, -20..=20, "deg";
     }
 }

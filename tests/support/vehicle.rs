@@ -22,10 +22,10 @@ mavstack::parameters! {
         FENCE_ACT: i32 = 1, 0..=4, "";
         LAND_SPEED: f32 = 0.7, 0.1..=3.0, "m/s";
         RTL_ALT: f32 = 30.0, 0.0..=120.0, "m";
-        STAT_STARTS: u32 = 0, 0..=u32::MAX, "", [read_only];
-        SYS_ID: u8 = 1, 1..=254, "", [reboot_required];
+        STAT_STARTS: u32 = 0, 0..=u32::MAX, "" { read_only };
+        SYS_ID: u8 = 1, 1..=254, "" { reboot_required };
         TRIM_ROLL: i8 = -3, -20..=20, "deg";
-        YAW_NOW: f32 = 0.0, -180.0..=180.0, "deg", [volatile];
+        YAW_NOW: f32 = 0.0, -180.0..=180.0, "deg" { volatile };
     }
 }
 

@@ -10,11 +10,11 @@ mavstack::parameters! {
         A_BYTE: u8 = 1, 0..=255, "";
         /// With "quotes", a \ and
         /// no end
-        B_SIGNED: i8 = -1, -128..=127, "%", [reboot_required];
-        C_WORD: u16 = 2, 0..=u16::MAX, "ms", [volatile];
+        B_SIGNED: i8 = -1, -128..=127, "%" { reboot_required };
+        C_WORD: u16 = 2, 0..=u16::MAX, "ms" { volatile };
         /// Metres, 1.5 of them at first.
         D: i16 = -300, i16::MIN..=i16::MAX, "m";
-        E_LONG: u32 = u32::MAX, 0..=u32::MAX, "", [read_only];
+        E_LONG: u32 = u32::MAX, 0..=u32::MAX, "" { read_only };
         F_LONG: i32 = i32::MIN, i32::MIN..=i32::MAX, "deg*1e7";
         G_FLOAT: f32 = 0.1, -1e30..=12.5, "1/s";
     }
@@ -58,7 +58,7 @@ mavstack::parameters! {
             reboot_required,
         };
         MODULES: u32 = 5, 0..=u32::MAX, "" { bitmask: { 0 => "GPS", 31 => "Sonar" }, volatile };
-        SIGNS: i8 = 0, -128..=127, "", [read_only] { bitmask: { 7 => "Sign" } };
+        SIGNS: i8 = 0, -128..=127, "" { read_only, bitmask: { 7 => "Sign" } };
         SYS_ID: i32 = 7, 1..=254, "" { system_id, category: "System" };
     }
 }

@@ -35,8 +35,7 @@
 ///
 /// # Attributes
 ///
-/// Attributes are optional. They stand in braces behind the unit, in any order. Flags alone may also be written
-/// `"", [read_only, volatile];`.
+/// Attributes are optional. They stand in braces behind the unit, in any order.
 ///
 /// | attribute | effect |
 /// |---|---|
@@ -100,7 +99,7 @@
 /// mavstack::parameters! { pub struct Tuning { A: f32 = 0.0, -2.0..=f32::INFINITY, ""; } }
 /// ```
 ///
-/// There are no other types and flags, and the name of the hash is reserved:
+/// There are no other types and attributes, and the name of the hash is reserved:
 ///
 /// ```compile_fail
 /// mavstack::parameters! { pub struct Tuning { A: u64 = 0, 0..=1, ""; } }
@@ -134,7 +133,7 @@ macro_rules! parameters {
         $vis:vis struct $name:ident {
             $(
                 $(#[doc = $doc:literal])*
-                $param:ident: $ty:ident = $default:expr, $range:expr, $unit:literal $(, [$($flag:ident),* $(,)?])?
+                $param:ident: $ty:ident = $default:expr, $range:expr, $unit:literal
                     $({ $($key:ident $(: $value:tt)?),* $(,)? })?;
             )+
         }
@@ -158,7 +157,6 @@ macro_rules! parameters {
 
             const __ATTRIBUTES: [$crate::__private::ParamAttributes; Self::__NAMES.len()] = [$(
                 $crate::__private::ParamAttributes::new($unit, concat!($($doc),*))
-                    $($(.$flag())*)?
                     $($(.$key($($crate::__parameter_attribute!($key $ty $value))?))*)?,
             )+];
 

@@ -32,7 +32,7 @@ parameters! {
         H_ACC: f32 = 0.7, 0.0..=9.0, "";
         H_GAIN: f32 = 0.8, 0.0..=9.0, "";
         RTL_ALT: f32 = 30.0, 0.0..=120.0, "m";
-        STARTS: u32 = 7, 0..=u32::MAX, "", [read_only];
+        STARTS: u32 = 7, 0..=u32::MAX, "" { read_only };
         SYS_ID: u8 = 1, 1..=254, "";
         TRIM: i16 = -300, -1000..=1000, "";
     }

@@ -37,9 +37,9 @@ crate::parameters! {
     pub(super) struct Table {
         ALT_MIN: f32 = -5.0, -100.0..=100.0, "m";
         BYTE: u8 = 7, 1..=200, "";
-        ID_OF_16_LETTERS: i32 = -2, -1_000..=1_000_000_000, "", [reboot_required];
-        LOCKED: u32 = 4_000_000_000, 0..=u32::MAX, "", [read_only];
-        NOISE: f32 = 0.5, 0.0..=1.0, "", [volatile];
+        ID_OF_16_LETTERS: i32 = -2, -1_000..=1_000_000_000, "" { reboot_required };
+        LOCKED: u32 = 4_000_000_000, 0..=u32::MAX, "" { read_only };
+        NOISE: f32 = 0.5, 0.0..=1.0, "" { volatile };
         SMALL: i8 = -1, -10..=10, "";
         WIDE: i16 = -300, -1_000..=1_000, "";
         WORD: u16 = 60_000, 0..=u16::MAX, "";

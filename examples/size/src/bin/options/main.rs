@@ -163,8 +163,8 @@ parameters! {
         PITCH_P: f32 = 6.0, 0.0..=12.0, "";
         ROLL_P: f32 = 6.0, 0.0..=12.0, "";
         RTL_ALT: i32 = 30, 5..=120, "m";
-        STARTS: i32 = 0, 0..=i32::MAX, "", [read_only];
-        SYS_ID: i32 = 1, 1..=254, "", [reboot_required];
+        STARTS: i32 = 0, 0..=i32::MAX, "" { read_only };
+        SYS_ID: i32 = 1, 1..=254, "" { reboot_required };
         YAW_P: f32 = 2.5, 0.0..=6.0, "";
     }
 }
@@ -183,8 +183,8 @@ parameters! {
         ROLL_MAX: f32 = 0.6, 0.0..=1.0, "rad";
         ROLL_P: f32 = 6.0, 0.0..=12.0, "";
         RTL_ALT: i32 = 30, 5..=120, "m";
-        STARTS: i32 = 0, 0..=i32::MAX, "", [read_only];
-        SYS_ID: i32 = 1, 1..=254, "", [reboot_required];
+        STARTS: i32 = 0, 0..=i32::MAX, "" { read_only };
+        SYS_ID: i32 = 1, 1..=254, "" { reboot_required };
         YAW_D: f32 = 0.0, 0.0..=1.0, "";
         YAW_I: f32 = 0.2, 0.0..=1.0, "";
         YAW_P: f32 = 2.5, 0.0..=6.0, "";
