@@ -68,16 +68,19 @@ fn no_autopilot(evidence: &Evidence) -> Option<Finding> {
     })
 }
 
+/// Whether requests are lost on the way. Some are longer than those that measure the line, and do not fit into a FIFO that holds these.
+fn loses_requests(evidence: &Evidence) -> bool {
+    let is_limited = evidence.chunks.as_ref().is_some_and(|chunks| chunks.limit().is_some());
+    is_limited || evidence.idle.unanswered() >= 0.05
+}
+
 /// No AUTOPILOT_VERSION.
 fn no_version(evidence: &Evidence) -> Option<Finding> {
     let asked =
         evidence.connected.iter().filter(|(client, _)| matches!(client, Client::QGroundControl | Client::Mavsdk));
     let mut asked = asked.peekable();
     asked.peek()?;
-    // The request may be longer than those that measure the line, and be lost in a FIFO that is too short for it.
-    let is_limited = evidence.chunks.as_ref().is_some_and(|chunks| chunks.limit().is_some());
-    let is_explained = is_limited || evidence.idle.unanswered() >= 0.05;
-    (asked.all(|(_, connected)| connected.version.is_none()) && !is_explained).then(|| {
+    (asked.all(|(_, connected)| connected.version.is_none()) && !loses_requests(evidence)).then(|| {
         Finding::new(
             Topic::Identity,
             "no-version",
@@ -108,7 +111,7 @@ fn unserved(evidence: &Evidence) -> Option<Finding> {
         .filter_map(|(name, result)| Some((name, result.as_ref().err().filter(|failure| is_unserved(failure))?)))
         .map(|(name, failure)| format!("{name}: {failure}"))
         .collect();
-    if failed.is_empty() || evidence.idle.unanswered() > 0.05 {
+    if failed.is_empty() || loses_requests(evidence) {
         return None;
     }
     Some(Finding::new(

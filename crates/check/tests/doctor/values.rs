@@ -7,6 +7,7 @@ use mavstack::dialect::{
 use mavstack::frame::{Decoder, Header, Version, encode};
 use mavstack::message::{Dialect, LatLon};
 use mavstack::{Address, Duration, Instant, Message, PlanType};
+use mavstack_check::chunks::{Burst, Chunks};
 use mavstack_check::evidence::Evidence;
 use mavstack_check::trace::Trace;
 use mavstack_check::{Depth, Options, Report, Severity, examine, judge};
@@ -238,6 +239,16 @@ fn a_capability_that_is_not_served() {
     let mut evidence = evidence();
     evidence.services = vec![("MISSION_FENCE", Err(Failure::timeout("MISSION_REQUEST_LIST", 5))), ("FTP", Ok(()))];
     observes(&judge(&evidence), "capability-not-served", "MISSION_FENCE: MISSION_REQUEST_LIST was not answered");
+}
+
+/// The request of a service is longer than the FIFO.
+#[test]
+fn a_service_that_is_not_reached() {
+    let burst = |bytes, answered| Burst { bytes, tried: 4, answered, fastest: None };
+    let mut evidence = evidence();
+    evidence.services = vec![("COMMAND_INT", Err(Failure::timeout("COMMAND_INT", 5)))];
+    evidence.chunks = Some(Chunks { bursts: vec![burst(32, 4), burst(64, 0)] });
+    assert_eq!(judge(&evidence).finding("capability-not-served"), None);
 }
 
 /// A refusal for another reason shows that the service is there.
