@@ -56,19 +56,31 @@ pub struct Emulated {
     pub name: &'static str,
     /// The machine in QEMU.
     pub machine: &'static str,
-    /// The options of its build, and of the acceptance test.
+    /// The options of QEMU and of its build, and of the acceptance test.
+    pub options: &'static [&'static str],
     pub build: &'static [&'static str],
     test: &'static [&'static str],
     /// The register that the driver of its flash reads after each word that it writes.
     ready: Option<&'static str>,
 }
 
-pub const IN_QEMU: [Emulated; 3] = [
-    Emulated { name: "microbit", machine: "microbit", build: &[], test: &[], ready: Some("0x4001e400") },
-    Emulated { name: "stm32f405", machine: "netduinoplus2", build: &["--features", "qemu"], test: &[], ready: None },
+/// For a board whose clock counts ticks: by default, QEMU loses some while it has no processor of this computer. With these options,
+/// instructions pass the time, 31 in a microsecond, and QEMU waits for this computer's clock.
+const TICKS: [&str; 2] = ["-icount", "shift=5,align=on"];
+pub static IN_QEMU: [Emulated; 3] = [
+    Emulated { name: "microbit", machine: "microbit", options: &[], build: &[], test: &[], ready: Some("0x4001e400") },
+    Emulated {
+        name: "stm32f405",
+        machine: "netduinoplus2",
+        options: &[],
+        build: &["--features", "qemu"],
+        test: &[],
+        ready: None,
+    },
     Emulated {
         name: "stm32vldiscovery",
         machine: "stm32vldiscovery",
+        options: &TICKS,
         build: &["--features", "qemu"],
         test: &["--items", "32", "--forgets"],
         ready: None,
@@ -182,22 +194,22 @@ fn run_in_qemu(python: &Path, board: &Emulated) -> Result {
         options.extend(["--gdb", &gdb, ready]);
     }
     // Ended when dropped, also if the test fails.
-    let _emulator = start_in_qemu(machine, &firmware, ports, &[])?;
+    let _emulator = start_in_qemu(board, &firmware, ports)?;
     test(python, uart, qmp, &options)
 }
 
 /// Starts a firmware in QEMU. Its UART, QMP and GDB are TCP servers on these ports.
-pub fn start_in_qemu(machine: &str, firmware: &Path, [uart, qmp, gdb]: [u16; 3], options: &[&str]) -> Result<Emulator> {
+pub fn start_in_qemu(board: &Emulated, firmware: &Path, [uart, qmp, gdb]: [u16; 3]) -> Result<Emulator> {
     let mut command = emulator::command();
     command
-        .args(["-machine", machine, "-display", "none", "-monitor", "none"])
+        .args(["-machine", board.machine, "-display", "none", "-monitor", "none"])
         // Without `nodelay` the emulator's single bytes wait for acknowledgements, 40 ms each.
         .args(["-serial", &format!("tcp:127.0.0.1:{uart},server=on,wait=off,nodelay=on")])
         .args(["-qmp", &format!("tcp:127.0.0.1:{qmp},server=on,wait=off")])
         .args(["-gdb", &format!("tcp:127.0.0.1:{gdb}")])
         .arg("-kernel")
         .arg(firmware)
-        .args(options)
+        .args(board.options)
         .stdin(Stdio::null())
         .stdout(Stdio::piped());
     Ok(emulator::start(&mut command)?.0)

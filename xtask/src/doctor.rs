@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use serde_json::Value;
 
-use crate::boards::{self, IN_QEMU, IN_RP2040JS};
+use crate::boards::{self, Emulated, IN_QEMU, IN_RP2040JS};
 use crate::emulator::{self, Emulator};
 use crate::paced;
 use crate::rp2040js;
@@ -40,15 +40,11 @@ const FAULTS: [(&str, &str, &[&str]); 10] = [
 const SOUND: &[&str] = &["--write"];
 /// How many boards are examined at the same time: the emulators mostly wait.
 const AT_A_TIME: usize = 2;
-/// The board whose clock counts ticks, and the options by which QEMU loses none. By default, ticks are lost while QEMU has no processor.
-/// With these, instructions pass the time, 31 in a microsecond, and QEMU waits for this computer's clock.
-const TICKS: (&str, [&str; 2]) = ("stm32vldiscovery", ["-icount", "shift=5,align=on"]);
-
 /// The emulator of a board, and its link.
 #[derive(Clone, Copy)]
 enum Place {
-    /// This machine of QEMU.
-    Qemu(&'static str),
+    /// The UART in QEMU.
+    Qemu(&'static Emulated),
     /// The UART in rp2040js.
     Uart,
     /// The USB in rp2040js.
@@ -101,7 +97,7 @@ fn sound(is_built: impl Fn(&str) -> bool) -> Result<Vec<Patient>> {
     let mut patients = Vec::new();
     for board in IN_QEMU.iter().filter(|board| is_built(board.name)) {
         let firmware = keep(boards::build_by_name(board.name, board.build)?, board.name)?;
-        let place = Place::Qemu(board.machine);
+        let place = Place::Qemu(board);
         patients.push(Patient { name: board.name.into(), firmware, place, baud: BAUD, options: SOUND, expected: None });
     }
     for (name, links) in IN_RP2040JS {
@@ -142,9 +138,8 @@ impl Patient {
     fn start(&self, program: &Path) -> Result<(Emulator, u16)> {
         let [uart, usb, control] = boards::free_ports()?;
         match self.place {
-            Place::Qemu(machine) => {
-                let options: &[_] = if machine == TICKS.0 { &TICKS.1 } else { &[] };
-                let emulator = boards::start_in_qemu(machine, &self.firmware, [uart, usb, control], options)?;
+            Place::Qemu(board) => {
+                let emulator = boards::start_in_qemu(board, &self.firmware, [uart, usb, control])?;
                 Ok((emulator, paced::line(uart, self.baud)?))
             }
             Place::Uart | Place::Usb => {
