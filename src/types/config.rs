@@ -203,7 +203,8 @@ pub enum Durability {
 /// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Config {
-    /// Our system (1 to 254) and component (1 to 255): the source of every frame that the stack sends (H-2).
+    /// Our system (1 to 254) and component (1 to 255): the source of every frame that the stack sends (H-2). A parameter that is
+    /// declared as the system id replaces the system: see [`parameters!`](crate::parameters).
     pub address: VehicleAddress,
     /// The pulse that the flight loop ticks. Without ticks there are no heartbeats (H-5). `None`: no heartbeats at all.
     pub pulse: Option<&'static Pulse>,
