@@ -5,6 +5,7 @@
 //! | [`start`] | a vehicle on a board in an hour |
 //! | [`transports`] | UART interrupts, DMA, USB, UDP, async tasks: what each HAL needs |
 //! | [`vehicle`] | all hooks, by task: modes, plans, parameters, events, logs, a camera |
+//! | [`parameters`] | their three places, attributes, and names for ground stations |
 //! | [`tasks`] | flight in a task of its own, and the watchdog |
 //! | [`storage`](mod@storage) | choosing a region, where the erases run, wear; a recipe for each family of flash |
 //! | [`testing`] | tests of your vehicle on your machine: a ground station, faulty lines, power cuts |
@@ -36,6 +37,7 @@ macro_rules! labels {
 [fram]: crate::guides::storage::fram
 [ground-stations]: crate::guides::ground_stations
 [nrf]: crate::guides::storage::nrf
+[parameters]: crate::guides::parameters
 [qgroundcontrol]: crate::guides::qgroundcontrol
 [rc-over-mavlink]: crate::guides::rc_over_mavlink
 [rp2040]: crate::guides::storage::rp2040
@@ -83,6 +85,10 @@ pub mod figures {}
 #[doc = labels!()]
 #[doc = include_str!("../docs/ground-stations.md")]
 pub mod ground_stations {}
+
+#[doc = labels!()]
+#[doc = include_str!("../docs/parameters.md")]
+pub mod parameters {}
 
 #[doc = labels!()]
 #[doc = include_str!("../docs/qgroundcontrol.md")]

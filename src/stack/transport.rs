@@ -159,7 +159,10 @@ impl<D: Declares, const LINKS: usize> Stack<D, LINKS> {
     }
 
     /// Whether every command that was received on `link` was answered, down to the last byte that the transport takes.
-    /// Bytes in the UART's own buffers are not known to the stack.
+    /// Bytes behind the transport are not known to the stack: with an `io::LoopEnd`, also wait until its `has_to_send` is false;
+    /// with DMA, until the transfer has ended; and then some milliseconds for the UART's own buffer.
+    ///
+    /// Before a reboot, also call `save_parameters`, and wait until `persist` returns false.
     ///
     /// Use it for commands after which the vehicle cannot answer, above all a reboot (C-30): store [`Command::from`],
     /// and reset when this returns true, or after a second if the link is stalled.

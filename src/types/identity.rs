@@ -24,9 +24,9 @@ pub struct Identity {
     pub vendor_id: u16,
     /// USB product id of the board.
     pub product_id: u16,
-    /// The board's unique number, in the first form.
+    /// The board's unique number: ground stations tell vehicles apart by it. For more than 8 bytes use `uid2`.
     pub uid: u64,
-    /// The board's unique number, in the second form. Ground stations use it to tell vehicles apart.
+    /// The board's unique number, if it has more than 8 bytes. Unless it is 0, it takes the place of `uid`.
     pub uid2: [u8; 18],
 }
 

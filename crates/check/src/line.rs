@@ -216,7 +216,8 @@ fn lost_requests(evidence: &Evidence) -> Option<Finding> {
         "requests-lost",
         Severity::Warning,
         format!("{when}, {:.0} % of the requests did not reach the vehicle.", lost * 100.0),
-        "The line loses frames, as a radio does at its range; or the receive queue overruns between two polls.",
+        "The line loses frames, as a radio does at its range; or the receive queue overruns between two polls. QEMU does not pace \
+         what it delivers to a UART, and overruns queues that are right for the board.",
         "Look at `stack.rx_counters(link)`: `checksum` grows with lost bytes. Compare on a cable.",
     ))
 }

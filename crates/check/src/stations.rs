@@ -88,7 +88,7 @@ fn integers(connected: &Connected) -> Option<Finding> {
             Severity::Note,
             format!("MAVProxy shows wrong values of {count} integer parameters."),
             "MAVProxy reads integers in ArduPilot's encoding.",
-            "Prefer `f32` parameters.",
+            "Prefer `f32` parameters. A bit mask and the system id must be integers: `param ftp` shows them right.",
         )
     })
 }

@@ -14,7 +14,7 @@ static PULSE: Pulse = Pulse::new();
 const CONFIG: Config = Config {
     r#type: MavType::SURFACE_BOAT,
     identity: Identity {
-        flight_sw_version: firmware_version!(), // your crate's version
+        flight_sw_version: firmware_version!(), // the version of the crate that this line is in
         board_version: 3,
         ..Identity::NONE
     },

@@ -39,7 +39,8 @@ const _: () = assert!(Store::<flash::Sectors>::region_len::<Mavlink>() <= flash:
 
 /// Queues between the interrupt and the loop, which runs at least this often, except while it erases or writes flash.
 static QUEUES: SerialQueues<QUEUE, QUEUE> = SerialQueues::new();
-const QUEUE: usize = queue_len(BAUD, Duration::from_millis(4));
+/// QEMU delivers several frames at once, faster than the baud rate.
+const QUEUE: usize = queue_len(BAUD, Duration::from_millis(if cfg!(feature = "qemu") { 80 } else { 4 }));
 
 /// The UART, owned by the interrupt after initialisation.
 static UART: Mutex<RefCell<Option<Serial<USART1>>>> = Mutex::new(RefCell::new(None));
