@@ -291,9 +291,10 @@ impl Battery<'_> {
             voltage_battery: unsigned(self.total_voltage(), 1e3),
             current_battery: self.current(),
             battery_remaining: self.remaining(),
+            // As `Geofence::Absent`.
+            onboard_control_sensors_health: MavSysStatusSensor::GEOFENCE,
             ..SysStatus::UNKNOWN
         }
-        .with_geofence(Geofence::Absent)
     }
 
     /// Returns the voltage of the battery (V): the [measured](Self::voltage) one, otherwise the sum of the
