@@ -25,7 +25,7 @@ const MAX_INTERVALS: usize = 16;
 const UNKNOWN_INTERVALS: usize = 3;
 /// How long MESSAGE_INTERVAL is awaited after the command was accepted.
 const INTERVAL_WITHIN: Duration = Duration::from_secs(1);
-/// The share of the line that is to be filled in each direction.
+/// The share of the line that the load fills in each direction.
 const FULL: f64 = 0.8;
 /// The share of the line from which on it counts as full. Stacks leave room for answers.
 const NEARLY_FULL: f64 = 0.4;

@@ -67,7 +67,7 @@ impl Client {
     }
 
     /// Returns how long a user of this client waits for an answer where the client itself has no timeout: MAVProxy prints answers
-    /// whenever they come, and a script of pymavlink waits as long as it was told to.
+    /// whenever they come, and a script with pymavlink chooses its own time.
     pub const fn patience(self) -> Duration {
         match self {
             Self::QGroundControl | Self::Mavsdk | Self::MavProxy => Duration::from_secs(5),

@@ -57,7 +57,7 @@ pub enum Failure {
     },
     /// The vehicle broke the protocol, or does not have what the client needs.
     Protocol(String),
-    /// The vehicle is armed, and nothing is to be sent to an armed one. No dialogue of this crate ends so: what drives one may.
+    /// The vehicle is armed, and the program sends nothing to an armed vehicle. No dialogue of this crate returns it.
     Armed,
     /// The transport failed.
     Transport(String),

@@ -268,7 +268,7 @@ mod tests {
             }
         }
 
-        /// The vehicle sends a text in chunks, some of which are lost.
+        /// The vehicle sends a text in chunks, and some are lost.
         fn chunks(&mut self, id: u16, text: &str, lost: &[usize]) {
             let bytes = text.as_bytes();
             // A text of an exact multiple ends with an empty chunk.

@@ -23,7 +23,7 @@ const SERIAL_CHUNK: usize = 64;
 pub struct Connection {
     line: Line,
     station: Station,
-    /// What is to be sent, and the line does not take yet.
+    /// Bytes to send, which the line does not take yet.
     pending: VecDeque<u8>,
     /// Whether something was sent since [`drop_pending`](Self::drop_pending).
     has_sent: bool,

@@ -25,7 +25,7 @@ const DMA_LEN: usize = 64;
 const ERASE: Duration = Duration::from_secs(2);
 /// How long a flight loop stands still that waits for the storage.
 const PAUSE: Duration = Duration::from_secs(3);
-/// The bytes that a driver sends in a second without losing any, and the number of those behind of which it loses one.
+/// A driver sends this many bytes in a second without loss. Beyond that, it loses one byte of this many.
 const BUSY: (u64, u64) = (2_000, 100);
 /// The time slots of a radio.
 const SLOT: Duration = Duration::from_millis(80);

@@ -26,7 +26,7 @@ pub struct Download {
     chunk: Range<usize>,
     /// When gaps are requested.
     due: Option<Instant>,
-    /// When data were received last; at first, when it was begun.
+    /// The time of the last data; at first, of the beginning.
     heard: Instant,
     patience: Duration,
     is_complete: bool,

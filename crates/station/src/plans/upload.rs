@@ -79,7 +79,7 @@ impl Upload {
         io.send(&MissionCount { count: self.count(), target_system, target_component, mission_type, opaque_id: 0 });
     }
 
-    /// Returns the item that is to be sent.
+    /// Returns the item to send.
     fn message(&self, io: &Io<'_>, seq: u16) -> Option<MissionItemInt> {
         self.items.get(usize::from(seq)).map(|item| to_message(item, seq, self.plan, target(io)))
     }

@@ -267,7 +267,7 @@ fn the_list_of_parameters_is_asked_of_the_component_or_of_all() {
     }
 }
 
-/// 60 values, of which one comes: what is asked for, and when.
+/// One of 60 values arrives: which others the client requests, and when.
 #[test]
 fn gaps_are_asked_for_in_batches() {
     let cases = [
